@@ -1,0 +1,1 @@
+//! Point-based ambient occlusion streams: packing, cells, blocks, state hash, apply.

@@ -1,0 +1,1 @@
+//! Point-based ambient occlusion streams: frames, sessions, recordings.

@@ -1,0 +1,1 @@
+//! Point-based ambient occlusion streams: scenes, rays and the simulated server.

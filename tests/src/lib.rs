@@ -1,0 +1,1 @@
+//! Point-based ambient occlusion streams: suites across the crates.

@@ -1,0 +1,3 @@
+//! The `psao` command.
+
+fn main() {}

@@ -1,0 +1,1 @@
+//! Point-based ambient occlusion streams: from decoded state to pictures.

@@ -1,0 +1,1 @@
+//! Point-based ambient occlusion streams: references, error metrics, stress cases.

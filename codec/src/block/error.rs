@@ -1,0 +1,82 @@
+//! Why a block was refused.
+
+use std::fmt;
+
+/// The wire id of a block coder. Unknown values survive reading, and decompressing one is an error.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct CoderId(pub u8);
+
+impl CoderId {
+    /// Bytes as they are.
+    pub const STORED: CoderId = CoderId(0);
+    /// LZ4 block format.
+    pub const LZ4: CoderId = CoderId(1);
+    /// One Zstandard frame.
+    pub const ZSTD: CoderId = CoderId(2);
+    /// Reserved: the adaptive range coder of profile `surface`.
+    pub const RANGE: CoderId = CoderId(3);
+}
+
+impl fmt::Display for CoderId {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            CoderId::STORED => out.write_str("stored"),
+            CoderId::LZ4 => out.write_str("lz4"),
+            CoderId::ZSTD => out.write_str("zstd"),
+            CoderId::RANGE => out.write_str("range (reserved)"),
+            CoderId(other) => write!(out, "unknown coder {other}"),
+        }
+    }
+}
+
+/// Why a block could not be compressed or decompressed.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum BlockError {
+    /// The wire id of the coder is reserved or unknown.
+    #[error("block coder is {found}; this version reads stored (0), lz4 (1) and zstd (2)")]
+    UnknownCoder {
+        /// The id on the wire.
+        found: CoderId,
+    },
+    /// The block claims to be larger than what was agreed on; nothing was allocated.
+    #[error("block of {raw_bytes} B is larger than the agreed {limit} B; raise Limits::max_block_bytes")]
+    TooLarge {
+        /// The claimed size after decompression.
+        raw_bytes: u32,
+        /// The agreed limit.
+        limit: u32,
+    },
+    /// The block does not hold as many bytes as the frame says.
+    #[error("{coder} block holds {found} B, the frame says {expected} B")]
+    Length {
+        /// The coder.
+        coder: CoderId,
+        /// Bytes that the frame announces.
+        expected: u64,
+        /// Bytes that the block holds or announces.
+        found: u64,
+    },
+    /// The stored bytes are not a block of this coder.
+    #[error("{coder} block is damaged: {reason}")]
+    Corrupt {
+        /// The coder.
+        coder: CoderId,
+        /// What the coder says.
+        reason: String,
+    },
+    /// The Zstandard level is outside 1 to 22.
+    #[error("zstd level {level} is outside 1 to 22")]
+    Level {
+        /// The level asked for.
+        level: i32,
+    },
+    /// The coder failed while compressing, which only lack of memory explains.
+    #[error("{coder} cannot compress: {reason}")]
+    Coder {
+        /// The coder.
+        coder: CoderId,
+        /// What the coder says.
+        reason: String,
+    },
+}

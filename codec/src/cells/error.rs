@@ -1,0 +1,137 @@
+//! Why a grid, a layout or a point was refused.
+
+/// Why a [`super::Grid`] was refused.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum GridError {
+    /// A coordinate of the origin is infinite or not a number.
+    #[error("grid origin {origin:?} is not finite")]
+    Origin {
+        /// The origin given.
+        origin: [f32; 3],
+    },
+    /// The edge is not a finite length above 0.
+    #[error("grid cell edge {edge} m is not a finite length above 0")]
+    Edge {
+        /// The edge given, metres.
+        edge: f32,
+    },
+    /// A dimension is 0 or above [`super::MAX_GRID_DIM`].
+    #[error("grid of {dims:?} cells: every axis takes 1 to {} cells", super::MAX_GRID_DIM)]
+    Dims {
+        /// The dimensions given, cells.
+        dims: [u32; 3],
+    },
+    /// The far corner of the grid is beyond what `f32` can hold.
+    #[error("grid of {dims:?} cells of {edge} m reaches beyond what f32 can hold")]
+    Extent {
+        /// The edge given, metres.
+        edge: f32,
+        /// The dimensions given, cells.
+        dims: [u32; 3],
+    },
+}
+
+/// Why a [`super::Layout`] was refused.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum LayoutError {
+    /// More instances than agreed on.
+    #[error("layout of {found} instances, the agreed limit is {limit}; raise Limits::max_instances")]
+    Instances {
+        /// Instances given.
+        found: usize,
+        /// The agreed limit.
+        limit: u32,
+    },
+    /// The bucket count of an instance is not a power of two.
+    #[error("instance {instance}: {found} buckets is not a power of two")]
+    BucketCount {
+        /// Index of the instance.
+        instance: u32,
+        /// Buckets given.
+        found: u32,
+    },
+    /// The buckets of an instance do not start where those of the instance before it end.
+    #[error("instance {instance}: its buckets start at {found}, those before it end at {expected}")]
+    FirstBucket {
+        /// Index of the instance.
+        instance: u32,
+        /// Where they must start.
+        expected: u32,
+        /// Where they start.
+        found: u32,
+    },
+    /// More buckets, all instances together, than agreed on.
+    #[error(
+        "instance {instance} brings the layout to {found} buckets, the agreed limit is {limit}; raise Limits::max_buckets"
+    )]
+    Buckets {
+        /// Index of the instance that goes past the limit.
+        instance: u32,
+        /// Buckets up to and with this instance.
+        found: u64,
+        /// The agreed limit.
+        limit: u32,
+    },
+    /// More cells than agreed on, or than a 22-bit cell index can name.
+    #[error("layout of {found} cells, the limit is {limit} (Limits::max_cells, and 2^22 at most)")]
+    Cells {
+        /// Cells given.
+        found: u32,
+        /// The limit.
+        limit: u32,
+    },
+    /// The reconstruction radius of an instance is not a finite length above 0.
+    #[error("instance {instance}: kernel radius {found} m is not a finite length above 0")]
+    KernelRadius {
+        /// Index of the instance.
+        instance: u32,
+        /// The radius given, metres.
+        found: f32,
+    },
+}
+
+/// Why the encoder refused its points, or one point.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum PointError {
+    /// Not one point count for every instance of the layout.
+    #[error("{found} point counts for {expected} instances")]
+    Instances {
+        /// Instances of the layout.
+        expected: usize,
+        /// Counts given.
+        found: usize,
+    },
+    /// More points, all instances together, than a point id can name.
+    #[error("{found} points, ids reach up to 2^32 - 2")]
+    TooMany {
+        /// Points given.
+        found: u64,
+    },
+    /// No point of this id.
+    #[error("point {point}: ids end at {count}")]
+    Unknown {
+        /// The id given.
+        point: u32,
+        /// Points there are.
+        count: u32,
+    },
+    /// A coordinate is infinite or not a number.
+    #[error("point {point}: local position {local:?} is not finite")]
+    Position {
+        /// The point.
+        point: u32,
+        /// The position given, metres, instance-local.
+        local: [f32; 3],
+    },
+    /// The normal has no direction.
+    #[error("point {point}: normal {normal:?} has no direction")]
+    Normal {
+        /// The point.
+        point: u32,
+        /// The normal given.
+        normal: [f32; 3],
+    },
+}

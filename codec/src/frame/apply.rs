@@ -1,0 +1,427 @@
+//! Applies a frame body to a state: all of it, or nothing.
+//!
+//! One pass checks every record and works out the hash that the state would have; only when that is the
+//! server's does a second pass write. Both are linear in the records.
+
+use super::header::{FRAME_OFFSET, HASH_OFFSET, KIND_OFFSET};
+use super::{FrameError, FrameInfo, FrameKind, Pose, SectionInfo, SectionTag, State, inspect};
+use crate::block::Decompressor;
+use crate::cells::{Bucket, Cell, Layout, POINTS_PER_CELL};
+use crate::hash::Kind;
+use crate::wire::words;
+use crate::{Limits, StateHash};
+
+/// What a frame did to a state.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Applied {
+    /// The header of the frame.
+    pub info: FrameInfo,
+    /// Poses written.
+    pub poses: u32,
+    /// Buckets written.
+    pub buckets: u32,
+    /// Cells written.
+    pub cells: u32,
+}
+
+/// Applies a frame body to `state`. See [`Applier::apply`], which is cheaper for many frames.
+///
+/// # Errors
+/// Those of [`Applier::apply`].
+pub fn apply(state: &mut State, body: &[u8], limits: &Limits) -> Result<Applied, FrameError> {
+    Applier::new().apply(state, body, limits)
+}
+
+/// Applies frame bodies; keeps its buffers between them.
+#[derive(Debug, Default)]
+pub struct Applier {
+    decompressor: Decompressor,
+    poses: Vec<u8>,
+    buckets: Vec<u8>,
+    cells: Vec<u8>,
+}
+
+impl Applier {
+    /// An applier with nothing allocated yet.
+    #[must_use]
+    pub fn new() -> Applier {
+        Applier::default()
+    }
+
+    /// Applies a frame body to `state`: checks all of it, the hash of the state after included, then writes.
+    ///
+    /// Its buffers grow to the largest section seen, never beyond `limits.max_block_bytes` each.
+    ///
+    /// # Errors
+    /// [`FrameError`] says what is wrong and where; `state` is then exactly as before.
+    pub fn apply(&mut self, state: &mut State, body: &[u8], limits: &Limits) -> Result<Applied, FrameError> {
+        let info = inspect(body, limits)?;
+        check_order(state, &info)?;
+        self.decompress(state.layout(), &info, body, limits)?;
+        let computed = self.check(state, info.kind)?;
+        if computed != info.hash {
+            return Err(FrameError::Hash { offset: HASH_OFFSET, stored: info.hash, computed });
+        }
+        self.write(state, info.kind);
+        state.hash = computed;
+        state.frame = Some(info.frame);
+        let count = |tag| info.section(tag).map_or(0, |section| section.records);
+        let (poses, buckets, cells) =
+            (count(SectionTag::POSES), count(SectionTag::BUCKETS), count(SectionTag::CELLS));
+        Ok(Applied { info, poses, buckets, cells })
+    }
+
+    fn buffer(&mut self, tag: SectionTag) -> Option<&mut Vec<u8>> {
+        match tag {
+            SectionTag::POSES => Some(&mut self.poses),
+            SectionTag::BUCKETS => Some(&mut self.buckets),
+            SectionTag::CELLS => Some(&mut self.cells),
+            _ => None,
+        }
+    }
+
+    /// Decompresses every section into its buffer; sections that the frame has not end up empty.
+    fn decompress(
+        &mut self,
+        layout: &Layout,
+        info: &FrameInfo,
+        body: &[u8],
+        limits: &Limits,
+    ) -> Result<(), FrameError> {
+        let mut offset = info.header_bytes as usize;
+        for tag in [SectionTag::POSES, SectionTag::BUCKETS, SectionTag::CELLS] {
+            let mut out = self.buffer(tag).map(std::mem::take).unwrap_or_default();
+            let done = match info.section(tag) {
+                Some(section) => {
+                    let end = offset + section.wire_bytes as usize;
+                    let block = body.get(offset..end).unwrap_or_default();
+                    let done = self.decompress_section(layout, section, block, offset, limits, &mut out);
+                    offset = end;
+                    done
+                }
+                None => {
+                    out.clear();
+                    Ok(())
+                }
+            };
+            if let Some(buffer) = self.buffer(tag) {
+                *buffer = out;
+            }
+            done?;
+        }
+        Ok(())
+    }
+
+    fn decompress_section(
+        &mut self,
+        layout: &Layout,
+        section: &SectionInfo,
+        block: &[u8],
+        offset: usize,
+        limits: &Limits,
+        out: &mut Vec<u8>,
+    ) -> Result<(), FrameError> {
+        let SectionInfo { tag, coder, records, raw_bytes, .. } = *section;
+        let places = places(layout, tag);
+        if records > places {
+            return Err(FrameError::TooManyRecords { offset, section: tag, records, places });
+        }
+        self.decompressor
+            .decompress(block, coder, raw_bytes, limits.max_block_bytes, out)
+            .map_err(|source| FrameError::Block { offset, section: tag, source })
+    }
+
+    /// Checks every record and returns the hash that `state` would have.
+    fn check(&self, state: &State, kind: FrameKind) -> Result<StateHash, FrameError> {
+        let layout = state.layout();
+        let is_delta = kind == FrameKind::Delta;
+        let mut hash = if is_delta { state.hash } else { StateHash::default() };
+        for entry in Entries::<7>::new(SectionTag::POSES, &self.poses, layout) {
+            let Entry { record, raw_offset, offset, words } = entry?;
+            let pose = Pose::from_words(words);
+            pose.check(offset).map_err(|source| FrameError::Pose { record, raw_offset, source })?;
+            let old = if is_delta { state.poses[offset as usize] } else { Pose::IDENTITY };
+            hash = hash.replace(Kind::Pose, offset, &old.hash_words(), &pose.hash_words());
+        }
+        for entry in Entries::<16>::new(SectionTag::BUCKETS, &self.buckets, layout) {
+            let Entry { record, raw_offset, offset, words } = entry?;
+            Bucket::from_words(&words)
+                .check(layout.cell_capacity())
+                .map_err(|problem| FrameError::Bucket { record, raw_offset, problem })?;
+            let old = if is_delta { state.buckets[offset as usize].to_words() } else { [0; 16] };
+            hash = hash.replace(Kind::Bucket, offset, &old, &words);
+        }
+        for entry in Entries::<POINTS_PER_CELL>::new(SectionTag::CELLS, &self.cells, layout) {
+            let Entry { record, raw_offset, offset, words } = entry?;
+            let old = if is_delta { state.cells[offset as usize] } else { Cell::default() };
+            let new = old.xor(&words);
+            if let Some(slot) = Cell::first_fault(&new) {
+                return Err(FrameError::Cell { record, raw_offset, slot });
+            }
+            hash = hash.replace(Kind::Cell, offset, old.words(), &new);
+        }
+        Ok(hash)
+    }
+
+    /// Writes the records that [`Applier::check`] has passed.
+    fn write(&self, state: &mut State, kind: FrameKind) {
+        if kind == FrameKind::Key {
+            state.clear();
+        }
+        for record in self.poses.chunks_exact(32) {
+            let [offset] = words(record);
+            state.poses[offset as usize] = Pose::from_words(words(&record[4..]));
+        }
+        for record in self.buckets.chunks_exact(68) {
+            let [offset] = words(record);
+            state.buckets[offset as usize] = Bucket::from_words(&words(&record[4..]));
+        }
+        for record in self.cells.chunks_exact(32) {
+            let [offset] = words(record);
+            let cell = &mut state.cells[offset as usize];
+            *cell = Cell::from_words(cell.xor(&words(&record[4..])));
+        }
+    }
+}
+
+/// Checks that a frame can follow the state: any keyframe can, a delta only a state that is older.
+fn check_order(state: &State, info: &FrameInfo) -> Result<(), FrameError> {
+    match (info.kind, state.frame()) {
+        (FrameKind::Key, _) => Ok(()),
+        (FrameKind::Delta, None) => Err(FrameError::NoKeyframe { offset: KIND_OFFSET }),
+        (FrameKind::Delta, Some(last)) if info.frame > last => Ok(()),
+        (FrameKind::Delta, Some(last)) => {
+            Err(FrameError::FrameOrder { offset: FRAME_OFFSET, found: info.frame, last })
+        }
+    }
+}
+
+/// How many places a section's offsets can name.
+fn places(layout: &Layout, tag: SectionTag) -> u32 {
+    match tag {
+        // `Limits::max_instances` is a u32, so the count fits.
+        SectionTag::POSES => layout.instances().len() as u32,
+        SectionTag::BUCKETS => layout.bucket_total(),
+        SectionTag::CELLS => layout.cell_capacity(),
+        _ => 0,
+    }
+}
+
+/// One record of a section: an offset in range and above the one before it, and `N` words.
+struct Entry<const N: usize> {
+    record: u32,
+    raw_offset: usize,
+    offset: u32,
+    words: [u32; N],
+}
+
+/// The records of a section, each with its offset checked.
+struct Entries<'a, const N: usize> {
+    tag: SectionTag,
+    places: u32,
+    raw: &'a [u8],
+    record: u32,
+    next_offset: u32,
+}
+
+impl<'a, const N: usize> Entries<'a, N> {
+    fn new(tag: SectionTag, raw: &'a [u8], layout: &Layout) -> Entries<'a, N> {
+        Entries { tag, places: places(layout, tag), raw, record: 0, next_offset: 0 }
+    }
+}
+
+impl<const N: usize> Iterator for Entries<'_, N> {
+    type Item = Result<Entry<N>, FrameError>;
+
+    #[inline]
+    fn next(&mut self) -> Option<Self::Item> {
+        let size = 4 + 4 * N;
+        let (bytes, rest) = self.raw.split_at_checked(size)?;
+        let (section, record, found) = (self.tag, self.record, words::<1>(bytes)[0]);
+        let raw_offset = record as usize * size;
+        if found >= self.places {
+            return Some(Err(FrameError::OffsetRange {
+                section,
+                record,
+                raw_offset,
+                found,
+                places: self.places,
+            }));
+        }
+        if found < self.next_offset {
+            let previous = self.next_offset - 1;
+            return Some(Err(FrameError::OffsetOrder { section, record, raw_offset, found, previous }));
+        }
+        self.raw = rest;
+        self.record += 1;
+        self.next_offset = found + 1;
+        Some(Ok(Entry { record, raw_offset, offset: found, words: words(&bytes[4..]) }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::block::{BlockCoder, BlockError, CoderId, Compressor};
+    use crate::cells::BucketProblem;
+    use crate::frame::{FrameIndex, PoseError, Records, write_body};
+    use crate::testing::{Story, layout, meta, refuse, reseal, story};
+
+    const CODERS: [BlockCoder; 3] = [BlockCoder::Stored, BlockCoder::Lz4, BlockCoder::Zstd { level: 15 }];
+
+    fn limits() -> Limits {
+        Limits::default()
+    }
+
+    #[test]
+    fn frames_bring_the_client_to_the_state_of_the_server() {
+        for coder in CODERS {
+            let Story { empty: mut state, after_key, after_delta, key, delta } = story(coder);
+            let mut applier = Applier::new();
+            let applied = applier.apply(&mut state, &key.body, &limits()).unwrap();
+            assert_eq!((&applied.info, &state), (&key.info, &after_key));
+            let applied = applier.apply(&mut state, &delta.body, &limits()).unwrap();
+            assert_eq!((&applied.info, &state), (&delta.info, &after_delta));
+            assert_eq!((applied.poses, state.hash()), (2, state.full_hash()));
+            // A keyframe replaces whatever there was.
+            applier.apply(&mut state, &key.body, &limits()).unwrap();
+            assert_eq!(state, after_key);
+        }
+    }
+
+    #[test]
+    fn every_prefix_and_every_further_byte_is_refused() {
+        for coder in CODERS {
+            let Story { empty, after_key, key, delta, .. } = story(coder);
+            for (state, mut body) in [(&empty, key.body), (&after_key, delta.body)] {
+                for end in 0..body.len() {
+                    refuse(state, &body[..end], &limits());
+                }
+                body.push(0);
+                let offset = body.len() - 1;
+                assert_eq!(refuse(state, &body, &limits()), FrameError::Trailing { offset, extra: 1 });
+            }
+        }
+    }
+
+    #[test]
+    fn every_flipped_bit_is_refused() {
+        for coder in CODERS {
+            let Story { empty, after_key, key, delta, .. } = story(coder);
+            for (state, body) in [(&empty, key.body), (&after_key, delta.body)] {
+                for bit in 0..body.len() * 8 {
+                    let mut changed = body.clone();
+                    changed[bit / 8] ^= 1 << (bit % 8);
+                    refuse(state, &changed, &limits());
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn every_flipped_bit_under_a_right_checksum_is_refused_or_harmless() {
+        // Harmless are the frame index, the time and the changed points, and bits that a coder ignores.
+        for coder in CODERS {
+            let Story { empty, after_key, after_delta, key, delta } = story(coder);
+            for (state, after, body) in
+                [(&empty, &after_key, key.body), (&after_key, &after_delta, delta.body)]
+            {
+                for bit in 0..body.len() * 8 {
+                    let mut changed = body.clone();
+                    changed[bit / 8] ^= 1 << (bit % 8);
+                    reseal(&mut changed);
+                    let mut found = state.clone();
+                    if apply(&mut found, &changed, &limits()).is_ok() {
+                        found.frame = after.frame;
+                        assert_eq!(&found, after, "bit {bit}");
+                    } else {
+                        assert_eq!(&found, state, "bit {bit}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn deltas_need_the_state_before_them() {
+        let Story { empty, after_key, after_delta, delta, .. } = story(BlockCoder::default());
+        assert_eq!(refuse(&empty, &delta.body, &limits()), FrameError::NoKeyframe { offset: 2 });
+        let (found, last) = (FrameIndex(4), FrameIndex(4));
+        assert_eq!(
+            refuse(&after_delta, &delta.body, &limits()),
+            FrameError::FrameOrder { offset: 4, found, last }
+        );
+        let mut other = after_key;
+        other.cells[0] = Cell::from_words(other.cells[0].xor(&[1, 0, 0, 0, 0, 0, 0]));
+        other.hash = other.full_hash();
+        let error = refuse(&other, &delta.body, &limits());
+        assert!(matches!(error, FrameError::Hash { offset: 16, .. }), "{error}");
+    }
+
+    /// A keyframe of these records, with a hash that is never reached.
+    fn forged(fill: impl FnOnce(&mut Records)) -> FrameError {
+        let mut records = Records::default();
+        fill(&mut records);
+        let meta = meta(FrameKind::Key, 0);
+        let hash = StateHash(0x0BAD);
+        let frame =
+            write_body(&meta, FrameKind::Key, hash, &records, &mut Compressor::new(), BlockCoder::Stored)
+                .unwrap();
+        refuse(&State::new(layout()), &frame.body, &limits())
+    }
+
+    #[test]
+    fn records_that_break_a_rule_are_named() {
+        let (section, point) = (SectionTag::CELLS, [1 << 31, 0, 0, 0, 0, 0, 0]);
+        let error = forged(|records| [5, 5].into_iter().for_each(|at| records.push_cell(at, &point)));
+        let (record, raw_offset) = (1, 32);
+        assert_eq!(error, FrameError::OffsetOrder { section, record, raw_offset, found: 5, previous: 5 });
+        let error = forged(|records| [7, 64].into_iter().for_each(|at| records.push_cell(at, &point)));
+        assert_eq!(error, FrameError::OffsetRange { section, record, raw_offset, found: 64, places: 64 });
+        let hole = [1 << 31, 0, 1 << 31, 0, 0, 0, 0];
+        let error = forged(|records| records.push_cell(7, &hole));
+        assert_eq!(error, FrameError::Cell { record: 0, raw_offset: 0, slot: 2 });
+        let error = forged(|records| (0..65).for_each(|at| records.push_cell(at, &point)));
+        assert!(matches!(error, FrameError::TooManyRecords { records: 65, places: 64, .. }), "{error}");
+        let mut words = [0; 16];
+        words[1] = (1 << 27) | (8 << 22);
+        let error = forged(|records| records.push_bucket(3, &Bucket::from_words(&words)));
+        let problem = BucketProblem::Points { entry: 0, points: 8 };
+        assert_eq!(error, FrameError::Bucket { record: 0, raw_offset: 0, problem });
+        let pose = Pose { translation: [0.0, f32::NAN, 0.0], ..Pose::IDENTITY };
+        let error = forged(|records| records.push_pose(1, pose));
+        let expected =
+            matches!(error, FrameError::Pose { record: 0, source: PoseError::Translation { .. }, .. });
+        assert!(expected, "{error}");
+        let error = forged(|records| records.push_cell(7, &point));
+        assert!(matches!(error, FrameError::Hash { stored: StateHash(0x0BAD), .. }), "{error}");
+    }
+
+    #[test]
+    fn a_block_that_lies_is_refused() {
+        let Story { empty, key, .. } = story(BlockCoder::Stored);
+        let mut body = key.body;
+        // The coder of the first section.
+        body[30] = 2;
+        reseal(&mut body);
+        let error = refuse(&empty, &body, &limits());
+        let FrameError::Block { offset, section: SectionTag::POSES, source } = error else {
+            panic!("{error}")
+        };
+        assert_eq!(offset, key.info.header_bytes as usize);
+        assert!(matches!(source, BlockError::Corrupt { coder: CoderId::ZSTD, .. }), "{source}");
+    }
+
+    #[test]
+    fn an_applier_goes_on_after_a_bad_frame() {
+        let Story { empty: mut state, after_delta, key, delta, .. } = story(BlockCoder::default());
+        let mut applier = Applier::new();
+        applier.apply(&mut state, &key.body, &limits()).unwrap();
+        let mut bad = delta.body.clone();
+        bad[16] ^= 1;
+        reseal(&mut bad);
+        assert!(matches!(applier.apply(&mut state, &bad, &limits()), Err(FrameError::Hash { .. })));
+        applier.apply(&mut state, &delta.body, &limits()).unwrap();
+        assert_eq!(state, after_delta);
+    }
+}

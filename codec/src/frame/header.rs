@@ -1,0 +1,268 @@
+//! The header of a frame body: 28 fixed bytes, the number of changed points, the section table.
+//!
+//! | byte | field |
+//! |---|---|
+//! | 0 | profile: u8 |
+//! | 1 | packing: u8 |
+//! | 2 | kind: u8 |
+//! | 3 | sections: u8 |
+//! | 4 | frame index: u32 |
+//! | 8 | time, microseconds: u64 |
+//! | 16 | state hash after the frame: u64 |
+//! | 24 | CRC32C of the body with these four bytes zero: u32 |
+//! | 28 | changed points: varint |
+//! | | for each section: tag u8, coder u8, records varint, raw bytes varint, stored bytes varint |
+
+use super::{
+    FrameError, FrameIndex, FrameInfo, FrameKind, Packing, Profile, SectionInfo, SectionTag, StreamTime,
+};
+use crate::block::CoderId;
+use crate::wire::{Reader, write_varint};
+use crate::{Limits, StateHash};
+
+pub(super) const KIND_OFFSET: usize = 2;
+pub(super) const FRAME_OFFSET: usize = 4;
+pub(super) const HASH_OFFSET: usize = 16;
+/// Where the checksum is.
+pub(crate) const CRC_OFFSET: usize = 24;
+/// What stands there while the checksum is computed.
+const BLANK_CRC: [u8; 4] = [0; 4];
+
+/// Reads the header of a frame body and checks all that needs neither a state nor decompression: ids,
+/// canonical varints, lengths against each other and against `limits`, and the checksum.
+///
+/// # Errors
+/// [`FrameError`] names the field and its byte offset.
+pub fn inspect(body: &[u8], limits: &Limits) -> Result<FrameInfo, FrameError> {
+    if body.len() > limits.max_frame_bytes as usize {
+        return Err(FrameError::TooLong { bytes: body.len(), limit: limits.max_frame_bytes });
+    }
+    let mut reader = Reader::new(body);
+    let profile = read_profile(&mut reader)?;
+    let packing = read_packing(&mut reader)?;
+    let kind = reader.u8("frame kind")?;
+    let kind = FrameKind::from_id(kind).ok_or(FrameError::Kind { offset: KIND_OFFSET, found: kind })?;
+    let section_count = reader.u8("section count")?;
+    let frame = FrameIndex(reader.u32("frame index")?);
+    let time = StreamTime(reader.u64("time")?);
+    let hash = StateHash(reader.u64("state hash")?);
+    let stored = reader.u32("checksum")?;
+    let changed_points = reader.varint("changed points")?;
+    let mut sections = Vec::new();
+    for _ in 0..section_count {
+        let previous = sections.last().map(|section: &SectionInfo| section.tag);
+        sections.push(read_section(&mut reader, previous, limits)?);
+    }
+    let header_bytes = reader.offset() as u32;
+    for section in &sections {
+        reader.take("block", section.wire_bytes as usize)?;
+    }
+    if reader.remaining() > 0 {
+        return Err(FrameError::Trailing { offset: reader.offset(), extra: reader.remaining() });
+    }
+    let computed = body_crc(body);
+    if stored != computed {
+        return Err(FrameError::Checksum { offset: CRC_OFFSET, stored, computed });
+    }
+    Ok(FrameInfo { profile, packing, kind, frame, time, hash, changed_points, header_bytes, sections })
+}
+
+fn read_profile(reader: &mut Reader<'_>) -> Result<Profile, FrameError> {
+    let offset = reader.offset();
+    match Profile(reader.u8("profile")?) {
+        Profile::PAPER => Ok(Profile::PAPER),
+        found @ Profile::SURFACE => Err(FrameError::ProfileReserved { offset, found }),
+        found => Err(FrameError::ProfileUnknown { offset, found }),
+    }
+}
+
+fn read_packing(reader: &mut Reader<'_>) -> Result<Packing, FrameError> {
+    let offset = reader.offset();
+    match Packing(reader.u8("packing")?) {
+        Packing::BITS_32 => Ok(Packing::BITS_32),
+        found @ (Packing::BITS_24 | Packing::BITS_16) => Err(FrameError::PackingReserved { offset, found }),
+        found => Err(FrameError::PackingUnknown { offset, found }),
+    }
+}
+
+/// Reads one line of the section table. Tags ascend, so at most as many lines pass as there are known tags.
+fn read_section(
+    reader: &mut Reader<'_>,
+    previous: Option<SectionTag>,
+    limits: &Limits,
+) -> Result<SectionInfo, FrameError> {
+    let offset = reader.offset();
+    let tag = SectionTag(reader.u8("section tag")?);
+    let Some(record_bytes) = tag.record_bytes() else {
+        return Err(FrameError::SectionUnknown { offset, found: tag });
+    };
+    if let Some(previous) = previous.filter(|previous| *previous >= tag) {
+        return Err(FrameError::SectionOrder { offset, found: tag, previous });
+    }
+    let offset = reader.offset();
+    let coder = CoderId(reader.u8("block coder")?);
+    if !matches!(coder, CoderId::STORED | CoderId::LZ4 | CoderId::ZSTD) {
+        return Err(FrameError::Coder { offset, section: tag, found: coder });
+    }
+    let offset = reader.offset();
+    let records = reader.varint("record count")?;
+    if records == 0 {
+        return Err(FrameError::NoRecords { offset, section: tag });
+    }
+    let offset = reader.offset();
+    let raw_bytes = reader.varint("raw length")?;
+    let expected = u64::from(records) * u64::from(record_bytes);
+    if expected != u64::from(raw_bytes) {
+        return Err(FrameError::RawLength { offset, section: tag, expected, found: raw_bytes });
+    }
+    if raw_bytes > limits.max_block_bytes {
+        let limit = limits.max_block_bytes;
+        return Err(FrameError::BlockTooLarge { offset, section: tag, found: raw_bytes, limit });
+    }
+    let wire_bytes = reader.varint("stored length")?;
+    Ok(SectionInfo { tag, coder, records, raw_bytes, wire_bytes })
+}
+
+/// Writes the header that [`inspect`] reads, with a blank checksum; `info.header_bytes` is not used.
+pub(super) fn write_header(out: &mut Vec<u8>, info: &FrameInfo) {
+    out.extend_from_slice(&[info.profile.0, info.packing.0, info.kind.id(), info.sections.len() as u8]);
+    out.extend_from_slice(&info.frame.0.to_le_bytes());
+    out.extend_from_slice(&info.time.0.to_le_bytes());
+    out.extend_from_slice(&info.hash.0.to_le_bytes());
+    out.extend_from_slice(&BLANK_CRC);
+    write_varint(out, info.changed_points);
+    for section in &info.sections {
+        out.extend_from_slice(&[section.tag.0, section.coder.0]);
+        write_varint(out, section.records);
+        write_varint(out, section.raw_bytes);
+        write_varint(out, section.wire_bytes);
+    }
+}
+
+/// CRC32C of the body with its checksum bytes taken as zero. `body` holds the fixed header at least.
+pub(crate) fn body_crc(body: &[u8]) -> u32 {
+    let (before, rest) = body.split_at(CRC_OFFSET);
+    let crc = crc32c::crc32c_append(crc32c::crc32c(before), &BLANK_CRC);
+    crc32c::crc32c_append(crc, &rest[BLANK_CRC.len()..])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::block::BlockCoder;
+    use crate::testing::{reseal, story};
+
+    fn small(body: &[u8]) -> Result<FrameInfo, FrameError> {
+        inspect(body, &Limits::default())
+    }
+
+    /// `body` with the byte at `at` replaced, its checksum made right.
+    fn with(body: &[u8], at: usize, byte: u8) -> Result<FrameInfo, FrameError> {
+        let mut changed = body.to_vec();
+        changed[at] = byte;
+        reseal(&mut changed);
+        small(&changed)
+    }
+
+    #[test]
+    fn inspect_reads_what_the_encoder_says() {
+        for coder in [BlockCoder::Stored, BlockCoder::Lz4, BlockCoder::default()] {
+            let story = story(coder);
+            for frame in [story.key, story.delta] {
+                assert_eq!(small(&frame.body).as_ref(), Ok(&frame.info));
+                assert_eq!(frame.info.body_bytes(), frame.body.len() as u64);
+                assert_eq!(frame.info.sections.len(), 3);
+            }
+        }
+    }
+
+    #[test]
+    fn ids_that_are_reserved_or_unknown_are_told_apart() {
+        let body = story(BlockCoder::Stored).key.body;
+        let (found, offset) = (Profile::SURFACE, 0);
+        assert_eq!(with(&body, 0, 2), Err(FrameError::ProfileReserved { offset, found }));
+        let found = Profile(0);
+        assert_eq!(with(&body, 0, 0), Err(FrameError::ProfileUnknown { offset, found }));
+        for found in [Packing::BITS_24, Packing::BITS_16] {
+            assert_eq!(with(&body, 1, found.0), Err(FrameError::PackingReserved { offset: 1, found }));
+        }
+        let found = Packing(9);
+        assert_eq!(with(&body, 1, 9), Err(FrameError::PackingUnknown { offset: 1, found }));
+        for found in [0, 3, 255] {
+            assert_eq!(with(&body, 2, found), Err(FrameError::Kind { offset: 2, found }));
+        }
+        let message = with(&body, 0, 2).unwrap_err().to_string();
+        assert!(message.contains("surface") && message.contains("reserved"), "{message}");
+    }
+
+    #[test]
+    fn the_section_table_is_checked_line_by_line() {
+        let Story { body, .. } = Story::new();
+        // Line 0 is at byte 29: tag, coder, records (1 byte), raw bytes (1 byte), stored bytes (1 byte).
+        let (section, found) = (SectionTag::POSES, SectionTag(9));
+        assert_eq!(with(&body, 29, 9), Err(FrameError::SectionUnknown { offset: 29, found }));
+        for found in [CoderId::RANGE, CoderId(77)] {
+            assert_eq!(with(&body, 30, found.0), Err(FrameError::Coder { offset: 30, section, found }));
+        }
+        assert_eq!(with(&body, 31, 0), Err(FrameError::NoRecords { offset: 31, section }));
+        assert_eq!(
+            with(&body, 31, 2),
+            Err(FrameError::RawLength { offset: 32, section, expected: 64, found: 32 })
+        );
+        let (offset, found, previous) = (34, SectionTag::POSES, SectionTag::POSES);
+        assert_eq!(with(&body, 34, 1), Err(FrameError::SectionOrder { offset, found, previous }));
+        let problem = crate::VarintProblem::NotShortest;
+        let mut long = body.clone();
+        long.splice(28..29, [0x81, 0]);
+        reseal(&mut long);
+        let expected = FrameError::Varint { field: "changed points", offset: 28, problem };
+        assert_eq!(small(&long), Err(expected));
+    }
+
+    #[test]
+    fn lengths_are_checked_against_each_other_and_the_limits() {
+        let Story { body, blocks } = Story::new();
+        assert_eq!(
+            with(&body, 33, 33),
+            Err(FrameError::Truncated { field: "block", offset: blocks + 33 + 68, missing: 1 })
+        );
+        assert_eq!(with(&body, 33, 31), Err(FrameError::Trailing { offset: body.len() - 1, extra: 1 }));
+        let limits = Limits { max_block_bytes: 67, ..Limits::default() };
+        let (offset, section) = (37, SectionTag::BUCKETS);
+        assert_eq!(
+            inspect(&body, &limits),
+            Err(FrameError::BlockTooLarge { offset, section, found: 68, limit: 67 })
+        );
+        let limit = body.len() as u32 - 1;
+        let limits = Limits { max_frame_bytes: limit, ..Limits::default() };
+        assert_eq!(inspect(&body, &limits), Err(FrameError::TooLong { bytes: body.len(), limit }));
+    }
+
+    #[test]
+    fn the_checksum_covers_every_bit() {
+        let Story { body, .. } = Story::new();
+        for bit in 0..body.len() * 8 {
+            let mut changed = body.clone();
+            changed[bit / 8] ^= 1 << (bit % 8);
+            assert!(small(&changed).is_err(), "bit {bit}");
+        }
+        let mut changed = body.clone();
+        *changed.last_mut().unwrap() ^= 1;
+        let stored = body_crc(&body);
+        let computed = body_crc(&changed);
+        assert_eq!(small(&changed), Err(FrameError::Checksum { offset: 24, stored, computed }));
+    }
+
+    /// A stored keyframe with one record in each section.
+    struct Story {
+        body: Vec<u8>,
+        blocks: usize,
+    }
+
+    impl Story {
+        fn new() -> Story {
+            let frame = crate::frame::example::key();
+            Story { blocks: frame.info.header_bytes as usize, body: frame.body }
+        }
+    }
+}

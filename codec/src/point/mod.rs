@@ -1,0 +1,5 @@
+//! The packings of one point.
+
+mod packed32;
+
+pub use packed32::Packed32;

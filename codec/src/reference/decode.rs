@@ -1,0 +1,98 @@
+//! The twin of [`crate::frame::apply`]: builds the whole state after a frame, then looks at it.
+
+use std::sync::Arc;
+
+use crate::Limits;
+use crate::block::{BlockError, decompress};
+use crate::cells::{Bucket, Cell, ENTRIES_PER_BUCKET, Layout, POINTS_PER_CELL};
+use crate::frame::{FrameError, FrameKind, Pose, SectionTag, State, inspect};
+use crate::wire::words;
+
+/// Why the twin refused a frame; coarser than [`FrameError`].
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Refused {
+    /// The header.
+    #[error(transparent)]
+    Header(#[from] FrameError),
+    /// A block.
+    #[error(transparent)]
+    Block(#[from] BlockError),
+    /// A record, or the order of frames.
+    #[error("a record breaks a rule of the format, or the frame does not follow the state")]
+    Rule,
+    /// The state after the frame has another hash.
+    #[error("the state after the frame has another hash")]
+    Hash,
+}
+
+/// The state after a frame body, from scratch.
+///
+/// # Errors
+/// Refuses exactly what [`crate::frame::apply`] refuses.
+pub fn apply(state: &State, body: &[u8], limits: &Limits) -> Result<State, Refused> {
+    let info = inspect(body, limits)?;
+    let mut next = match (info.kind, state.frame()) {
+        (FrameKind::Key, _) => State::new(Arc::clone(state.layout())),
+        (FrameKind::Delta, Some(last)) if info.frame > last => state.clone(),
+        _ => return Err(Refused::Rule),
+    };
+    let mut at = info.header_bytes as usize;
+    for section in &info.sections {
+        let end = at + section.wire_bytes as usize;
+        let raw = decompress(&body[at..end], section.coder, section.raw_bytes, limits.max_block_bytes)?;
+        at = end;
+        let size = raw.len() / section.records as usize;
+        let records: Vec<(u32, &[u8])> = raw.chunks(size).map(|r| (words::<1>(r)[0], &r[4..])).collect();
+        if records.windows(2).any(|pair| pair[0].0 >= pair[1].0) {
+            return Err(Refused::Rule);
+        }
+        for (offset, content) in records {
+            write_record(&mut next, section.tag, offset as usize, content).ok_or(Refused::Rule)?;
+        }
+    }
+    next.hash = next.full_hash();
+    next.frame = Some(info.frame);
+    if next.hash == info.hash { Ok(next) } else { Err(Refused::Hash) }
+}
+
+/// Writes one record; `None` when it breaks a rule.
+fn write_record(state: &mut State, tag: SectionTag, offset: usize, content: &[u8]) -> Option<()> {
+    let layout = Arc::clone(state.layout());
+    match tag {
+        SectionTag::POSES => {
+            let pose = Pose::from_words(words(content));
+            *state.poses.get_mut(offset)? = pose;
+            let square: f32 = pose.rotation.iter().map(|axis| axis * axis).sum();
+            let finite = pose.translation.iter().all(|axis| axis.is_finite());
+            (finite && (square - 1.0).abs() <= 0.001).then_some(())
+        }
+        SectionTag::BUCKETS => {
+            let content = words(content);
+            *state.buckets.get_mut(offset)? = Bucket::from_words(&content);
+            bucket_is_sound(&content, &layout).then_some(())
+        }
+        _ => {
+            let cell = state.cells.get_mut(offset)?;
+            let new: [u32; POINTS_PER_CELL] = cell.xor(&words(content));
+            *cell = Cell::from_words(new);
+            let used = new.iter().filter(|word| **word >= 1 << 31).count();
+            let compact = (0..POINTS_PER_CELL)
+                .all(|slot| if slot < used { new[slot] >= 1 << 31 } else { new[slot] == 0 });
+            compact.then_some(())
+        }
+    }
+}
+
+/// Whether 16 words are a bucket as an encoder writes it.
+fn bucket_is_sound(content: &[u32; 2 * ENTRIES_PER_BUCKET], layout: &Layout) -> bool {
+    let points = |entry: usize| (content[2 * entry + 1] >> 22) & 31;
+    let used = (0..ENTRIES_PER_BUCKET).filter(|entry| points(*entry) > 0).count();
+    (0..ENTRIES_PER_BUCKET).all(|entry| {
+        let (id, word) = (content[2 * entry], content[2 * entry + 1]);
+        if entry >= used {
+            return id == 0 && word == 0;
+        }
+        let count = if entry == 0 { used as u32 } else { 0 };
+        (1..=7).contains(&points(entry)) && word & 0x3F_FFFF < layout.cell_capacity() && word >> 27 == count
+    })
+}

@@ -1,0 +1,8 @@
+//! Slow, obvious twins of the fast paths, for tests and fuzzing. They search everything, rebuild everything
+//! and keep nothing that they could work out again.
+
+mod decode;
+mod encoder;
+
+pub use decode::{Refused, apply};
+pub use encoder::NaiveEncoder;

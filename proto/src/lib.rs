@@ -1,1 +1,118 @@
 //! Point-based ambient occlusion streams: frames, sessions, recordings.
+//!
+//! A server traces ambient occlusion (AO) at points on the surfaces of a scene and sends what changed; a thin client,
+//! which draws the scene itself, turns the points into AO for every pixel. `psao-codec` makes and applies the bodies of
+//! that stream. This crate carries them: it frames them, speaks with the other end, and records what was said.
+//!
+//! | where | what |
+//! |---|---|
+//! | [`Framer`], [`write_frame`] | the one framing of sockets and files |
+//! | [`message`] | the control messages, one type each |
+//! | [`session`] | [`ClientSession`](session::ClientSession) and [`ServerSession`](session::ServerSession), without I/O |
+//! | [`recording`] | a file of the same frames: writer, reader, index, player |
+//! | `net` | TCP around the sessions, behind the feature `tokio` |
+//! | [`sample`], [`fuzzing`] | a tiny stream to try things with; bodies of the fuzz targets |
+//!
+//! Outside `net` nothing here does I/O, reads a clock or draws a random number: bytes and a time go in, events and bytes
+//! come out. The protocol is written down in `docs/spec/protocol.md`, the file format in `docs/spec/recording.md`.
+//!
+//! # Connect a client and a server
+//!
+//! The whole drive loop, with two byte vectors for a network:
+//!
+//! ```
+//! use psao_proto::sample::SampleServer;
+//! use psao_proto::session::{ClientEvent, ClientSession, ServerSession};
+//! use psao_proto::{Limits, Micros};
+//!
+//! let mut source = SampleServer::new()?; // stands for the thing that traces
+//! let mut server = ServerSession::new(source.scene().clone(), Limits::default());
+//! let mut client = ClientSession::new(Limits::default());
+//!
+//! let mut frames = Vec::new();
+//! for turn in 0..6 {
+//!     let now = Micros(turn * 16_667);
+//!     // Client to server: the handshake, acknowledgements, requests.
+//!     let upstream: Vec<u8> = client.take_output();
+//!     server.handle(&upstream, now)?;
+//!     // The server's frame. Whoever joins, falls behind or asks gets a keyframe of the same state.
+//!     let update = source.step()?;
+//!     if server.wants_keyframe() {
+//!         server.send_keyframe(&source.keyframe()?)?;
+//!     } else {
+//!         server.send_update(&update.body)?; // dropped while nobody has joined
+//!     }
+//!     // Server to client: the scene, then frames.
+//!     let downstream: Vec<u8> = server.take_output();
+//!     for event in client.handle(&downstream, now)? {
+//!         if let ClientEvent::Applied(frame) = event {
+//!             frames.push(frame.info.frame.0);
+//!         }
+//!     }
+//! }
+//! assert_eq!(frames, [0, 1, 2, 3, 4, 5]);
+//! let state = client.state().expect("the scene has arrived");
+//! assert_eq!(state.hash(), source.state().hash());
+//! # Ok::<(), Box<dyn std::error::Error + Send + Sync>>(())
+//! ```
+//!
+//! # Record a stream and play it
+//!
+//! ```
+//! use psao_proto::recording::{Player, PlayerEvent, Writer};
+//! use psao_proto::sample::SampleServer;
+//! use psao_proto::{Limits, Micros, Numbering};
+//!
+//! // A recorder at the server numbers frames like a connection does.
+//! let mut source = SampleServer::new()?;
+//! let mut numbering = Numbering::default();
+//! let (mut writer, mut file) = Writer::new(Limits::default());
+//! for frame in numbering.scene(source.scene())? {
+//!     file.extend(writer.append(Micros(0), &frame)?);
+//! }
+//! let first = source.step()?;
+//! file.extend(writer.append(Micros(0), &numbering.keyframe(&first.body)?)?);
+//! let second = source.step()?;
+//! file.extend(writer.append(Micros(16_667), &numbering.update(&second.body)?)?);
+//!
+//! // The recorder is killed here, in the middle of a write. What was whole is read.
+//! file.extend_from_slice(&[0, 1, 2, 3]);
+//! let mut player = Player::new(&file, Limits::default())?;
+//! let mut hashes = Vec::new();
+//! while let Some(event) = player.next_event() {
+//!     match event {
+//!         PlayerEvent::Frame(frame) => hashes.push(frame.info.hash),
+//!         PlayerEvent::Damage(damage) => assert_eq!(damage.lost_bytes, 4),
+//!         _ => {}
+//!     }
+//! }
+//! assert_eq!(hashes, [first.info.hash, second.info.hash]);
+//! # Ok::<(), Box<dyn std::error::Error + Send + Sync>>(())
+//! ```
+
+mod follow;
+mod framer;
+pub mod fuzzing;
+mod limits;
+pub mod message;
+#[cfg(feature = "tokio")]
+pub mod net;
+mod numbering;
+pub mod recording;
+pub mod sample;
+mod scene;
+pub mod session;
+mod units;
+
+pub use follow::Unusable;
+pub use framer::{
+    FRAME_MAGIC, FrameFault, FrameHeader, FrameType, Framer, FramerError, HEADER_BYTES, WireFrame,
+    write_frame,
+};
+pub use limits::Limits;
+pub use numbering::Numbering;
+pub use psao_codec::StateHash;
+pub use psao_codec::block::CoderId;
+pub use psao_codec::frame::{FrameIndex, Profile, StreamTime};
+pub use scene::{SceneError, SceneTable};
+pub use units::{Group, Micros, Sequence};

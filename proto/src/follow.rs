@@ -1,0 +1,109 @@
+//! Following a stream: applies keyframes and updates in their order, and never one on top of the wrong state.
+//!
+//! A live client and the player of a recording share this.
+
+use std::sync::Arc;
+
+use psao_codec::cells::Layout;
+use psao_codec::frame::State;
+use psao_codec::frame::{Applier, FrameError, FrameInfo, FrameKind};
+
+use crate::{FrameHeader, FrameType, Group, Limits, Sequence};
+
+/// Why a keyframe or update was not applied. The state is as it was before, and stays so until the next keyframe.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum Unusable {
+    /// Frames between the last one and this one are missing.
+    #[error(
+        "frames are missing: expected {expected_sequence} of group {expected_group}, found {found_sequence} of group {found_group}"
+    )]
+    Gap {
+        /// Group of the frame that should have come.
+        expected_group: Group,
+        /// Its place.
+        expected_sequence: Sequence,
+        /// Group of the frame that came.
+        found_group: Group,
+        /// Its place.
+        found_sequence: Sequence,
+    },
+    /// The body cannot be applied; a hash that differs is [`FrameError::Hash`].
+    #[error(transparent)]
+    Body(#[from] FrameError),
+    /// A KEYFRAME frame with a delta in it, or an UPDATE frame with a keyframe.
+    #[error("a {frame} frame has a body of the other kind")]
+    Kind {
+        /// Type of the frame.
+        frame: FrameType,
+    },
+    /// No scene table came before it, or it was damaged.
+    #[error("the scene table before it is missing")]
+    NoScene,
+    /// No keyframe came yet, or an earlier frame of the group could not be applied: only a keyframe helps.
+    #[error("it builds on a frame that was not applied; waiting for a keyframe")]
+    Waiting,
+}
+
+/// The state of a stream and the place in it.
+#[derive(Debug)]
+pub(crate) struct Follower {
+    applier: Applier,
+    state: State,
+    /// Place of the last frame applied; `None` while only a keyframe can be applied.
+    place: Option<(Group, Sequence)>,
+}
+
+impl Follower {
+    pub(crate) fn new(layout: Arc<Layout>) -> Self {
+        Self { applier: Applier::new(), state: State::new(layout), place: None }
+    }
+
+    pub(crate) const fn state(&self) -> &State {
+        &self.state
+    }
+
+    /// Whether the state is that of the last frame that came.
+    pub(crate) const fn is_current(&self) -> bool {
+        self.place.is_some()
+    }
+
+    /// Refuses updates until the next keyframe.
+    pub(crate) const fn lose_place(&mut self) {
+        self.place = None;
+    }
+
+    /// Applies a KEYFRAME or UPDATE frame.
+    pub(crate) fn follow(
+        &mut self,
+        header: FrameHeader,
+        body: &[u8],
+        limits: &Limits,
+    ) -> Result<FrameInfo, Unusable> {
+        let keyframe = header.kind == FrameType::KEYFRAME;
+        if !keyframe {
+            self.check_place(header)?;
+        }
+        // Until this frame turns out well, nothing may build on it.
+        self.place = None;
+        let kind = if keyframe { FrameKind::Key } else { FrameKind::Delta };
+        let found = psao_codec::frame::inspect(body, &limits.codec)?.kind;
+        if found != kind {
+            return Err(Unusable::Kind { frame: header.kind });
+        }
+        let applied = self.applier.apply(&mut self.state, body, &limits.codec)?;
+        self.place = Some((header.group, header.sequence));
+        Ok(applied.info)
+    }
+
+    fn check_place(&mut self, header: FrameHeader) -> Result<(), Unusable> {
+        let Some((expected_group, last)) = self.place else {
+            return Err(Unusable::Waiting);
+        };
+        let (expected_sequence, found_group, found_sequence) = (last.next(), header.group, header.sequence);
+        if (expected_group, expected_sequence) == (found_group, found_sequence) {
+            return Ok(());
+        }
+        self.place = None;
+        Err(Unusable::Gap { expected_group, expected_sequence, found_group, found_sequence })
+    }
+}

@@ -1,0 +1,479 @@
+//! The one framing of sockets and files: a 20-byte header and a payload, both under one CRC32C.
+//!
+//! | offset | size | field |
+//! |---|---|---|
+//! | 0 | 2 | magic `0xA050` (bytes `50 A0`) |
+//! | 2 | 1 | type, see [`FrameType`] |
+//! | 3 | 1 | flags, 0; a frame with any other value is refused |
+//! | 4 | 4 | length of the payload in bytes |
+//! | 8 | 4 | group |
+//! | 12 | 4 | sequence |
+//! | 16 | 4 | CRC32C of the bytes 0..16 and the payload |
+//! | 20 | length | payload |
+//!
+//! All integers are little endian. The whole of it is written down in `docs/spec/protocol.md`.
+
+use crate::{Group, Limits, Sequence};
+
+/// Bytes of a frame's header.
+pub const HEADER_BYTES: usize = 20;
+/// First two bytes of every frame, as a little endian `u16`.
+pub const FRAME_MAGIC: u16 = 0xA050;
+
+/// Type of a frame. A newtype, not an enum: a value that this version does not know survives reading and writing.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct FrameType(pub u8);
+
+impl FrameType {
+    /// Client to server: [`Hello`](crate::message::Hello), the first frame of a connection.
+    pub const HELLO: Self = Self(1);
+    /// Server to client: [`Accept`](crate::message::Accept), the answer to a hello.
+    pub const ACCEPT: Self = Self(2);
+    /// Server to client: [`Reject`](crate::message::Reject), the other answer to a hello.
+    pub const REJECT: Self = Self(3);
+    /// Server to client: [`Scene`](crate::message::Scene).
+    pub const SCENE: Self = Self(4);
+    /// Client to server: [`View`](crate::message::View).
+    pub const VIEW: Self = Self(5);
+    /// Client to server: [`Edit`](crate::message::Edit).
+    pub const EDIT: Self = Self(6);
+    /// Server to client: a frame body of `psao-codec` that replaces the whole state.
+    pub const KEYFRAME: Self = Self(7);
+    /// Server to client: a frame body of `psao-codec` that changes the state.
+    pub const UPDATE: Self = Self(8);
+    /// Client to server: [`Request`](crate::message::Request).
+    pub const REQUEST: Self = Self(9);
+    /// Server to client: [`Report`](crate::message::Report).
+    pub const REPORT: Self = Self(10);
+    /// Both ways: [`Close`](crate::message::Close), the last frame.
+    pub const CLOSE: Self = Self(11);
+    /// Client to server: [`Ack`](crate::message::Ack).
+    pub const ACK: Self = Self(12);
+    /// In files only: the index of a recording.
+    pub const INDEX: Self = Self(0x40);
+
+    /// The name in the specification, or `None` for a type that this version does not know.
+    #[must_use]
+    pub const fn name(self) -> Option<&'static str> {
+        Some(match self {
+            Self::HELLO => "HELLO",
+            Self::ACCEPT => "ACCEPT",
+            Self::REJECT => "REJECT",
+            Self::SCENE => "SCENE",
+            Self::VIEW => "VIEW",
+            Self::EDIT => "EDIT",
+            Self::KEYFRAME => "KEYFRAME",
+            Self::UPDATE => "UPDATE",
+            Self::REQUEST => "REQUEST",
+            Self::REPORT => "REPORT",
+            Self::CLOSE => "CLOSE",
+            Self::ACK => "ACK",
+            Self::INDEX => "INDEX",
+            _ => return None,
+        })
+    }
+
+    /// Whether frames of this type carry the state: KEYFRAME and UPDATE.
+    #[must_use]
+    pub const fn carries_state(self) -> bool {
+        matches!(self, Self::KEYFRAME | Self::UPDATE)
+    }
+}
+
+impl std::fmt::Display for FrameType {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self.name() {
+            Some(name) => f.pad(name),
+            None => f.pad(&format!("type {}", self.0)),
+        }
+    }
+}
+
+impl std::fmt::Debug for FrameType {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        std::fmt::Display::fmt(self, f)
+    }
+}
+
+/// What the header of a frame says, checksum and magic left out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FrameHeader {
+    /// Type of the frame.
+    pub kind: FrameType,
+    /// Group that the frame belongs to.
+    pub group: Group,
+    /// Place in that group.
+    pub sequence: Sequence,
+    /// Bytes of the payload.
+    pub length: u32,
+}
+
+impl FrameHeader {
+    /// Bytes of the whole frame, header and payload.
+    #[must_use]
+    pub const fn wire_bytes(&self) -> u64 {
+        HEADER_BYTES as u64 + self.length as u64
+    }
+}
+
+/// Why bytes are not a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum FrameFault {
+    /// The first two bytes are not the magic.
+    #[error(
+        "expected the frame magic 0xA050, found {found:#06x}: the peer does not speak this protocol, or bytes were lost"
+    )]
+    Magic {
+        /// The two bytes, little endian.
+        found: u16,
+    },
+    /// A flag that this version does not know is set; it could change the payload's meaning.
+    #[error("unknown frame flags {found:#04x}: a newer version wrote this; update this program")]
+    Flags {
+        /// The flags byte.
+        found: u8,
+    },
+    /// The payload is longer than agreed.
+    #[error("a {kind} frame of {length} bytes is over the limit of {limit} bytes")]
+    TooLong {
+        /// Type of the frame.
+        kind: FrameType,
+        /// Length in the header.
+        length: u32,
+        /// The limit that it breaks, from [`Limits::payload_limit`].
+        limit: u32,
+    },
+    /// The checksum does not fit.
+    #[error(
+        "checksum of a {kind} frame is {found:#010x}, expected {expected:#010x}: the bytes were damaged on the way"
+    )]
+    Checksum {
+        /// Type of the frame, which may be what was damaged.
+        kind: FrameType,
+        /// Checksum over the bytes.
+        found: u32,
+        /// Checksum in the header.
+        expected: u32,
+    },
+}
+
+/// A [`FrameFault`] with the place where it was met.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("at byte {offset} of the stream: {fault}")]
+pub struct FramerError {
+    /// Bytes from the start of the stream to the start of the bad frame.
+    pub offset: u64,
+    /// What is wrong with it.
+    pub fault: FrameFault,
+}
+
+/// One whole frame, borrowed from where it lies.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct WireFrame<'a> {
+    /// What the header says.
+    pub header: FrameHeader,
+    /// Bytes from the start of the stream to the start of the frame.
+    pub offset: u64,
+    /// The frame as it was on the wire, header included.
+    pub bytes: &'a [u8],
+}
+
+impl<'a> WireFrame<'a> {
+    /// The payload.
+    #[must_use]
+    pub fn payload(&self) -> &'a [u8] {
+        self.bytes.get(HEADER_BYTES..).unwrap_or_default()
+    }
+}
+
+/// Appends one frame to `out`.
+///
+/// # Errors
+/// [`FrameFault::TooLong`] when the payload does not fit the 32-bit length; `out` is then unchanged. Whether the peer
+/// takes a frame of this length is its limits' business.
+pub fn write_frame(
+    out: &mut Vec<u8>,
+    kind: FrameType,
+    group: Group,
+    sequence: Sequence,
+    payload: &[u8],
+) -> Result<(), FrameFault> {
+    let length = u32::try_from(payload.len()).map_err(|_| FrameFault::TooLong {
+        kind,
+        length: u32::MAX,
+        limit: u32::MAX,
+    })?;
+    let mut head = [0u8; HEADER_BYTES];
+    head[0..2].copy_from_slice(&FRAME_MAGIC.to_le_bytes());
+    head[2] = kind.0;
+    head[4..8].copy_from_slice(&length.to_le_bytes());
+    head[8..12].copy_from_slice(&group.0.to_le_bytes());
+    head[12..16].copy_from_slice(&sequence.0.to_le_bytes());
+    let crc = crc32c::crc32c_append(crc32c::crc32c(&head[..16]), payload);
+    head[16..20].copy_from_slice(&crc.to_le_bytes());
+    out.reserve(HEADER_BYTES + payload.len());
+    out.extend_from_slice(&head);
+    out.extend_from_slice(payload);
+    Ok(())
+}
+
+/// What [`split_frame`] found at the start of some bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Split<'a> {
+    /// A whole frame and its length in `bytes`.
+    Whole(FrameHeader, &'a [u8]),
+    /// The start of a frame; at least so many bytes are needed in all.
+    Partial(usize),
+}
+
+/// Takes the first frame off `bytes`. Faults are found as early as the bytes allow: a wrong magic after two bytes, a
+/// payload over the limit after the header, so nothing is ever waited for or stored because of them.
+pub(crate) fn split_frame<'a>(bytes: &'a [u8], limits: &Limits) -> Result<Split<'a>, FrameFault> {
+    if let Some(magic) = bytes.first_chunk() {
+        let found = u16::from_le_bytes(*magic);
+        if found != FRAME_MAGIC {
+            return Err(FrameFault::Magic { found });
+        }
+    }
+    let Some(&[_, _, kind, flags, l0, l1, l2, l3, g0, g1, g2, g3, s0, s1, s2, s3, c0, c1, c2, c3]) =
+        bytes.first_chunk::<HEADER_BYTES>()
+    else {
+        return Ok(Split::Partial(HEADER_BYTES));
+    };
+    let header = FrameHeader {
+        kind: FrameType(kind),
+        group: Group(u32::from_le_bytes([g0, g1, g2, g3])),
+        sequence: Sequence(u32::from_le_bytes([s0, s1, s2, s3])),
+        length: u32::from_le_bytes([l0, l1, l2, l3]),
+    };
+    if flags != 0 {
+        return Err(FrameFault::Flags { found: flags });
+    }
+    let limit = limits.payload_limit(header.kind);
+    if header.length > limit {
+        return Err(FrameFault::TooLong { kind: header.kind, length: header.length, limit });
+    }
+    let whole = HEADER_BYTES.saturating_add(header.length as usize);
+    let Some(frame) = bytes.get(..whole) else {
+        return Ok(Split::Partial(whole));
+    };
+    let (head, payload) = frame.split_at(HEADER_BYTES);
+    let found = crc32c::crc32c_append(crc32c::crc32c(&head[..16]), payload);
+    let expected = u32::from_le_bytes([c0, c1, c2, c3]);
+    if found != expected {
+        return Err(FrameFault::Checksum { kind: header.kind, found, expected });
+    }
+    Ok(Split::Whole(header, frame))
+}
+
+/// Cuts a stream of bytes into frames, in whatever pieces the bytes arrive.
+///
+/// ```
+/// use psao_proto::{FrameType, Framer, Group, Limits, Sequence, write_frame};
+///
+/// let mut wire = Vec::new();
+/// write_frame(&mut wire, FrameType::UPDATE, Group(1), Sequence(4), b"body")?;
+/// let mut framer = Framer::new(Limits::default());
+/// for byte in wire {
+///     framer.push(&[byte]); // any chunking gives the same frames
+/// }
+/// let frame = framer.next_frame()?.expect("one whole frame is in");
+/// assert_eq!((frame.header.kind, frame.payload()), (FrameType::UPDATE, &b"body"[..]));
+/// assert!(framer.next_frame()?.is_none());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Clone, Debug)]
+pub struct Framer {
+    limits: Limits,
+    /// Bytes that came in; those before `start` were handed out already.
+    buffer: Vec<u8>,
+    start: usize,
+    /// Bytes of the stream before `buffer[start]`.
+    offset: u64,
+    /// After a fault the place of the next frame is unknown, so the stream has ended.
+    failed: Option<FramerError>,
+}
+
+impl Framer {
+    /// A framer at the start of a stream.
+    #[must_use]
+    pub fn new(limits: Limits) -> Self {
+        Self { limits, buffer: Vec::new(), start: 0, offset: 0, failed: None }
+    }
+
+    /// Adds bytes. Call [`next_frame`](Self::next_frame) until it gives `None` before the next push: then at most one
+    /// unfinished frame, which is under the limit, is ever held.
+    pub fn push(&mut self, bytes: &[u8]) {
+        if self.failed.is_some() {
+            self.buffer = Vec::new();
+            self.start = 0;
+            return;
+        }
+        if self.start > 0 {
+            self.buffer.drain(..self.start);
+            self.start = 0;
+        }
+        self.buffer.extend_from_slice(bytes);
+    }
+
+    /// The next whole frame, or `None` until more bytes are pushed.
+    ///
+    /// # Errors
+    /// [`FramerError`] when the bytes are not a frame. The stream cannot go on after that: the same error comes again.
+    pub fn next_frame(&mut self) -> Result<Option<WireFrame<'_>>, FramerError> {
+        if let Some(error) = self.failed {
+            return Err(error);
+        }
+        let bytes = self.buffer.get(self.start..).unwrap_or_default();
+        match split_frame(bytes, &self.limits) {
+            Ok(Split::Partial(_)) => Ok(None),
+            Ok(Split::Whole(header, bytes)) => {
+                let offset = self.offset;
+                self.start += bytes.len();
+                self.offset += bytes.len() as u64;
+                Ok(Some(WireFrame { header, offset, bytes }))
+            }
+            Err(fault) => {
+                let error = FramerError { offset: self.offset, fault };
+                self.failed = Some(error);
+                Err(error)
+            }
+        }
+    }
+
+    /// Bytes that came in and belong to a frame that is not whole yet.
+    #[must_use]
+    pub fn pending(&self) -> usize {
+        self.buffer.len() - self.start.min(self.buffer.len())
+    }
+
+    /// Bytes of whole frames handed out so far.
+    #[must_use]
+    pub const fn offset(&self) -> u64 {
+        self.offset
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::message::testing::hex;
+
+    fn frame(kind: FrameType, payload: &[u8]) -> Vec<u8> {
+        let mut out = Vec::new();
+        write_frame(&mut out, kind, Group(2), Sequence(3), payload).unwrap();
+        out
+    }
+
+    /// All frames and the error at the end, if any, with the stream pushed in pieces of the given sizes.
+    fn cut(stream: &[u8], sizes: impl IntoIterator<Item = usize>) -> (Vec<Vec<u8>>, Option<FramerError>) {
+        let mut framer = Framer::new(Limits::default());
+        let mut frames = Vec::new();
+        let mut rest = stream;
+        for size in sizes {
+            let (piece, after) = rest.split_at(size.min(rest.len()));
+            rest = after;
+            framer.push(piece);
+            loop {
+                match framer.next_frame() {
+                    Ok(Some(frame)) => frames.push(frame.bytes.to_vec()),
+                    Ok(None) => break,
+                    Err(error) => return (frames, Some(error)),
+                }
+            }
+        }
+        assert!(rest.is_empty(), "the sizes do not cover the stream");
+        (frames, None)
+    }
+
+    #[test]
+    fn golden_bytes() {
+        let expected = "50a0 08 00 04000000 02000000 03000000 675ad7a4 626f6479".replace(' ', "");
+        assert_eq!(hex(&frame(FrameType::UPDATE, b"body")), expected);
+    }
+
+    #[test]
+    fn every_flipped_bit_of_a_frame_is_found() {
+        let good = frame(FrameType::UPDATE, b"a frame body");
+        for bit in 0..good.len() * 8 {
+            let mut bad = good.clone();
+            bad[bit / 8] ^= 1 << (bit % 8);
+            // A longer length leaves the frame unfinished, so more bytes follow until it is whole.
+            bad.resize(good.len() + 70_000, 0);
+            let (frames, error) = cut(&bad, [bad.len()]);
+            let untold = bad[4..8] != good[4..8] && error.is_none();
+            assert!(frames.is_empty() && (error.is_some() || untold), "bit {bit}: {frames:?}");
+        }
+    }
+
+    #[test]
+    fn faults_are_found_before_the_bytes_they_announce() {
+        let mut framer = Framer::new(Limits::default());
+        framer.push(b"GE");
+        let error = framer.next_frame().unwrap_err();
+        assert_eq!(error, FramerError { offset: 0, fault: FrameFault::Magic { found: 0x4547 } });
+        framer.push(&frame(FrameType::UPDATE, b""));
+        assert_eq!(framer.next_frame(), Err(error), "a framer does not go on after a fault");
+
+        let mut limits = Limits::default();
+        limits.codec.max_frame_bytes = 100;
+        for (kind, limit) in
+            [(FrameType::KEYFRAME, 100u32), (FrameType::HELLO, 65_536), (FrameType(77), 65_536)]
+        {
+            let length = limit + 1;
+            let mut head = frame(kind, &[]);
+            head[4..8].copy_from_slice(&length.to_le_bytes());
+            let mut framer = Framer::new(limits);
+            framer.push(&head);
+            let error = framer.next_frame().unwrap_err();
+            assert_eq!(error.fault, FrameFault::TooLong { kind, length, limit });
+        }
+    }
+
+    #[test]
+    fn unknown_types_survive() {
+        let bytes = frame(FrameType(200), b"later");
+        let mut framer = Framer::new(Limits::default());
+        framer.push(&bytes);
+        let frame = framer.next_frame().unwrap().unwrap();
+        assert_eq!((frame.header.kind, frame.bytes), (FrameType(200), &bytes[..]));
+        assert_eq!(frame.header.kind.to_string(), "type 200");
+    }
+
+    proptest! {
+        /// Byte by byte, all at once and anything between: the same frames and the same error.
+        #[test]
+        fn chunking_does_not_matter(
+            payloads in prop::collection::vec((1u8..14, prop::collection::vec(any::<u8>(), 0..40)), 0..8),
+            tail in prop::collection::vec(any::<u8>(), 0..30),
+            sizes in prop::collection::vec(1usize..50, 0..20),
+        ) {
+            let mut stream: Vec<u8> = Vec::new();
+            for (kind, payload) in &payloads {
+                stream.extend(frame(FrameType(*kind), payload));
+            }
+            stream.extend(tail);
+            let whole = cut(&stream, [stream.len()]);
+            prop_assert!(whole.0.len() >= payloads.len());
+            prop_assert_eq!(&cut(&stream, stream.iter().map(|_| 1)), &whole);
+            prop_assert_eq!(&cut(&stream, sizes.into_iter().chain([stream.len()])), &whole);
+        }
+
+        #[test]
+        fn round_trip(kind in any::<u8>(), group in any::<u32>(), sequence in any::<u32>(),
+                      payload in prop::collection::vec(any::<u8>(), 0..200)) {
+            let mut bytes = Vec::new();
+            let (kind, group, sequence) = (FrameType(kind), Group(group), Sequence(sequence));
+            write_frame(&mut bytes, kind, group, sequence, &payload).unwrap();
+            let mut framer = Framer::new(Limits::default());
+            framer.push(&bytes);
+            let frame = framer.next_frame().unwrap().unwrap();
+            let length = payload.len() as u32;
+            prop_assert_eq!(frame.header, FrameHeader { kind, group, sequence, length });
+            prop_assert_eq!(frame.payload(), &payload[..]);
+            prop_assert_eq!((framer.pending(), framer.offset()), (0, bytes.len() as u64));
+        }
+    }
+}

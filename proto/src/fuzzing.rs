@@ -1,0 +1,331 @@
+//! Bodies of the fuzz targets, and the seeds of their corpora.
+//!
+//! Any bytes must pass through each body without a panic, without an allocation over the limits, and with its
+//! assertions holding. The targets under `fuzz/` only call these; `cargo test` runs them over the committed corpora.
+
+use crate::message::{
+    Accept, Ack, CameraPose, Close, CloseCode, Edit, EditAction, Hello, KeyframeReason, Message, Reject,
+    RejectCode, Report, Request, Scene, View,
+};
+use crate::recording::{Player, PlayerEvent, Reader, Summary, Writer, load_index};
+use crate::sample::{Error, SampleServer, recording as sample_recording};
+use crate::session::{ClientSession, ServerSession};
+use crate::{
+    FrameIndex, FrameType, Framer, Group, Limits, Micros, Numbering, Sequence, StateHash, write_frame,
+};
+
+/// Small limits, so that a target which breaks them runs out of memory soon.
+fn limits() -> Limits {
+    let mut limits = Limits::default();
+    limits.codec.max_instances = 64;
+    limits.codec.max_buckets = 1 << 10;
+    limits.codec.max_cells = 1 << 10;
+    limits.codec.max_block_bytes = 1 << 20;
+    limits.codec.max_frame_bytes = 1 << 20;
+    limits
+}
+
+/// Sizes of chunks, drawn from the data itself.
+fn chunks(data: &[u8]) -> impl Iterator<Item = &[u8]> {
+    let mut rest = data;
+    let mut turn = 0;
+    std::iter::from_fn(move || {
+        let size = 1 + usize::from(data.get(turn % data.len().max(1))? % 64);
+        turn += 1;
+        let (chunk, after) = rest.split_at(size.min(rest.len()));
+        rest = after;
+        (!chunk.is_empty()).then_some(chunk)
+    })
+}
+
+/// Frames with right checksums, made of any bytes: type, group and sequence a byte each, the length two, then the payload. Damage
+/// that a checksum would catch is not worth a fuzzer's time.
+fn framed(data: &[u8]) -> Vec<Vec<u8>> {
+    let mut frames = Vec::new();
+    let mut rest = data;
+    while let Some((&[kind, group, sequence, low, high], after)) = rest.split_first_chunk() {
+        let (payload, after) = after.split_at(after.len().min(u16::from_le_bytes([low, high]).into()));
+        rest = after;
+        let mut frame = Vec::new();
+        let (kind, group, sequence) = (FrameType(kind), Group(group.into()), Sequence(sequence.into()));
+        if write_frame(&mut frame, kind, group, sequence, payload).is_ok() {
+            frames.push(frame);
+        }
+    }
+    frames
+}
+
+/// Frames and messages of a byte stream: chunking must not matter, and whatever is read is written back as it was.
+///
+/// The bytes are also read as one message, of the type that their first byte says.
+pub fn framer(data: &[u8]) {
+    if let Some((&kind, payload)) = data.split_first() {
+        message(FrameType(kind), payload);
+    }
+    let mut whole = Framer::new(limits());
+    whole.push(data);
+    let mut pieces = Framer::new(limits());
+    let mut feed = chunks(data);
+    loop {
+        let frame = whole.next_frame();
+        let piece = loop {
+            match pieces.next_frame().map(|f| f.map(|f| f.bytes.to_vec())) {
+                Ok(None) => match feed.next() {
+                    Some(chunk) => pieces.push(chunk),
+                    None => break Ok(None),
+                },
+                found => break found,
+            }
+        };
+        assert_eq!(frame.map(|f| f.map(|f| f.bytes.to_vec())), piece, "chunking changed the frames");
+        let Ok(Some(frame)) = frame else { return };
+        let mut again = Vec::new();
+        let header = frame.header;
+        let written = write_frame(&mut again, header.kind, header.group, header.sequence, frame.payload());
+        assert!(written.is_ok() && again == frame.bytes, "a frame changed when it was written again");
+        message(header.kind, frame.payload());
+    }
+}
+
+fn message(kind: FrameType, payload: &[u8]) {
+    fn check<M: Message>(payload: &[u8]) {
+        if let Ok(message) = M::from_payload(payload) {
+            assert_eq!(
+                message.to_payload().as_deref(),
+                Ok(payload),
+                "{} changed when written again",
+                M::NAME
+            );
+        }
+    }
+    match kind {
+        FrameType::HELLO => check::<Hello>(payload),
+        FrameType::ACCEPT => check::<Accept>(payload),
+        FrameType::REJECT => check::<Reject>(payload),
+        FrameType::SCENE => check::<Scene>(payload),
+        FrameType::VIEW => check::<View>(payload),
+        FrameType::EDIT => check::<Edit>(payload),
+        FrameType::REQUEST => check::<Request>(payload),
+        FrameType::REPORT => check::<Report>(payload),
+        FrameType::CLOSE => check::<Close>(payload),
+        FrameType::ACK => check::<Ack>(payload),
+        _ => {}
+    }
+}
+
+/// A whole file: every byte is in a record, a damage, the file header or a footer; playing it never disagrees with the
+/// state's hash. Bytes that are no recording are made into the frames of one.
+pub fn recording(data: &[u8]) {
+    if Reader::with_limits(data, limits()).is_ok() {
+        return read_and_play(data);
+    }
+    let (mut writer, mut file) = Writer::new(limits());
+    for (arrival, frame) in (0..).zip(framed(data)) {
+        // A frame over the limits is refused, and leaves nothing behind.
+        file.extend(writer.append(Micros(arrival), &frame).unwrap_or_default());
+    }
+    read_and_play(&file);
+}
+
+fn read_and_play(data: &[u8]) {
+    let Ok(reader) = Reader::with_limits(data, limits()) else { return };
+    let mut end = 0;
+    for item in reader {
+        let (start, bytes) = match item {
+            Ok(record) => (record.offset(), record.record_bytes()),
+            Err(damage) => (damage.offset, damage.lost_bytes),
+        };
+        assert!(start >= end && bytes > 0, "items overlap at {start}");
+        // Only a file header and footers, 16 bytes each, are passed over.
+        assert_eq!((start - end) % 16, 0, "bytes before {start} were passed over");
+        end = start + bytes;
+    }
+    assert!(end <= data.len() as u64, "an item reaches beyond the file");
+    let summary = Summary::scan(data, limits());
+    let index = load_index(data, limits());
+    assert!(summary.is_ok() && index.is_ok(), "a file that can be read cannot be scanned");
+    let Ok(mut player) = Player::new(data, limits()) else { return };
+    while let Some(event) = player.next_event() {
+        if let (PlayerEvent::Frame(frame), Some(state)) = (event, player.state()) {
+            assert_eq!((state.hash(), state.full_hash()), (frame.info.hash, frame.info.hash));
+        }
+    }
+}
+
+/// Either end of a session, given the bytes in chunks. The first byte's bits choose: 0, the server's end; 1, behind a good
+/// handshake, so that frames are reached; 2, bytes made into frames with right checksums.
+pub fn session(data: &[u8]) {
+    let Some((&mode, data)) = data.split_first() else { return };
+    let Ok(source) = SampleServer::new() else { return };
+    let mut server = ServerSession::new(source.scene().clone(), limits());
+    let mut client = ClientSession::new(limits());
+    if mode & 2 != 0 {
+        let events = server.handle(&client.take_output(), Micros(0));
+        let ready = client.handle(&server.take_output(), Micros(0));
+        assert!(events.is_ok() && ready.is_ok(), "a good handshake failed");
+    }
+    let made = framed(data);
+    let pieces: Vec<&[u8]> =
+        if mode & 4 == 0 { chunks(data).collect() } else { made.iter().map(Vec::as_slice).collect() };
+    for chunk in pieces {
+        let over = if mode & 1 == 0 {
+            client.handle(chunk, Micros(0)).is_err()
+        } else {
+            server.handle(chunk, Micros(0)).is_err()
+        };
+        if over {
+            break;
+        }
+    }
+    if let Some(state) = client.state() {
+        assert_eq!(state.hash(), state.full_hash(), "hash and content disagree");
+    }
+}
+
+/// One file of a corpus.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Seed {
+    /// The target that it is for.
+    pub target: &'static str,
+    /// Name of the file.
+    pub name: &'static str,
+    /// What is in it.
+    pub bytes: Vec<u8>,
+}
+
+/// Corpus seeds of all targets, those of `psao_codec::fuzzing` (`frame`, `round_trip`) included.
+///
+/// # Errors
+/// None is expected; see [`Error`].
+pub fn seeds() -> Result<Vec<Seed>, Error> {
+    let file = sample_recording(3, 2)?;
+    let mut cut = file.clone();
+    cut.truncate(file.len() - 40);
+    let mut damaged = file.clone();
+    if let Some(byte) = damaged.get_mut(700) {
+        *byte ^= 0x10;
+    }
+    let (up, down) = conversation()?;
+    let behind = |mode: u8, bytes: &[u8]| [&[mode][..], bytes].concat();
+    let frames: Vec<u8> = Reader::new(&file)?
+        .flatten()
+        .filter(|r| r.frame.header.kind != FrameType::SCENE)
+        .flat_map(|r| r.frame.bytes.to_vec())
+        .collect();
+    // The same frames, for `framed`.
+    let mut unframed = Vec::new();
+    for record in Reader::new(&file)?.flatten() {
+        let header = record.frame.header;
+        unframed
+            .extend([u32::from(header.kind.0), header.group.0, header.sequence.0].map(|value| value as u8));
+        unframed.extend((header.length as u16).to_le_bytes());
+        unframed.extend_from_slice(record.frame.payload());
+    }
+    let seed = |target, name, bytes| Seed { target, name, bytes };
+    let key = SampleServer::new()?.step()?.body;
+    // Multiples of an odd number: bytes without a pattern that a decoder could know.
+    let mixed = |seed: u32, count: u32| {
+        (0..count).map(|n| ((n + seed).wrapping_mul(0x9E37_79B1) >> 24) as u8).collect()
+    };
+    Ok(vec![
+        seed("frame", "plain", behind(0, &key)),
+        seed("frame", "changed-delta", vec![2, 40, 1, 45, 255]),
+        seed("frame", "changed-plain-delta", vec![4, 60, 3, 90, 1]),
+        seed("frame", "changed-plain-key", vec![5, 50, 7, 120, 64]),
+        seed("round_trip", "short", mixed(1, 48)),
+        seed("round_trip", "long", mixed(7, 700)),
+        seed("framer", "client", up.clone()),
+        seed("framer", "server", down.clone()),
+        seed("recording", "whole", file),
+        seed("recording", "cut", cut),
+        seed("recording", "damaged", damaged),
+        seed("session", "client", behind(0, &down)),
+        seed("session", "server", behind(1, &up)),
+        seed("session", "frames", behind(2, &frames)),
+        seed("session", "unframed", behind(6, &unframed)),
+        seed("recording", "unframed", unframed),
+    ])
+}
+
+/// Every message that a client sends, and every one that a server sends.
+fn conversation() -> Result<(Vec<u8>, Vec<u8>), Error> {
+    let mut source = SampleServer::new()?;
+    let mut client = ClientSession::new(Limits::default());
+    let mut server = ServerSession::new(source.scene().clone(), Limits::default());
+    let mut up = client.take_output();
+    server.handle(&up, Micros(0))?;
+    server.send_keyframe(&source.step()?.body)?;
+    server.send_update(&source.step()?.body)?;
+    server.send_report(&source.report(FrameIndex(1)))?;
+    server.close(CloseCode::DONE, "");
+    let mut down = server.take_output();
+    let mut plain = Numbering::default();
+    down.extend(plain.message(&Reject::new(RejectCode::BUSY, "full"))?);
+    down.extend(plain.update(b"no body")?);
+    write_frame(&mut down, FrameType(99), Group(1), Sequence(2), b"later")?;
+    let camera = CameraPose {
+        eye: [0.0, 1.0, 5.0],
+        target: [0.0; 3],
+        up: [0.0, 1.0, 0.0],
+        fov_y_deg: 60.0,
+        aspect: 1.5,
+    };
+    up.extend(plain.message(&View { camera })?);
+    let action = EditAction::Move { translation: [1.0, 2.0, 3.0], rotation: [0.0, 0.0, 0.0, 1.0] };
+    up.extend(plain.message(&Edit { instance: 1, action })?);
+    up.extend(plain.message(&Request::Keyframe { reason: KeyframeReason::ASKED })?);
+    up.extend(plain.message(&Ack { frame: FrameIndex(1), hash: StateHash(2) })?);
+    up.extend(plain.message(&Close::new(CloseCode::STOPPED, "bye"))?);
+    Ok((up, down))
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    type Body = fn(&[u8]);
+    const BODIES: [(&str, Body); 3] = [("framer", framer), ("recording", recording), ("session", session)];
+
+    #[test]
+    fn seeds_reach_what_they_are_for() {
+        let seeds = seeds().unwrap();
+        for (target, body) in BODIES {
+            for seed in seeds.iter().filter(|seed| seed.target == target) {
+                body(&seed.bytes);
+            }
+        }
+        let framer_seeds: Vec<u8> =
+            seeds.iter().filter(|seed| seed.target == "framer").flat_map(|seed| seed.bytes.clone()).collect();
+        let mut framer = Framer::new(limits());
+        framer.push(&framer_seeds);
+        let mut types = std::collections::BTreeSet::new();
+        while let Some(frame) = framer.next_frame().unwrap() {
+            types.insert(frame.header.kind.0);
+        }
+        let unframed = seeds.iter().find(|seed| seed.name == "unframed").unwrap();
+        let frames: Vec<u8> = framed(&unframed.bytes[1..]).concat();
+        let file = sample_recording(3, 2).unwrap();
+        let recorded: Vec<u8> =
+            Reader::new(&file).unwrap().flat_map(|r| r.unwrap().frame.bytes.to_vec()).collect();
+        assert_eq!(frames, recorded);
+        assert_eq!(types, (1..=12).chain([99]).collect(), "a type of frame has no seed");
+    }
+
+    proptest! {
+        #[test]
+        fn damaged_seeds_pass(pick in any::<usize>(), changes in prop::collection::vec(any::<(usize, u8)>(), 1..6)) {
+            let seeds = seeds().unwrap();
+            let (target, body) = BODIES[pick % BODIES.len()];
+            for seed in seeds.iter().filter(|seed| seed.target == target) {
+                let mut bytes = seed.bytes.clone();
+                for &(place, value) in &changes {
+                    let place = place % bytes.len();
+                    bytes[place] = value;
+                }
+                body(&bytes);
+            }
+        }
+    }
+}

@@ -1,0 +1,45 @@
+//! ACCEPT: the server takes a client.
+
+use super::body::Body;
+use super::{Invalid, Message, PeerLimits, Text, require};
+use crate::{FrameType, Profile};
+
+/// The answer to a hello that the server can serve. SCENE frames follow.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Accept {
+    /// Version that both ends speak from here on.
+    pub version: u16,
+    /// Profile of the stream.
+    pub profile: Profile,
+    /// What the server takes from the client; nothing that a client sends comes near it today.
+    pub limits: PeerLimits,
+    /// What the server calls itself, for people.
+    pub name: Text<64>,
+}
+
+fields!(Accept { version, profile as Profile, limits, name });
+
+impl Body for Accept {
+    fn check(&self) -> Result<(), Invalid> {
+        require(self.version >= 1, "version", "is 0")
+    }
+}
+
+impl Message for Accept {
+    const KIND: FrameType = FrameType::ACCEPT;
+    const NAME: &'static str = "ACCEPT";
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::golden;
+    use super::*;
+
+    #[test]
+    fn golden_bytes() {
+        let limits = PeerLimits { frame_bytes: 1, instances: 2, buckets: 3, cells: 4 };
+        let accept = Accept { version: 1, profile: Profile(1), limits, name: Text::new("s").unwrap() };
+        golden(&accept, "0100 01 01000000 02000000 03000000 04000000 0100000000000000 73");
+        assert!(Accept { version: 0, ..accept }.to_payload().is_err());
+    }
+}

@@ -1,0 +1,270 @@
+//! Control messages: everything of the protocol but the frame bodies, one message a file.
+//!
+//! A message is the payload of a frame of its own type: its fields one after the other, integers of fixed size and
+//! little endian, a list or a text preceded by its length as `u64`, at most [`MAX_MESSAGE_BYTES`] in all. Every message
+//! is checked when it is written as well as when it is read: no text over its bound, no float that is not finite, not a
+//! byte too many. `bincode` stays inside this module.
+
+/// Implements the layout of a message whose fields are written one after the other. `field as Newtype` stands for the
+/// one field of a newtype of another crate.
+macro_rules! fields {
+    (@value $value:expr) => { &$value };
+    (@value $value:expr, $newtype:ident) => { &$value.0 };
+    (@wrap $value:expr) => { $value };
+    (@wrap $value:expr, $newtype:ident) => { $newtype($value) };
+    ($message:ident { $($field:ident $(as $newtype:ident)?),* $(,)? }) => {
+        impl bincode::Encode for $message {
+            fn encode<E: bincode::enc::Encoder>(&self, to: &mut E) -> Result<(), bincode::error::EncodeError> {
+                $(bincode::Encode::encode(fields!(@value self.$field $(, $newtype)?), to)?;)*
+                Ok(())
+            }
+        }
+
+        impl<C> bincode::Decode<C> for $message {
+            fn decode<D: bincode::de::Decoder<Context = C>>(
+                from: &mut D,
+            ) -> Result<Self, bincode::error::DecodeError> {
+                Ok(Self { $($field: fields!(@wrap bincode::Decode::decode(from)? $(, $newtype)?)),* })
+            }
+        }
+
+        bincode::impl_borrow_decode!($message);
+    };
+}
+
+mod accept;
+mod ack;
+mod close;
+mod edit;
+mod hello;
+mod reject;
+mod report;
+mod request;
+mod scene;
+#[cfg(test)]
+mod tests;
+mod text;
+mod view;
+
+pub use accept::Accept;
+pub use ack::Ack;
+pub use close::{Close, CloseCode};
+pub use edit::{Edit, EditAction};
+pub use hello::{CoderSet, Hello, PeerLimits, ProfileSet};
+pub use reject::{Reject, RejectCode};
+pub use report::{MAX_STAGES, Report, StageId, StageTime};
+pub use request::{KeyframeReason, Request};
+pub use scene::{InstanceBatch, InstanceEntry, MAX_BATCH, Needs, Occlusion, Scene, SceneInfo};
+pub use text::{Text, TextTooLong};
+pub use view::{CameraPose, View};
+
+use crate::FrameType;
+
+/// Bound of every control message, in bytes.
+pub const MAX_MESSAGE_BYTES: usize = 65_536;
+
+/// Why a payload is not the message that its frame's type says, or a message cannot be sent.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum MessageError {
+    /// The bytes cannot be read as this message.
+    #[error("{message}: cannot read its {length} bytes: {reason}")]
+    Malformed {
+        /// Name of the message.
+        message: &'static str,
+        /// Bytes of the payload.
+        length: usize,
+        /// What went wrong.
+        reason: Malformed,
+    },
+    /// The message ended before its payload did.
+    #[error("{message}: {used} bytes make up the message, but its payload has {length}")]
+    Extra {
+        /// Name of the message.
+        message: &'static str,
+        /// Bytes that the message takes.
+        used: usize,
+        /// Bytes of the payload.
+        length: usize,
+    },
+    /// A field has a value that makes no sense.
+    #[error("{message}: field `{field}` {problem}")]
+    Invalid {
+        /// Name of the message.
+        message: &'static str,
+        /// Name of the field.
+        field: &'static str,
+        /// What is wrong with it, as the end of a sentence.
+        problem: &'static str,
+    },
+}
+
+/// How a payload fails to be a message.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Malformed {
+    /// The payload ends inside a field.
+    #[error("they end inside a field")]
+    Ended,
+    /// A list or text is longer than any message may be.
+    #[error("a list or text in them is longer than a message may be")]
+    TooLong,
+    /// A choice of a message has a value that this version does not know.
+    #[error("choice {0} is unknown to this version")]
+    Variant(u32),
+    /// A text is not UTF-8.
+    #[error("a text in them is not UTF-8")]
+    Utf8,
+    /// Something else that only a damaged or foreign payload has.
+    #[error("a field has a value that cannot be")]
+    Value,
+}
+
+/// The part of a message that the outside does not see: how it is read and written, and its checks.
+pub(crate) mod body {
+    /// A field and what is wrong with it.
+    #[derive(Debug)]
+    pub struct Invalid {
+        pub(super) field: &'static str,
+        pub(super) problem: &'static str,
+    }
+
+    /// Layout plus checks.
+    pub trait Body: bincode::Encode + bincode::Decode<()> {
+        /// Whether every field makes sense.
+        fn check(&self) -> Result<(), Invalid>;
+    }
+}
+use body::{Body, Invalid};
+
+/// A control message: the payload of one type of frame.
+///
+/// ```
+/// use psao_proto::message::{Close, CloseCode, Message};
+///
+/// let close = Close::new(CloseCode::DONE, "the clip is over");
+/// let bytes = close.to_payload()?;
+/// assert_eq!(Close::from_payload(&bytes)?, close);
+/// assert!(Close::from_payload(&bytes[1..]).is_err());
+/// # Ok::<(), psao_proto::message::MessageError>(())
+/// ```
+///
+/// Sealed: the set of messages is the protocol's.
+pub trait Message: Body + Sized {
+    /// Type of the frames that carry it.
+    const KIND: FrameType;
+    /// Its name in errors and in the specification.
+    const NAME: &'static str;
+
+    /// The message as a payload.
+    ///
+    /// # Errors
+    /// [`MessageError::Invalid`] when a field makes no sense, [`MessageError::Malformed`] when it is too long.
+    fn to_payload(&self) -> Result<Vec<u8>, MessageError> {
+        self.check().map_err(|i| invalid::<Self>(&i))?;
+        let bytes = bincode::encode_to_vec(self, CONFIG).map_err(|_| MessageError::Malformed {
+            message: Self::NAME,
+            length: 0,
+            reason: Malformed::Value,
+        })?;
+        if bytes.len() > MAX_MESSAGE_BYTES {
+            let (length, reason) = (bytes.len(), Malformed::TooLong);
+            return Err(MessageError::Malformed { message: Self::NAME, length, reason });
+        }
+        Ok(bytes)
+    }
+
+    /// Reads a payload, all of it.
+    ///
+    /// # Errors
+    /// [`MessageError`]; no payload makes it panic or allocate more than [`MAX_MESSAGE_BYTES`].
+    fn from_payload(payload: &[u8]) -> Result<Self, MessageError> {
+        let length = payload.len();
+        let (message, used): (Self, usize) = bincode::decode_from_slice(payload, CONFIG)
+            .map_err(|e| MessageError::Malformed { message: Self::NAME, length, reason: malformed(&e) })?;
+        if used != length {
+            return Err(MessageError::Extra { message: Self::NAME, used, length });
+        }
+        message.check().map_err(|i| invalid::<Self>(&i))?;
+        Ok(message)
+    }
+}
+
+/// The layout of every message. See the module's head.
+const CONFIG: bincode::config::Configuration<
+    bincode::config::LittleEndian,
+    bincode::config::Fixint,
+    bincode::config::Limit<MAX_MESSAGE_BYTES>,
+> = bincode::config::standard()
+    .with_little_endian()
+    .with_fixed_int_encoding()
+    .with_limit::<MAX_MESSAGE_BYTES>();
+
+const fn invalid<M: Message>(invalid: &Invalid) -> MessageError {
+    MessageError::Invalid { message: M::NAME, field: invalid.field, problem: invalid.problem }
+}
+
+fn malformed(error: &bincode::error::DecodeError) -> Malformed {
+    use bincode::error::DecodeError as E;
+    match error {
+        E::UnexpectedEnd { .. } => Malformed::Ended,
+        E::LimitExceeded | E::OutsideUsizeRange(_) | E::ArrayLengthMismatch { .. } => Malformed::TooLong,
+        E::UnexpectedVariant { found, .. } => Malformed::Variant(*found),
+        E::Utf8 { .. } => Malformed::Utf8,
+        E::Other(text::TOO_LONG) => Malformed::TooLong,
+        _ => Malformed::Value,
+    }
+}
+
+/// Passes when `ok`.
+const fn require(ok: bool, field: &'static str, problem: &'static str) -> Result<(), Invalid> {
+    if ok { Ok(()) } else { Err(Invalid { field, problem }) }
+}
+
+/// Passes when every value is finite.
+fn finite(values: &[f32], field: &'static str) -> Result<(), Invalid> {
+    require(values.iter().all(|v| v.is_finite()), field, "is not finite")
+}
+
+#[cfg(test)]
+pub(crate) mod testing {
+    //! What every message is put through.
+    use super::*;
+
+    /// Lower-case hex.
+    pub(crate) fn hex(bytes: &[u8]) -> String {
+        bytes.iter().map(|b| format!("{b:02x}")).collect()
+    }
+
+    /// The bytes of the one annotated dump in a specification; the offsets at its lines' start are checked.
+    pub(crate) fn dump(spec: &str) -> Vec<u8> {
+        let (_, rest) = spec.split_once("```hex\n").expect("the specification has a dump");
+        let (lines, _) = rest.split_once("```").expect("the dump ends");
+        let mut bytes = Vec::new();
+        for line in lines.lines() {
+            let mut columns = line.split("  ").filter(|column| !column.is_empty());
+            let offset = usize::from_str_radix(columns.next().unwrap(), 16).unwrap();
+            assert_eq!(offset, bytes.len(), "offset of line {line:?}");
+            let pairs = columns.next().unwrap().split_whitespace();
+            bytes.extend(pairs.map(|pair| u8::from_str_radix(pair, 16).unwrap()));
+        }
+        bytes
+    }
+
+    /// Round trip, golden bytes, every prefix refused, every extra byte refused.
+    pub(crate) fn golden<M: Message + PartialEq + std::fmt::Debug>(message: &M, expected: &str) {
+        let bytes = message.to_payload().unwrap();
+        let expected: String = expected.split_whitespace().collect();
+        assert_eq!(hex(&bytes), expected, "{} changed on the wire: that needs a new version", M::NAME);
+        assert_eq!(&M::from_payload(&bytes).unwrap(), message);
+        for end in 0..bytes.len() {
+            assert!(M::from_payload(&bytes[..end]).is_err(), "{} was read from {end} bytes", M::NAME);
+        }
+        for extra in [0u8, 1, 0xff] {
+            let mut longer = bytes.clone();
+            longer.push(extra);
+            assert_eq!(
+                M::from_payload(&longer),
+                Err(MessageError::Extra { message: M::NAME, used: bytes.len(), length: longer.len() })
+            );
+        }
+    }
+}

@@ -1,0 +1,86 @@
+//! REJECT: the server cannot serve a client.
+
+use bincode::{Decode, Encode};
+
+use super::body::Body;
+use super::{Invalid, Message, Text};
+use crate::FrameType;
+
+/// Why a server turns a client away. Unknown values survive and mean "some other reason; read the text".
+#[derive(Clone, Copy, PartialEq, Eq, Encode, Decode)]
+pub struct RejectCode(pub u16);
+
+impl RejectCode {
+    /// The ends have no protocol version in common.
+    pub const VERSION: Self = Self(1);
+    /// The client cannot apply the stream's profile.
+    pub const PROFILE: Self = Self(2);
+    /// The client cannot undo the stream's block coder.
+    pub const CODER: Self = Self(3);
+    /// The scene is over the client's limits.
+    pub const LIMITS: Self = Self(4);
+    /// The server has as many clients as it takes.
+    pub const BUSY: Self = Self(5);
+    /// The first frame was not a HELLO that can be read.
+    pub const BAD_HELLO: Self = Self(6);
+}
+
+impl std::fmt::Debug for RejectCode {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match *self {
+            Self::VERSION => "VERSION",
+            Self::PROFILE => "PROFILE",
+            Self::CODER => "CODER",
+            Self::LIMITS => "LIMITS",
+            Self::BUSY => "BUSY",
+            Self::BAD_HELLO => "BAD_HELLO",
+            Self(other) => return write!(f, "code {other}"),
+        })
+    }
+}
+
+/// The answer to a hello that the server cannot serve; the server closes the connection after it.
+#[derive(Clone, Debug, PartialEq, Eq, Encode, Decode)]
+pub struct Reject {
+    /// Why, for programs.
+    pub code: RejectCode,
+    /// Why and what to do, for people.
+    pub text: Text<512>,
+}
+
+impl Reject {
+    /// A rejection; a text over the bound is cut.
+    #[must_use]
+    pub fn new(code: RejectCode, text: &str) -> Self {
+        Self { code, text: Text::cut(text) }
+    }
+}
+
+impl Body for Reject {
+    fn check(&self) -> Result<(), Invalid> {
+        Ok(())
+    }
+}
+
+impl Message for Reject {
+    const KIND: FrameType = FrameType::REJECT;
+    const NAME: &'static str = "REJECT";
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::golden;
+    use super::*;
+
+    #[test]
+    fn golden_bytes() {
+        golden(&Reject::new(RejectCode::CODER, "no"), "0300 0200000000000000 6e6f");
+        golden(&Reject::new(RejectCode(0xfffe), ""), "feff 0000000000000000");
+        let bytes = [6, 0, 2, 0, 0, 0, 0, 0, 0, 0, 0xff, 0xff];
+        let error = Reject::from_payload(&bytes).unwrap_err();
+        assert_eq!(error.to_string(), "REJECT: cannot read its 12 bytes: a text in them is not UTF-8");
+        let bytes = [6, 0, 1, 2, 0, 0, 0, 0, 0, 0, 0xff, 0xff];
+        let error = Reject::from_payload(&bytes).unwrap_err().to_string();
+        assert!(error.contains("longer than a message may be"), "{error}");
+    }
+}

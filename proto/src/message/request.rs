@@ -1,0 +1,70 @@
+//! REQUEST: a client asks for something.
+
+use bincode::{Decode, Encode};
+
+use super::body::Body;
+use super::{Invalid, Message};
+use crate::FrameType;
+
+/// Why a client needs a keyframe. Unknown values survive and are served all the same.
+#[derive(Clone, Copy, PartialEq, Eq, Encode, Decode)]
+pub struct KeyframeReason(pub u8);
+
+impl KeyframeReason {
+    /// The state hash after an update was not the one in its header.
+    pub const HASH: Self = Self(1);
+    /// A group or sequence number was skipped.
+    pub const GAP: Self = Self(2);
+    /// A frame body could not be read.
+    pub const BODY: Self = Self(3);
+    /// The person or program at the client asked.
+    pub const ASKED: Self = Self(4);
+}
+
+impl std::fmt::Debug for KeyframeReason {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match *self {
+            Self::HASH => "HASH",
+            Self::GAP => "GAP",
+            Self::BODY => "BODY",
+            Self::ASKED => "ASKED",
+            Self(other) => return write!(f, "reason {other}"),
+        })
+    }
+}
+
+/// Asks the server for something. A choice that the server does not know is an error of the protocol.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Encode, Decode)]
+pub enum Request {
+    /// A keyframe, as soon as the server can. Asked once until it comes.
+    Keyframe {
+        /// What made it necessary.
+        reason: KeyframeReason,
+    },
+}
+
+impl Body for Request {
+    fn check(&self) -> Result<(), Invalid> {
+        Ok(())
+    }
+}
+
+impl Message for Request {
+    const KIND: FrameType = FrameType::REQUEST;
+    const NAME: &'static str = "REQUEST";
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::golden;
+    use super::super::{Malformed, MessageError};
+    use super::*;
+
+    #[test]
+    fn golden_bytes() {
+        golden(&Request::Keyframe { reason: KeyframeReason::GAP }, "00000000 02");
+        let unknown = Request::from_payload(&[1, 0, 0, 0, 2]);
+        let reason = Malformed::Variant(1);
+        assert_eq!(unknown, Err(MessageError::Malformed { message: "REQUEST", length: 5, reason }));
+    }
+}

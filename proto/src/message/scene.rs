@@ -1,0 +1,348 @@
+//! SCENE: what the stream is about: how the AO was made, and where every instance's cells are.
+//!
+//! The scene table is one [`SceneInfo`] followed by as many [`InstanceBatch`]es as it takes, in order, each in a SCENE
+//! frame of its own. A client needs nothing else to build the codec's layout; meshes and animation are its own.
+
+use std::ops::{BitOr, BitOrAssign};
+
+use bincode::{Decode, Encode};
+
+use super::body::Body;
+use super::{Invalid, Message, Text, finite, require};
+use crate::{CoderId, FrameType, Profile};
+
+/// Most instances in one SCENE frame.
+pub const MAX_BATCH: usize = 512;
+
+/// How the AO of a point is made from its rays. Unknown values survive.
+#[derive(Clone, Copy, PartialEq, Eq, Encode, Decode)]
+pub struct Occlusion(pub u8);
+
+impl Occlusion {
+    /// Mean of `min(hit distance, radius) / radius`: near occluders darken more.
+    pub const OBSCURANCE: Self = Self(0);
+    /// Share of the rays that hit nothing within the radius.
+    pub const BINARY: Self = Self(1);
+}
+
+impl std::fmt::Display for Occlusion {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match *self {
+            Self::OBSCURANCE => f.pad("obscurance"),
+            Self::BINARY => f.pad("binary"),
+            Self(other) => f.pad(&format!("occlusion {other}")),
+        }
+    }
+}
+
+impl std::fmt::Debug for Occlusion {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        std::fmt::Display::fmt(self, f)
+    }
+}
+
+/// What an instance needs of a server or client, as a set of bits. Unknown bits survive.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Encode, Decode)]
+pub struct Needs(pub u32);
+
+impl Needs {
+    /// Its vertices follow joints.
+    pub const SKIN: Self = Self(1);
+    /// Its vertices follow morph targets.
+    pub const MORPH: Self = Self(1 << 1);
+    /// It moves as a rigid body (a deforming one may move as well).
+    pub const RIGID_MOTION: Self = Self(1 << 2);
+    /// Its scale or shear changes over time.
+    pub const ANIMATED_SCALE: Self = Self(1 << 3);
+    /// A texture decides where its surface is.
+    pub const MASKED: Self = Self(1 << 4);
+    /// Both of its sides are seen.
+    pub const DOUBLE_SIDED: Self = Self(1 << 5);
+    /// A normal map bends its normals.
+    pub const NORMAL_MAP: Self = Self(1 << 6);
+
+    /// Nothing: a still, opaque, one-sided surface.
+    pub const NONE: Self = Self(0);
+
+    const NAMES: [(Self, &'static str); 7] = [
+        (Self::SKIN, "skin"),
+        (Self::MORPH, "morph"),
+        (Self::RIGID_MOTION, "rigid motion"),
+        (Self::ANIMATED_SCALE, "animated scale"),
+        (Self::MASKED, "mask"),
+        (Self::DOUBLE_SIDED, "double-sided"),
+        (Self::NORMAL_MAP, "normal map"),
+    ];
+
+    /// Whether every bit of `other` is in it.
+    #[must_use]
+    pub const fn contains(self, other: Self) -> bool {
+        self.0 & other.0 == other.0
+    }
+
+    /// Names of the needs in the set that this version knows, for people.
+    pub fn names(self) -> impl Iterator<Item = &'static str> {
+        Self::NAMES.iter().filter(move |(need, _)| self.contains(*need)).map(|(_, name)| *name)
+    }
+}
+
+impl BitOr for Needs {
+    type Output = Self;
+
+    fn bitor(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+}
+
+impl BitOrAssign for Needs {
+    fn bitor_assign(&mut self, other: Self) {
+        *self = *self | other;
+    }
+}
+
+/// First SCENE frame: the stream as a whole.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SceneInfo {
+    /// Name of the scene, for people.
+    pub name: Text<64>,
+    /// Path or built-in name as it was typed at the server, so that a person can open the same scene.
+    pub source: Text<512>,
+    /// Digest of the scene's files, or of a built-in scene's name and version: a client that has another scene open
+    /// must say so rather than draw a wrong picture.
+    pub digest: [u8; 32],
+    /// Profile of the stream.
+    pub profile: Profile,
+    /// Bits of a packed point: 32, 24 or 16.
+    pub point_bits: u8,
+    /// Block coder of the stream. Single blocks may be stored.
+    pub coder: CoderId,
+    /// Frames of the stream's own clock a second, positive.
+    pub fps: f32,
+    /// Frames that the server means to send; 0 when it does not know.
+    pub frames_hint: u32,
+    /// AO radius in metres, positive.
+    pub radius_m: f32,
+    /// Rays a point.
+    pub rays: u32,
+    /// How AO is made from them.
+    pub occlusion: Occlusion,
+    /// A point is sent when its AO byte differs from the sent one by at least this many 255ths.
+    pub threshold: u8,
+    /// Seed of points and rays.
+    pub seed: u64,
+    /// Points asked for per square metre of surface, positive.
+    pub points_per_m2: f32,
+    /// Cells of the whole stream.
+    pub cell_capacity: u32,
+    /// Entries of the scene table.
+    pub instance_count: u32,
+    /// Points of all instances.
+    pub point_count: u32,
+    /// Bucket entries planned for each average cell (4 in the paper, section 3.2).
+    pub paper_table_slots: f32,
+    /// Factor by which the server widens a view's half-angle tangents before it calls a point out of view, at least 1.
+    pub view_margin: f32,
+}
+
+fields!(SceneInfo {
+    name,
+    source,
+    digest,
+    profile as Profile,
+    point_bits,
+    coder as CoderId,
+    fps,
+    frames_hint,
+    radius_m,
+    rays,
+    occlusion,
+    threshold,
+    seed,
+    points_per_m2,
+    cell_capacity,
+    instance_count,
+    point_count,
+    paper_table_slots,
+    view_margin,
+});
+
+/// One instance of the scene table: its grid, its buckets, its points.
+#[derive(Clone, Copy, Debug, PartialEq, Encode, Decode)]
+pub struct InstanceEntry {
+    /// Corner of the grid in instance-local space, metres.
+    pub origin: [f32; 3],
+    /// Edge of a cell, metres, positive.
+    pub edge: f32,
+    /// Cells along each axis, at least 1.
+    pub dims: [u32; 3],
+    /// First bucket in the stream's bucket table.
+    pub first_bucket: u32,
+    /// Buckets, a power of two.
+    pub bucket_count: u32,
+    /// Kernel radius r of the paper's Eq. 2, metres, positive.
+    pub kernel_radius: f32,
+    /// Points.
+    pub points: u32,
+    /// What it needs.
+    pub needs: Needs,
+}
+
+/// Later SCENE frames: a part of the scene table.
+#[derive(Clone, Debug, PartialEq, Encode, Decode)]
+pub struct InstanceBatch {
+    /// Index of the first entry; the entries before it came in the batches before.
+    pub first: u32,
+    /// The entries, 1 to [`MAX_BATCH`].
+    pub entries: Vec<InstanceEntry>,
+}
+
+/// Payload of a SCENE frame.
+#[derive(Clone, Debug, PartialEq, Encode, Decode)]
+pub enum Scene {
+    /// The first one.
+    Info(SceneInfo),
+    /// The ones after it.
+    Instances(InstanceBatch),
+}
+
+fn positive(value: f32, field: &'static str) -> Result<(), Invalid> {
+    require(value > 0.0 && value.is_finite(), field, "is not a positive number")
+}
+
+impl SceneInfo {
+    fn check(&self) -> Result<(), Invalid> {
+        require(matches!(self.point_bits, 16 | 24 | 32), "point_bits", "is none of 16, 24, 32")?;
+        positive(self.fps, "fps")?;
+        positive(self.radius_m, "radius_m")?;
+        positive(self.points_per_m2, "points_per_m2")?;
+        positive(self.paper_table_slots, "paper_table_slots")?;
+        positive(self.view_margin, "view_margin")?;
+        require(self.view_margin >= 1.0, "view_margin", "is below 1")
+    }
+}
+
+impl InstanceEntry {
+    fn check(&self) -> Result<(), Invalid> {
+        finite(&self.origin, "origin")?;
+        positive(self.edge, "edge")?;
+        require(!self.dims.contains(&0), "dims", "has an axis without cells")?;
+        require(self.bucket_count.is_power_of_two(), "bucket_count", "is not a power of two")?;
+        positive(self.kernel_radius, "kernel_radius")
+    }
+}
+
+impl Body for Scene {
+    fn check(&self) -> Result<(), Invalid> {
+        match self {
+            Self::Info(info) => info.check(),
+            Self::Instances(batch) => {
+                let count = batch.entries.len();
+                require((1..=MAX_BATCH).contains(&count), "entries", "has not 1 to 512 instances")?;
+                batch.entries.iter().try_for_each(InstanceEntry::check)
+            }
+        }
+    }
+}
+
+impl Message for Scene {
+    const KIND: FrameType = FrameType::SCENE;
+    const NAME: &'static str = "SCENE";
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::golden;
+    use super::*;
+
+    fn info() -> SceneInfo {
+        SceneInfo {
+            name: Text::new("hall").unwrap(),
+            source: Text::new("a/hall.glb").unwrap(),
+            digest: [0xab; 32],
+            profile: Profile::PAPER,
+            point_bits: 32,
+            coder: CoderId::ZSTD,
+            fps: 60.0,
+            frames_hint: 300,
+            radius_m: 0.5,
+            rays: 192,
+            occlusion: Occlusion::OBSCURANCE,
+            threshold: 8,
+            seed: 1,
+            points_per_m2: 256.0,
+            cell_capacity: 4096,
+            instance_count: 2,
+            point_count: 20_000,
+            paper_table_slots: 4.0,
+            view_margin: 1.25,
+        }
+    }
+
+    const ENTRY: InstanceEntry = InstanceEntry {
+        origin: [-1.0, 0.0, 1.0],
+        edge: 0.5,
+        dims: [4, 5, 6],
+        first_bucket: 7,
+        bucket_count: 8,
+        kernel_radius: 0.25,
+        points: 9,
+        needs: Needs(Needs::SKIN.0 | Needs::MASKED.0),
+    };
+
+    #[test]
+    fn golden_bytes_of_the_info() {
+        golden(
+            &Scene::Info(info()),
+            "00000000 0400000000000000 68616c6c 0a00000000000000 612f68616c6c2e676c62 \
+             abababababababababababababababababababababababababababababababab 01 20 02 00007042 2c010000 \
+             0000003f c0000000 00 08 0100000000000000 00008043 00100000 02000000 204e0000 00008040 0000a03f",
+        );
+    }
+
+    #[test]
+    fn golden_bytes_of_a_batch() {
+        golden(
+            &Scene::Instances(InstanceBatch { first: 1, entries: vec![ENTRY] }),
+            "01000000 01000000 0100000000000000 000080bf 00000000 0000803f 0000003f 04000000 05000000 06000000 \
+             07000000 08000000 0000803e 09000000 11000000",
+        );
+    }
+
+    #[test]
+    fn a_full_batch_fits_a_message() {
+        let batch = |count| Scene::Instances(InstanceBatch { first: 0, entries: vec![ENTRY; count] });
+        let bytes = batch(MAX_BATCH).to_payload().unwrap();
+        assert_eq!(Scene::from_payload(&bytes).unwrap(), batch(MAX_BATCH));
+        assert!(batch(MAX_BATCH + 1).to_payload().is_err());
+        assert!(batch(0).to_payload().is_err());
+        let mut bytes = bytes;
+        // A count of 2^64 - 1 entries must be refused before anything is allocated for it.
+        bytes[8..16].copy_from_slice(&[0xff; 8]);
+        assert!(Scene::from_payload(&bytes).is_err());
+    }
+
+    #[test]
+    fn values_that_make_no_sense_are_refused() {
+        for bad in [
+            SceneInfo { fps: 0.0, ..info() },
+            SceneInfo { radius_m: f32::NAN, ..info() },
+            SceneInfo { points_per_m2: -1.0, ..info() },
+            SceneInfo { paper_table_slots: f32::INFINITY, ..info() },
+            SceneInfo { view_margin: 0.5, ..info() },
+            SceneInfo { point_bits: 31, ..info() },
+        ] {
+            assert!(Scene::Info(bad).to_payload().is_err());
+        }
+        for bad in [
+            InstanceEntry { origin: [0.0, f32::NAN, 0.0], ..ENTRY },
+            InstanceEntry { edge: 0.0, ..ENTRY },
+            InstanceEntry { dims: [1, 0, 1], ..ENTRY },
+            InstanceEntry { bucket_count: 3, ..ENTRY },
+            InstanceEntry { bucket_count: 0, ..ENTRY },
+            InstanceEntry { kernel_radius: f32::INFINITY, ..ENTRY },
+        ] {
+            let batch = InstanceBatch { first: 0, entries: vec![ENTRY, bad] };
+            assert!(Scene::Instances(batch).to_payload().is_err());
+        }
+    }
+}

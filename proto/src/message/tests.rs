@@ -1,0 +1,152 @@
+//! Every message with any values: what is written is read back, what is read is written back.
+
+use proptest::prelude::*;
+
+use super::*;
+use crate::{CoderId, FrameIndex, Profile, StateHash};
+
+fn text<const MAX: usize>() -> impl Strategy<Value = Text<MAX>> {
+    ".{0,80}".prop_map(|text: String| Text::cut(&text))
+}
+
+fn float() -> impl Strategy<Value = f32> {
+    prop::num::f32::NORMAL | prop::num::f32::SUBNORMAL | prop::num::f32::ZERO
+}
+
+fn positive() -> impl Strategy<Value = f32> {
+    prop::num::f32::NORMAL.prop_map(f32::abs)
+}
+
+fn peer_limits() -> impl Strategy<Value = PeerLimits> {
+    any::<[u32; 4]>().prop_map(|[frame_bytes, instances, buckets, cells]| PeerLimits {
+        frame_bytes,
+        instances,
+        buckets,
+        cells,
+    })
+}
+
+prop_compose! {
+    fn info()(name in text(), source in text(), digest in any::<[u8; 32]>(), ids in any::<[u8; 4]>(),
+              point_bits in prop::sample::select(vec![16u8, 24, 32]), positives in prop::array::uniform4(positive()),
+              counts in any::<[u32; 5]>(), seed in any::<u64>(), margin in 1.0f32..9.0) -> SceneInfo {
+        let [profile, coder, occlusion, threshold] = ids;
+        let [fps, radius_m, points_per_m2, paper_table_slots] = positives;
+        let [frames_hint, rays, cell_capacity, instance_count, point_count] = counts;
+        SceneInfo {
+            name, source, digest, profile: Profile(profile), point_bits, coder: CoderId(coder), fps, frames_hint,
+            radius_m, rays, occlusion: Occlusion(occlusion), threshold, seed, points_per_m2, cell_capacity,
+            instance_count, point_count, paper_table_slots, view_margin: margin,
+        }
+    }
+}
+
+prop_compose! {
+    fn entry()(origin in prop::array::uniform3(float()), edge in positive(), dims in prop::array::uniform3(1u32..),
+               first_bucket in any::<u32>(), shift in 0u32..32, kernel_radius in positive(), points in any::<u32>(),
+               needs in any::<u32>()) -> InstanceEntry {
+        let bucket_count = 1 << shift;
+        InstanceEntry { origin, edge, dims, first_bucket, bucket_count, kernel_radius, points, needs: Needs(needs) }
+    }
+}
+
+fn scene() -> impl Strategy<Value = Scene> {
+    let batch = (any::<u32>(), prop::collection::vec(entry(), 1..20));
+    prop_oneof![
+        info().prop_map(Scene::Info),
+        batch.prop_map(|(first, entries)| Scene::Instances(InstanceBatch { first, entries })),
+    ]
+}
+
+fn report() -> impl Strategy<Value = Report> {
+    let stages = prop::collection::vec(any::<(u8, u32)>(), 0..=MAX_STAGES);
+    (any::<u32>(), any::<u64>(), any::<[u32; 10]>(), stages).prop_map(|(frame, rays, counts, stages)| {
+        let [
+            visible,
+            traced,
+            changed,
+            cells,
+            stored,
+            bucket_full,
+            cell_full,
+            no_cell,
+            outside_grid,
+            id_collisions,
+        ] = counts;
+        let stages =
+            stages.into_iter().map(|(stage, micros)| StageTime { stage: StageId(stage), micros }).collect();
+        let frame = FrameIndex(frame);
+        Report {
+            frame,
+            rays,
+            visible,
+            traced,
+            changed,
+            cells,
+            stored,
+            bucket_full,
+            cell_full,
+            no_cell,
+            outside_grid,
+            id_collisions,
+            stages,
+        }
+    })
+}
+
+fn edit() -> impl Strategy<Value = Edit> {
+    let turn = prop::sample::select(vec![[0.0, 0.0, 0.0, 1.0], [0.6, 0.0, 0.8, 0.0], [-0.5, 0.5, -0.5, 0.5]]);
+    let action = prop_oneof![
+        (prop::array::uniform3(float()), turn)
+            .prop_map(|(translation, rotation)| EditAction::Move { translation, rotation }),
+        Just(EditAction::Release),
+        Just(EditAction::Show),
+        Just(EditAction::Hide),
+    ];
+    (any::<u32>(), action).prop_map(|(instance, action)| Edit { instance, action })
+}
+
+/// Writes and reads; then reads with one byte changed, which must give an error or a message that is written as it was
+/// read, so another one (0.0 and -0.0 are equal and are two messages).
+fn check<M: Message + PartialEq + std::fmt::Debug>(
+    message: &M,
+    place: usize,
+    xor: u8,
+) -> Result<(), TestCaseError> {
+    let mut bytes = message.to_payload().unwrap();
+    prop_assert_eq!(&M::from_payload(&bytes).unwrap(), message);
+    let place = place % bytes.len();
+    bytes[place] ^= xor;
+    if let Ok(other) = M::from_payload(&bytes) {
+        prop_assert_eq!(other.to_payload().unwrap(), bytes);
+    }
+    Ok(())
+}
+
+proptest! {
+    #[test]
+    fn round_trips(
+        (place, xor) in (any::<usize>(), 1u8..),
+        versions in (1u16..100, 0u16..100), sets in any::<(u32, u32)>(), limits in peer_limits(),
+        name in text(), words in text(), code in any::<u16>(), id in any::<u8>(), ack in any::<(u32, u64)>(),
+        scene in scene(), report in report(), edit in edit(),
+        eye in prop::array::uniform3(-1e3f32..1e3), fov_y_deg in 0.1f32..179.9, aspect in positive(),
+    ) {
+        let hello = Hello {
+            oldest: versions.0, newest: versions.0 + versions.1, profiles: ProfileSet(sets.0),
+            coders: CoderSet(sets.1), limits, name: name.clone(),
+        };
+        check(&hello, place, xor)?;
+        check(&Accept { version: versions.0, profile: Profile(id), limits, name }, place, xor)?;
+        check(&Reject { code: RejectCode(code), text: words.clone() }, place, xor)?;
+        check(&Close { code: CloseCode(code), text: words }, place, xor)?;
+        check(&Request::Keyframe { reason: KeyframeReason(id) }, place, xor)?;
+        check(&Ack { frame: FrameIndex(ack.0), hash: StateHash(ack.1) }, place, xor)?;
+        check(&scene, place, xor)?;
+        check(&report, place, xor)?;
+        check(&edit, place, xor)?;
+        let camera = CameraPose { eye, target: [0.0, 2e3, 1.0], up: [1.0, 0.0, 0.5], fov_y_deg, aspect };
+        prop_assume!(camera.is_valid());
+        check(&View { camera }, place, xor)?;
+    }
+}

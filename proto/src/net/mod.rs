@@ -1,0 +1,73 @@
+//! Sockets around the sessions: the only part of this crate that does I/O. Behind the feature `tokio`.
+//!
+//! A server binds a [`Listener`], which serves every client that connects and shares a [`Hub`] with the frame loop; the
+//! frame loop gives the hub one frame after the other. A client [`connect`]s and takes events.
+//!
+//! ```
+//! use std::time::Duration;
+//!
+//! use psao_proto::message::CloseCode;
+//! use psao_proto::net::{Hub, Listener, connect};
+//! use psao_proto::sample::SampleServer;
+//! use psao_proto::session::ClientEvent;
+//! use psao_proto::Limits;
+//!
+//! # #[tokio::main(flavor = "current_thread")]
+//! # async fn main() -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
+//! // The server: accept in the background, send frames from a loop.
+//! let mut source = SampleServer::new()?;
+//! let hub = Hub::new(source.scene().clone(), Limits::default());
+//! let listener = Listener::bind("127.0.0.1:0").await?;
+//! let address = listener.local_addr()?.to_string();
+//! tokio::spawn(listener.run(hub.clone()));
+//! let server = tokio::spawn(async move {
+//!     hub.wait_joined(1, Duration::from_secs(10)).await;
+//!     for _ in 0..3 {
+//!         let frame = source.step()?;
+//!         hub.broadcast(&frame.info, &frame.body, || source.keyframe())?;
+//!         // In step: the next frame only when every client holds this one.
+//!         hub.wait_acked(frame.info.frame, Duration::from_secs(10)).await;
+//!     }
+//!     hub.close(CloseCode::DONE, "three frames are enough", Duration::from_secs(10)).await;
+//!     Ok::<_, Box<dyn std::error::Error + Send + Sync>>(source.state().hash())
+//! });
+//!
+//! // The client.
+//! let mut connection = connect(&address, Limits::default()).await?;
+//! let mut frames = Vec::new();
+//! while !connection.session().is_closed() {
+//!     for event in connection.next_events().await? {
+//!         if let ClientEvent::Applied(frame) = event {
+//!             frames.push(frame.info.frame.0);
+//!         }
+//!     }
+//! }
+//! assert_eq!(frames, [0, 1, 2]);
+//! assert_eq!(connection.session().state().map(|s| s.hash()), Some(server.await??));
+//! # Ok(())
+//! # }
+//! ```
+
+mod client;
+mod error;
+mod hub;
+mod listener;
+#[cfg(test)]
+mod tests;
+
+pub use client::{Connection, connect};
+pub use error::NetError;
+pub use hub::{Broadcast, ClientId, Hub, HubEvent};
+pub use listener::Listener;
+
+use tokio::time::Instant;
+
+use crate::Micros;
+
+/// Bytes read or written at a time.
+const CHUNK: usize = 64 * 1024;
+
+/// The time since `start`, as the sessions take it.
+fn since(start: Instant) -> Micros {
+    Micros(u64::try_from(start.elapsed().as_micros()).unwrap_or(u64::MAX))
+}

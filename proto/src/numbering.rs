@@ -1,0 +1,78 @@
+//! Groups and sequences: numbering the frames of one connection or recording.
+
+use crate::message::{Message, MessageError};
+use crate::{FrameFault, FrameType, Group, SceneTable, Sequence, write_frame};
+
+/// Turns frame bodies and messages into the frames of one stream, numbered.
+///
+/// A server session has one for its client; a recorder that sits at the server has its own, so that a recording starts
+/// with the scene and group 1 whatever the clients do.
+///
+/// ```
+/// use psao_proto::{Framer, Group, Limits, Numbering, Sequence};
+///
+/// let mut numbering = Numbering::default();
+/// let mut framer = Framer::new(Limits::default());
+/// for frame in [numbering.keyframe(b"k")?, numbering.update(b"u")?, numbering.keyframe(b"k")?] {
+///     framer.push(&frame);
+/// }
+/// let mut places = Vec::new();
+/// while let Some(frame) = framer.next_frame()? {
+///     places.push((frame.header.group.0, frame.header.sequence.0));
+/// }
+/// assert_eq!(places, [(1, 0), (1, 1), (2, 0)]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Numbering {
+    group: Group,
+    sequence: Sequence,
+}
+
+impl Numbering {
+    /// The KEYFRAME frame of a body. It opens the next group.
+    ///
+    /// # Errors
+    /// [`FrameFault::TooLong`] over 2^32 - 1 bytes.
+    pub fn keyframe(&mut self, body: &[u8]) -> Result<Vec<u8>, FrameFault> {
+        self.group = self.group.next();
+        self.sequence = Sequence(0);
+        self.frame(FrameType::KEYFRAME, body)
+    }
+
+    /// The UPDATE frame of a body. It is the next in the group.
+    ///
+    /// # Errors
+    /// As [`keyframe`](Self::keyframe).
+    pub fn update(&mut self, body: &[u8]) -> Result<Vec<u8>, FrameFault> {
+        self.sequence = self.sequence.next();
+        self.frame(FrameType::UPDATE, body)
+    }
+
+    /// The frame of a message. It repeats the place of the keyframe or update before it.
+    ///
+    /// # Errors
+    /// [`MessageError`] when the message makes no sense.
+    pub fn message<M: Message>(&self, message: &M) -> Result<Vec<u8>, MessageError> {
+        Ok(self.control(M::KIND, &message.to_payload()?))
+    }
+
+    /// The SCENE frames of a scene table.
+    ///
+    /// # Errors
+    /// [`MessageError`] when a value in it makes no sense.
+    pub fn scene(&self, scene: &SceneTable) -> Result<Vec<Vec<u8>>, MessageError> {
+        Ok(scene.payloads()?.iter().map(|payload| self.control(FrameType::SCENE, payload)).collect())
+    }
+
+    fn frame(self, kind: FrameType, payload: &[u8]) -> Result<Vec<u8>, FrameFault> {
+        let mut out = Vec::new();
+        write_frame(&mut out, kind, self.group, self.sequence, payload)?;
+        Ok(out)
+    }
+
+    /// A control message is at most 64 KiB, so its length always fits.
+    fn control(self, kind: FrameType, payload: &[u8]) -> Vec<u8> {
+        self.frame(kind, payload).unwrap_or_default()
+    }
+}

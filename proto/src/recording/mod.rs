@@ -1,0 +1,85 @@
+//! Recordings: the frames of a stream as they were on the wire, each with its arrival time.
+//!
+//! | part | bytes |
+//! |---|---|
+//! | file header | magic `89 50 53 41 4F 0D 0A 1A` (8), version `u16` = 1, flags `u16` = 0, CRC32C `u32` of the 12 bytes before |
+//! | record, any number | arrival `u64` in microseconds, CRC32C `u32` of those 8 bytes, the frame byte for byte |
+//! | index, optional | a record whose frame has the type INDEX |
+//! | footer, after an index | offset of the index record `u64`, magic `u32` `0x1D0A_A05E`, CRC32C `u32` of the 12 bytes before |
+//!
+//! A file only grows, and is a valid recording after every record: what a killed recorder leaves behind is read up to
+//! its last whole record. [`Writer`] says which bytes to append, [`Reader`] gives records and damages without copying,
+//! [`Summary`] scans a file and knows its groups, [`Player`] turns it back into states. The format is written down in
+//! `docs/spec/recording.md`.
+
+mod index;
+mod player;
+mod reader;
+mod summary;
+#[cfg(test)]
+mod tests;
+mod writer;
+
+pub use index::{INDEX_ENTRY_BYTES, IndexEntry};
+pub use player::{PlayedFrame, Player, PlayerError, PlayerEvent, PlayerStats};
+pub use reader::{Damage, DamageKind, Reader, ReaderError, Record};
+pub use summary::{StoredIndex, Summary, TypeCount, load_index};
+pub use writer::{Writer, WriterError};
+
+use crate::FrameFault;
+
+/// First bytes of a recording.
+pub const FILE_MAGIC: [u8; 8] = *b"\x89PSAO\r\n\x1a";
+/// Version of the format.
+pub const FILE_VERSION: u16 = 1;
+/// Bytes of the file header.
+pub const FILE_HEADER_BYTES: usize = 16;
+/// Bytes of a record before its frame.
+pub const RECORD_HEAD_BYTES: usize = 12;
+/// Bytes of the footer.
+pub const FOOTER_BYTES: usize = 16;
+/// Magic in the footer.
+pub const FOOTER_MAGIC: u32 = 0x1D0A_A05E;
+
+/// The file header of this version.
+pub(crate) fn file_header() -> [u8; FILE_HEADER_BYTES] {
+    let mut head = [0; FILE_HEADER_BYTES];
+    head[..8].copy_from_slice(&FILE_MAGIC);
+    head[8..10].copy_from_slice(&FILE_VERSION.to_le_bytes());
+    let crc = crc32c::crc32c(&head[..12]);
+    head[12..].copy_from_slice(&crc.to_le_bytes());
+    head
+}
+
+/// The footer of an index record at `offset`.
+pub(crate) fn footer(offset: u64) -> [u8; FOOTER_BYTES] {
+    let mut foot = [0; FOOTER_BYTES];
+    foot[..8].copy_from_slice(&offset.to_le_bytes());
+    foot[8..12].copy_from_slice(&FOOTER_MAGIC.to_le_bytes());
+    let crc = crc32c::crc32c(&foot[..12]);
+    foot[12..].copy_from_slice(&crc.to_le_bytes());
+    foot
+}
+
+/// Whether the last four of 16 bytes are the CRC32C of the first twelve.
+fn sealed(bytes: &[u8; 16]) -> bool {
+    let (body, crc) = bytes.split_at(12);
+    crc == crc32c::crc32c(body).to_le_bytes()
+}
+
+/// The offset in a footer, if these bytes are one.
+pub(crate) fn parse_footer(bytes: &[u8; FOOTER_BYTES]) -> Option<u64> {
+    let &[o0, o1, o2, o3, o4, o5, o6, o7, m0, m1, m2, m3, ..] = bytes;
+    let valid = u32::from_le_bytes([m0, m1, m2, m3]) == FOOTER_MAGIC && sealed(bytes);
+    valid.then(|| u64::from_le_bytes([o0, o1, o2, o3, o4, o5, o6, o7]))
+}
+
+/// What is wrong with the bytes where a record should start.
+pub(crate) enum RecordFault {
+    /// They end before the record does.
+    Ends,
+    /// The arrival time does not fit its checksum.
+    Arrival,
+    /// The frame is not one.
+    Frame(FrameFault),
+}

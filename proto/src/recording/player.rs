@@ -1,0 +1,274 @@
+//! Playing a recording: records in, states out, and past whatever is damaged.
+
+use std::sync::Arc;
+
+use psao_codec::frame::{FrameInfo, State, inspect};
+
+use super::{Damage, IndexEntry, Reader, ReaderError, Record};
+use crate::follow::{Follower, Unusable};
+use crate::message::{Close, Message, MessageError, Report, Scene};
+use crate::scene::SceneAssembler;
+use crate::{FrameHeader, FrameIndex, FrameType, Group, Limits, Micros, SceneError, SceneTable, Sequence};
+
+/// A keyframe or update that was applied: the hash of the state is the one in its header.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PlayedFrame {
+    /// Header of its body: frame number, time, hash, sections.
+    pub info: FrameInfo,
+    /// Header of its wire frame: type, group, sequence.
+    pub header: FrameHeader,
+    /// When it arrived at the recorder.
+    pub arrival: Micros,
+    /// Bytes from the start of the file to its record.
+    pub offset: u64,
+    /// Bytes that it took on the wire.
+    pub wire_bytes: u64,
+    /// Bytes that its record takes in the file.
+    pub record_bytes: u64,
+}
+
+/// What a player met.
+#[derive(Clone, Debug, PartialEq)]
+pub enum PlayerEvent {
+    /// The scene table is whole.
+    Scene(Arc<SceneTable>),
+    /// The state is that of a newer frame.
+    Frame(PlayedFrame),
+    /// A keyframe or update that could not be applied. The state is as before until the next keyframe.
+    Unusable {
+        /// Bytes from the start of the file to its record.
+        offset: u64,
+        /// Header of its wire frame.
+        header: FrameHeader,
+        /// Number of the frame, when its body says so.
+        frame: Option<FrameIndex>,
+        /// Why.
+        reason: Unusable,
+    },
+    /// A whole frame whose message is bad, which damage does not do: a faulty program wrote it.
+    BadMessage {
+        /// Bytes from the start of the file to its record.
+        offset: u64,
+        /// Why.
+        error: PlayerError,
+    },
+    /// What a frame cost the server.
+    Report(Report),
+    /// The stream ended here.
+    Closed(Close),
+    /// A stretch of the file that could not be read.
+    Damage(Damage),
+}
+
+/// Why a message of a recording is bad.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum PlayerError {
+    /// In itself.
+    #[error(transparent)]
+    Message(#[from] MessageError),
+    /// After those before it.
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+}
+
+/// Counts of a player.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PlayerStats {
+    /// Keyframes and updates applied.
+    pub applied: u64,
+    /// Keyframes and updates that are in the file but could not be applied.
+    pub unusable: u64,
+    /// Keyframes and updates that are missing from the file, as far as the frames around them tell. Those missing at
+    /// its end are not known.
+    pub lost: u64,
+    /// Damaged stretches.
+    pub damages: u64,
+    /// Bytes in them.
+    pub damaged_bytes: u64,
+    /// Whole frames whose message is bad.
+    pub bad_messages: u64,
+}
+
+impl PlayerStats {
+    /// Whether everything that was recorded was there and could be used.
+    #[must_use]
+    pub const fn is_clean(&self) -> bool {
+        self.unusable == 0 && self.lost == 0 && self.damages == 0 && self.bad_messages == 0
+    }
+}
+
+/// Plays a recording into a state.
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use psao_proto::Limits;
+/// use psao_proto::recording::{Player, PlayerEvent};
+///
+/// # let (_, file) = psao_proto::recording::Writer::new(Limits::default());
+/// let mut player = Player::new(&file, Limits::default())?;
+/// while let Some(event) = player.next_event() {
+///     match event {
+///         PlayerEvent::Frame(frame) => println!("frame {}: {} B", frame.info.frame, frame.wire_bytes),
+///         PlayerEvent::Damage(damage) => eprintln!("{damage}"),
+///         _ => {}
+///     }
+/// }
+/// assert!(player.stats().is_clean());
+/// # Ok(())
+/// # }
+/// ```
+#[derive(Debug)]
+pub struct Player<'a> {
+    reader: Reader<'a>,
+    limits: Limits,
+    assembler: SceneAssembler,
+    scene: Option<Arc<SceneTable>>,
+    follower: Option<Follower>,
+    /// The last keyframe or update whose body said its number, applied or not.
+    last: Option<(Group, Sequence, FrameIndex)>,
+    /// Whether something was damaged since.
+    damaged: bool,
+    stats: PlayerStats,
+}
+
+impl<'a> Player<'a> {
+    /// A player at the start of a whole file.
+    ///
+    /// # Errors
+    /// [`ReaderError`] when the bytes are not a recording that this version reads.
+    pub fn new(bytes: &'a [u8], limits: Limits) -> Result<Self, ReaderError> {
+        Ok(Self {
+            reader: Reader::with_limits(bytes, limits)?,
+            limits,
+            assembler: SceneAssembler::default(),
+            scene: None,
+            follower: None,
+            last: None,
+            damaged: false,
+            stats: PlayerStats::default(),
+        })
+    }
+
+    /// Goes on to whatever comes next; `None` at the end of the file.
+    pub fn next_event(&mut self) -> Option<PlayerEvent> {
+        loop {
+            let event = match self.reader.next()? {
+                Ok(record) => self.record(&record),
+                Err(damage) => {
+                    self.damaged = true;
+                    self.stats.damages += 1;
+                    self.stats.damaged_bytes += damage.lost_bytes;
+                    Some(PlayerEvent::Damage(damage))
+                }
+            };
+            if event.is_some() {
+                return event;
+            }
+        }
+    }
+
+    /// Goes to a keyframe of an index; the next frame applied is that one. The scene must have been played before, or
+    /// the keyframe will be [`Unusable::NoScene`].
+    pub fn seek(&mut self, keyframe: &IndexEntry) {
+        self.reader.seek(keyframe.offset);
+        self.last = None;
+        self.damaged = false;
+        if let Some(follower) = &mut self.follower {
+            follower.lose_place();
+        }
+    }
+
+    /// The state after the last frame applied; `None` before the scene.
+    #[must_use]
+    pub fn state(&self) -> Option<&State> {
+        self.follower.as_ref().map(Follower::state)
+    }
+
+    /// The scene table, once it was played.
+    #[must_use]
+    pub const fn scene(&self) -> Option<&Arc<SceneTable>> {
+        self.scene.as_ref()
+    }
+
+    /// Counts so far.
+    #[must_use]
+    pub const fn stats(&self) -> PlayerStats {
+        self.stats
+    }
+
+    fn record(&mut self, record: &Record<'_>) -> Option<PlayerEvent> {
+        let payload = record.frame.payload();
+        let event = match record.frame.header.kind {
+            FrameType::SCENE => self.scene_message(payload).transpose()?,
+            FrameType::KEYFRAME | FrameType::UPDATE => return Some(self.state_frame(record)),
+            FrameType::REPORT => Report::from_payload(payload).map(PlayerEvent::Report).map_err(Into::into),
+            FrameType::CLOSE => Close::from_payload(payload).map(PlayerEvent::Closed).map_err(Into::into),
+            // Handshakes, an index, and types of later versions: nothing to play.
+            _ => return None,
+        };
+        Some(event.unwrap_or_else(|error| {
+            self.stats.bad_messages += 1;
+            PlayerEvent::BadMessage { offset: record.offset(), error }
+        }))
+    }
+
+    fn scene_message(&mut self, payload: &[u8]) -> Result<Option<PlayerEvent>, PlayerError> {
+        let scene = Scene::from_payload(payload)?;
+        let Some(table) = self.assembler.push_or_restart(scene, &self.limits)? else { return Ok(None) };
+        let table = Arc::new(table);
+        self.follower = Some(Follower::new(table.layout().clone()));
+        self.scene = Some(table.clone());
+        Ok(Some(PlayerEvent::Scene(table)))
+    }
+
+    fn state_frame(&mut self, record: &Record<'_>) -> PlayerEvent {
+        let (header, body) = (record.frame.header, record.frame.payload());
+        let number = inspect(body, &self.limits.codec).ok().map(|info| info.frame);
+        if let Some(frame) = number {
+            self.count_lost(header, frame);
+        }
+        let result = match &mut self.follower {
+            Some(follower) => follower.follow(header, body, &self.limits),
+            None => Err(Unusable::NoScene),
+        };
+        let offset = record.offset();
+        match result {
+            Ok(info) => {
+                self.stats.applied += 1;
+                PlayerEvent::Frame(PlayedFrame {
+                    info,
+                    header,
+                    arrival: record.arrival,
+                    offset,
+                    wire_bytes: record.wire_bytes(),
+                    record_bytes: record.record_bytes(),
+                })
+            }
+            Err(reason) => {
+                self.stats.unusable += 1;
+                PlayerEvent::Unusable { offset, header, frame: number, reason }
+            }
+        }
+    }
+
+    /// Counts the frames missing before this one, where the numbering or damage says that some are. A stream may skip
+    /// frame numbers by itself, as for a client that fell behind; those are not lost.
+    fn count_lost(&mut self, header: FrameHeader, frame: FrameIndex) {
+        let FrameHeader { group, sequence, .. } = header;
+        if let Some((last_group, last_sequence, last_frame)) = self.last {
+            let follows = if header.kind == FrameType::KEYFRAME {
+                sequence == Sequence(0)
+            } else {
+                (group, sequence) == (last_group, last_sequence.next())
+            };
+            if self.damaged || !follows {
+                self.stats.lost += u64::from(frame.0.saturating_sub(last_frame.0).saturating_sub(1));
+            }
+        } else if self.damaged {
+            // How many groups came before is unknown; in this one, its place tells.
+            self.stats.lost += u64::from(sequence.0);
+        }
+        self.last = Some((group, sequence, frame));
+        self.damaged = false;
+    }
+}

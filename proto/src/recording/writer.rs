@@ -1,0 +1,152 @@
+//! Writing a recording: which bytes to append.
+
+use super::index::{IndexEntry, write_index};
+use super::{file_header, footer};
+use crate::framer::{Split, split_frame};
+use crate::{FrameFault, FrameType, Group, HEADER_BYTES, Limits, Micros, Sequence, write_frame};
+
+/// Why nothing was appended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum WriterError {
+    /// The bytes are not exactly one whole frame.
+    #[error("not one whole frame: {0}")]
+    NotAFrame(FrameFault),
+    /// The bytes end inside a frame, or go on after it.
+    #[error("not one whole frame: {given} bytes given, the frame has {frame}")]
+    Length {
+        /// Bytes given.
+        given: usize,
+        /// Bytes of the frame, as far as its start tells.
+        frame: usize,
+    },
+    /// An earlier write failed, so that what the file ends with is unknown.
+    #[error(
+        "an earlier write to this recording failed; what was written before it can still be read. Start a new file"
+    )]
+    Poisoned,
+    /// [`Writer::finish`] was called before.
+    #[error("this recording was finished already")]
+    Finished,
+}
+
+/// Says which bytes to append to a recording. Does no I/O: the caller appends, and reports a failure with
+/// [`fail`](Self::fail).
+///
+/// ```
+/// use psao_proto::recording::{Reader, Writer};
+/// use psao_proto::{FrameType, Group, Limits, Micros, Sequence, write_frame};
+///
+/// let mut frame = Vec::new();
+/// write_frame(&mut frame, FrameType::CLOSE, Group(0), Sequence(0), &[0; 10])?;
+///
+/// let mut file = Vec::new(); // or a std::fs::File and write_all
+/// let (mut writer, head) = Writer::new(Limits::default());
+/// file.extend_from_slice(&head);
+/// file.extend_from_slice(&writer.append(Micros(1_000), &frame)?);
+/// file.extend_from_slice(&writer.finish()?); // optional: the index
+///
+/// let records: Vec<_> = Reader::new(&file)?.collect::<Result<_, _>>()?;
+/// assert_eq!(records[0].frame.bytes, frame);
+/// assert_eq!(records[0].arrival, Micros(1_000));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug)]
+pub struct Writer {
+    limits: Limits,
+    /// Bytes of the file so far.
+    length: u64,
+    index: Vec<IndexEntry>,
+    last_arrival: Micros,
+    state: Status,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Status {
+    Open,
+    Failed,
+    Finished,
+}
+
+impl Writer {
+    /// A writer, and the file header to write first.
+    #[must_use]
+    pub fn new(limits: Limits) -> (Self, Vec<u8>) {
+        let head = file_header().to_vec();
+        let length = head.len() as u64;
+        let writer =
+            Self { limits, length, index: Vec::new(), last_arrival: Micros::default(), state: Status::Open };
+        (writer, head)
+    }
+
+    /// The record of one frame, given as it was on the wire, to append to the file. `arrival` is the time since the
+    /// start of the recording.
+    ///
+    /// # Errors
+    /// [`WriterError`]; the recording is then as if this was never called.
+    pub fn append(&mut self, arrival: Micros, frame: &[u8]) -> Result<Vec<u8>, WriterError> {
+        self.check_open()?;
+        let given = frame.len();
+        let header = match split_frame(frame, &self.limits).map_err(WriterError::NotAFrame)? {
+            Split::Whole(header, bytes) if bytes.len() == given => header,
+            Split::Whole(_, bytes) => return Err(WriterError::Length { given, frame: bytes.len() }),
+            Split::Partial(bytes) => return Err(WriterError::Length { given, frame: bytes }),
+        };
+        // A body that cannot be read is recorded all the same, as it came; an index has no use for it.
+        self.index.extend(IndexEntry::of(self.length, header, &frame[HEADER_BYTES..], &self.limits));
+        Ok(self.record(arrival, frame))
+    }
+
+    /// The index and the footer. A recording without them is as good; a reader then scans it once.
+    ///
+    /// # Errors
+    /// [`WriterError::Poisoned`] and [`WriterError::Finished`].
+    pub fn finish(&mut self) -> Result<Vec<u8>, WriterError> {
+        self.check_open()?;
+        let offset = self.length;
+        let mut frame = Vec::new();
+        let payload = write_index(&self.index);
+        write_frame(&mut frame, FrameType::INDEX, Group(0), Sequence(0), &payload)
+            .map_err(WriterError::NotAFrame)?;
+        let mut out = self.record(self.last_arrival, &frame);
+        out.extend_from_slice(&footer(offset));
+        self.state = Status::Finished;
+        Ok(out)
+    }
+
+    /// Tells the writer that bytes it gave could not be written. Everything after this is refused: it would follow a
+    /// record cut in the middle.
+    pub fn fail(&mut self) {
+        self.state = Status::Failed;
+    }
+
+    /// Whether [`fail`](Self::fail) was called.
+    #[must_use]
+    pub fn is_poisoned(&self) -> bool {
+        self.state == Status::Failed
+    }
+
+    /// Bytes of the file so far.
+    #[must_use]
+    pub const fn file_bytes(&self) -> u64 {
+        self.length
+    }
+
+    fn check_open(&self) -> Result<(), WriterError> {
+        match self.state {
+            Status::Open => Ok(()),
+            Status::Failed => Err(WriterError::Poisoned),
+            Status::Finished => Err(WriterError::Finished),
+        }
+    }
+
+    fn record(&mut self, arrival: Micros, frame: &[u8]) -> Vec<u8> {
+        let mut out = Vec::with_capacity(super::RECORD_HEAD_BYTES + frame.len());
+        let time = arrival.0.to_le_bytes();
+        out.extend_from_slice(&time);
+        out.extend_from_slice(&crc32c::crc32c(&time).to_le_bytes());
+        out.extend_from_slice(frame);
+        self.length += out.len() as u64;
+        self.last_arrival = arrival;
+        out
+    }
+}

@@ -1,0 +1,168 @@
+//! A tiny stream with real frames, for examples, tests and the corpora of the fuzz targets.
+//!
+//! Two instances of a few points each: one lies still while its AO changes, one rides on a moving pose. The same call
+//! gives the same bytes on any machine.
+
+use std::sync::Arc;
+
+use psao_codec::block::BlockCoder;
+use psao_codec::cells::{PaperEncoder, PointSample};
+use psao_codec::frame::{EncodedFrame, FrameKind, FrameMeta, Pose, State, keyframe};
+
+use crate::message::{
+    Close, CloseCode, InstanceEntry, Needs, Occlusion, Report, SceneInfo, StageId, StageTime, Text,
+};
+use crate::recording::Writer;
+use crate::{CoderId, FrameIndex, Limits, Micros, Numbering, Profile, SceneTable, StreamTime};
+
+/// Points of each instance.
+const POINTS: u32 = 12;
+/// Microseconds from frame to frame.
+const STEP: u64 = 16_667;
+
+/// Any error: in a sample, none is expected.
+pub type Error = Box<dyn std::error::Error + Send + Sync>;
+
+/// The sample's server: makes one frame after the other.
+#[derive(Debug)]
+pub struct SampleServer {
+    scene: Arc<SceneTable>,
+    encoder: PaperEncoder,
+    next: FrameIndex,
+}
+
+impl SampleServer {
+    /// A server before its first frame.
+    ///
+    /// # Errors
+    /// None is expected; see [`Error`].
+    pub fn new() -> Result<Self, Error> {
+        let scene = Arc::new(scene()?);
+        let encoder = PaperEncoder::new(scene.layout().clone(), &[POINTS; 2])?;
+        Ok(Self { scene, encoder, next: FrameIndex(0) })
+    }
+
+    /// The scene table.
+    #[must_use]
+    pub const fn scene(&self) -> &Arc<SceneTable> {
+        &self.scene
+    }
+
+    /// The next frame: the first is a keyframe, the others are updates.
+    ///
+    /// # Errors
+    /// None is expected; see [`Error`].
+    pub fn step(&mut self) -> Result<EncodedFrame, Error> {
+        let frame = self.next;
+        for point in 0..2 * POINTS {
+            if frame.0 == 0 || point % 5 == frame.0 % 5 {
+                self.encoder.put(point, &sample(point, frame.0))?;
+            }
+        }
+        let moved = frame.0 as f32 * 0.25;
+        self.encoder.set_pose(1, Pose { translation: [moved, 0.0, 0.0], ..Pose::IDENTITY })?;
+        self.encoder.retry_homeless();
+        let kind = if frame.0 == 0 { FrameKind::Key } else { FrameKind::Delta };
+        let meta = FrameMeta { kind, ..self.meta(frame) };
+        self.next = frame.next().ok_or("frame numbers are used up")?;
+        Ok(self.encoder.finish(meta, BlockCoder::default())?)
+    }
+
+    /// A keyframe of the state after the last step, for a client that joins late or fell behind.
+    ///
+    /// # Errors
+    /// None is expected after a step; see [`Error`].
+    pub fn keyframe(&self) -> Result<Vec<u8>, Error> {
+        let frame = self.encoder.state().frame().ok_or("no frame was made yet")?;
+        Ok(keyframe(self.encoder.state(), self.meta(frame), BlockCoder::default())?)
+    }
+
+    /// The state after the last step: what every client should hold.
+    #[must_use]
+    pub fn state(&self) -> &State {
+        self.encoder.state()
+    }
+
+    /// A report of a frame.
+    #[must_use]
+    pub fn report(&self, frame: FrameIndex) -> Report {
+        let stages = vec![StageTime { stage: StageId::TRACE, micros: 100 + frame.0 }];
+        Report { frame, rays: 64, visible: 2 * POINTS, stored: 2 * POINTS, stages, ..Report::default() }
+    }
+
+    fn meta(&self, frame: FrameIndex) -> FrameMeta {
+        let time = StreamTime(u64::from(frame.0) * STEP);
+        FrameMeta { kind: FrameKind::Key, frame, time, changed_points: 2 * POINTS / 5 }
+    }
+}
+
+/// A recording of `frames` frames with a keyframe every `group` frames and a report after each, closed and indexed.
+///
+/// # Errors
+/// None is expected; see [`Error`].
+pub fn recording(frames: u32, group: u32) -> Result<Vec<u8>, Error> {
+    let mut server = SampleServer::new()?;
+    let mut numbering = Numbering::default();
+    let (mut writer, mut file) = Writer::new(Limits::default());
+    for frame in numbering.scene(server.scene())? {
+        file.extend(writer.append(Micros(0), &frame)?);
+    }
+    for number in 0..frames {
+        let body = server.step()?.body;
+        let now = Micros(u64::from(number) * STEP);
+        let frame = match number % group.max(1) {
+            0 => numbering.keyframe(&server.keyframe()?)?,
+            _ => numbering.update(&body)?,
+        };
+        file.extend(writer.append(now, &frame)?);
+        let report = numbering.message(&server.report(FrameIndex(number)))?;
+        file.extend(writer.append(now, &report)?);
+    }
+    let end = Micros(u64::from(frames) * STEP);
+    file.extend(writer.append(end, &numbering.message(&Close::new(CloseCode::DONE, "end of the sample"))?)?);
+    file.extend(writer.finish()?);
+    Ok(file)
+}
+
+/// Point `point` of frame `frame`: on a grid, its normal up, its AO a function of both.
+fn sample(point: u32, frame: u32) -> PointSample {
+    let at = |step: u32| (point / step % 3) as f32 * 0.4 + 0.1;
+    let ao = (point * 20 + frame * 7) % 256;
+    PointSample { local: [at(1), at(3), at(9)], normal: [0.0, 1.0, 0.0], ao: ao as u8 }
+}
+
+fn scene() -> Result<SceneTable, Error> {
+    let info = SceneInfo {
+        name: Text::new("sample")?,
+        source: Text::new("sample")?,
+        digest: [7; 32],
+        profile: Profile::PAPER,
+        point_bits: 32,
+        coder: CoderId::ZSTD,
+        fps: 60.0,
+        frames_hint: 0,
+        radius_m: 0.6,
+        rays: 64,
+        occlusion: Occlusion::OBSCURANCE,
+        threshold: 8,
+        seed: 1,
+        points_per_m2: 12.0,
+        cell_capacity: 16,
+        instance_count: 2,
+        point_count: 2 * POINTS,
+        paper_table_slots: 4.0,
+        view_margin: 1.3,
+    };
+    let entry = |first_bucket, needs| InstanceEntry {
+        origin: [0.0; 3],
+        edge: 0.6,
+        dims: [2; 3],
+        first_bucket,
+        bucket_count: 2,
+        kernel_radius: 0.3,
+        points: POINTS,
+        needs,
+    };
+    let instances = vec![entry(0, Needs::default()), entry(2, Needs::RIGID_MOTION)];
+    Ok(SceneTable::new(info, instances, &Limits::default())?)
+}

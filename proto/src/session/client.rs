@@ -1,0 +1,428 @@
+//! The client's end.
+
+use std::sync::Arc;
+
+use psao_codec::frame::{FrameError, FrameInfo, State};
+
+use super::outbox::Outbox;
+use super::{Deadline, NEWEST_VERSION, OLDEST_VERSION, PEER_NAME, SendError, SessionError, farewell, read};
+use crate::follow::{Follower, Unusable};
+use crate::message::{
+    Accept, Ack, CameraPose, Close, CloseCode, CoderSet, Edit, Hello, KeyframeReason, Message, ProfileSet,
+    Reject, Report, Request, Scene, Text, View,
+};
+use crate::scene::SceneAssembler;
+use crate::{
+    CoderId, FrameHeader, FrameIndex, FrameType, Framer, Group, Limits, Micros, Profile, SceneTable,
+    Sequence, StateHash, WireFrame, write_frame,
+};
+
+/// Profiles that this crate's codec applies.
+const PROFILES: ProfileSet = ProfileSet(0).with(Profile::PAPER);
+/// Block coders that this crate's codec undoes.
+const CODERS: CoderSet = CoderSet(0).with(CoderId::STORED).with(CoderId::LZ4).with(CoderId::ZSTD);
+
+/// A frame that the client applied.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct AppliedFrame {
+    /// Header of its body: frame number, time, hash, sections.
+    pub info: FrameInfo,
+    /// Its group.
+    pub group: Group,
+    /// Its place in the group.
+    pub sequence: Sequence,
+    /// Bytes that it took on the wire, the wire header included.
+    pub wire_bytes: u64,
+}
+
+/// What happened at a client.
+#[derive(Clone, Debug, PartialEq)]
+pub enum ClientEvent {
+    /// The server takes this client; the scene follows.
+    Accepted(Accept),
+    /// The scene table is whole; a keyframe follows.
+    SceneReady(Arc<SceneTable>),
+    /// The state is that of a newer frame.
+    Applied(AppliedFrame),
+    /// The state after an update would not have been the server's. The update was not applied and a keyframe was asked
+    /// for.
+    HashMismatch {
+        /// The frame.
+        frame: FrameIndex,
+        /// The server's hash after it.
+        expected: StateHash,
+        /// The hash that the client would have had.
+        found: StateHash,
+    },
+    /// A keyframe or update could not be used for another reason. The state is as before; a keyframe was asked for.
+    Unusable {
+        /// Header of its wire frame.
+        header: FrameHeader,
+        /// Why.
+        reason: Unusable,
+    },
+    /// What a frame cost the server.
+    Report(Report),
+    /// The server ended the stream. Nothing follows.
+    Closed(Close),
+}
+
+/// Counts of a client session.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ClientStats {
+    /// Bytes that came in.
+    pub wire_bytes: u64,
+    /// Keyframes and updates applied.
+    pub applied: u64,
+    /// Keyframes and updates that were not.
+    pub unusable: u64,
+    /// Of those, how many because of a hash that differs.
+    pub hash_mismatches: u64,
+    /// Keyframes asked for.
+    pub requests: u64,
+    /// Frames of a type that this version does not know.
+    pub unknown: u64,
+}
+
+#[derive(Debug)]
+enum Phase {
+    /// HELLO is out.
+    Greeting,
+    /// ACCEPT came; the scene table is coming.
+    Loading(SceneAssembler),
+    /// The scene table is whole.
+    Running(Box<Follower>),
+    /// A CLOSE went or came. What was received stays.
+    Closed(Option<Box<Follower>>),
+}
+
+/// A client: from the first byte to a state that follows the server's.
+///
+/// Give it what comes from the server with [`handle`](Self::handle), send what [`take_output`](Self::take_output)
+/// gives, call [`tick`](Self::tick) now and then.
+#[derive(Debug)]
+pub struct ClientSession {
+    limits: Limits,
+    framer: Framer,
+    outbox: Outbox,
+    phase: Phase,
+    deadline: Deadline,
+    failed: Option<SessionError>,
+    /// A keyframe was asked for and did not come yet.
+    asked: bool,
+    stats: ClientStats,
+}
+
+impl ClientSession {
+    /// A client that has just connected. Its HELLO waits in the output.
+    #[must_use]
+    pub fn new(limits: Limits) -> Self {
+        Self::with_name(limits, PEER_NAME)
+    }
+
+    /// A client that calls itself `name` (cut to 64 bytes).
+    #[must_use]
+    pub fn with_name(limits: Limits, name: &str) -> Self {
+        let hello = Hello {
+            oldest: OLDEST_VERSION,
+            newest: NEWEST_VERSION,
+            profiles: PROFILES,
+            coders: CODERS,
+            limits: (&limits).into(),
+            name: Text::cut(name),
+        };
+        let mut session = Self {
+            limits,
+            framer: Framer::new(limits),
+            outbox: Outbox::default(),
+            phase: Phase::Greeting,
+            deadline: Deadline::default(),
+            failed: None,
+            asked: false,
+            stats: ClientStats::default(),
+        };
+        session.queue(&hello);
+        session
+    }
+
+    /// Takes bytes from the server, in any chunking, at the time `now`.
+    ///
+    /// # Errors
+    /// [`SessionError`] when the stream cannot go on; the same error comes again after that. Events before the error
+    /// are lost with it, the state is not.
+    pub fn handle(&mut self, bytes: &[u8], now: Micros) -> Result<Vec<ClientEvent>, SessionError> {
+        self.handle_with(bytes, now, &mut |_| {})
+    }
+
+    /// As [`handle`](Self::handle), and shows every whole frame to `tap` before it is used: a recorder at the client
+    /// writes these.
+    ///
+    /// # Errors
+    /// As [`handle`](Self::handle).
+    pub fn handle_with(
+        &mut self,
+        bytes: &[u8],
+        now: Micros,
+        tap: &mut dyn FnMut(&WireFrame<'_>),
+    ) -> Result<Vec<ClientEvent>, SessionError> {
+        self.tick(now)?;
+        self.stats.wire_bytes += bytes.len() as u64;
+        // The framer is lent out, since its frames are borrowed from it while the session uses them.
+        let mut framer = std::mem::replace(&mut self.framer, Framer::new(self.limits));
+        framer.push(bytes);
+        let mut events = Vec::new();
+        let result = loop {
+            match framer.next_frame() {
+                Ok(None) => break Ok(()),
+                Err(error) => break Err(error.into()),
+                Ok(Some(_)) if matches!(self.phase, Phase::Closed(_)) => {}
+                Ok(Some(frame)) => {
+                    tap(&frame);
+                    if let Err(error) = self.frame(&frame, &mut events) {
+                        break Err(error);
+                    }
+                }
+            }
+        };
+        self.framer = framer;
+        match result {
+            // What a peer sends behind its CLOSE is of no interest, broken or not.
+            Err(_) if matches!(self.phase, Phase::Closed(_)) => Ok(events),
+            Err(error) => Err(self.fail(error)),
+            Ok(()) => Ok(events),
+        }
+    }
+
+    /// Checks the handshake's deadline. The first call starts it.
+    ///
+    /// # Errors
+    /// [`SessionError::HandshakeTimeout`], or the error that ended the session before.
+    pub fn tick(&mut self, now: Micros) -> Result<(), SessionError> {
+        if let Some(error) = &self.failed {
+            return Err(error.clone());
+        }
+        match &self.phase {
+            Phase::Greeting | Phase::Loading(_) => {
+                self.deadline.check(now, &self.limits).map_err(|error| self.fail(error))
+            }
+            Phase::Running(_) | Phase::Closed(_) => Ok(()),
+        }
+    }
+
+    /// The next bytes to send to the server; empty when nothing waits.
+    #[must_use]
+    pub fn output(&self) -> &[u8] {
+        self.outbox.front()
+    }
+
+    /// Marks the first `count` bytes of [`output`](Self::output) as sent.
+    pub fn advance(&mut self, count: usize) {
+        self.outbox.advance(count);
+    }
+
+    /// All bytes that wait to be sent, marked as sent.
+    #[must_use]
+    pub fn take_output(&mut self) -> Vec<u8> {
+        self.outbox.take()
+    }
+
+    /// Tells the server where the client looks from.
+    ///
+    /// # Errors
+    /// [`SendError::Message`] for a camera that makes no picture, [`SendError::NotOpen`] before ACCEPT or after CLOSE.
+    pub fn set_view(&mut self, camera: &CameraPose) -> Result<(), SendError> {
+        self.send(&View { camera: *camera })
+    }
+
+    /// Asks the server to change the scene. A server may ignore it.
+    ///
+    /// # Errors
+    /// As [`set_view`](Self::set_view).
+    pub fn edit(&mut self, edit: &Edit) -> Result<(), SendError> {
+        self.send(edit)
+    }
+
+    /// Asks for a keyframe, unless one is on its way.
+    pub fn request_keyframe(&mut self, reason: KeyframeReason) {
+        if self.asked || self.send(&Request::Keyframe { reason }).is_err() {
+            return;
+        }
+        self.asked = true;
+        self.stats.requests += 1;
+    }
+
+    /// Ends the session. What was received stays.
+    pub fn close(&mut self, code: CloseCode, text: &str) {
+        if matches!(self.phase, Phase::Closed(_)) || self.failed.is_some() {
+            return;
+        }
+        self.queue(&Close::new(code, text));
+        self.enter_closed();
+    }
+
+    /// The state, once the scene is known. It is that of the last frame applied, also after an error or a close.
+    #[must_use]
+    pub fn state(&self) -> Option<&State> {
+        self.follower().map(Follower::state)
+    }
+
+    /// Whether the state is that of the newest frame that came, so nothing is being waited for.
+    #[must_use]
+    pub fn is_current(&self) -> bool {
+        self.follower().is_some_and(Follower::is_current)
+    }
+
+    /// Whether a CLOSE went or came.
+    #[must_use]
+    pub const fn is_closed(&self) -> bool {
+        matches!(self.phase, Phase::Closed(_))
+    }
+
+    /// Bytes that came in of a frame that is not whole yet.
+    #[must_use]
+    pub fn unfinished_bytes(&self) -> usize {
+        self.framer.pending()
+    }
+
+    /// Counts so far.
+    #[must_use]
+    pub const fn stats(&self) -> ClientStats {
+        self.stats
+    }
+
+    fn follower(&self) -> Option<&Follower> {
+        match &self.phase {
+            Phase::Running(follower) | Phase::Closed(Some(follower)) => Some(follower),
+            _ => None,
+        }
+    }
+
+    fn send<M: Message>(&mut self, message: &M) -> Result<(), SendError> {
+        if self.failed.is_some() || matches!(self.phase, Phase::Greeting | Phase::Closed(_)) {
+            return Err(SendError::NotOpen);
+        }
+        message.to_payload()?;
+        self.queue(message);
+        Ok(())
+    }
+
+    /// Queues a message that is known to be good. A client's frames are all in group 0, place 0.
+    fn queue<M: Message>(&mut self, message: &M) {
+        let mut out = Vec::new();
+        if let Ok(payload) = message.to_payload()
+            && write_frame(&mut out, M::KIND, Group(0), Sequence(0), &payload).is_ok()
+        {
+            self.outbox.push(out, false);
+        }
+    }
+
+    fn fail(&mut self, error: SessionError) -> SessionError {
+        if let Some(close) = farewell(&error) {
+            self.queue(&close);
+        }
+        self.failed = Some(error.clone());
+        self.enter_closed();
+        error
+    }
+
+    fn enter_closed(&mut self) {
+        self.phase = match std::mem::replace(&mut self.phase, Phase::Closed(None)) {
+            Phase::Running(follower) => Phase::Closed(Some(follower)),
+            Phase::Closed(follower) => Phase::Closed(follower),
+            Phase::Greeting | Phase::Loading(_) => Phase::Closed(None),
+        };
+    }
+
+    fn frame(&mut self, frame: &WireFrame<'_>, events: &mut Vec<ClientEvent>) -> Result<(), SessionError> {
+        let (kind, payload) = (frame.header.kind, frame.payload());
+        match (kind, &mut self.phase) {
+            (FrameType::ACCEPT, Phase::Greeting) => events.push(self.accept(read(payload)?)?),
+            (FrameType::REJECT, Phase::Greeting) => {
+                return Err(SessionError::Rejected(read::<Reject>(payload)?));
+            }
+            (FrameType::SCENE, Phase::Loading(assembler)) => {
+                let scene: Scene = read(payload)?;
+                if let Some(table) = assembler.push(scene, &self.limits)? {
+                    events.push(self.scene_ready(table)?);
+                }
+            }
+            (FrameType::KEYFRAME | FrameType::UPDATE, Phase::Running(_)) => self.state_frame(frame, events),
+            (FrameType::REPORT, Phase::Running(_)) => events.push(ClientEvent::Report(read(payload)?)),
+            (FrameType::CLOSE, _) => {
+                events.push(ClientEvent::Closed(read(payload)?));
+                self.enter_closed();
+            }
+            (kind, phase) if kind.name().is_some() => {
+                return Err(SessionError::Unexpected { kind, state: describe(phase) });
+            }
+            // The unknown-type rule: skip it.
+            _ => self.stats.unknown += 1,
+        }
+        Ok(())
+    }
+
+    fn accept(&mut self, accept: Accept) -> Result<ClientEvent, SessionError> {
+        let version = accept.version;
+        if !(OLDEST_VERSION..=NEWEST_VERSION).contains(&version) {
+            return Err(SessionError::Version { peer: "server", oldest: version, newest: version });
+        }
+        if !PROFILES.has(accept.profile) {
+            return Err(SessionError::NotOffered { what: "a profile" });
+        }
+        self.phase = Phase::Loading(SceneAssembler::default());
+        Ok(ClientEvent::Accepted(accept))
+    }
+
+    fn scene_ready(&mut self, table: SceneTable) -> Result<ClientEvent, SessionError> {
+        if !PROFILES.has(table.info().profile) {
+            return Err(SessionError::NotOffered { what: "a profile" });
+        }
+        if !CODERS.has(table.info().coder) {
+            return Err(SessionError::NotOffered { what: "a block coder" });
+        }
+        self.phase = Phase::Running(Box::new(Follower::new(table.layout().clone())));
+        Ok(ClientEvent::SceneReady(Arc::new(table)))
+    }
+
+    fn state_frame(&mut self, frame: &WireFrame<'_>, events: &mut Vec<ClientEvent>) {
+        let Phase::Running(follower) = &mut self.phase else { return };
+        let header = frame.header;
+        if header.kind == FrameType::KEYFRAME {
+            self.asked = false;
+        }
+        let reason = match follower.follow(header, frame.payload(), &self.limits) {
+            Ok(info) => {
+                self.stats.applied += 1;
+                self.queue(&Ack { frame: info.frame, hash: info.hash });
+                let (group, sequence, wire_bytes) = (header.group, header.sequence, header.wire_bytes());
+                events.push(ClientEvent::Applied(AppliedFrame { info, group, sequence, wire_bytes }));
+                return;
+            }
+            Err(reason) => reason,
+        };
+        self.stats.unusable += 1;
+        let why = match &reason {
+            Unusable::Gap { .. } | Unusable::Waiting | Unusable::NoScene => KeyframeReason::GAP,
+            Unusable::Body(FrameError::Hash { .. }) => KeyframeReason::HASH,
+            Unusable::Body(_) | Unusable::Kind { .. } => KeyframeReason::BODY,
+        };
+        self.request_keyframe(why);
+        if let Unusable::Body(FrameError::Hash { stored, computed, .. }) = reason {
+            self.stats.hash_mismatches += 1;
+            let frame = psao_codec::frame::inspect(frame.payload(), &self.limits.codec)
+                .map_or_else(|_| FrameIndex::default(), |info| info.frame);
+            events.push(ClientEvent::HashMismatch { frame, expected: stored, found: computed });
+        } else {
+            events.push(ClientEvent::Unusable { header, reason });
+        }
+    }
+}
+
+const fn describe(phase: &Phase) -> &'static str {
+    match phase {
+        Phase::Greeting => "waiting for the server to accept",
+        Phase::Loading(_) => "waiting for the scene",
+        Phase::Running(_) => "following the stream",
+        Phase::Closed(_) => "closed",
+    }
+}

@@ -1,0 +1,75 @@
+//! Units and ids: each its own type, so that groups, sequences, bytes and microseconds never mix.
+
+/// A time or a length of time in microseconds.
+///
+/// This crate reads no clock. A session and a recording are given the time as "microseconds since something the
+/// caller chose" (the start of the process, of the recording, of a simulation); only differences matter.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Micros(pub u64);
+
+impl Micros {
+    /// `seconds` as microseconds, saturating.
+    #[must_use]
+    pub const fn from_secs(seconds: u64) -> Self {
+        Self(seconds.saturating_mul(1_000_000))
+    }
+
+    /// This time plus `later`, saturating.
+    #[must_use]
+    pub const fn plus(self, later: Self) -> Self {
+        Self(self.0.saturating_add(later.0))
+    }
+
+    /// The time since `earlier`; zero when `earlier` is later.
+    #[must_use]
+    pub const fn since(self, earlier: Self) -> Self {
+        Self(self.0.saturating_sub(earlier.0))
+    }
+
+    /// As seconds, for people.
+    #[must_use]
+    pub fn as_secs_f64(self) -> f64 {
+        self.0 as f64 / 1e6
+    }
+}
+
+/// Number of a group: one keyframe and the updates that build on it.
+///
+/// `Group(0)` is "before the first keyframe"; the first keyframe of a connection or a recording opens `Group(1)` and
+/// each later keyframe the next one. Wraps after 2^32 - 1 to 0.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Group(pub u32);
+
+impl Group {
+    /// The group after this one.
+    #[must_use]
+    pub const fn next(self) -> Self {
+        Self(self.0.wrapping_add(1))
+    }
+}
+
+/// Place of a frame in its group: the keyframe is 0, its updates count 1, 2, ...
+///
+/// Every other frame repeats the place of the keyframe or update before it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Sequence(pub u32);
+
+impl Sequence {
+    /// The place after this one.
+    #[must_use]
+    pub const fn next(self) -> Self {
+        Self(self.0.wrapping_add(1))
+    }
+}
+
+impl std::fmt::Display for Group {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        self.0.fmt(f)
+    }
+}
+
+impl std::fmt::Display for Sequence {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        self.0.fmt(f)
+    }
+}

@@ -1,0 +1,379 @@
+//! From a model to a scene: instances are classified by how they move, and meshes brought to metric rest.
+
+use std::sync::Arc;
+
+use glam::{DAffine3, DMat3, DVec3};
+
+use crate::scene::deform::{self, narrow};
+use crate::scene::error::SceneError;
+use crate::scene::ids::{MeshId, RestId};
+use crate::scene::instance::{Deform, Instance, InstancePose, Motion, Shape};
+use crate::scene::limits;
+use crate::scene::mesh::{Geometry, Mesh, RestMesh, area};
+use crate::scene::model::{Model, Placement, Skin};
+use crate::scene::needs::Needs;
+use crate::scene::pose::{frame_of, has_area, place};
+use crate::scene::report::SceneReport;
+use crate::scene::rig::Rig;
+use crate::scene::rigid::{RigidFrame, nearly_equal, rotation_of, snapped};
+
+/// Times at which a clip is looked at to tell how an instance moves.
+const SAMPLES: u32 = 97;
+/// Relative difference up to which two stretches count as one.
+const SAME: f64 = 1e-5;
+
+/// The instances of a model with everything that their poses need.
+#[derive(Debug)]
+pub(crate) struct Assembly {
+    pub(crate) rig: Rig,
+    pub(crate) instances: Vec<Instance>,
+    pub(crate) rests: Vec<RestMesh>,
+    pub(crate) report: SceneReport,
+}
+
+/// Classifies and places everything of a model.
+pub(crate) fn assemble(model: &Model, duration_s: f64, origin: &str) -> Result<Assembly, SceneError> {
+    let too_many = |what, count, limit| SceneError::TooMany { origin: origin.to_owned(), what, count, limit };
+    if model.placements.len() > limits::MAX_INSTANCES {
+        return Err(too_many("instances", model.placements.len(), limits::MAX_INSTANCES));
+    }
+    if model.nodes.len() > limits::MAX_NODES {
+        return Err(too_many("nodes", model.nodes.len(), limits::MAX_NODES));
+    }
+    let triangles: usize = model.placements.iter().map(|p| model.meshes[p.mesh].triangles.len()).sum();
+    if triangles > limits::MAX_TRIANGLES {
+        return Err(too_many("triangles", triangles, limits::MAX_TRIANGLES));
+    }
+    let mut report = model.report;
+    let rig = Rig::new(model, &mut report);
+    let times = (0..SAMPLES).map(|i| duration_s * f64::from(i) / f64::from(SAMPLES - 1));
+    let samples: Vec<Vec<DAffine3>> = times
+        .map(|time_s| {
+            let mut worlds = Vec::new();
+            rig.evaluate(time_s, &mut worlds);
+            worlds
+        })
+        .collect();
+    let mut builder = Builder { model, rig, samples, instances: Vec::new(), rests: Vec::new(), report };
+    for placement in &model.placements {
+        builder.add(placement, origin)?;
+    }
+    let Builder { rig, instances, rests, report, .. } = builder;
+    if instances.is_empty() {
+        return Err(SceneError::NoTriangles { origin: origin.to_owned() });
+    }
+    Ok(Assembly { rig, instances, rests, report })
+}
+
+struct Builder<'a> {
+    model: &'a Model,
+    rig: Rig,
+    samples: Vec<Vec<DAffine3>>,
+    instances: Vec<Instance>,
+    rests: Vec<RestMesh>,
+    report: SceneReport,
+}
+
+impl Builder<'_> {
+    fn add(&mut self, placement: &Placement, origin: &str) -> Result<(), SceneError> {
+        let mesh = &self.model.meshes[placement.mesh];
+        let mut instance = Instance {
+            name: placement.name.clone(),
+            mesh: MeshId::at(placement.mesh),
+            rest: RestId(0),
+            motion: Motion::Static,
+            needs: self.material_needs(mesh),
+            shape: Shape::Rest,
+            carrier: None,
+            node: self.rig.place(placement.node),
+            weights: placement.weights.clone(),
+            fixed: None,
+        };
+        let skin = placement.skin.filter(|_| mesh.skin.is_some());
+        let rest = match skin {
+            Some(skin) => self.classify_skinned(&mut instance, mesh, &self.model.skins[skin]),
+            None => self.classify(&mut instance, mesh),
+        };
+        let Some(rest) = rest else {
+            self.report.collapsed_instances += 1;
+            return Ok(());
+        };
+        let far = rest
+            .geometry
+            .positions
+            .iter()
+            .any(|p| !p.is_finite() || f64::from(p.length()) > limits::MAX_MAGNITUDE);
+        if far || self.strays(&instance) {
+            return Err(SceneError::TooFar {
+                origin: origin.to_owned(),
+                instance: instance.name,
+                limit_m: limits::MAX_MAGNITUDE,
+            });
+        }
+        instance.rest = self.share(rest);
+        self.instances.push(instance);
+        Ok(())
+    }
+
+    /// Whether the frame or a joint leaves the range of numbers at any sampled time.
+    fn strays(&self, instance: &Instance) -> bool {
+        let near = |v: f32| f64::from(v.abs()) <= limits::MAX_MAGNITUDE;
+        self.samples.iter().any(|worlds| {
+            let mut pose = InstancePose { frame: RigidFrame::IDENTITY, deform: Deform::Rest, visible: true };
+            place(&self.rig, instance, 0.0, worlds, &mut pose);
+            let joints = match &pose.deform {
+                Deform::Skin { joints, .. } => joints.as_slice(),
+                _ => &[],
+            };
+            !(pose.frame.translation.to_array().into_iter().all(near)
+                && joints.iter().all(|joint| joint.0.into_iter().all(near)))
+        })
+    }
+
+    fn material_needs(&self, mesh: &Mesh) -> Needs {
+        let material = &self.model.materials[mesh.material.index()];
+        let mut needs = Needs::NONE;
+        if material.mask().is_some() && mesh.uvs.is_some() {
+            needs |= Needs::MASKED;
+        }
+        if material.double_sided() {
+            needs |= Needs::DOUBLE_SIDED;
+        }
+        if mesh.normal_uvs.is_some() {
+            needs |= Needs::NORMAL_MAP;
+        }
+        needs
+    }
+
+    /// An instance without joints. Gives its rest; `None` where it never has an area.
+    fn classify(&self, instance: &mut Instance, mesh: &Mesh) -> Option<RestMesh> {
+        let node = instance.node;
+        let varies = self.rig.varies(node);
+        let morphs = !mesh.morphs.is_empty() && self.rig.weights_vary(node);
+        instance.carrier = Some(node);
+        if !varies {
+            instance.fixed = Some(frame_of(&self.samples[0][node]));
+        }
+        let worlds =
+            || self.samples.iter().map(|worlds| &worlds[node]).take(if varies { usize::MAX } else { 1 });
+        let stretches: Vec<DMat3> = worlds()
+            .map(|world| {
+                rotation_of(world.matrix3).map_or(DMat3::ZERO, |turn| turn.transpose() * world.matrix3)
+            })
+            .collect();
+        let largest = stretches.iter().max_by(|a, b| area_scale(**a).total_cmp(&area_scale(**b)));
+        let stretch = snapped(*largest?);
+        if !has_area(stretch) {
+            return None;
+        }
+        let scales = stretches.iter().any(|s| !nearly_equal(*s, stretch, SAME * 10.0));
+        let mut weights = Vec::new();
+        if !mesh.morphs.is_empty() {
+            self.rig.weights(node, &instance.weights, 0.0, &mut weights);
+        }
+        if morphs {
+            instance.shape = Shape::Morph;
+            instance.motion = Motion::Deforming;
+            instance.needs |= Needs::MORPH;
+            weights.clone_from(&instance.weights);
+        } else if scales {
+            instance.shape = Shape::Affine;
+            instance.motion = Motion::Deforming;
+            // A scaled mesh that also holds a constant morph needs its weights at every time.
+            if !weights.is_empty() {
+                instance.shape = Shape::Morph;
+            }
+        } else if varies {
+            instance.motion = Motion::Rigid;
+        }
+        if scales {
+            instance.needs |= Needs::ANIMATED_SCALE;
+        }
+        if varies {
+            instance.needs |= Needs::RIGID_MOTION;
+        }
+        Some(self.rest_of(instance.mesh, stretch, &weights))
+    }
+
+    /// An instance with joints: what carries it is found first, then whether the joints move against that.
+    fn classify_skinned(&self, instance: &mut Instance, mesh: &Mesh, skin: &Skin) -> Option<RestMesh> {
+        let joints: Vec<usize> = skin.joints.iter().map(|&joint| self.rig.place(joint)).collect();
+        let root = self.common_root(&joints);
+        let stiff = |carrier: Option<usize>| joints.iter().all(|&j| !self.rig.varies_below(j, carrier));
+        let morphs = !mesh.morphs.is_empty() && self.rig.weights_vary(instance.node);
+        let baked = !morphs && stiff(root) && self.keeps_size(root);
+        instance.carrier = if baked { root } else { self.carrier(root, &joints) };
+        let start = |node: Option<usize>| node.map_or(DAffine3::IDENTITY, |node| self.samples[0][node]);
+        let moving = instance.carrier.is_some_and(|node| self.rig.varies(node));
+        let frame = frame_of(&start(instance.carrier));
+        if !moving {
+            instance.fixed = Some(frame);
+        } else {
+            instance.needs |= Needs::RIGID_MOTION;
+        }
+        let mut posed = InstancePose { frame, deform: Deform::Rest, visible: true };
+        instance.shape =
+            Shape::Skin { joints: joints.clone(), inverse_bind: skin.inverse_bind.clone(), mirrored: false };
+        let linears: Vec<DMat3> = joints
+            .iter()
+            .zip(&skin.inverse_bind)
+            .map(|(&joint, bind)| frame.inverse().matrix3 * (self.samples[0][joint] * *bind).matrix3)
+            .collect();
+        let mean = linears.iter().map(DMat3::determinant).sum::<f64>() / linears.len() as f64;
+        let mirrors = mean < 0.0;
+        if let Shape::Skin { mirrored, .. } = &mut instance.shape {
+            *mirrored = mirrors;
+        }
+        let scale =
+            linears.iter().map(|m| libm::cbrt(m.determinant().abs())).sum::<f64>() / linears.len() as f64;
+        if scale.is_nan() || scale < 1e-9 {
+            return None;
+        }
+        if baked {
+            place(&self.rig, instance, 0.0, &self.samples[0], &mut posed);
+            instance.motion = if moving { Motion::Rigid } else { Motion::Static };
+            let rest = self.baked_rest(instance, mesh, &posed);
+            instance.shape = Shape::Rest;
+            return Some(rest);
+        }
+        instance.motion = Motion::Deforming;
+        instance.needs |= Needs::SKIN;
+        if morphs {
+            instance.needs |= Needs::MORPH;
+        }
+        let signed = if mirrors { -scale } else { scale };
+        Some(self.rest_of(
+            instance.mesh,
+            snapped(DMat3::from_diagonal(DVec3::splat(signed))),
+            &instance.weights,
+        ))
+    }
+
+    /// The lowest node that all joints hang on, which may be a joint.
+    fn common_root(&self, joints: &[usize]) -> Option<usize> {
+        let path = |joint: usize| {
+            let mut path: Vec<usize> = std::iter::successors(Some(joint), |&n| self.rig.parent(n)).collect();
+            path.reverse();
+            path
+        };
+        let mut common = path(*joints.first()?);
+        for &joint in &joints[1..] {
+            let same = common.iter().zip(&path(joint)).take_while(|(a, b)| a == b).count();
+            common.truncate(same);
+        }
+        common.last().copied()
+    }
+
+    /// Whether a node only ever moves rigidly, whatever its constant scale.
+    fn keeps_size(&self, node: Option<usize>) -> bool {
+        let Some(node) = node else { return true };
+        let Some(turn) = rotation_of(self.samples[0][node].matrix3) else { return false };
+        let first = turn.transpose() * self.samples[0][node].matrix3;
+        !self.rig.varies(node)
+            || self.samples.iter().all(|worlds| {
+                rotation_of(worlds[node].matrix3).is_some_and(|turn| {
+                    nearly_equal(turn.transpose() * worlds[node].matrix3, first, SAME * 10.0)
+                })
+            })
+    }
+
+    /// The node whose rigid part is the frame of a skinned body: the parent of its root, or the root itself
+    /// where the body stays clearly nearer to that (it is the root that walks).
+    fn carrier(&self, root: Option<usize>, joints: &[usize]) -> Option<usize> {
+        let root = root?;
+        let parent = self.rig.parent(root);
+        let spread = |carrier: Option<usize>| {
+            let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+            for worlds in &self.samples {
+                let back = carrier.map_or(RigidFrame::IDENTITY, |node| frame_of(&worlds[node])).inverse();
+                for &joint in joints {
+                    let at = back.transform_point3(worlds[joint].translation);
+                    (low, high) = (low.min(at), high.max(at));
+                }
+            }
+            (high - low).length()
+        };
+        if spread(Some(root)) < 0.8 * spread(parent) { Some(root) } else { parent }
+    }
+
+    /// The mesh at default or constant weights under a constant stretch.
+    fn rest_of(&self, id: MeshId, stretch: DMat3, weights: &[f32]) -> RestMesh {
+        let mesh = &self.model.meshes[id.index()];
+        let mut geometry = Geometry::default();
+        deform::morph(mesh, if mesh.morphs.is_empty() { &[] } else { weights }, &mut geometry);
+        if mesh.morphs.is_empty() {
+            geometry.copy_from(&mesh.base);
+        }
+        let key = digest(weights.iter().map(|w| w.to_bits()));
+        let linear = narrow(stretch);
+        deform::stretch(linear, &mut geometry);
+        finish_rest(id, mesh, linear, stretch.determinant() < 0.0, geometry, key)
+    }
+
+    /// A skinned mesh whose joints never move against each other, as it stands.
+    fn baked_rest(&self, instance: &Instance, mesh: &Mesh, pose: &InstancePose) -> RestMesh {
+        let (joints, weights) = match &pose.deform {
+            Deform::Skin { joints, weights } => (joints.as_slice(), weights.as_slice()),
+            _ => (&[] as &[_], &[] as &[f32]),
+        };
+        let mirrored = matches!(instance.shape, Shape::Skin { mirrored: true, .. });
+        let mut geometry = Geometry::default();
+        geometry.copy_from(&mesh.base);
+        if !weights.is_empty() {
+            deform::morph(mesh, weights, &mut geometry);
+        }
+        if let Some(skin) = &mesh.skin {
+            deform::skin(joints, skin, mirrored, &mut geometry);
+        }
+        let bits = joints.iter().flat_map(|j| j.0).chain(weights.iter().copied()).map(f32::to_bits);
+        finish_rest(instance.mesh, mesh, glam::Mat3::IDENTITY, mirrored, geometry, digest(bits))
+    }
+
+    /// The rest's id: that of one which is there already, or a new one.
+    fn share(&mut self, rest: RestMesh) -> RestId {
+        let same = |other: &RestMesh| {
+            other.mesh == rest.mesh
+                && other.key == rest.key
+                && other.mirrored == rest.mirrored
+                && nearly_equal(deform::wide(other.stretch), deform::wide(rest.stretch), SAME)
+        };
+        let found = self.rests.iter().position(same);
+        RestId::at(found.unwrap_or_else(|| {
+            self.rests.push(rest);
+            self.rests.len() - 1
+        }))
+    }
+}
+
+/// How much a stretch enlarges areas, at most.
+fn area_scale(m: DMat3) -> f64 {
+    [m.x_axis.cross(m.y_axis), m.y_axis.cross(m.z_axis), m.z_axis.cross(m.x_axis)]
+        .iter()
+        .map(|a| a.length_squared())
+        .fold(0.0, f64::max)
+}
+
+fn digest(words: impl Iterator<Item = u32>) -> [u8; 32] {
+    let mut hasher = blake3::Hasher::new();
+    words.for_each(|word| {
+        hasher.update(&word.to_le_bytes());
+    });
+    *hasher.finalize().as_bytes()
+}
+
+fn finish_rest(
+    id: MeshId,
+    mesh: &Mesh,
+    stretch: glam::Mat3,
+    mirrored: bool,
+    geometry: Geometry,
+    key: [u8; 32],
+) -> RestMesh {
+    let triangles = if mirrored {
+        mesh.triangles.iter().map(|&[a, b, c]| [a, c, b]).collect()
+    } else {
+        Arc::clone(&mesh.triangles)
+    };
+    let area_m2 = area(&geometry.positions, &triangles);
+    RestMesh { mesh: id, stretch, mirrored, geometry, triangles, area_m2, key }
+}

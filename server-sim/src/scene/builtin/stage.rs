@@ -1,0 +1,123 @@
+//! What all built-in scenes use to fill a model: placing shapes, driving nodes, paths that close.
+
+use std::f64::consts::TAU;
+use std::sync::Arc;
+
+use glam::{DMat3, DQuat, DVec3, Vec3};
+
+use super::DURATION_S;
+use super::solid::Solid;
+use crate::scene::animation::{Curve, Interpolation, Property};
+use crate::scene::camera::{CameraKey, CameraPath};
+use crate::scene::material::Material;
+use crate::scene::model::{Channel, Clip, Local, Model};
+
+/// A model in the making.
+pub(super) struct Stage {
+    pub(super) model: Model,
+    /// An opaque, single-sided material.
+    pub(super) plain: usize,
+    /// An opaque, double-sided material.
+    pub(super) thin: usize,
+    clip: usize,
+}
+
+impl Stage {
+    pub(super) fn new() -> Self {
+        let mut model = Model::default();
+        let named = |name: &str, double_sided| Material {
+            name: name.to_owned(),
+            double_sided,
+            ..Material::default()
+        };
+        let (plain, thin) = (model.material(named("plain", false)), model.material(named("thin", true)));
+        model.clips.push(Clip { length_s: DURATION_S, speed: 1.0, phase_s: 0.0 });
+        Self { model, plain, thin, clip: 0 }
+    }
+
+    /// Makes a mesh of a shape.
+    pub(super) fn mesh(&mut self, name: &str, solid: Solid, material: usize) -> Option<usize> {
+        self.model.mesh(solid.raw(name), material)
+    }
+
+    /// A node.
+    pub(super) fn node(&mut self, parent: Option<usize>, x: f64, y: f64, z: f64) -> usize {
+        self.model.node(parent, Local::at(DVec3::new(x, y, z)))
+    }
+
+    /// A node that is turned as well.
+    pub(super) fn turned(&mut self, parent: Option<usize>, turned: DMat3, x: f64, y: f64, z: f64) -> usize {
+        self.model.node(parent, Local::rigid(DVec3::new(x, y, z), DQuat::from_mat3(&turned)))
+    }
+
+    /// Shows a mesh at a node.
+    pub(super) fn show(&mut self, name: &str, node: usize, mesh: Option<usize>) {
+        if let Some(mesh) = mesh {
+            self.model.place(name, node, mesh);
+        }
+    }
+
+    /// Adds a shape that never moves.
+    pub(super) fn still(&mut self, name: &str, solid: Solid, material: usize) {
+        let mesh = self.mesh(name, solid, material);
+        let node = self.node(None, 0.0, 0.0, 0.0);
+        self.show(name, node, mesh);
+    }
+
+    /// Turns a node over the clip: `keys` intervals of equal length. For a closed loop the ends agree.
+    pub(super) fn turns(&mut self, node: usize, keys: u32, rotation: impl Fn(f64) -> DQuat) {
+        let value = |time: f64| rotation(time).to_array().map(|v| v as f32).to_vec();
+        self.drive(node, Property::Rotation, 4, keys, value);
+    }
+
+    /// Moves a node over the clip.
+    pub(super) fn moves(&mut self, node: usize, keys: u32, place: impl Fn(f64) -> DVec3) {
+        self.drive(node, Property::Translation, 3, keys, |time| place(time).as_vec3().to_array().to_vec());
+    }
+
+    /// Drives the `width` morph weights of a node over the clip.
+    pub(super) fn morphs(&mut self, node: usize, width: usize, keys: u32, weights: impl Fn(f64) -> Vec<f32>) {
+        self.drive(node, Property::Weights, width, keys, weights);
+    }
+
+    fn drive(
+        &mut self,
+        node: usize,
+        property: Property,
+        width: usize,
+        keys: u32,
+        value: impl Fn(f64) -> Vec<f32>,
+    ) {
+        let time = |k: u32| DURATION_S * f64::from(k) / f64::from(keys);
+        let curve = Curve {
+            interpolation: Interpolation::Linear,
+            rotation: property == Property::Rotation,
+            width,
+            times: (0..=keys).map(|k| time(k) as f32).collect(),
+            values: (0..=keys).flat_map(|k| value(time(k))).collect(),
+        };
+        self.model.channels.push(Channel { node, property, clip: self.clip, curve: Arc::new(curve) });
+    }
+}
+
+/// A swing that closes with the clip: `cycles` whole cycles, `phase` in cycles, between -1 and 1.
+pub(super) fn swing(time_s: f64, cycles: f64, phase: f64) -> f64 {
+    libm::sin(TAU * (cycles * time_s / DURATION_S + phase))
+}
+
+/// A rotation by an angle (radians) about a unit axis.
+pub(super) fn about(axis: DVec3, angle: f64) -> DQuat {
+    let (s, c) = (libm::sin(angle / 2.0), libm::cos(angle / 2.0));
+    DQuat::from_xyzw(axis.x * s, axis.y * s, axis.z * s, c)
+}
+
+/// A camera path through (time, eye, target).
+pub(super) fn camera(fov_y_deg: f32, keys: &[(f64, [f32; 3], [f32; 3])]) -> CameraPath {
+    let key = |&(time_s, eye, target): &(f64, [f32; 3], [f32; 3])| CameraKey {
+        time_s,
+        eye: Vec3::from_array(eye),
+        target: Vec3::from_array(target),
+        up: Vec3::Y,
+    };
+    CameraPath::new(fov_y_deg, keys.iter().map(key).collect())
+}

@@ -1,0 +1,253 @@
+//! Scene files: TOML, version 1. A scene file places one or more glTF files and gives the camera's path.
+//! Unknown keys are errors, and every error names the file and the key.
+
+use std::fs;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use glam::{DQuat, DVec3, Vec3};
+use serde::Deserialize;
+
+use crate::scene::animation::unit_quaternion;
+use crate::scene::camera::{CameraKey, CameraPath};
+use crate::scene::error::SceneError;
+use crate::scene::gltf::{Part, Play};
+use crate::scene::limits;
+use crate::scene::model::{Local, Model};
+use crate::scene::{Header, Scene};
+
+/// Radius of occlusion where nothing else is said, metres: the paper's (section 4).
+pub(crate) const DEFAULT_RADIUS_M: f32 = 0.6;
+/// Length of a clip without animation, seconds.
+const STILL_DURATION_S: f64 = 10.0;
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SceneFile {
+    scene: SceneTable,
+    part: Vec<PartTable>,
+    camera: Option<CameraTable>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SceneTable {
+    name: String,
+    duration_s: f64,
+    ao_radius_m: Option<f64>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct PartTable {
+    file: String,
+    animation: Option<Animation>,
+    #[serde(default)]
+    translation: [f64; 3],
+    rotation: Option<[f64; 4]>,
+    scale: Option<Scale>,
+    speed: Option<f64>,
+    #[serde(default)]
+    phase_s: f64,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(untagged, expecting = "expected \"all\", \"none\", the name of an animation, or its index")]
+enum Animation {
+    Index(usize),
+    Name(String),
+}
+
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(untagged, expecting = "expected a number or [x, y, z]")]
+enum Scale {
+    Uniform(f64),
+    Axes([f64; 3]),
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct CameraTable {
+    fov_y_deg: f64,
+    key: Vec<KeyTable>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct KeyTable {
+    time_s: f64,
+    eye: [f64; 3],
+    target: [f64; 3],
+    #[serde(default = "straight_up")]
+    up: [f64; 3],
+}
+
+fn straight_up() -> [f64; 3] {
+    [0.0, 1.0, 0.0]
+}
+
+/// Says which key of a file is wrong, and how.
+struct Checker<'a> {
+    path: &'a Path,
+}
+
+impl Checker<'_> {
+    fn wrong(&self, key: &str, problem: impl Into<String>) -> SceneError {
+        SceneError::SceneValue { path: self.path.to_owned(), key: key.to_owned(), problem: problem.into() }
+    }
+
+    fn range(&self, key: &str, value: f64, low: f64, high: f64) -> Result<f64, SceneError> {
+        if value >= low && value <= high {
+            Ok(value)
+        } else {
+            Err(self.wrong(key, format!("{value} is not between {low} and {high}")))
+        }
+    }
+
+    fn vector(&self, key: &str, value: [f64; 3]) -> Result<DVec3, SceneError> {
+        for v in value {
+            self.range(key, v, -limits::MAX_MAGNITUDE, limits::MAX_MAGNITUDE)?;
+        }
+        Ok(DVec3::from_array(value))
+    }
+}
+
+/// Loads a scene file.
+pub(crate) fn load(path: &Path, source: &str) -> Result<Scene, SceneError> {
+    let bytes = read_file(path)?;
+    let message = |message: String| SceneError::SceneFile { path: path.to_owned(), message };
+    let text = std::str::from_utf8(&bytes).map_err(|error| message(format!("not UTF-8: {error}")))?;
+    let file: SceneFile = toml::from_str(text).map_err(|error| message(error.to_string()))?;
+    let check = Checker { path };
+    if file.part.is_empty() {
+        return Err(check.wrong("part", "at least one is needed"));
+    }
+    if file.part.len() > limits::MAX_PARTS {
+        return Err(
+            check.wrong("part", format!("{} parts, at most {} are read", file.part.len(), limits::MAX_PARTS))
+        );
+    }
+    let mut hasher = blake3::Hasher::new();
+    hash_file(&mut hasher, &bytes);
+    let mut model = Model::default();
+    for (i, table) in file.part.iter().enumerate() {
+        let part = part_of(&check, table, i)?;
+        crate::scene::gltf::load(&part, &mut model, &mut hasher)?;
+    }
+    let radius = file.scene.ao_radius_m.unwrap_or(f64::from(DEFAULT_RADIUS_M));
+    let header = Header {
+        name: file.scene.name,
+        source: source.to_owned(),
+        digest: *hasher.finalize().as_bytes(),
+        duration_s: check.range("scene.duration_s", file.scene.duration_s, 1e-3, 1e6)?,
+        ao_radius_m: check.range("scene.ao_radius_m", radius, 1e-4, 1e6)? as f32,
+        camera: file.camera.map(|table| camera_of(&check, &table)).transpose()?,
+    };
+    Scene::assemble(model, header)
+}
+
+/// Loads one glTF file as a scene of its own.
+pub(crate) fn load_model(path: &Path, source: &str) -> Result<Scene, SceneError> {
+    let mut hasher = blake3::Hasher::new();
+    let mut model = Model::default();
+    let part =
+        Part { path: path.to_owned(), play: Play::All, root: Local::IDENTITY, speed: 1.0, phase_s: 0.0 };
+    crate::scene::gltf::load(&part, &mut model, &mut hasher)?;
+    let longest = model.clips.iter().map(|clip| clip.length_s).fold(0.0, f64::max);
+    let name = path.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
+    let header = Header {
+        name,
+        source: source.to_owned(),
+        digest: *hasher.finalize().as_bytes(),
+        duration_s: if longest > 0.0 { longest } else { STILL_DURATION_S },
+        ao_radius_m: DEFAULT_RADIUS_M,
+        camera: None,
+    };
+    Scene::assemble(model, header)
+}
+
+fn part_of(check: &Checker<'_>, table: &PartTable, index: usize) -> Result<Part, SceneError> {
+    let key = |name: &str| format!("part[{index}].{name}");
+    let scale = match table.scale {
+        None => [1.0; 3],
+        Some(Scale::Uniform(s)) => [s; 3],
+        Some(Scale::Axes(axes)) => axes,
+    };
+    let scale = check.vector(&key("scale"), scale)?;
+    if scale.min_element() == 0.0 && scale.max_element() == 0.0 {
+        return Err(check.wrong(&key("scale"), "it leaves nothing of the part"));
+    }
+    let rotation = DQuat::from_array(table.rotation.unwrap_or([0.0, 0.0, 0.0, 1.0]));
+    let length = rotation.length();
+    if !(0.5..2.0).contains(&length) {
+        return Err(check
+            .wrong(&key("rotation"), format!("a unit quaternion is needed, this one has length {length}")));
+    }
+    Ok(Part {
+        path: check
+            .path
+            .parent()
+            .map_or_else(|| PathBuf::from(&table.file), |folder| folder.join(&table.file)),
+        play: match &table.animation {
+            None => Play::All,
+            Some(Animation::Index(index)) => Play::Index(*index),
+            Some(Animation::Name(name)) if name == "all" => Play::All,
+            Some(Animation::Name(name)) if name == "none" => Play::None,
+            Some(Animation::Name(name)) => Play::Name(name.clone()),
+        },
+        root: Local::Trs {
+            translation: check.vector(&key("translation"), table.translation)?,
+            rotation: unit_quaternion(rotation),
+            scale,
+        },
+        speed: check.range(&key("speed"), table.speed.unwrap_or(1.0), -1e3, 1e3)?,
+        phase_s: check.range(&key("phase_s"), table.phase_s, -1e6, 1e6)?,
+    })
+}
+
+fn camera_of(check: &Checker<'_>, table: &CameraTable) -> Result<CameraPath, SceneError> {
+    if table.key.is_empty() {
+        return Err(check.wrong("camera.key", "at least one is needed"));
+    }
+    let mut keys: Vec<CameraKey> = Vec::new();
+    for (i, key) in table.key.iter().enumerate() {
+        let name = |field: &str| format!("camera.key[{i}].{field}");
+        let vector = |field: &str, value| check.vector(&name(field), value).map(|v: DVec3| v.as_vec3());
+        let (eye, target) = (vector("eye", key.eye)?, vector("target", key.target)?);
+        let up = vector("up", key.up)?;
+        let time_s = check.range(&name("time_s"), key.time_s, -1e6, 1e6)?;
+        if keys.last().is_some_and(|last| last.time_s >= time_s) {
+            return Err(check.wrong(&name("time_s"), "it is not later than the key before it"));
+        }
+        if (target - eye).cross(up) == Vec3::ZERO {
+            return Err(check.wrong(&name("up"), "eye, target and up are on one line: which way is up?"));
+        }
+        keys.push(CameraKey { time_s, eye, target, up });
+    }
+    Ok(CameraPath::new(check.range("camera.fov_y_deg", table.fov_y_deg, 1.0, 170.0)? as f32, keys))
+}
+
+/// Reads a whole file, within the size limit.
+pub(crate) fn read_file(path: &Path) -> Result<Vec<u8>, SceneError> {
+    let io = |source| SceneError::Io { path: path.to_owned(), source };
+    let file = fs::File::open(path).map_err(io)?;
+    let bytes = file.metadata().map_err(io)?.len();
+    let too_large =
+        |bytes| SceneError::FileTooLarge { path: path.to_owned(), bytes, limit: limits::MAX_FILE_BYTES };
+    if bytes > limits::MAX_FILE_BYTES {
+        return Err(too_large(bytes));
+    }
+    let mut data = Vec::new();
+    // A device or a pipe has no size beforehand: read at most one byte more than is allowed.
+    file.take(limits::MAX_FILE_BYTES + 1).read_to_end(&mut data).map_err(io)?;
+    if data.len() as u64 > limits::MAX_FILE_BYTES {
+        return Err(too_large(data.len() as u64));
+    }
+    Ok(data)
+}
+
+/// Adds a file to a scene's digest, with its length, so that no two lists of files run together.
+pub(crate) fn hash_file(hasher: &mut blake3::Hasher, bytes: &[u8]) {
+    hasher.update(&(bytes.len() as u64).to_le_bytes());
+    hasher.update(bytes);
+}

@@ -1,0 +1,190 @@
+//! What the readers and the built-in scenes hand over: nodes, primitives, skins and animation curves of any
+//! number of parts, not yet turned into instances.
+
+use std::sync::Arc;
+
+use glam::{DAffine3, DMat3, DQuat, DVec3, Vec2, Vec3, Vec4};
+
+use crate::scene::animation::{Curve, Property};
+use crate::scene::ids::MaterialId;
+use crate::scene::material::Material;
+use crate::scene::mesh::Mesh;
+use crate::scene::prepare::RawMesh;
+use crate::scene::report::SceneReport;
+
+/// A node's own transform.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Local {
+    /// Scale, then rotation, then translation: can be animated.
+    Trs { translation: DVec3, rotation: DQuat, scale: DVec3 },
+    /// Fixed, and free to shear.
+    Matrix(DAffine3),
+}
+
+impl Local {
+    /// No transform.
+    pub(crate) const IDENTITY: Self =
+        Self::Trs { translation: DVec3::ZERO, rotation: DQuat::IDENTITY, scale: DVec3::ONE };
+
+    /// Moved, nothing else.
+    pub(crate) fn at(translation: DVec3) -> Self {
+        Self::Trs { translation, rotation: DQuat::IDENTITY, scale: DVec3::ONE }
+    }
+
+    /// Turned and moved.
+    pub(crate) fn rigid(translation: DVec3, rotation: DQuat) -> Self {
+        Self::Trs { translation, rotation, scale: DVec3::ONE }
+    }
+
+    /// The transform as a matrix.
+    pub(crate) fn affine(&self) -> DAffine3 {
+        match *self {
+            Self::Trs { translation, rotation, scale } => {
+                let turn = DMat3::from_quat(rotation);
+                let matrix3 =
+                    DMat3::from_cols(turn.x_axis * scale.x, turn.y_axis * scale.y, turn.z_axis * scale.z);
+                DAffine3 { matrix3, translation }
+            }
+            Self::Matrix(matrix) => matrix,
+        }
+    }
+}
+
+/// A node of the hierarchy. Parents form no cycle.
+#[derive(Debug, Clone)]
+pub(crate) struct Node {
+    pub(crate) parent: Option<usize>,
+    pub(crate) local: Local,
+}
+
+/// Joints of a skin and the transforms from mesh to joint space, one each.
+#[derive(Debug, Clone)]
+pub(crate) struct Skin {
+    pub(crate) joints: Vec<usize>,
+    pub(crate) inverse_bind: Vec<DAffine3>,
+}
+
+/// One primitive at one node.
+#[derive(Debug, Clone)]
+pub(crate) struct Placement {
+    pub(crate) name: String,
+    pub(crate) node: usize,
+    pub(crate) mesh: usize,
+    /// Index into the model's skins; the joints that the mesh names exist in it.
+    pub(crate) skin: Option<usize>,
+    /// One weight per morph target of the mesh.
+    pub(crate) weights: Vec<f32>,
+}
+
+/// How an animation runs: `time * speed + phase`, modulo its own length.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Clip {
+    pub(crate) length_s: f64,
+    pub(crate) speed: f64,
+    pub(crate) phase_s: f64,
+}
+
+impl Clip {
+    /// The clip's own time at a scene time.
+    pub(crate) fn local_time(&self, time_s: f64) -> f64 {
+        if self.length_s > 0.0 {
+            let local = (time_s * self.speed + self.phase_s).rem_euclid(self.length_s);
+            if local.is_finite() { local } else { 0.0 }
+        } else {
+            0.0
+        }
+    }
+}
+
+/// A curve that drives one property of one node.
+#[derive(Debug, Clone)]
+pub(crate) struct Channel {
+    pub(crate) node: usize,
+    pub(crate) property: Property,
+    pub(crate) clip: usize,
+    pub(crate) curve: Arc<Curve>,
+}
+
+/// A scene's raw material. Indices are in range.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Model {
+    pub(crate) nodes: Vec<Node>,
+    pub(crate) meshes: Vec<Mesh>,
+    pub(crate) materials: Vec<Material>,
+    pub(crate) skins: Vec<Skin>,
+    pub(crate) placements: Vec<Placement>,
+    pub(crate) clips: Vec<Clip>,
+    pub(crate) channels: Vec<Channel>,
+    pub(crate) report: SceneReport,
+    mesh_keys: std::collections::BTreeMap<[u8; 32], usize>,
+}
+
+impl Model {
+    /// Adds a node.
+    pub(crate) fn node(&mut self, parent: Option<usize>, local: Local) -> usize {
+        self.nodes.push(Node { parent, local });
+        self.nodes.len() - 1
+    }
+
+    /// Adds a material; one that is there already is used again.
+    pub(crate) fn material(&mut self, material: Material) -> usize {
+        self.materials.iter().position(|m| *m == material).unwrap_or_else(|| {
+            self.materials.push(material);
+            self.materials.len() - 1
+        })
+    }
+
+    /// Adds a mesh; one that is there already is used again. `None` where it has no surface.
+    pub(crate) fn mesh(&mut self, raw: RawMesh, material: usize) -> Option<usize> {
+        let id = MaterialId::at(material);
+        let mesh = raw.prepare(id, &self.materials[material], &mut self.report)?;
+        let next = self.meshes.len();
+        let index = *self.mesh_keys.entry(content_key(&mesh)).or_insert(next);
+        if index == next {
+            self.meshes.push(mesh);
+        }
+        Some(index)
+    }
+
+    /// Adds a primitive at a node.
+    pub(crate) fn place(&mut self, name: &str, node: usize, mesh: usize) {
+        self.placements.push(Placement {
+            name: name.to_owned(),
+            node,
+            mesh,
+            skin: None,
+            weights: Vec::new(),
+        });
+    }
+}
+
+/// Digest of everything in a mesh but its name.
+fn content_key(mesh: &Mesh) -> [u8; 32] {
+    let mut hasher = blake3::Hasher::new();
+    let mut section = |count: usize, words: &mut dyn Iterator<Item = u32>| {
+        let mut bytes = Vec::with_capacity(count * 4 + 8);
+        bytes.extend((count as u64).to_le_bytes());
+        words.for_each(|word| bytes.extend(word.to_le_bytes()));
+        hasher.update(&bytes);
+    };
+    let mut floats = |list: &[f32]| section(list.len(), &mut list.iter().map(|v| v.to_bits()));
+    let flat3 = |list: &[Vec3]| list.iter().flat_map(Vec3::to_array).collect::<Vec<f32>>();
+    let flat2 = |list: Option<&Vec<Vec2>>| {
+        list.map(|l| l.iter().flat_map(Vec2::to_array).collect::<Vec<f32>>()).unwrap_or_default()
+    };
+    floats(&flat3(&mesh.base.positions));
+    floats(&flat3(&mesh.base.normals));
+    floats(&mesh.base.tangents.iter().flat_map(Vec4::to_array).collect::<Vec<f32>>());
+    floats(&flat2(mesh.uvs.as_ref()));
+    floats(&flat2(mesh.normal_uvs.as_ref()));
+    for morph in &mesh.morphs {
+        [&morph.positions, &morph.normals, &morph.tangents].iter().for_each(|list| floats(&flat3(list)));
+    }
+    floats(mesh.skin.as_ref().map_or(&[], |skin| skin.weights.as_flattened()));
+    let joints = mesh.skin.as_ref().map_or(&[] as &[u16], |skin| skin.joints.as_flattened());
+    section(joints.len(), &mut joints.iter().map(|j| u32::from(*j)));
+    let triangles = mesh.triangles.as_flattened();
+    section(triangles.len(), &mut triangles.iter().copied());
+    section(1, &mut std::iter::once(mesh.material.0));
+    *hasher.finalize().as_bytes()
+}

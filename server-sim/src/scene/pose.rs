@@ -1,0 +1,133 @@
+//! A scene at a time: frames of all instances, and the geometry of those that deform.
+
+use glam::{DAffine3, DMat3, DVec3};
+
+use crate::scene::Scene;
+use crate::scene::deform::{self, JointMatrix, narrow};
+use crate::scene::ids::InstanceId;
+use crate::scene::instance::{Deform, Instance, InstancePose, ScenePose, Shape};
+use crate::scene::mesh::Geometry;
+use crate::scene::rig::Rig;
+use crate::scene::rigid::{RigidFrame, columns, rotation_of};
+
+impl Scene {
+    /// The scene at a time, seconds. Animations loop with their own lengths; any finite time is allowed. The
+    /// same time gives the same bits, whatever was asked for before.
+    #[must_use]
+    pub fn pose(&self, time_s: f64) -> ScenePose {
+        let mut pose = ScenePose::default();
+        self.pose_into(time_s, &mut pose);
+        pose
+    }
+
+    /// [`Scene::pose`] into memory that is there already.
+    pub fn pose_into(&self, time_s: f64, pose: &mut ScenePose) {
+        pose.time_s = time_s;
+        self.rig.evaluate(time_s, &mut pose.worlds);
+        pose.instances.resize_with(self.instances.len(), || InstancePose {
+            frame: RigidFrame::IDENTITY,
+            deform: Deform::Rest,
+            visible: true,
+        });
+        for (instance, slot) in self.instances.iter().zip(&mut pose.instances) {
+            place(&self.rig, instance, time_s, &pose.worlds, slot);
+        }
+    }
+
+    /// Positions, normals and tangents of an instance in its local space, metres. For an instance that does
+    /// not deform this is a copy of its rest; [`RestMesh::geometry`](crate::scene::RestMesh::geometry) saves
+    /// the copy. An id that is not in the scene, or a pose of another scene, empties `out`.
+    pub fn local_geometry(&self, instance: InstanceId, pose: &ScenePose, out: &mut Geometry) {
+        let found = self.instances.get(instance.index()).zip(pose.instances.get(instance.index()));
+        let Some((instance, at)) = found else {
+            out.copy_from(&Geometry::default());
+            return;
+        };
+        let mesh = &self.meshes[instance.mesh.index()];
+        match &at.deform {
+            Deform::Rest => out.copy_from(&self.rests[instance.rest.index()].geometry),
+            Deform::Affine(linear) => {
+                out.copy_from(&mesh.base);
+                deform::stretch(*linear, out);
+            }
+            Deform::Morph { weights, linear } => {
+                deform::morph(mesh, weights, out);
+                deform::stretch(*linear, out);
+            }
+            Deform::Skin { joints, weights } => {
+                if weights.is_empty() {
+                    out.copy_from(&mesh.base);
+                } else {
+                    deform::morph(mesh, weights, out);
+                }
+                if let (Some(skin), Shape::Skin { mirrored, .. }) = (&mesh.skin, &instance.shape) {
+                    deform::skin(joints, skin, *mirrored, out);
+                }
+            }
+        }
+    }
+}
+
+/// The rigid part of a world transform; without one (scaled to nothing) only its place.
+pub(crate) fn frame_of(world: &DAffine3) -> RigidFrame {
+    RigidFrame::new(rotation_of(world.matrix3).unwrap_or(DMat3::IDENTITY), world.translation)
+}
+
+/// What of a world transform is left for the local geometry once the frame is taken off.
+pub(crate) fn linear_in(frame: &RigidFrame, world: &DAffine3) -> DMat3 {
+    frame.inverse().matrix3 * world.matrix3
+}
+
+/// Whether any area is left after a linear map: at most one axis may be gone.
+pub(crate) fn has_area(linear: DMat3) -> bool {
+    let [x, y, z] = columns(linear);
+    let areas: [DVec3; 3] = [x.cross(y), y.cross(z), z.cross(x)];
+    areas.iter().any(|a| a.length() > 1e-18)
+}
+
+/// Fills in one instance's pose from the world transforms of the rig.
+pub(crate) fn place(
+    rig: &Rig,
+    instance: &Instance,
+    time_s: f64,
+    worlds: &[DAffine3],
+    slot: &mut InstancePose,
+) {
+    let carrier = instance.carrier.map_or(DAffine3::IDENTITY, |node| worlds[node]);
+    slot.frame = instance.fixed.unwrap_or_else(|| frame_of(&carrier));
+    slot.visible = true;
+    match &instance.shape {
+        Shape::Rest => slot.deform = Deform::Rest,
+        Shape::Affine => {
+            let linear = linear_in(&slot.frame, &carrier);
+            slot.visible = has_area(linear);
+            slot.deform = Deform::Affine(narrow(linear));
+        }
+        Shape::Morph => {
+            let mut weights = match std::mem::take(&mut slot.deform) {
+                Deform::Morph { weights, .. } => weights,
+                _ => Vec::new(),
+            };
+            rig.weights(instance.node, &instance.weights, time_s, &mut weights);
+            let linear = linear_in(&slot.frame, &carrier);
+            slot.visible = has_area(linear);
+            slot.deform = Deform::Morph { weights, linear: narrow(linear) };
+        }
+        Shape::Skin { joints: nodes, inverse_bind, .. } => {
+            let (mut joints, mut weights) = match std::mem::take(&mut slot.deform) {
+                Deform::Skin { joints, weights } => (joints, weights),
+                _ => (Vec::new(), Vec::new()),
+            };
+            let back = slot.frame.inverse();
+            joints.clear();
+            slot.visible = false;
+            for (node, bind) in nodes.iter().zip(inverse_bind) {
+                let matrix = back * worlds[*node] * *bind;
+                slot.visible |= has_area(matrix.matrix3);
+                joints.push(JointMatrix::new(&matrix));
+            }
+            rig.weights(instance.node, &instance.weights, time_s, &mut weights);
+            slot.deform = Deform::Skin { joints, weights };
+        }
+    }
+}

@@ -1,0 +1,175 @@
+//! The nodes that something visible hangs on, and their world transforms at a time.
+
+use std::ops::Range;
+
+use glam::{DAffine3, DQuat, DVec3};
+
+use crate::scene::animation::{Property, unit_quaternion};
+use crate::scene::model::{Channel, Clip, Local, Model};
+use crate::scene::report::SceneReport;
+
+/// One node, with the channels that drive it.
+#[derive(Debug, Clone)]
+struct RigNode {
+    parent: Option<usize>,
+    local: Local,
+    channels: Range<usize>,
+    /// Whether its world transform can differ between two times.
+    varies: bool,
+}
+
+/// The hierarchy in an order in which parents come first, without what drives nothing visible.
+#[derive(Debug, Clone)]
+pub(crate) struct Rig {
+    nodes: Vec<RigNode>,
+    channels: Vec<Channel>,
+    clips: Vec<Clip>,
+    /// Rig node of each of the model's nodes that is needed.
+    places: Vec<Option<usize>>,
+}
+
+impl Rig {
+    /// Takes the nodes that the placements and their joints hang on, with their channels.
+    pub(crate) fn new(model: &Model, report: &mut SceneReport) -> Self {
+        let order = needed_in_order(model);
+        let mut places = vec![None; model.nodes.len()];
+        order.iter().enumerate().for_each(|(place, &node)| places[node] = Some(place));
+        let mut channels = pick_channels(model, &places, report);
+        channels.sort_by_key(|channel| channel.node);
+        let mut nodes: Vec<RigNode> = Vec::with_capacity(order.len());
+        for (place, &node) in order.iter().enumerate() {
+            let parent = model.nodes[node].parent.and_then(|p| places[p]);
+            let first = channels.partition_point(|c| c.node < place);
+            let range = first..channels.partition_point(|c| c.node <= place);
+            let moves = |c: &Channel| c.property != Property::Weights && c.curve.varies();
+            let varies = parent.is_some_and(|p| nodes[p].varies) || channels[range.clone()].iter().any(moves);
+            nodes.push(RigNode { parent, local: model.nodes[node].local, channels: range, varies });
+        }
+        Self { nodes, channels, clips: model.clips.clone(), places }
+    }
+
+    /// The rig's node for one of the model's. Only nodes that were needed may be asked for.
+    pub(crate) fn place(&self, node: usize) -> usize {
+        self.places[node].unwrap_or(0)
+    }
+
+    /// The parent of a node.
+    pub(crate) fn parent(&self, place: usize) -> Option<usize> {
+        self.nodes[place].parent
+    }
+
+    /// Whether a node's world transform can differ between two times.
+    pub(crate) fn varies(&self, place: usize) -> bool {
+        self.nodes[place].varies
+    }
+
+    /// Whether a node can move against one of its ancestors (`None`: the world).
+    pub(crate) fn varies_below(&self, place: usize, ancestor: Option<usize>) -> bool {
+        let mut at = Some(place);
+        while let Some(node) = at.filter(|_| at != ancestor) {
+            let own = &self.channels[self.nodes[node].channels.clone()];
+            if own.iter().any(|c| c.property != Property::Weights && c.curve.varies()) {
+                return true;
+            }
+            at = self.nodes[node].parent;
+        }
+        false
+    }
+
+    /// World transforms of all nodes at a time.
+    pub(crate) fn evaluate(&self, time_s: f64, worlds: &mut Vec<DAffine3>) {
+        worlds.clear();
+        for node in &self.nodes {
+            let local = self.local_at(node, time_s).affine();
+            let world = node.parent.map_or(local, |parent| worlds[parent] * local);
+            worlds.push(world);
+        }
+    }
+
+    fn local_at(&self, node: &RigNode, time_s: f64) -> Local {
+        let mut local = node.local;
+        let Local::Trs { translation, rotation, scale } = &mut local else { return local };
+        for channel in &self.channels[node.channels.clone()] {
+            if channel.property == Property::Weights {
+                continue;
+            }
+            let mut value = [0.0; 4];
+            channel.curve.sample(self.clips[channel.clip].local_time(time_s), &mut value);
+            let [x, y, z, w] = value;
+            match channel.property {
+                Property::Translation => *translation = DVec3::new(x, y, z),
+                Property::Scale => *scale = DVec3::new(x, y, z),
+                Property::Rotation | Property::Weights => {
+                    *rotation = unit_quaternion(DQuat::from_xyzw(x, y, z, w));
+                }
+            }
+        }
+        local
+    }
+
+    /// The channel that drives the morph weights of a node.
+    fn weight_channel(&self, place: usize) -> Option<&Channel> {
+        let own = &self.channels[self.nodes[place].channels.clone()];
+        own.iter().find(|c| c.property == Property::Weights)
+    }
+
+    /// Whether the morph weights at a node can differ between two times.
+    pub(crate) fn weights_vary(&self, place: usize) -> bool {
+        self.weight_channel(place).is_some_and(|c| c.curve.varies())
+    }
+
+    /// Morph weights of a node at a time; `defaults` where nothing drives them.
+    pub(crate) fn weights(&self, place: usize, defaults: &[f32], time_s: f64, out: &mut Vec<f32>) {
+        out.clear();
+        out.extend_from_slice(defaults);
+        if let Some(channel) = self.weight_channel(place) {
+            let mut values = vec![0.0; channel.curve.width];
+            channel.curve.sample(self.clips[channel.clip].local_time(time_s), &mut values);
+            out.iter_mut().zip(&values).for_each(|(slot, value)| *slot = *value as f32);
+        }
+    }
+}
+
+/// The model's nodes that a placement or one of its joints hangs on, parents first, else in file order.
+fn needed_in_order(model: &Model) -> Vec<usize> {
+    let mut order = Vec::new();
+    let mut seen = vec![false; model.nodes.len()];
+    let joints = |skin: usize| model.skins[skin].joints.iter().copied();
+    for placement in &model.placements {
+        let wanted = std::iter::once(placement.node).chain(placement.skin.into_iter().flat_map(joints));
+        for node in wanted {
+            let start = order.len();
+            let mut at = Some(node);
+            while let Some(n) = at.filter(|&n| !seen[n]) {
+                seen[n] = true;
+                order.push(n);
+                at = model.nodes[n].parent;
+            }
+            order[start..].reverse();
+        }
+    }
+    order
+}
+
+/// The channels of needed nodes, addressed by rig place, one per node and property: the last one counts.
+fn pick_channels(model: &Model, places: &[Option<usize>], report: &mut SceneReport) -> Vec<Channel> {
+    let mut taken = std::collections::BTreeSet::new();
+    let mut channels = Vec::new();
+    for channel in model.channels.iter().rev() {
+        let Some(place) = places[channel.node] else {
+            report.idle_channels += 1;
+            continue;
+        };
+        if !taken.insert((place, channel.property as u8)) {
+            report.overruled_channels += 1;
+        } else if channel.property != Property::Weights
+            && matches!(model.nodes[channel.node].local, Local::Matrix(_))
+        {
+            report.matrix_channels += 1;
+        } else {
+            channels.push(Channel { node: place, ..channel.clone() });
+        }
+    }
+    channels.reverse();
+    channels
+}

@@ -1,1 +1,64 @@
 //! Point-based ambient occlusion streams: scenes, rays and the simulated server.
+//!
+//! Data flows one way: a [`scene`] is posed, [`bvh::World`] makes it ready for rays, [`points`] lie on its surfaces,
+//! [`ao`] traces them, and [`server::Server`] writes what changed as frame bodies. Time comes in as an argument,
+//! randomness from a seed; the same arguments give the same bytes on any machine.
+//!
+//! # Stream two frames of a built-in scene
+//!
+//! ```
+//! use std::sync::Arc;
+//! use psao_codec::frame::{FrameIndex, FrameKind, StreamTime};
+//! use psao_server_sim::clock::NoClock;
+//! use psao_server_sim::points::PointSettings;
+//! use psao_server_sim::scene::Scene;
+//! use psao_server_sim::server::{Server, ServerSettings};
+//!
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let scene = Arc::new(Scene::load("colonnade")?);
+//! let points = PointSettings { per_m2: 1.0, minimum: 16, seed: 1 };
+//! let settings = ServerSettings { points, ..ServerSettings::default() };
+//! let mut server = Server::new(scene, settings, Arc::new(|_progress| {}))?;
+//!
+//! // Without a view every point counts as seen. The first frame holds every point of the scene.
+//! let first = server.step(FrameIndex(0), StreamTime(0), &[], &NoClock)?;
+//! assert_eq!(first.info.kind, FrameKind::Key);
+//! assert_eq!(first.stats.changed, server.points().total());
+//!
+//! let second = server.step(FrameIndex(1), StreamTime(16_667), &[], &NoClock)?;
+//! assert!(second.stats.rays < first.stats.rays);
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! # Trace one place of a scene
+//!
+//! ```
+//! use std::sync::Arc;
+//! use glam::Vec3;
+//! use psao_server_sim::ao::{AoSettings, Scratch, Tracer};
+//! use psao_server_sim::bvh::World;
+//! use psao_server_sim::scene::Scene;
+//!
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let scene = Arc::new(Scene::load("colonnade")?);
+//! let world = World::new(&scene, &scene.pose(0.0));
+//! let top = world.bounds().max().y + 1.0;
+//! let hit = world.closest(Vec3::new(0.0, top, 0.0), Vec3::NEG_Y, 100.0).ok_or("nothing below")?;
+//! let surface = world.surface(&hit).ok_or("not of this world")?;
+//!
+//! let tracer = Tracer::new(AoSettings { rays: 512, ..AoSettings::default() })?;
+//! let ao = tracer.at(&world, 0, surface.position, surface.normal, &mut Scratch::default()).ao;
+//! assert!(ao > 0.0 && ao <= 1.0);
+//! # Ok(())
+//! # }
+//! ```
+
+pub mod ao;
+pub mod bvh;
+pub mod clock;
+pub mod delta;
+pub mod points;
+pub mod scene;
+pub mod server;
+pub mod visibility;

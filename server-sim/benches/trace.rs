@@ -1,0 +1,82 @@
+//! Rays and points: AO of every first point of a built-in scene, single rays, and sample elimination by way of point
+//! generation. Rates are per ray and per point kept.
+
+use std::sync::Arc;
+
+use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use psao_server_sim::ao::{AoSettings, Occlusion, Scratch, Tracer};
+use psao_server_sim::bvh::World;
+use psao_server_sim::points::{PointSettings, ScenePoints, generate};
+use psao_server_sim::scene::{InstanceId, Scene};
+
+/// Every how many points one is traced: spread over the scene, near enough to share memory.
+const STRIDE: usize = 16;
+
+/// Position and normal of some points, world space.
+fn places(world: &World, points: &ScenePoints) -> Vec<(glam::Vec3, glam::Vec3)> {
+    let mut places = Vec::new();
+    for (index, instance) in (0u32..).zip(world.scene().instances()) {
+        let Some(posed) = world.posed(InstanceId(index)) else { continue };
+        let at = world.placement(InstanceId(index));
+        let set = points.sets()[instance.rest().index()].points();
+        places.extend(set.iter().step_by(STRIDE).map(|point| {
+            let placed = posed.place(point);
+            (at.point(placed.position), at.direction(placed.normal))
+        }));
+    }
+    places
+}
+
+fn trace(criterion: &mut Criterion) {
+    for name in ["colonnade", "robot-lab"] {
+        let Ok(scene) = Scene::load(name) else { continue };
+        let scene = Arc::new(scene);
+        let settings = PointSettings { per_m2: 64.0, minimum: 256, seed: 1 };
+        let Ok(points) = generate(&scene, &settings, &|_, _| {}) else { continue };
+        let world = World::new(&scene, &scene.pose(0.0));
+        let places = places(&world, &points);
+        let mut group = criterion.benchmark_group(name);
+        group.sample_size(10);
+        for kind in [Occlusion::Obscurance, Occlusion::Binary] {
+            let Ok(tracer) = Tracer::new(AoSettings { kind, ..AoSettings::default() }) else { continue };
+            let mut scratch = Scratch::default();
+            let mut all = || -> f32 {
+                let ao = (0u32..)
+                    .zip(&places)
+                    .map(|(id, &(at, normal))| tracer.at(&world, id, at, normal, &mut scratch).ao);
+                ao.sum()
+            };
+            // The answer first: a scene with occluders in it is neither open nor closed.
+            let mean = all() / places.len() as f32;
+            assert!(mean > 0.2 && mean < 0.99, "{name}: mean AO {mean}");
+            group.throughput(Throughput::Elements(places.len() as u64 * u64::from(tracer.settings().rays)));
+            group.bench_function(format!("{kind:?}"), |bencher| bencher.iter(&mut all));
+        }
+        group.throughput(Throughput::Elements(places.len() as u64));
+        group.bench_function("single rays", |bencher| {
+            bencher.iter(|| {
+                let hits = places
+                    .iter()
+                    .filter(|&&(at, normal)| world.closest(at + normal * 0.01, normal, 100.0).is_some());
+                hits.count()
+            });
+        });
+        group.finish();
+    }
+}
+
+fn points(criterion: &mut Criterion) {
+    let Ok(scene) = Scene::load("colonnade") else { return };
+    let settings = PointSettings { per_m2: 256.0, minimum: 1024, seed: 1 };
+    let made = generate(&scene, &settings, &|_, _| {});
+    let count: usize = made.map_or(0, |points| points.sets().iter().map(|set| set.points().len()).sum());
+    assert!(count > 10_000);
+    let mut group = criterion.benchmark_group("points");
+    group.sample_size(10);
+    group.throughput(Throughput::Elements(count as u64));
+    group.bench_function("generate", |bencher| bencher.iter(|| generate(&scene, &settings, &|_, _| {})));
+    group.finish();
+}
+
+criterion_group!(benches, trace, points);
+criterion_main!(benches);

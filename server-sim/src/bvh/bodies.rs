@@ -1,0 +1,191 @@
+//! Bodies placed in the world by rigid transforms, and which of them a ray or a ball may meet.
+
+use std::sync::Arc;
+
+use glam::{Mat3, Vec3};
+
+use super::blas::{Blas, BlasHit};
+use super::bounds::Bounds;
+use super::tree::{Effort, Tree};
+
+/// A rigid placement: `world = rotation * local + translation`. Distances stay what they are.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Placement {
+    /// Proper rotation.
+    pub rotation: Mat3,
+    /// Metres.
+    pub translation: Vec3,
+}
+
+impl Placement {
+    /// Local space is world space.
+    pub const IDENTITY: Self = Self { rotation: Mat3::IDENTITY, translation: Vec3::ZERO };
+
+    /// A local point in the world.
+    #[must_use]
+    pub fn point(&self, local: Vec3) -> Vec3 {
+        self.rotation * local + self.translation
+    }
+
+    /// A local direction in the world.
+    #[must_use]
+    pub fn direction(&self, local: Vec3) -> Vec3 {
+        self.rotation * local
+    }
+
+    /// A world point in local space.
+    #[must_use]
+    pub fn local_point(&self, world: Vec3) -> Vec3 {
+        self.rotation.transpose() * (world - self.translation)
+    }
+
+    /// A world direction in local space.
+    #[must_use]
+    pub fn local_direction(&self, world: Vec3) -> Vec3 {
+        self.rotation.transpose() * world
+    }
+}
+
+/// Triangles somewhere in the world; several bodies may share them.
+#[derive(Clone, Debug)]
+pub(crate) struct Body {
+    pub(crate) blas: Arc<Blas>,
+    pub(crate) placement: Placement,
+    bounds: Bounds,
+}
+
+impl Body {
+    pub(crate) fn new(blas: Arc<Blas>, placement: Placement) -> Self {
+        let bounds = blas.bounds();
+        let bounds = if placement == Placement::IDENTITY {
+            bounds
+        } else {
+            bounds.transformed(placement.rotation, placement.translation)
+        };
+        Self { blas, placement, bounds }
+    }
+
+    /// Bounds in the world.
+    pub(crate) fn bounds(&self) -> Bounds {
+        self.bounds
+    }
+}
+
+/// All bodies of one moment.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Bodies {
+    list: Vec<Body>,
+    top: Tree,
+}
+
+impl Bodies {
+    pub(crate) fn new(list: Vec<Body>) -> Self {
+        let boxes: Vec<Bounds> = list.iter().map(Body::bounds).collect();
+        Self { top: Tree::build(&boxes, 2, 1, Effort::Quick), list }
+    }
+
+    #[inline(always)]
+    pub(crate) fn list(&self) -> &[Body] {
+        &self.list
+    }
+
+    /// Bounds of everything.
+    pub(crate) fn bounds(&self) -> Bounds {
+        self.top.bounds()
+    }
+
+    /// Calls `visit` with each body whose bounds touch the closed ball, in an order that depends on the bodies only.
+    pub(crate) fn near(&self, center: Vec3, radius: f32, stack: &mut Vec<u32>, mut visit: impl FnMut(u32)) {
+        let limit = radius * radius;
+        self.top.near(center, radius, stack, |body| {
+            if self.list[body as usize].bounds.distance_squared(center) <= limit {
+                visit(body);
+            }
+        });
+    }
+
+    /// The nearest hit nearer than `tmax` that `accept` takes, with the number of its body; with `any`, some hit.
+    pub(crate) fn nearest(
+        &self,
+        origin: Vec3,
+        direction: Vec3,
+        tmax: f32,
+        any: bool,
+        accept: impl Fn(u32, &BlasHit) -> bool,
+    ) -> Option<(u32, BlasHit)> {
+        let inverse = direction.recip();
+        let mut entered: Vec<(f32, u32)> = Vec::new();
+        let enter = |bounds: &Bounds| bounds.entry(origin, inverse, tmax);
+        self.top.leaves(
+            &mut Vec::new(),
+            |node| enter(&node.bounds).is_some(),
+            |members| {
+                let near = members
+                    .iter()
+                    .filter_map(|&member| Some((enter(&self.list[member as usize].bounds)?, member)));
+                entered.extend(near);
+            },
+        );
+        entered.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let mut best: Option<(u32, BlasHit)> = None;
+        let mut limit = tmax;
+        for (near, member) in entered {
+            if near > limit {
+                break;
+            }
+            let body = &self.list[member as usize];
+            let (from, along) =
+                (body.placement.local_point(origin), body.placement.local_direction(direction));
+            let hit = body.blas.nearest(from, along, limit, any, |hit| accept(member, hit));
+            if let Some(hit) = hit {
+                limit = hit.meeting.t;
+                best = Some((member, hit));
+                if any {
+                    break;
+                }
+            }
+        }
+        best
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bvh::blas::naive;
+
+    #[test]
+    fn placed_bodies_are_hit_where_they_stand() {
+        let cube = Arc::new(Blas::build(&naive::cube(0.5), Effort::Best));
+        let turn = Mat3::from_rotation_y(0.7);
+        let bodies = (0..5).map(|i| {
+            let translation = Vec3::new(3.0 * i as f32, 0.0, 0.0);
+            Body::new(Arc::clone(&cube), Placement { rotation: turn, translation })
+        });
+        let bodies = Bodies::new(bodies.collect());
+        for i in 0..5u32 {
+            let from = Vec3::new(3.0 * i as f32 + 0.1, 4.0, 0.1);
+            let (body, hit) = bodies.nearest(from, Vec3::NEG_Y, 9.0, false, |_, _| true).unwrap();
+            assert_eq!(body, i);
+            assert!((hit.meeting.t - 3.5).abs() < 1e-6);
+            assert!(bodies.nearest(from, Vec3::NEG_Y, 3.4, true, |_, _| true).is_none());
+            assert!(bodies.nearest(from, Vec3::NEG_Y, 9.0, true, |body, _| body != i).is_none());
+        }
+        let along = bodies.nearest(Vec3::new(20.0, 0.0, 0.0), Vec3::NEG_X, 99.0, false, |_, _| true).unwrap();
+        assert_eq!(along.0, 4);
+    }
+
+    #[test]
+    fn a_ball_meets_the_bodies_whose_bounds_it_touches() {
+        let cube = Arc::new(Blas::build(&naive::cube(0.5), Effort::Best));
+        let at = |x: f32| {
+            Body::new(Arc::clone(&cube), Placement { translation: Vec3::X * x, ..Placement::IDENTITY })
+        };
+        let bodies = Bodies::new((0..20).map(|i| at(2.0 * i as f32)).collect());
+        let mut found = Vec::new();
+        bodies.near(Vec3::X * 5.0, 0.51, &mut Vec::new(), |body| found.push(body));
+        found.sort_unstable();
+        assert_eq!(found, [2, 3]);
+        assert!(Bodies::new(Vec::new()).nearest(Vec3::ZERO, Vec3::X, 1.0, false, |_, _| true).is_none());
+    }
+}

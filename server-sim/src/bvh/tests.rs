@@ -1,0 +1,79 @@
+//! Worlds against a scan of every triangle of a real scene, moving.
+
+use std::sync::Arc;
+
+use glam::Vec3;
+
+use super::{BlasHit, World, naive};
+use crate::points::random::Random;
+use crate::scene::{InstanceId, Scene};
+
+/// All triangles in the world, and where each instance's begin.
+fn triangles(world: &World) -> (Vec<[Vec3; 3]>, Vec<usize>) {
+    let (mut all, mut starts) = (Vec::new(), Vec::new());
+    for index in 0..world.scene().instances().len() {
+        starts.push(all.len());
+        let posed = world.posed(InstanceId(index as u32)).unwrap();
+        let at = world.placement(InstanceId(index as u32));
+        all.extend(
+            (0..posed.triangles.len() as u32).map(|t| posed.corners(t).map(|corner| at.point(corner))),
+        );
+    }
+    (all, starts)
+}
+
+fn direction(random: &mut Random) -> Vec3 {
+    let one = |random: &mut Random| 2.0 * random.unit() - 1.0;
+    Vec3::new(one(random), one(random), one(random)).normalize_or(Vec3::X)
+}
+
+#[test]
+fn a_moving_world_is_hit_like_its_plain_triangles() {
+    for name in ["colonnade", "robot-lab"] {
+        let scene = Arc::new(Scene::load(name).unwrap());
+        let mut world = World::new(&scene, &scene.pose(0.0));
+        let mut random = Random::new(5);
+        let mut hits = 0;
+        for step in 0..4 {
+            world.update(&scene.pose(0.37 * f64::from(step)));
+            let (all, starts) = triangles(&world);
+            let (low, size) = (world.bounds().min(), world.bounds().size());
+            for _ in 0..100 {
+                let origin = low + size * Vec3::new(random.unit(), random.unit(), random.unit());
+                let along = direction(&mut random);
+                let opaque = |hit: &BlasHit| {
+                    let instance = starts.partition_point(|&start| start <= hit.triangle as usize) - 1;
+                    let posed = world.posed(InstanceId(instance as u32)).unwrap();
+                    let [_, u, v] = hit.meeting.barycentric();
+                    posed.opaque(hit.triangle - starts[instance] as u32, [u, v])
+                };
+                let slow = naive::nearest_of(&all, origin, along, 5.0, opaque);
+                let fast = world.closest(origin, along, 5.0);
+                assert_eq!(world.occluded(origin, along, 5.0), fast.is_some());
+                let (Some(slow), Some(fast)) = (slow, fast) else {
+                    assert!(slow.is_none() && fast.is_none(), "{slow:?} {fast:?}");
+                    continue;
+                };
+                hits += 1;
+                // Rays go through a body's own space: the distance may round differently.
+                assert!((slow.meeting.t - fast.t).abs() < 1e-4, "{slow:?} {fast:?}");
+                let surface = world.surface(&fast).unwrap();
+                assert!((surface.position - (origin + along * fast.t)).length() < 1e-3);
+                assert!((surface.normal.length() - 1.0).abs() < 1e-4);
+                let index = starts[fast.instance.index()] + fast.triangle as usize;
+                assert!(naive::nearest(&all[index..=index], origin, along, 5.1).is_some());
+            }
+        }
+        assert!(hits > 50, "{hits}");
+    }
+}
+
+#[test]
+fn nothing_stirs_when_time_stands_still() {
+    let scene = Arc::new(Scene::load("robot-lab").unwrap());
+    let mut world = World::new(&scene, &scene.pose(1.0));
+    world.update(&scene.pose(1.0));
+    assert!(world.stirs().iter().all(|stir| stir.swept().is_none()));
+    world.update(&scene.pose(1.1));
+    assert!(world.stirs().iter().any(|stir| stir.swept().is_some()));
+}

@@ -1,0 +1,87 @@
+//! Random points on the triangles of a mesh, uniform by area.
+
+use glam::Vec3;
+
+use super::SurfacePoint;
+use super::random::Random;
+
+/// A mesh's triangles with their areas added up.
+pub(super) struct Surface<'a> {
+    positions: &'a [Vec3],
+    triangles: &'a [[u32; 3]],
+    /// Area of the triangles up to and with each, square metres.
+    sums: Vec<f64>,
+}
+
+impl<'a> Surface<'a> {
+    pub(super) fn new(positions: &'a [Vec3], triangles: &'a [[u32; 3]]) -> Self {
+        let mut sum = 0.0;
+        let sums = triangles.iter().map(|corners| {
+            let [a, b, c] = corners.map(|corner| positions[corner as usize].as_dvec3());
+            let area = (b - a).cross(c - a).length() * 0.5;
+            sum += if area.is_finite() { area } else { 0.0 };
+            sum
+        });
+        Self { positions, triangles, sums: sums.collect() }
+    }
+
+    /// Area of one side, square metres.
+    pub(super) fn area(&self) -> f64 {
+        self.sums.last().copied().unwrap_or(0.0)
+    }
+
+    /// Draws `count` points on one side. The area is cut into `count` equal parts with one point in each, so that
+    /// small triangles get their share; within a triangle points are uniform.
+    pub(super) fn draw(
+        &self,
+        count: usize,
+        back: bool,
+        random: &mut Random,
+        mut take: impl FnMut(SurfacePoint, Vec3),
+    ) {
+        let area = self.area();
+        if area <= 0.0 {
+            return;
+        }
+        let mut triangle = 0;
+        for part in 0..count {
+            let at = (part as f64 + f64::from(random.unit())) / count as f64 * area;
+            // A triangle without area adds nothing to the sum and is passed over.
+            while triangle + 1 < self.sums.len() && self.sums[triangle] <= at {
+                triangle += 1;
+            }
+            let (mut u, mut v) = (random.unit(), random.unit());
+            if u + v > 1.0 {
+                (u, v) = (1.0 - u, 1.0 - v);
+            }
+            let [a, b, c] = self.triangles[triangle].map(|corner| self.positions[corner as usize]);
+            let point = SurfacePoint { triangle: triangle as u32, bary: [u, v], back };
+            take(point, a + (b - a) * u + (c - a) * v);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn triangles_get_points_by_area_and_flat_ones_none() {
+        let positions = [Vec3::ZERO, Vec3::X, Vec3::Z, Vec3::X * 3.0, Vec3::Z * 3.0];
+        let triangles = [[0, 1, 2], [0, 1, 1], [0, 3, 4], [2, 2, 2]];
+        let surface = Surface::new(&positions, &triangles);
+        assert!((surface.area() - 5.0).abs() < 1e-9);
+        let mut counts = [0; 4];
+        let mut mean = Vec3::ZERO;
+        surface.draw(10_000, false, &mut Random::new(3), |point, at| {
+            counts[point.triangle as usize] += 1;
+            assert!(point.bary.iter().sum::<f32>() <= 1.0 && point.bary.iter().all(|&b| b >= 0.0));
+            mean += at / 10_000.0;
+        });
+        assert!((counts[0] - 1000i32).abs() < 5 && counts[1] == 0 && counts[3] == 0, "{counts:?}");
+        // Centroids of the two triangles by area.
+        let expected = (Vec3::new(1.0, 0.0, 1.0) / 3.0) * 0.1 + Vec3::new(1.0, 0.0, 1.0) * 0.9;
+        assert!((mean - expected).length() < 0.03, "{mean}");
+        Surface::new(&positions, &[[0, 0, 0]]).draw(10, false, &mut Random::new(1), |_, _| panic!("no area"));
+    }
+}

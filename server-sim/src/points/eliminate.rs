@@ -1,0 +1,316 @@
+//! Weighted sample elimination: from many random points to fewer that keep their distance.
+//!
+//! Yuksel 2015, "Sample Elimination for Generating Poisson Disk Sample Sets" (the paper's [Yuk15]), with its
+//! parameters alpha = 8, beta = 0.65, gamma = 1.5 in two dimensions. The point with the heaviest neighbourhood goes,
+//! its neighbours get lighter, and so on. Neighbours are found in a sorted grid; the heap is binary and every weight
+//! that drops is sifted down in place.
+
+use glam::Vec3;
+
+/// Twice this is the distance within which points weigh on each other.
+#[must_use]
+pub(crate) fn poisson_radius(area: f64, count: usize) -> f32 {
+    (area / (2.0 * 3f64.sqrt() * count.max(1) as f64)).sqrt() as f32
+}
+
+/// Numbers of the `keep` points that are left, ascending. `radius` is [`poisson_radius`] of the area and `keep`.
+#[must_use]
+pub(crate) fn eliminate(points: &[Vec3], keep: usize, radius: f32) -> Vec<u32> {
+    if keep >= points.len() {
+        return (0..points.len() as u32).collect();
+    }
+    let grid = SortedGrid::new(points, 2.0 * radius);
+    let neighbours = Neighbours::new(&grid, Weighting::new(keep, points.len(), radius));
+    let mut heap = Heap::new(neighbours.totals());
+    for _ in keep..points.len() {
+        let Some(gone) = heap.pop() else { break };
+        for (neighbour, weight) in neighbours.of(gone) {
+            heap.lighten(neighbour, weight);
+        }
+    }
+    let mut kept: Vec<u32> = heap.members().map(|slot| grid.order[slot as usize]).collect();
+    kept.sort_unstable();
+    kept
+}
+
+/// The weight that a neighbour at some distance puts on a point (Yuksel, section 3).
+#[derive(Clone, Copy)]
+struct Weighting {
+    reach: f32,
+    nearest: f32,
+}
+
+impl Weighting {
+    fn new(keep: usize, from: usize, radius: f32) -> Self {
+        let share = keep as f32 / from as f32;
+        // gamma = 1.5 as a root, which is the same on every machine.
+        let nearest = radius * (1.0 - share * share.sqrt()) * 0.65;
+        Self { reach: 2.0 * radius, nearest: 2.0 * nearest }
+    }
+
+    fn at(&self, distance: f32) -> f32 {
+        let base = 1.0 - distance.max(self.nearest).min(self.reach) / self.reach;
+        let square = base * base;
+        let fourth = square * square;
+        fourth * fourth
+    }
+}
+
+/// Points sorted by cell, so that neighbours lie close in memory. All that follows numbers them by that order.
+struct SortedGrid {
+    order: Vec<u32>,
+    points: Vec<Vec3>,
+    keys: Vec<u64>,
+    edge: f32,
+}
+
+/// Bits of a cell coordinate; one cell on each side stays free for neighbours.
+const AXIS_BITS: u32 = 21;
+
+impl SortedGrid {
+    fn new(points: &[Vec3], reach: f32) -> Self {
+        let low = points.iter().copied().fold(Vec3::INFINITY, Vec3::min);
+        let high = points.iter().copied().fold(Vec3::NEG_INFINITY, Vec3::max);
+        // Cells never get so small that their numbers overflow; larger ones are slower but no less right.
+        let edge =
+            reach.max((high - low).max_element() / ((1 << AXIS_BITS) - 4) as f32).max(f32::MIN_POSITIVE);
+        let key = |point: Vec3| {
+            let [x, y, z] = ((point - low) / edge).to_array().map(|at| at as u64 + 1);
+            (z << (2 * AXIS_BITS)) | (y << AXIS_BITS) | x
+        };
+        let mut cells: Vec<(u64, u32)> = points.iter().map(|&point| key(point)).zip(0..).collect();
+        cells.sort_unstable();
+        let order: Vec<u32> = cells.iter().map(|&(_, point)| point).collect();
+        Self {
+            points: order.iter().map(|&point| points[point as usize]).collect(),
+            keys: cells.iter().map(|&(key, _)| key).collect(),
+            order,
+            edge: reach.min(edge),
+        }
+    }
+
+    /// Calls `visit` with every pair of points within reach, once in each direction, the first ones ascending.
+    fn pairs(&self, mut visit: impl FnMut(usize, usize, f32)) {
+        // Rows of three cells are contiguous; as cells go by in order, so does the start of each of the nine rows.
+        let mut rows = [0usize; 9];
+        let limit = self.edge * self.edge;
+        let mut start = 0;
+        for cell in self.keys.chunk_by(|a, b| a == b) {
+            let key = cell[0];
+            let ranges = std::array::from_fn::<_, 9, _>(|row| {
+                let (dz, dy) = ((row / 3) as u64, (row % 3) as u64);
+                let middle = key + (dz << (2 * AXIS_BITS)) + (dy << AXIS_BITS)
+                    - (1 << (2 * AXIS_BITS))
+                    - (1 << AXIS_BITS);
+                let from = &mut rows[row];
+                while *from < self.keys.len() && self.keys[*from] < middle - 1 {
+                    *from += 1;
+                }
+                let run = self.keys[*from..].iter().take_while(|&&other| other <= middle + 1).count();
+                *from..*from + run
+            });
+            for point in start..start + cell.len() {
+                for other in ranges.iter().cloned().flatten() {
+                    let square = self.points[point].distance_squared(self.points[other]);
+                    if square < limit && other != point {
+                        visit(point, other, square);
+                    }
+                }
+            }
+            start += cell.len();
+        }
+    }
+}
+
+/// Who is near whom, and how heavily, point by point.
+struct Neighbours {
+    starts: Vec<u32>,
+    list: Vec<(u32, f32)>,
+}
+
+impl Neighbours {
+    fn new(grid: &SortedGrid, weighting: Weighting) -> Self {
+        let mut starts = Vec::with_capacity(grid.points.len() + 1);
+        let mut list = Vec::with_capacity(grid.points.len() * 8);
+        grid.pairs(|point, other, square| {
+            while starts.len() <= point {
+                starts.push(list.len() as u32);
+            }
+            list.push((other as u32, weighting.at(square.sqrt())));
+        });
+        starts.resize(grid.points.len() + 1, list.len() as u32);
+        Self { starts, list }
+    }
+
+    fn of(&self, point: u32) -> impl Iterator<Item = (u32, f32)> + '_ {
+        let range = self.starts[point as usize] as usize..self.starts[point as usize + 1] as usize;
+        self.list[range].iter().copied()
+    }
+
+    fn totals(&self) -> Vec<f32> {
+        let ranges = self.starts.windows(2).map(|pair| pair[0] as usize..pair[1] as usize);
+        ranges.map(|range| self.list[range].iter().map(|&(_, weight)| weight).sum()).collect()
+    }
+}
+
+/// A binary heap, heaviest first and of equals the lowest number, in which weights can drop in place.
+struct Heap {
+    weights: Vec<f32>,
+    /// Points in heap order.
+    slots: Vec<u32>,
+    /// Where each point is in `slots`; [`GONE`] once popped.
+    places: Vec<u32>,
+}
+
+const GONE: u32 = u32::MAX;
+
+impl Heap {
+    fn new(weights: Vec<f32>) -> Self {
+        let slots: Vec<u32> = (0..weights.len() as u32).collect();
+        let mut heap = Self { places: slots.clone(), slots, weights };
+        for place in (0..heap.slots.len() / 2).rev() {
+            heap.sift_down(place);
+        }
+        heap
+    }
+
+    fn before(&self, a: u32, b: u32) -> bool {
+        let (wa, wb) = (self.weights[a as usize], self.weights[b as usize]);
+        wa > wb || (wa == wb && a < b)
+    }
+
+    fn pop(&mut self) -> Option<u32> {
+        let top = *self.slots.first()?;
+        let last = self.slots.pop()?;
+        self.places[top as usize] = GONE;
+        if !self.slots.is_empty() {
+            self.slots[0] = last;
+            self.places[last as usize] = 0;
+            self.sift_down(0);
+        }
+        Some(top)
+    }
+
+    /// Takes weight off a point that is still in the heap.
+    fn lighten(&mut self, point: u32, by: f32) {
+        let place = self.places[point as usize];
+        if place != GONE {
+            self.weights[point as usize] -= by;
+            self.sift_down(place as usize);
+        }
+    }
+
+    fn sift_down(&mut self, mut place: usize) {
+        let moving = self.slots[place];
+        loop {
+            let left = 2 * place + 1;
+            let Some(&first) = self.slots.get(left) else { break };
+            let (mut child, mut best) = (left, first);
+            if let Some(&second) = self.slots.get(left + 1)
+                && self.before(second, first)
+            {
+                (child, best) = (left + 1, second);
+            }
+            if !self.before(best, moving) {
+                break;
+            }
+            self.slots[place] = best;
+            self.places[best as usize] = place as u32;
+            place = child;
+        }
+        self.slots[place] = moving;
+        self.places[moving as usize] = place as u32;
+    }
+
+    fn members(&self) -> impl Iterator<Item = u32> + '_ {
+        self.slots.iter().copied()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::points::random::Random;
+    use proptest::prelude::*;
+
+    /// The slow, obvious twin: all pairs, and a scan for the heaviest.
+    fn naive(points: &[Vec3], keep: usize, radius: f32) -> Vec<u32> {
+        let grid = SortedGrid::new(points, 2.0 * radius);
+        let weighting = Weighting::new(keep, points.len(), radius);
+        let sorted = &grid.points;
+        let weight = |a: usize, b: usize| {
+            let near = a != b && sorted[a].distance_squared(sorted[b]) < 4.0 * radius * radius;
+            if near { weighting.at(sorted[a].distance_squared(sorted[b]).sqrt()) } else { 0.0 }
+        };
+        let mut alive: Vec<usize> = (0..points.len()).collect();
+        let mut totals: Vec<f32> = alive.iter().map(|&a| alive.iter().map(|&b| weight(a, b)).sum()).collect();
+        while alive.len() > keep {
+            let heaviest = (0..alive.len())
+                .max_by(|&a, &b| totals[alive[a]].total_cmp(&totals[alive[b]]).then(b.cmp(&a)));
+            let gone = alive.remove(heaviest.unwrap());
+            for &other in &alive {
+                totals[other] -= weight(gone, other);
+            }
+        }
+        let mut kept: Vec<u32> = alive.into_iter().map(|slot| grid.order[slot]).collect();
+        kept.sort_unstable();
+        kept
+    }
+
+    fn on_sphere(count: usize, seed: u64) -> Vec<Vec3> {
+        let mut random = Random::new(seed);
+        let point = |_| {
+            let (z, angle) = (2.0 * random.unit() - 1.0, std::f32::consts::TAU * random.unit());
+            let ring = (1.0 - z * z).max(0.0).sqrt();
+            Vec3::new(ring * libm::cosf(angle), ring * libm::sinf(angle), z)
+        };
+        (0..count).map(point).collect()
+    }
+
+    /// Smallest and mean distance to the nearest neighbour; every point has one within `reach`.
+    fn spread(points: &[Vec3], reach: f32) -> (f32, f32) {
+        let mut nearest = vec![f32::MAX; points.len()];
+        SortedGrid::new(points, reach).pairs(|a, _, square| nearest[a] = nearest[a].min(square));
+        let distances = nearest.iter().map(|square| square.sqrt());
+        (distances.clone().fold(f32::MAX, f32::min), distances.sum::<f32>() / points.len() as f32)
+    }
+
+    #[test]
+    fn spreads_as_well_as_the_reference_on_the_unit_sphere() {
+        for seed in 1..4 {
+            let (candidates, keep) = (on_sphere(40_000, seed), 20_000);
+            let radius = poisson_radius(4.0 * std::f64::consts::PI, keep);
+            let kept: Vec<Vec3> =
+                eliminate(&candidates, keep, radius).iter().map(|&i| candidates[i as usize]).collect();
+            let (least, mean) = spread(&kept, 4.0 * radius);
+            let (least, mean) = (least / (2.0 * radius), mean / (2.0 * radius));
+            assert!(least >= 0.53 && mean >= 0.70, "{least} {mean}");
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+        #[test]
+        fn keeps_what_the_naive_twin_keeps(seed in any::<u64>(), count in 2usize..150, flat in any::<bool>()) {
+            let mut points = on_sphere(count, seed);
+            if flat {
+                points.iter_mut().for_each(|point| point.y = 0.25);
+            }
+            let keep = count / 2;
+            let radius = poisson_radius(if flat { 3.0 } else { 12.0 }, keep);
+            let kept = eliminate(&points, keep, radius);
+            prop_assert_eq!(kept.len(), keep);
+            prop_assert_eq!(kept, naive(&points, keep, radius));
+        }
+    }
+
+    #[test]
+    fn awkward_inputs_are_fine() {
+        assert!(eliminate(&[], 0, 1.0).is_empty());
+        assert_eq!(eliminate(&[Vec3::ONE; 3], 5, 1.0), [0, 1, 2]);
+        assert_eq!(eliminate(&[Vec3::ONE; 100], 50, 0.1).len(), 50);
+        assert_eq!(eliminate(&[Vec3::ONE; 10], 5, 0.0).len(), 5);
+        let line: Vec<Vec3> = (0..1000).map(|i| Vec3::X * (i as f32) * 1e6).collect();
+        assert_eq!(eliminate(&line, 500, 1e-7).len(), 500);
+    }
+}

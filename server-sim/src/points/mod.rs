@@ -1,0 +1,121 @@
+//! Points on surfaces: an even spread over every mesh, made once (paper, section 3.1).
+
+mod candidates;
+mod eliminate;
+mod generate;
+mod place;
+pub(crate) mod random;
+
+use thiserror::Error;
+
+pub use generate::generate;
+pub use place::{PlacedPoint, PosedMesh};
+
+/// Most points of a scene, all instances together.
+pub const MAX_POINTS: u64 = 64 << 20;
+
+/// A point on a mesh, as weights of a triangle's corners: it moves with the mesh.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SurfacePoint {
+    /// Number of the triangle in the mesh.
+    pub triangle: u32,
+    /// Weights of the triangle's second and third corner; the first one has the rest to 1.
+    pub bary: [f32; 2],
+    /// On the back of a double-sided triangle: its normal is turned round.
+    pub back: bool,
+}
+
+/// The points of one mesh at rest, shared by its instances.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct PointSet {
+    points: Vec<SurfacePoint>,
+    radius: f32,
+    area: f64,
+}
+
+impl PointSet {
+    /// The points, those of the front first; close in the list means close on the mesh, mostly.
+    #[must_use]
+    pub fn points(&self) -> &[SurfacePoint] {
+        &self.points
+    }
+
+    /// Largest possible Poisson-disk radius `r_max` of the points in metres: half the distance between neighbours in
+    /// the densest packing of as many points on the same area. Positive.
+    #[must_use]
+    pub fn radius(&self) -> f32 {
+        self.radius
+    }
+
+    /// Area that the points stand for in square metres: both sides where both have points, without masked-out parts.
+    #[must_use]
+    pub fn area(&self) -> f64 {
+        self.area
+    }
+}
+
+/// The points of a scene.
+#[derive(Clone, Debug)]
+pub struct ScenePoints {
+    sets: Vec<PointSet>,
+    firsts: Vec<u32>,
+}
+
+impl ScenePoints {
+    /// Point sets, in the order of the scene's meshes at rest.
+    #[must_use]
+    pub fn sets(&self) -> &[PointSet] {
+        &self.sets
+    }
+
+    /// First point id of every instance in order, then the number of all points.
+    #[must_use]
+    pub fn firsts(&self) -> &[u32] {
+        &self.firsts
+    }
+
+    /// Points of all instances together.
+    #[must_use]
+    pub fn total(&self) -> u32 {
+        self.firsts.last().copied().unwrap_or(0)
+    }
+}
+
+/// How many points there are.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PointSettings {
+    /// Points per square metre of surface, above 0 and finite.
+    pub per_m2: f32,
+    /// Fewest points of an instance, at least 1, however small it is; a double-sided one has half of them on each side.
+    pub minimum: u32,
+    /// Seed of the random candidates.
+    pub seed: u64,
+}
+
+impl Default for PointSettings {
+    /// 1,024 points per square metre and at least 1,024 an instance: the authors' own.
+    fn default() -> Self {
+        Self { per_m2: 1024.0, minimum: 1024, seed: 1 }
+    }
+}
+
+/// Settings that make no points, or too many.
+#[derive(Clone, Copy, Debug, Error, PartialEq)]
+#[non_exhaustive]
+pub enum PointError {
+    /// A density that is not a number of points.
+    #[error("{per_m2} points per square metre: choose a finite number above 0")]
+    Density {
+        /// As given.
+        per_m2: f32,
+    },
+    /// Instances without points.
+    #[error("a minimum of 0 points an instance: choose 1 or more")]
+    Minimum,
+    /// More points than [`MAX_POINTS`].
+    #[error("the scene would have {points:.0} points, at most {MAX_POINTS} are possible: lower the density")]
+    TooMany {
+        /// Points asked for.
+        points: f64,
+    },
+}

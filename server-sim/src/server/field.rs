@@ -1,0 +1,310 @@
+//! All points of the scene: where they are now, what they were sent as, and what is known about their AO.
+//!
+//! Points are worked on in chunks of neighbours. A chunk belongs to one instance, has bounds, and is visited by one
+//! thread at a time; results are put together in the order of the chunks, so nothing depends on the number of threads.
+
+use std::ops::Range;
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use crate::ao::Seat;
+use crate::bvh::{Bounds, Stir, Swept, World};
+use crate::points::{PlacedPoint, ScenePoints};
+use crate::scene::{InstanceId, Motion};
+use crate::visibility::{Overlap, Views};
+
+/// Points of a chunk: few enough to share out, many enough to be worth it.
+const CHUNK: usize = 256;
+
+/// What is known about a point, as bits.
+pub(super) mod flag {
+    /// Its AO byte is what tracing it now would give.
+    pub(crate) const FRESH: u8 = 1;
+    /// When it was last traced, nothing but its own body was within reach, and that body has not deformed since.
+    pub(crate) const ALONE: u8 = 2;
+    /// It was sent.
+    pub(crate) const SENT: u8 = 4;
+    /// It is in view in this frame.
+    pub(crate) const VISIBLE: u8 = 8;
+}
+
+/// A run of points of one instance.
+#[derive(Clone, Debug)]
+pub(super) struct Chunk {
+    pub(super) instance: usize,
+    /// Numbers within the instance.
+    pub(super) points: Range<usize>,
+    /// Bounds in the space of the seats; kept up to date for instances that do not deform only.
+    bounds: Bounds,
+}
+
+/// The part of the field that belongs to a chunk.
+pub(super) struct Part<'a> {
+    pub(super) chunk: &'a Chunk,
+    /// Point id of the first one.
+    pub(super) first: u32,
+    pub(super) flags: &'a mut [u8],
+    pub(super) ao: &'a mut [u8],
+}
+
+/// The points of a scene.
+#[derive(Debug)]
+pub(super) struct Field {
+    firsts: Vec<u32>,
+    chunks: Vec<Chunk>,
+    flags: Vec<u8>,
+    ao: Vec<u8>,
+    /// Points in instance-local space, by instance; those of instances that do not deform are shared by set.
+    places: Vec<Places>,
+    shared: Vec<Vec<PlacedPoint>>,
+    /// Static instances' points in world space, where their body is.
+    worlds: Vec<Vec<PlacedPoint>>,
+}
+
+#[derive(Debug)]
+enum Places {
+    /// The set's, by number.
+    Shared(usize),
+    /// Its own, in the pose of now.
+    Own(Vec<PlacedPoint>),
+}
+
+impl Field {
+    pub(super) fn new(world: &World, points: &ScenePoints) -> Self {
+        let scene = world.scene();
+        let instances = scene.instances();
+        let shared = (0..points.sets().len()).into_par_iter().map(|rest| {
+            let of_rest = |motion: fn(Motion) -> bool| {
+                instances.iter().any(|instance| instance.rest().index() == rest && motion(instance.motion()))
+            };
+            if !of_rest(|motion| motion != Motion::Deforming) {
+                return Vec::new();
+            }
+            let posed = crate::points::PosedMesh::at_rest(scene, &scene.rests()[rest]);
+            points.sets()[rest].points().iter().map(|point| posed.place(point)).collect()
+        });
+        let shared: Vec<Vec<PlacedPoint>> = shared.collect();
+        let mut field = Self {
+            firsts: points.firsts().to_vec(),
+            chunks: Vec::new(),
+            flags: vec![0; points.total() as usize],
+            ao: vec![0; points.total() as usize],
+            places: Vec::new(),
+            worlds: Vec::new(),
+            shared,
+        };
+        for (index, instance) in instances.iter().enumerate() {
+            let rest = instance.rest().index();
+            let deforming = instance.motion() == Motion::Deforming;
+            field.places.push(if deforming { Places::Own(Vec::new()) } else { Places::Shared(rest) });
+            let at = world.placement(InstanceId(index as u32));
+            let in_world = |point: &PlacedPoint| PlacedPoint {
+                position: at.point(point.position),
+                normal: at.direction(point.normal),
+                edge: at.direction(point.edge),
+            };
+            let placed = if world.is_still(index) {
+                field.shared[rest].iter().map(in_world).collect()
+            } else {
+                Vec::new()
+            };
+            field.worlds.push(placed);
+            let count = points.sets()[rest].points().len();
+            let ranges = (0..count).step_by(CHUNK).map(|start| start..count.min(start + CHUNK));
+            field.chunks.extend(ranges.map(|points| Chunk {
+                instance: index,
+                points,
+                bounds: Bounds::EMPTY,
+            }));
+        }
+        field.place(world, points, true);
+        for index in 0..field.chunks.len() {
+            let chunk = &field.chunks[index];
+            let positions =
+                field.placed().seats(chunk.instance)[chunk.points.clone()].iter().map(|point| point.position);
+            field.chunks[index].bounds = Bounds::around(positions);
+        }
+        field
+    }
+
+    /// Places the points of instances that deformed.
+    pub(super) fn place(&mut self, world: &World, points: &ScenePoints, all: bool) {
+        self.places.par_iter_mut().enumerate().for_each(|(instance, places)| {
+            let Places::Own(own) = places else { return };
+            if !all && !matches!(world.stirs()[instance], Stir::Deformed(_)) {
+                return;
+            }
+            let Some(posed) = world.posed(InstanceId(instance as u32)) else { return };
+            let set = &points.sets()[world.scene().instances()[instance].rest().index()];
+            own.clear();
+            own.extend(set.points().iter().map(|point| posed.place(point)));
+        });
+    }
+
+    /// See [`Placed::local`].
+    pub(super) fn local(&self, instance: usize) -> &[PlacedPoint] {
+        self.placed().local(instance)
+    }
+
+    fn placed(&self) -> Placed<'_> {
+        Placed { places: &self.places, shared: &self.shared, worlds: &self.worlds }
+    }
+
+    /// Ids of the points in view.
+    #[cfg(test)]
+    pub(super) fn visible(&self) -> impl Iterator<Item = u32> + '_ {
+        (0..).zip(&self.flags).filter(|(_, flags)| **flags & flag::VISIBLE != 0).map(|(point, _)| point)
+    }
+
+    /// AO byte of a point as last traced.
+    #[cfg(test)]
+    pub(super) fn byte(&self, point: u32) -> u8 {
+        self.ao[point as usize]
+    }
+
+    /// Notes that a point is sent; its instance and its number there.
+    pub(super) fn mark_sent(&mut self, point: u32) -> (usize, usize) {
+        self.flags[point as usize] |= flag::SENT;
+        let instance = self.firsts.partition_point(|&first| first <= point) - 1;
+        (instance, (point - self.firsts[instance]) as usize)
+    }
+
+    /// Marks which points are in view and which are no longer fresh.
+    pub(super) fn mark(&mut self, world: &World, views: Option<&Views>, bias: f32, reach: f32) {
+        let swept: Vec<&Swept> = world.stirs().iter().filter_map(Stir::swept).collect();
+        let (parts, rest) = self.split();
+        parts.into_par_iter().for_each(|mut part| {
+            part.see(&rest, world, views);
+            part.wilt(&rest, world, &swept, bias, reach);
+        });
+    }
+
+    /// The field in parts that can be worked on side by side, and what they share.
+    pub(super) fn split(&mut self) -> (Vec<Part<'_>>, Placed<'_>) {
+        let mut parts = Vec::with_capacity(self.chunks.len());
+        let (mut flags, mut ao) = (self.flags.as_mut_slice(), self.ao.as_mut_slice());
+        let mut first = 0u32;
+        for chunk in &self.chunks {
+            let (head, tail) = flags.split_at_mut(chunk.points.len());
+            let (bytes, others) = ao.split_at_mut(chunk.points.len());
+            parts.push(Part { chunk, first, flags: head, ao: bytes });
+            (flags, ao) = (tail, others);
+            first += chunk.points.len() as u32;
+        }
+        (parts, Placed { places: &self.places, shared: &self.shared, worlds: &self.worlds })
+    }
+}
+
+/// Where the points are, to be read while the rest of the field is written.
+#[derive(Clone, Copy)]
+pub(super) struct Placed<'a> {
+    places: &'a [Places],
+    shared: &'a [Vec<PlacedPoint>],
+    worlds: &'a [Vec<PlacedPoint>],
+}
+
+impl<'a> Placed<'a> {
+    /// Points of an instance in its local space.
+    pub(super) fn local(&self, instance: usize) -> &'a [PlacedPoint] {
+        match &self.places[instance] {
+            Places::Shared(set) => &self.shared[*set],
+            Places::Own(own) => own,
+        }
+    }
+
+    /// Points of an instance in the space of its body: the world for static ones, else its own.
+    fn seats(&self, instance: usize) -> &'a [PlacedPoint] {
+        if self.worlds[instance].is_empty() { self.local(instance) } else { &self.worlds[instance] }
+    }
+
+    /// Seat of a point for tracing.
+    pub(super) fn seat(&self, world: &World, instance: usize, point: usize) -> Seat {
+        let PlacedPoint { position, normal, edge } = self.seats(instance)[point];
+        Seat { body: world.body(instance), position, normal, edge }
+    }
+
+    /// Points of a chunk with the world position of each.
+    fn in_world(&self, world: &World, chunk: &Chunk) -> impl Iterator<Item = (Vec3, Vec3)> + 'a {
+        let still = world.is_still(chunk.instance);
+        let at = world.placement(InstanceId(chunk.instance as u32));
+        self.seats(chunk.instance)[chunk.points.clone()].iter().map(move |point| {
+            if still {
+                (point.position, point.normal)
+            } else {
+                (at.point(point.position), at.direction(point.normal))
+            }
+        })
+    }
+}
+
+impl Part<'_> {
+    /// Bounds of the chunk in the world, or nothing where they are not known.
+    fn world_bounds(&self, world: &World) -> Option<Bounds> {
+        let instance = self.chunk.instance;
+        match world.scene().instances()[instance].motion() {
+            Motion::Static => Some(self.chunk.bounds),
+            Motion::Rigid => {
+                let at = world.placement(InstanceId(instance as u32));
+                Some(self.chunk.bounds.transformed(at.rotation, at.translation))
+            }
+            Motion::Deforming => None,
+        }
+    }
+
+    /// Marks the points in view.
+    fn see(&mut self, placed: &Placed<'_>, world: &World, views: Option<&Views>) {
+        let present = world.is_present(self.chunk.instance);
+        let overlap = match (views, self.world_bounds(world)) {
+            _ if !present => Overlap::Outside,
+            (None, _) => Overlap::Inside,
+            (Some(_), None) => Overlap::Partly,
+            (Some(views), Some(bounds)) => {
+                views.overlap((bounds.min() + bounds.max()) * 0.5, bounds.size().length() * 0.5)
+            }
+        };
+        match (overlap, views) {
+            (Overlap::Partly, Some(views)) => {
+                for (flags, (position, _)) in self.flags.iter_mut().zip(placed.in_world(world, self.chunk)) {
+                    set(flags, flag::VISIBLE, views.see(position));
+                }
+            }
+            _ => {
+                self.flags.iter_mut().for_each(|flags| set(flags, flag::VISIBLE, overlap == Overlap::Inside));
+            }
+        }
+    }
+
+    /// Takes freshness from points whose AO may have changed: their instance moved, or bounds of one that moved,
+    /// before or after, touch the ball that their rays reach.
+    fn wilt(&mut self, placed: &Placed<'_>, world: &World, swept: &[&Swept], bias: f32, reach: f32) {
+        match world.stirs()[self.chunk.instance] {
+            Stir::Still => {}
+            Stir::Moved(_) => return self.flags.iter_mut().for_each(|flags| *flags &= !flag::FRESH),
+            Stir::Deformed(_) => {
+                return self.flags.iter_mut().for_each(|flags| *flags &= !(flag::FRESH | flag::ALONE));
+            }
+        }
+        let around = self.world_bounds(world).map(|bounds| bounds.grown(bias + reach));
+        let touches = |a: &Bounds, b: &Bounds| a.min().cmple(b.max()).all() && b.min().cmple(a.max()).all();
+        let near: Vec<Bounds> = swept
+            .iter()
+            .filter(|swept| around.is_none_or(|around| touches(&around, &swept.bounds)))
+            .flat_map(|swept| swept.parts.iter().copied())
+            .filter(|part| around.is_none_or(|around| touches(&around, part)))
+            .collect();
+        if near.is_empty() {
+            return;
+        }
+        for (flags, (position, normal)) in self.flags.iter_mut().zip(placed.in_world(world, self.chunk)) {
+            let origin = position + normal * bias;
+            if near.iter().any(|bounds| bounds.distance_squared(origin) <= reach * reach) {
+                *flags &= !flag::FRESH;
+            }
+        }
+    }
+}
+
+pub(super) fn set(flags: &mut u8, bit: u8, on: bool) {
+    *flags = if on { *flags | bit } else { *flags & !bit };
+}

@@ -1,0 +1,131 @@
+//! What a server is asked to do.
+
+use psao_codec::block::BlockCoder;
+use thiserror::Error;
+
+use crate::ao::{AoError, AoSettings};
+use crate::points::{PointError, PointSettings};
+
+/// Settings of a stream.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ServerSettings {
+    /// How many points.
+    pub points: PointSettings,
+    /// How their AO is traced.
+    pub ao: AoSettings,
+    /// A point is sent again when its AO byte differs by at least this much from the one last sent, 1 to 255.
+    pub threshold: u8,
+    /// Factor on a view's half-angle tangents within which points count as visible, 1 to 100.
+    pub view_margin: f32,
+    /// Table entries planned for each average cell, above 0 and at most 64 (paper, section 3.2: 4).
+    pub table_slots: f32,
+    /// Kernel radius r of Eq. 2 in Poisson-disk radii of the points, above 0 and at most 4. The paper (section 3.5) takes
+    /// "the average radius" of the elimination without its unit. Cells have an edge of 4, so the nearest 2 x 2 x 2 hold
+    /// every point within 2; 2.5 gives the better pictures.
+    pub kernel: f32,
+    /// Block coder of the frames.
+    pub coder: BlockCoder,
+    /// Frames a second, above 0 and at most 1,000: announced to clients, and the step at which the clip is sampled for
+    /// the grids.
+    pub fps: f32,
+    /// Frames that will be sent, 0 when that is open.
+    pub frames_hint: u32,
+    /// Traces every visible point in every frame, also where nothing can have changed. The bytes are the same; it is
+    /// there to check and to measure that.
+    pub exhaustive: bool,
+}
+
+impl Default for ServerSettings {
+    /// The paper's: 60 Hz, threshold 8/255, zstd level 15.
+    fn default() -> Self {
+        Self {
+            points: PointSettings::default(),
+            ao: AoSettings::default(),
+            threshold: 8,
+            view_margin: 1.3,
+            table_slots: 4.0,
+            kernel: 2.5,
+            coder: BlockCoder::default(),
+            fps: 60.0,
+            frames_hint: 0,
+            exhaustive: false,
+        }
+    }
+}
+
+impl ServerSettings {
+    /// Checks the ranges; those of [`PointSettings`] are checked when points are made.
+    ///
+    /// # Errors
+    /// Names the first setting out of its range.
+    pub fn validate(&self) -> Result<(), SettingsError> {
+        self.ao.validate()?;
+        if self.threshold == 0 {
+            return Err(SettingsError::Threshold);
+        }
+        let within = |name, value: f32, low: f32, high: f32| {
+            // Written so that NaN fails.
+            if value >= low && value <= high {
+                Ok(())
+            } else {
+                Err(SettingsError::Range { name, value, low, high })
+            }
+        };
+        within("view_margin", self.view_margin, 1.0, 100.0)?;
+        within("table_slots", self.table_slots, f32::MIN_POSITIVE, 64.0)?;
+        within("kernel", self.kernel, f32::MIN_POSITIVE, 4.0)?;
+        within("fps", self.fps, f32::MIN_POSITIVE, 1000.0)
+    }
+}
+
+/// A setting out of its range.
+#[derive(Clone, Debug, Error, PartialEq)]
+#[non_exhaustive]
+pub enum SettingsError {
+    /// AO settings.
+    #[error(transparent)]
+    Ao(#[from] AoError),
+    /// Point settings.
+    #[error(transparent)]
+    Points(#[from] PointError),
+    /// A threshold of zero would send every point in every frame.
+    #[error("a threshold of 0 sends every point in every frame: choose 1 to 255")]
+    Threshold,
+    /// Another setting.
+    #[error("{name} is {value}: choose {low} to {high}")]
+    Range {
+        /// Which setting.
+        name: &'static str,
+        /// As given.
+        value: f32,
+        /// Smallest possible.
+        low: f32,
+        /// Largest possible.
+        high: f32,
+    },
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn refuses_settings_out_of_range_and_names_them() {
+        let good = ServerSettings::default();
+        assert_eq!(good.validate(), Ok(()));
+        assert_eq!(ServerSettings { threshold: 0, ..good }.validate(), Err(SettingsError::Threshold));
+        let ao = AoSettings { rays: 0, ..good.ao };
+        assert!(matches!(ServerSettings { ao, ..good }.validate(), Err(SettingsError::Ao(_))));
+        for bad in [f32::NAN, f32::INFINITY, -1.0, 0.0] {
+            for (settings, field) in [
+                (ServerSettings { view_margin: bad, ..good }, "view_margin"),
+                (ServerSettings { table_slots: bad, ..good }, "table_slots"),
+                (ServerSettings { kernel: bad, ..good }, "kernel"),
+                (ServerSettings { fps: bad, ..good }, "fps"),
+            ] {
+                let error = settings.validate().unwrap_err();
+                assert!(matches!(error, SettingsError::Range { name, .. } if name == field), "{error}");
+            }
+        }
+    }
+}

@@ -1,0 +1,57 @@
+//! What a step did, for people and reports.
+
+use psao_codec::cells::Occupancy;
+
+/// Microseconds that the stages of a step took (paper, section 3.3 and 3.4).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct StageMicros {
+    /// Animation.
+    pub pose: u64,
+    /// Acceleration structures.
+    pub bvh: u64,
+    /// Points moved, visibility, what must be traced.
+    pub place: u64,
+    /// Rays.
+    pub trace: u64,
+    /// What must be sent.
+    pub decide: u64,
+    /// Cells, buckets, compression.
+    pub encode: u64,
+}
+
+/// What a step did.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct FrameStats {
+    /// Points in view.
+    pub visible: u32,
+    /// Points whose AO was traced.
+    pub traced: u32,
+    /// Rays traced.
+    pub rays: u64,
+    /// Points sent.
+    pub changed: u32,
+    /// How full the client's tables are, and what did not fit.
+    pub occupancy: Occupancy,
+    /// Times.
+    pub micros: StageMicros,
+}
+
+/// How far something that takes a while has come.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Progress {
+    /// What is going on.
+    pub work: Work,
+    /// Units done; never more than `total`.
+    pub done: u64,
+    /// Units in all.
+    pub total: u64,
+}
+
+/// What takes a while.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Work {
+    /// Spreading points over the meshes; counted in points.
+    Points,
+    /// Tracing every point for the first frame; counted in points.
+    FirstFrame,
+}

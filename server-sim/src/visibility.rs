@@ -1,0 +1,150 @@
+//! Coarse visibility: which points are inside an extended field of view (paper, section 3.3).
+
+use glam::Vec3;
+use psao_proto::message::CameraPose;
+
+/// A view's field of view, widened. A point is in it wherever it is in front of the eye, at any distance.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct View {
+    eye: Vec3,
+    right: Vec3,
+    up: Vec3,
+    forward: Vec3,
+    /// Widened half-angle tangents.
+    tangents: [f32; 2],
+    /// Lengths of the side planes' normals, to measure distances to them.
+    lengths: [f32; 2],
+}
+
+/// How a ball stands to a [`View`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Overlap {
+    /// No point of it is in the view.
+    Outside,
+    /// Some may be.
+    Partly,
+    /// All of it is in the view.
+    Inside,
+}
+
+impl View {
+    /// The view of a camera whose half-angle tangents are multiplied by `margin`; `None` where the camera sees
+    /// nothing: a pose that [`CameraPose::is_valid`] refuses, or a margin that is not a positive number.
+    #[must_use]
+    pub fn new(camera: &CameraPose, margin: f32) -> Option<Self> {
+        if !(camera.is_valid() && margin > 0.0 && margin.is_finite()) {
+            return None;
+        }
+        let eye = Vec3::from(camera.eye);
+        let forward = (Vec3::from(camera.target) - eye).try_normalize()?;
+        let right = forward.cross(camera.up.into()).try_normalize()?;
+        let half = libm::tanf(camera.fov_y_deg.to_radians() * 0.5) * margin;
+        let tangents = [half * camera.aspect, half];
+        let lengths = tangents.map(|tangent| (1.0 + tangent * tangent).sqrt());
+        let view = Self { eye, right, up: right.cross(forward), forward, tangents, lengths };
+        lengths.iter().all(|length| length.is_finite()).then_some(view)
+    }
+
+    /// Whether a point of the world is in the view.
+    #[must_use]
+    #[inline]
+    pub fn sees(&self, point: Vec3) -> bool {
+        let to = point - self.eye;
+        let depth = self.forward.dot(to);
+        depth > 0.0
+            && self.right.dot(to).abs() <= self.tangents[0] * depth
+            && self.up.dot(to).abs() <= self.tangents[1] * depth
+    }
+
+    /// How a ball (metres) stands to the view; [`Overlap::Partly`] where it is close.
+    #[must_use]
+    pub fn overlap(&self, center: Vec3, radius: f32) -> Overlap {
+        let to = center - self.eye;
+        let depth = self.forward.dot(to);
+        let sides = [self.right.dot(to).abs(), self.up.dot(to).abs()];
+        // Signed distance to the nearest side plane, inside being positive.
+        let inside =
+            (0..2).map(|i| (self.tangents[i] * depth - sides[i]) / self.lengths[i]).fold(depth, f32::min);
+        let slack = radius + 1e-4 * (to.length() + radius);
+        if inside < -slack {
+            Overlap::Outside
+        } else if inside > slack {
+            Overlap::Inside
+        } else {
+            Overlap::Partly
+        }
+    }
+}
+
+/// Several views: a point is visible when one of them sees it. Without a view everything is.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Views(Vec<View>);
+
+impl Views {
+    /// The views of some cameras; those that see nothing count all the same.
+    pub(crate) fn new(cameras: &[CameraPose], margin: f32) -> Option<Self> {
+        (!cameras.is_empty())
+            .then(|| Self(cameras.iter().filter_map(|camera| View::new(camera, margin)).collect()))
+    }
+
+    #[inline]
+    pub(crate) fn see(&self, point: Vec3) -> bool {
+        self.0.iter().any(|view| view.sees(point))
+    }
+
+    pub(crate) fn overlap(&self, center: Vec3, radius: f32) -> Overlap {
+        let each = self.0.iter().map(|view| view.overlap(center, radius));
+        each.fold(Overlap::Outside, |sum, one| match (sum, one) {
+            (Overlap::Inside, _) | (_, Overlap::Inside) => Overlap::Inside,
+            (Overlap::Outside, Overlap::Outside) => Overlap::Outside,
+            _ => Overlap::Partly,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn camera(fov_y_deg: f32, aspect: f32) -> CameraPose {
+        CameraPose { eye: [1.0, 2.0, 3.0], target: [1.0, 2.0, -7.0], up: [0.0, 1.0, 0.0], fov_y_deg, aspect }
+    }
+
+    #[test]
+    fn sees_up_to_the_widened_edges_at_any_distance() {
+        let view = View::new(&camera(90.0, 2.0), 1.3).unwrap();
+        let at =
+            |x: f32, y: f32, depth: f32| view.sees(Vec3::new(1.0 + x * depth, 2.0 + y * depth, 3.0 - depth));
+        for depth in [1e-3, 1.0, 1e5] {
+            assert!(at(0.0, 0.0, depth) && at(2.59, 0.0, depth) && at(0.0, -1.29, depth));
+            assert!(!at(2.61, 0.0, depth) && !at(0.0, 1.31, depth) && !at(-2.59, 1.31, depth));
+        }
+        assert!(!at(0.0, 0.0, -1.0));
+    }
+
+    #[test]
+    fn cameras_that_make_no_picture_see_nothing() {
+        assert_eq!(View::new(&camera(f32::NAN, 1.0), 1.3), None);
+        assert_eq!(View::new(&camera(60.0, 1.0), f32::INFINITY), None);
+        let views = Views::new(&[camera(-1.0, 1.0)], 1.3).unwrap();
+        assert!(!views.see(Vec3::new(1.0, 2.0, 0.0)));
+        assert!(Views::new(&[], 1.3).is_none());
+    }
+
+    proptest! {
+        #[test]
+        fn balls_are_judged_like_their_points(
+            center in prop::array::uniform3(-20f32..20.0), radius in 0f32..5.0, offset in prop::array::uniform3(-1f32..1.0),
+            fov in 10f32..150.0, aspect in 0.3f32..3.0,
+        ) {
+            let view = View::new(&camera(fov, aspect), 1.3).unwrap();
+            let (center, offset) = (Vec3::from(center), Vec3::from(offset).clamp_length_max(1.0));
+            match view.overlap(center, radius) {
+                Overlap::Outside => prop_assert!(!view.sees(center + offset * radius)),
+                Overlap::Inside => prop_assert!(view.sees(center + offset * radius)),
+                Overlap::Partly => {}
+            }
+        }
+    }
+}

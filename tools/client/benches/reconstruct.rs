@@ -1,0 +1,143 @@
+//! Time of one 1080p reconstruction, all cores and one: `cargo bench -p psao-client`.
+//!
+//! The view is a hall of three walls at 512 points per square metre, as a person sees it; before anything is timed
+//! the picture is compared with the pattern that the points carry.
+
+#![expect(clippy::expect_used, reason = "a bench that cannot be set up has nothing to time")]
+
+use std::hint::black_box;
+use std::sync::Arc;
+
+use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use glam::Vec3;
+use psao_client::{GBuffer, Size, Surface, Surfaces, raster, reconstruct};
+use psao_codec::Limits;
+use psao_codec::block::BlockCoder;
+use psao_codec::cells::{Grid, InstanceLayout, Layout, PaperEncoder, PointSample, bucket_count};
+use psao_codec::frame::{FrameIndex, FrameKind, FrameMeta, State, StreamTime, apply};
+use psao_proto::message::CameraPose;
+
+/// Side of the hall in metres; each wall is one instance.
+const SIDE: f32 = 12.0;
+/// Points per square metre.
+const DENSITY: f32 = 512.0;
+
+/// Normals of the walls, each through the corner at the origin.
+const WALLS: [Vec3; 3] = [Vec3::X, Vec3::Y, Vec3::Z];
+
+struct Hall;
+
+impl Surfaces for Hall {
+    fn first_hit(&self, origin: Vec3, dir: Vec3, tmax: f32) -> Option<Surface> {
+        let hits = WALLS.iter().zip(0..).filter_map(|(&normal, instance)| {
+            let t = -origin.dot(normal) / dir.dot(normal);
+            let position = origin + dir * t;
+            let inside = position.min_element() > -1e-3 && position.max_element() <= SIDE;
+            (t > 0.0 && t <= tmax && inside).then_some(Surface { t, position, normal, instance })
+        });
+        hits.min_by(|a, b| a.t.total_cmp(&b.t))
+    }
+}
+
+/// The AO that the points carry: slow waves, so that blending points of one wall keeps them.
+fn pattern(at: Vec3) -> f32 {
+    0.5 + 0.5 * libm::sinf(at.x) * libm::cosf(at.y + at.z)
+}
+
+/// A state with a jittered lattice of points on each wall.
+fn hall() -> State {
+    let spacing = 1.0 / DENSITY.sqrt();
+    let across = (SIDE / spacing) as u32;
+    // Poisson radius of a hexagonal packing of this density; cells of four of them (paper, section 3.2).
+    let radius = (1.0 / (2.0 * 3.0_f32.sqrt() * DENSITY)).sqrt();
+    let edge = 4.0 * radius;
+    let cells = (SIDE / edge).ceil() as u32 + 2;
+    let origin = Vec3::splat(-edge * 0.37);
+    let buckets = bucket_count(SIDE * SIDE, edge, 64.0);
+    let instances = (0..3).map(|instance: u32| {
+        let mut dims = [cells; 3];
+        dims[instance as usize] = 1;
+        let grid = Grid::new(origin.to_array(), edge, dims).expect("the grid is small");
+        InstanceLayout {
+            grid,
+            first_bucket: instance * buckets,
+            bucket_count: buckets,
+            kernel_radius: 2.0 * radius,
+        }
+    });
+    let layout = Layout::new(instances.collect(), 1 << 20, &Limits::default()).expect("the layout is small");
+    let layout = Arc::new(layout);
+    let points = across * across;
+    let mut encoder = PaperEncoder::new(Arc::clone(&layout), &[points; 3]).expect("three walls");
+    let mut random = 1_u32;
+    let mut jitter = || {
+        random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (random >> 8) as f32 / 16_777_216.0
+    };
+    for (normal, wall) in WALLS.into_iter().zip(0_u32..) {
+        for point in 0..points {
+            let u = ((point % across) as f32 + 0.2 + 0.6 * jitter()) * spacing;
+            let v = ((point / across) as f32 + 0.2 + 0.6 * jitter()) * spacing;
+            let local = [Vec3::new(0.0, u, v), Vec3::new(u, 0.0, v), Vec3::new(u, v, 0.0)][wall as usize];
+            let ao = (pattern(local) * 255.0 + 0.5) as u8;
+            let sample = PointSample { local: local.to_array(), normal: normal.to_array(), ao };
+            encoder.put(wall * points + point, &sample).expect("the point exists");
+        }
+    }
+    let meta = FrameMeta {
+        kind: FrameKind::Key,
+        frame: FrameIndex(0),
+        time: StreamTime(0),
+        changed_points: 3 * points,
+    };
+    let frame = encoder.finish(meta, BlockCoder::Stored).expect("the first frame");
+    let mut state = State::new(layout);
+    apply(&mut state, &frame.body, &Limits::default()).expect("a frame just encoded");
+    state
+}
+
+fn view(size: Size) -> GBuffer {
+    let pose = CameraPose {
+        eye: [9.0, 1.7, 8.0],
+        target: [0.0, 1.5, 0.5],
+        up: [0.0, 1.0, 0.0],
+        fov_y_deg: 60.0,
+        aspect: size.aspect(),
+    };
+    raster(&Hall, &pose, size).expect("the camera is sound")
+}
+
+/// The picture must be the pattern, but for points that the tables lost and for the rims.
+fn check(state: &State, view: &GBuffer) {
+    let found = reconstruct::cells(state, view).expect("the view is of this state");
+    let mut near = 0;
+    for (pixel, value) in found.image.values().iter().enumerate() {
+        let want = view.fragment(pixel).map_or(1.0, |fragment| pattern(fragment.position));
+        near += usize::from((value - want).abs() < 0.03);
+    }
+    let share = near as f64 / found.image.values().len() as f64;
+    assert!(share > 0.99, "only {share} of the pixels show the pattern");
+    println!(
+        "{} fragments, {:.1} points blended each",
+        found.statistics.fragments,
+        found.statistics.mean_blended()
+    );
+}
+
+fn reconstruct_1080p(c: &mut Criterion) {
+    let state = hall();
+    let view = view(Size::new(1920, 1080).expect("a possible size"));
+    check(&state, &view);
+    let mut group = c.benchmark_group("reconstruct 1080p");
+    group.sample_size(20).throughput(Throughput::Elements(view.covered() as u64));
+    for threads in [1, rayon::current_num_threads()] {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads start");
+        group.bench_function(format!("{threads} threads"), |b| {
+            b.iter(|| pool.install(|| reconstruct::cells(black_box(&state), black_box(&view))));
+        });
+    }
+    group.finish();
+}
+
+criterion_group!(benches, reconstruct_1080p);
+criterion_main!(benches);

@@ -1,1 +1,45 @@
 //! Point-based ambient occlusion streams: references, error metrics, stress cases.
+//!
+//! What a client reconstructs is compared with a picture traced by many rays a pixel ([`reference`](mod@reference)),
+//! in figures ([`metric`]). Geometry is shared knowledge of client and server, so the client looks at the server's
+//! world through [`adapter`]; ambient occlusion reaches it through the stream alone. [`stress`] is a table of cases
+//! that strain the stream on purpose, each with its bound and the worst that was measured.
+//!
+//! # Trace a reference and compare
+//!
+//! ```
+//! use std::sync::Arc;
+//!
+//! use glam::Vec3;
+//! use psao_client::{AoImage, Size, raster};
+//! use psao_eval::adapter::SceneView;
+//! use psao_eval::metric::Comparison;
+//! use psao_eval::reference::reference;
+//! use psao_server_sim::ao::AoSettings;
+//! use psao_server_sim::bvh::World;
+//! use psao_server_sim::scene::Scene;
+//!
+//! // A wall stands on a floor; both face the camera.
+//! let floor = [Vec3::ZERO, Vec3::Z * 4.0, Vec3::X * 4.0];
+//! let wall = [Vec3::ZERO, Vec3::X * 4.0, Vec3::Y * 4.0];
+//! let scene = Arc::new(Scene::from_triangles("corner", &[vec![floor], vec![wall]], 0.6)?);
+//! let world = World::new(&scene, &scene.pose(0.0));
+//! let scene_view = SceneView::new(&world);
+//!
+//! let view = raster(&scene_view, &scene.camera(0.0), Size::new(32, 18)?)?;
+//! let truth = reference(&scene_view, &view, &AoSettings { rays: 64, ..AoSettings::default() })?;
+//!
+//! // No ambient occlusion at all is brighter than the truth, and never darker.
+//! let open = AoImage::new(view.size(), vec![1.0; view.size().pixels()])?;
+//! let found = Comparison::new(&truth, &open)?;
+//! assert!(found.bias > 0.0 && (found.bias - found.mae).abs() < 1e-9);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+pub mod adapter;
+#[cfg(test)]
+mod end_to_end;
+pub mod metric;
+pub mod reference;
+mod shapes;
+pub mod stress;

@@ -1,0 +1,121 @@
+//! The server's world as a client sees it: geometry only, which both sides share.
+
+use glam::Vec3;
+use psao_client::{Surface, Surfaces};
+use psao_server_sim::bvh::World;
+
+use crate::reference::Rays;
+
+/// A scene at one moment, to look at ([`Surfaces`]) and to trace references through ([`Rays`]).
+///
+/// Looking follows glTF 2.0 (section 3.9.2, double sided): the backs of one-sided materials are not drawn.
+/// References count them, as the server's rays do.
+#[derive(Clone, Copy, Debug)]
+pub struct SceneView<'a> {
+    world: &'a World,
+}
+
+/// Most backs of one-sided faces that a ray may pass before it counts as meeting nothing.
+const MOST_BACKS: u32 = 256;
+
+impl<'a> SceneView<'a> {
+    /// Looks at `world` as it is now.
+    pub fn new(world: &'a World) -> Self {
+        Self { world }
+    }
+
+    pub(crate) fn world(&self) -> &'a World {
+        self.world
+    }
+}
+
+impl Surfaces for SceneView<'_> {
+    fn first_hit(&self, origin: Vec3, dir: Vec3, tmax: f32) -> Option<Surface> {
+        let scene = self.world.scene();
+        let mut from = 0.0_f32;
+        for _ in 0..MOST_BACKS {
+            let hit = self.world.closest(origin + dir * from, dir, tmax - from)?;
+            let at = self.world.surface(&hit)?;
+            let t = from + hit.t;
+            let mesh = &scene.meshes()[scene.instances()[hit.instance.index()].mesh().index()];
+            let back = at.facing.dot(dir) > 0.0;
+            if !back || scene.material(mesh).double_sided() {
+                let normal = if back { -at.normal } else { at.normal };
+                return Some(Surface { t, position: at.position, normal, instance: hit.instance.0 });
+            }
+            // On from just behind the face: a few units in the last place of where it is.
+            let magnitude = at.position.abs().max_element().max(t);
+            from = t + (magnitude * 4.0 * f32::EPSILON).max(f32::MIN_POSITIVE);
+        }
+        None
+    }
+}
+
+impl Rays for SceneView<'_> {
+    fn distance(&self, origin: Vec3, direction: Vec3, tmax: f32) -> Option<f32> {
+        self.world.closest(origin, direction, tmax).map(|hit| hit.t)
+    }
+
+    fn occluded(&self, origin: Vec3, direction: Vec3, tmax: f32) -> bool {
+        self.world.occluded(origin, direction, tmax)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use psao_client::{Size, raster};
+    use psao_proto::message::CameraPose;
+    use psao_server_sim::scene::Scene;
+
+    use super::*;
+    use crate::shapes;
+
+    fn world(lists: &[Vec<[Vec3; 3]>]) -> World {
+        let scene = Arc::new(Scene::from_triangles("test", lists, 0.6).unwrap());
+        let pose = scene.pose(0.0);
+        World::new(&scene, &pose)
+    }
+
+    #[test]
+    fn the_nearest_front_is_seen_with_its_instance_and_normal() {
+        let world = world(&[shapes::floor(4.0), shapes::cube(Vec3::new(0.0, 1.0, 0.0), 0.5)]);
+        let view = SceneView::new(&world);
+        let down = view.first_hit(Vec3::new(0.1, 5.0, 0.2), Vec3::NEG_Y, f32::INFINITY).unwrap();
+        assert_eq!((down.instance, down.normal), (1, Vec3::Y));
+        assert!((down.t - 3.5).abs() < 1e-5 && (down.position - Vec3::new(0.1, 1.5, 0.2)).length() < 1e-5);
+        let beside = view.first_hit(Vec3::new(2.0, 5.0, 0.0), Vec3::NEG_Y, f32::INFINITY).unwrap();
+        assert_eq!((beside.instance, beside.normal), (0, Vec3::Y));
+        assert_eq!(view.first_hit(Vec3::new(2.0, 5.0, 0.0), Vec3::NEG_Y, 4.9), None, "beyond tmax");
+        assert_eq!(view.first_hit(Vec3::new(2.0, 5.0, 0.0), Vec3::Y, f32::INFINITY), None);
+    }
+
+    #[test]
+    fn backs_of_one_sided_faces_are_looked_through_but_occlude() {
+        let world = world(&[shapes::floor(4.0), shapes::cube(Vec3::new(0.0, 1.0, 0.0), 0.5)]);
+        let view = SceneView::new(&world);
+        let inside = Vec3::new(0.1, 1.0, 0.2);
+        let seen = view.first_hit(inside, Vec3::NEG_Y, f32::INFINITY).unwrap();
+        assert_eq!(seen.instance, 0, "out of the cube, to the floor");
+        assert!((seen.t - 1.0).abs() < 1e-5, "{seen:?}");
+        assert!((view.distance(inside, Vec3::NEG_Y, 10.0).unwrap() - 0.5).abs() < 1e-5);
+        assert!(view.occluded(inside, Vec3::X, 1.0) && !view.occluded(inside, Vec3::X, 0.3));
+    }
+
+    #[test]
+    fn a_picture_of_a_cube_shows_its_silhouette() {
+        let world = world(&[shapes::cube(Vec3::ZERO, 1.0)]);
+        let pose = CameraPose {
+            eye: [0.0, 0.0, 5.0],
+            target: [0.0; 3],
+            up: [0.0, 1.0, 0.0],
+            fov_y_deg: 2.0 * libm::atanf(0.5).to_degrees(),
+            aspect: 1.0,
+        };
+        let view = raster(&SceneView::new(&world), &pose, Size::new(64, 64).unwrap()).unwrap();
+        // The front face, 4 m away and 2 m wide, fills half of what is 4 m wide there.
+        assert_eq!(view.covered(), 32 * 32);
+        assert!((0..view.size().pixels()).filter_map(|p| view.fragment(p)).all(|f| f.normal == Vec3::Z));
+    }
+}

@@ -1,0 +1,219 @@
+//! How far an image is from its reference.
+//!
+//! Sums run in f64 over the pixels in row order, so a figure does not depend on the number of threads.
+
+use psao_client::{AoImage, Size};
+
+/// Two images that cannot be compared.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("the reference has {reference} pixels and the image under test {test}; compare images of one size")]
+pub struct SizeMismatch {
+    /// Size of the reference.
+    pub reference: Size,
+    /// Size of the image under test.
+    pub test: Size,
+}
+
+/// All the error figures of one pair of images. Units: AO, where 1 is the whole range from closed to open.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Comparison {
+    /// Mean absolute error, in `[0, 1]`.
+    pub mae: f64,
+    /// Root of the mean squared error, in `[0, 1]`, at least `mae`.
+    pub rmse: f64,
+    /// Peak signal-to-noise ratio in dB, at least 0 for values in `[0, 1]`; infinite for equal images.
+    pub psnr: f64,
+    /// Mean of `test - reference`, in `[-1, 1]`: above 0 the test is too bright.
+    pub bias: f64,
+    /// The absolute error that at least 99 % of the pixels do not exceed, in `[0, 1]`.
+    pub p99: f64,
+    /// The largest absolute error, in `[0, 1]`.
+    pub max: f64,
+}
+
+impl Comparison {
+    /// Compares `test` with `reference`.
+    ///
+    /// # Errors
+    ///
+    /// [`SizeMismatch`] when the images are not of one size.
+    ///
+    /// ```
+    /// use psao_client::{AoImage, Size};
+    /// use psao_eval::metric::Comparison;
+    ///
+    /// let size = Size::new(2, 1)?;
+    /// let reference = AoImage::new(size, vec![0.5, 1.0])?;
+    /// let test = AoImage::new(size, vec![0.5, 0.9])?;
+    /// let found = Comparison::new(&reference, &test)?;
+    /// assert!((found.mae - 0.05).abs() < 1e-7 && (found.max - 0.1).abs() < 1e-7);
+    /// assert!((found.psnr - 23.0103).abs() < 1e-4); // 10 log10(1 / 0.005)
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn new(reference: &AoImage, test: &AoImage) -> Result<Self, SizeMismatch> {
+        let mut errors = differences(reference, test)?.collect::<Vec<_>>();
+        let count = errors.len() as f64;
+        let bias = errors.iter().sum::<f64>() / count;
+        let mean_square = errors.iter().map(|e| e * e).sum::<f64>() / count;
+        for error in &mut errors {
+            *error = error.abs();
+        }
+        let mae = errors.iter().sum::<f64>() / count;
+        // The least rank that leaves at most 1 % of the pixels above it.
+        let rank = (errors.len() * 99).div_ceil(100) - 1;
+        let (_, p99, _) = errors.select_nth_unstable_by(rank, f64::total_cmp);
+        let p99 = *p99;
+        let max = errors.iter().copied().fold(0.0, f64::max);
+        Ok(Self { mae, rmse: mean_square.sqrt(), psnr: decibels(mean_square), bias, p99, max })
+    }
+}
+
+/// Mean absolute error, in `[0, 1]`.
+///
+/// # Errors
+///
+/// [`SizeMismatch`] when the images are not of one size.
+pub fn mae(reference: &AoImage, test: &AoImage) -> Result<f64, SizeMismatch> {
+    let sum: f64 = differences(reference, test)?.map(f64::abs).sum();
+    Ok(sum / reference.values().len() as f64)
+}
+
+/// Root of the mean squared error, in `[0, 1]`.
+///
+/// # Errors
+///
+/// [`SizeMismatch`] when the images are not of one size.
+pub fn rmse(reference: &AoImage, test: &AoImage) -> Result<f64, SizeMismatch> {
+    Ok(mean_square(reference, test)?.sqrt())
+}
+
+/// Peak signal-to-noise ratio in dB, `10 log10(1 / MSE)` with a peak of 1.0; infinite for equal images.
+///
+/// # Errors
+///
+/// [`SizeMismatch`] when the images are not of one size.
+pub fn psnr(reference: &AoImage, test: &AoImage) -> Result<f64, SizeMismatch> {
+    Ok(decibels(mean_square(reference, test)?))
+}
+
+fn mean_square(reference: &AoImage, test: &AoImage) -> Result<f64, SizeMismatch> {
+    let sum: f64 = differences(reference, test)?.map(|e| e * e).sum();
+    Ok(sum / reference.values().len() as f64)
+}
+
+fn decibels(mean_square: f64) -> f64 {
+    if mean_square == 0.0 { f64::INFINITY } else { -10.0 * libm::log10(mean_square) }
+}
+
+/// `test - reference` of each pixel, in row order.
+fn differences<'a>(
+    reference: &'a AoImage,
+    test: &'a AoImage,
+) -> Result<impl Iterator<Item = f64> + 'a, SizeMismatch> {
+    if reference.size() != test.size() {
+        return Err(SizeMismatch { reference: reference.size(), test: test.size() });
+    }
+    Ok(reference.values().iter().zip(test.values()).map(|(r, t)| f64::from(*t) - f64::from(*r)))
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn image(width: u32, height: u32, values: Vec<f32>) -> AoImage {
+        AoImage::new(Size::new(width, height).unwrap(), values).unwrap()
+    }
+
+    #[test]
+    fn equal_images_have_no_error_and_infinite_psnr() {
+        let a = image(2, 2, vec![0.0, 0.25, 0.5, 1.0]);
+        let found = Comparison::new(&a, &a).unwrap();
+        assert_eq!(
+            found,
+            Comparison { mae: 0.0, rmse: 0.0, psnr: f64::INFINITY, bias: 0.0, p99: 0.0, max: 0.0 }
+        );
+    }
+
+    #[test]
+    fn black_against_white_is_the_worst_there_is() {
+        let found = Comparison::new(&image(3, 1, vec![0.0; 3]), &image(3, 1, vec![1.0; 3])).unwrap();
+        assert_eq!(found, Comparison { mae: 1.0, rmse: 1.0, psnr: 0.0, bias: 1.0, p99: 1.0, max: 1.0 });
+    }
+
+    #[test]
+    fn p99_leaves_one_pixel_in_a_hundred_above() {
+        let black = |n: u32| image(n, 1, vec![0.0; n as usize]);
+        let with_spikes = |n: u32, spikes: usize| {
+            let mut values = vec![0.25; n as usize];
+            values[..spikes].fill(1.0);
+            image(n, 1, values)
+        };
+        assert_eq!(Comparison::new(&black(200), &with_spikes(200, 2)).unwrap().p99, 0.25);
+        assert_eq!(Comparison::new(&black(200), &with_spikes(200, 3)).unwrap().p99, 1.0);
+        assert_eq!(Comparison::new(&black(1), &with_spikes(1, 1)).unwrap().p99, 1.0, "one pixel has no tail");
+    }
+
+    #[test]
+    fn sizes_must_agree_even_if_the_pixels_do() {
+        let (a, b) = (image(2, 3, vec![0.0; 6]), image(3, 2, vec![0.0; 6]));
+        assert!(mae(&a, &b).is_err() && rmse(&a, &b).is_err() && psnr(&a, &b).is_err());
+        let error = Comparison::new(&a, &b).unwrap_err();
+        assert_eq!(error, SizeMismatch { reference: a.size(), test: b.size() });
+    }
+
+    /// Reference figures of independent implementations, where the shared data is at hand: in the folder that
+    /// `PSAO_SHARED` names, or in `shared` beside the repository.
+    #[test]
+    fn figures_equal_those_of_other_implementations() {
+        let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared").to_owned();
+        let folder = format!("{}/metrics", std::env::var("PSAO_SHARED").unwrap_or(beside));
+        let Ok(text) = std::fs::read_to_string(format!("{folder}/metrics.json")) else {
+            assert!(std::env::var_os("PSAO_REQUIRE_SHARED").is_none(), "no reference figures in {folder}");
+            eprintln!(
+                "SKIPPED: no reference figures at {folder}/metrics.json; set PSAO_SHARED to check against them"
+            );
+            return;
+        };
+        let json: serde_json::Value = serde_json::from_str(&text).unwrap();
+        let mut compared = 0;
+        for pair in json["pairs"].as_array().unwrap().iter().filter(|pair| pair["channels"] == 1) {
+            let name = pair["name"].as_str().unwrap();
+            let [reference, test] = ["ref", "test"].map(|side| {
+                let grey = image::open(format!("{folder}/pairs/{name}.{side}.png")).unwrap().into_luma8();
+                AoImage::from_bytes(Size::new(grey.width(), grey.height()).unwrap(), grey.as_raw()).unwrap()
+            });
+            let found = Comparison::new(&reference, &test).unwrap();
+            // The figures were made from bytes / 255 in f64; ours is an image of f32, rounded to 6e-8.
+            let mae = pair["mae"].as_f64().unwrap();
+            assert!((found.mae - mae).abs() < 1e-7, "{name}: mae {} against {mae}", found.mae);
+            match pair["psnr_db"].as_f64() {
+                Some(db) => assert!((found.psnr - db).abs() < 2e-4, "{name}: {} dB against {db}", found.psnr),
+                None => assert_eq!(found.psnr, f64::INFINITY, "{name} is identical"),
+            }
+            compared += 1;
+        }
+        assert!(compared > 10, "only {compared} grey pairs in {folder}");
+    }
+
+    proptest! {
+        #[test]
+        fn one_pass_and_single_figures_agree(pixels in prop::collection::vec((0.0_f32..=1.0, 0.0_f32..=1.0), 1..300)) {
+            let (r, t): (Vec<_>, Vec<_>) = pixels.into_iter().unzip();
+            let width = u32::try_from(r.len()).unwrap();
+            let (r, t) = (image(width, 1, r), image(width, 1, t));
+            let all = Comparison::new(&r, &t).unwrap();
+            prop_assert_eq!(all.mae, mae(&r, &t).unwrap());
+            prop_assert_eq!(all.rmse, rmse(&r, &t).unwrap());
+            prop_assert_eq!(all.psnr, psnr(&r, &t).unwrap());
+            prop_assert!(all.bias.abs() <= all.mae + 1e-12);
+            prop_assert!(all.mae <= all.rmse + 1e-12 && all.rmse <= all.max + 1e-12 && all.p99 <= all.max);
+            prop_assert!(all.psnr >= 0.0);
+            let mut sorted: Vec<f32> = r.values().iter().zip(t.values()).map(|(r, t)| (t - r).abs()).collect();
+            sorted.sort_by(f32::total_cmp);
+            let above = sorted.iter().filter(|&&e| f64::from(e) > all.p99 + 1e-6).count();
+            prop_assert!(above * 100 <= sorted.len());
+        }
+    }
+}

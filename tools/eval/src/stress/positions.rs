@@ -1,0 +1,107 @@
+//! Positions in 5 bits an axis of a cell: how far a point is off when it comes out (paper, section 3.2).
+
+use psao_codec::cells::Grid;
+use psao_codec::point::Packed32;
+
+use super::{Case, StressError};
+
+/// Points measured per grid.
+const POINTS: u32 = 50_000;
+/// Cells along each axis of every grid here.
+const CELLS: u32 = 64;
+/// Half a step of 1/31 of a cell, the codec's own bound, in cells.
+const HALF_STEP: f64 = 0.5 / 31.0;
+
+pub(super) fn cases() -> Vec<Case> {
+    vec![
+        Case {
+            name: "position-cells",
+            what: "Largest error of a point's position on one axis after packing, in cell edges, in a grid at the origin.",
+            bound_text: "half a step of 1/31 of a cell and the rounding of f32 (2e-5 of a cell at 64 cells)",
+            bound: HALF_STEP + 2e-5,
+            documented: None,
+            unit: "cells",
+            measure: || worst([0.0; 3], 1.0),
+        },
+        Case {
+            name: "position-scene-1e-3",
+            what: "Largest error of a point's position on one axis in a scene one millimetre across.",
+            bound_text: "half a step of 1/31 of a cell of 1/64 mm: 0.252 um, and the rounding of f32",
+            bound: (HALF_STEP + 2e-5) * 1e-3 / 64.0 * 1e6,
+            documented: None,
+            unit: "um",
+            measure: || Ok(worst([0.0; 3], 1e-3 / 64.0)? * 1e6),
+        },
+        Case {
+            name: "position-scene-1e4",
+            what: "Largest error of a point's position on one axis in a scene ten kilometres across.",
+            bound_text: "half a step of 1/31 of a cell of 156.25 m: 2.52 m, and the rounding of f32",
+            bound: (HALF_STEP + 2e-5) * 1e4 / 64.0,
+            documented: None,
+            unit: "m",
+            measure: || worst([-5e3; 3], 1e4 / 64.0),
+        },
+        Case {
+            name: "position-far-1e4",
+            what: "Largest error of a point's position on one axis in a grid of 0.1 m cells that begins ten kilometres from the origin.",
+            bound_text: "half a step of 1/31 of a cell: 1.61 mm; documented: and twice the 0.98 mm between neighbouring f32 values there",
+            bound: HALF_STEP * 0.1 * 1e3,
+            documented: Some(HALF_STEP * 0.1 * 1e3 + 2.0 * 0.976_562_5),
+            unit: "mm",
+            measure: || Ok(worst([1e4; 3], 0.1)? * 1e3),
+        },
+    ]
+}
+
+/// Largest error on one axis, in metres, over points spread through a grid at `origin` with cells of `edge`.
+fn worst(origin: [f32; 3], edge: f32) -> Result<f64, StressError> {
+    let grid = Grid::new(origin, edge, [CELLS; 3]).map_err(StressError::new)?;
+    let mut worst = 0.0_f64;
+    for index in 0..POINTS {
+        let share = spread(index);
+        let point: [f32; 3] =
+            std::array::from_fn(|axis| origin[axis] + (share[axis] * f64::from(CELLS)) as f32 * edge);
+        let located = grid.locate(point);
+        let packed = Packed32::pack(located.frac, [0.0, 0.0, 1.0], 0);
+        let corner = grid.corner(located.cell);
+        for axis in 0..3 {
+            let back = corner[axis] + packed.frac()[axis] * edge;
+            worst = worst.max((f64::from(back) - f64::from(point[axis])).abs());
+        }
+    }
+    Ok(worst)
+}
+
+/// Point `index` of the additive recurrence with the generalised golden ratio, in `[0, 1)` on each axis
+/// (Roberts 2018): even in space, and never on a lattice that rounding might favour.
+fn spread(index: u32) -> [f64; 3] {
+    let ratio = 1.220_744_084_605_759_5_f64;
+    let step = [1.0 / ratio, 1.0 / (ratio * ratio), 1.0 / (ratio * ratio * ratio)];
+    step.map(|step| (0.5 + step * f64::from(index)).fract())
+}
+
+#[cfg(test)]
+mod tests {
+    use psao_codec::quant::position;
+
+    use super::*;
+
+    #[test]
+    fn the_bound_is_the_codecs_own() {
+        assert!((f64::from(position::max_error()) - HALF_STEP).abs() < 1e-6);
+    }
+
+    #[test]
+    fn the_worst_case_comes_close_to_its_bound() {
+        let found = worst([0.0; 3], 1.0).unwrap();
+        assert!(found > 0.99 * HALF_STEP && found <= HALF_STEP + 2e-5, "{found} of {HALF_STEP}");
+    }
+
+    #[test]
+    fn points_reach_all_octants() {
+        let octant = |p: [f64; 3]| p.iter().fold(0, |bits, &axis| bits * 2 + usize::from(axis >= 0.5));
+        let mut seen = [0; 8];
+        (0..8_000).for_each(|index| seen[octant(spread(index))] += 1);
+        assert!(seen.iter().all(|&n| (950..1050).contains(&n)), "{seen:?}");
+    }
+}

@@ -1,3 +1,64 @@
-//! The `psao` command.
+//! The `psao` command: record, replay, inspect, reconstruct and verify streams of point-based ambient occlusion.
+//!
+//! This crate is the edge: files, sockets, clocks and the terminal are here; everything else is in the libraries.
 
-fn main() {}
+mod analysis;
+mod args;
+mod commands;
+mod context;
+mod error;
+mod output;
+mod pictures;
+mod producer;
+mod recorder;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Point-based split rendering of ambient occlusion: streams recorded, replayed, inspected and drawn
+///
+/// Exit codes: 0 done; 1 the system failed; 2 wrong usage; 3 input refused; 4 finished, but damaged input was left
+/// out; 5 the network or the peer failed; 6 a check failed.
+#[derive(Parser)]
+#[command(version, max_term_width = 110)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    Demo(commands::demo::Args),
+    Scenes(commands::scenes::Args),
+    Record(commands::record::Args),
+    Serve(commands::serve::Args),
+    Client(commands::client::Args),
+    Replay(commands::replay::Args),
+    Inspect(commands::inspect::Args),
+    Reconstruct(commands::reconstruct::Args),
+    Verify(commands::verify::Args),
+    Stress(commands::stress::Args),
+}
+
+fn main() -> ExitCode {
+    let result = match Cli::parse().command {
+        Command::Demo(args) => commands::demo::run(&args),
+        Command::Scenes(args) => commands::scenes::run(&args),
+        Command::Record(args) => commands::record::run(&args),
+        Command::Serve(args) => commands::serve::run(&args),
+        Command::Client(args) => commands::client::run(&args),
+        Command::Replay(args) => commands::replay::run(&args),
+        Command::Inspect(args) => commands::inspect::run(&args),
+        Command::Reconstruct(args) => commands::reconstruct::run(&args),
+        Command::Verify(args) => commands::verify::run(&args),
+        Command::Stress(args) => commands::stress::run(&args),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("psao: {failure}");
+            ExitCode::from(failure.exit as u8)
+        }
+    }
+}

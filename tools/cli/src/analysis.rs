@@ -1,0 +1,264 @@
+//! Where every byte of a recording went. `inspect`, `verify` and `demo` print what is found here.
+//!
+//! Each byte of the file is counted once: in a part of a frame, or in a part of the overhead. What the readers skip
+//! (damage) is overhead too, so the sums hold for any file.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use psao_codec::frame::{FrameInfo, FrameKind, SectionTag};
+use psao_proto::message::{Message, Report, Scene, SceneInfo};
+use psao_proto::recording::{Damage, FILE_HEADER_BYTES, FOOTER_BYTES, RECORD_HEAD_BYTES, Reader, Record};
+use psao_proto::{FrameType, HEADER_BYTES, Limits};
+
+use crate::error::{Failure, Outcome};
+use crate::output::number;
+
+/// Parts of a frame on the wire, in the order in which tables and plots show them.
+pub(crate) const PARTS: [&str; 7] = ["cells", "buckets", "poses", "header", "envelope", "report", "other"];
+const CELLS: usize = 0;
+const BUCKETS: usize = 1;
+const POSES: usize = 2;
+const HEADER: usize = 3;
+const ENVELOPE: usize = 4;
+const REPORT: usize = 5;
+const OTHER: usize = 6;
+
+/// Parts of a recording that belong to no frame.
+pub(crate) const OVERHEAD: [&str; 7] =
+    ["file_header", "arrival_times", "scene", "index", "close", "other_frames", "damaged"];
+const FILE_HEADER: usize = 0;
+const ARRIVAL_TIMES: usize = 1;
+const SCENE: usize = 2;
+const INDEX: usize = 3;
+const CLOSE: usize = 4;
+const OTHER_FRAMES: usize = 5;
+const DAMAGED: usize = 6;
+
+/// One keyframe or update, and what belongs to it.
+#[derive(Clone, Debug)]
+pub(crate) struct FrameLine {
+    pub(crate) frame: u32,
+    pub(crate) time_s: f64,
+    pub(crate) key: bool,
+    pub(crate) group: u32,
+    pub(crate) sequence: u32,
+    pub(crate) changed_points: u32,
+    pub(crate) hash: u64,
+    /// Bytes by part, in the order of [`PARTS`].
+    pub(crate) parts: [u64; PARTS.len()],
+    pub(crate) report: Option<Report>,
+}
+
+impl FrameLine {
+    /// Bytes of the frame on the wire, all parts together.
+    pub(crate) fn wire_bytes(&self) -> u64 {
+        self.parts.iter().sum()
+    }
+
+    /// Bytes that the paper counts: the compressed cells and buckets.
+    pub(crate) fn paper_bytes(&self) -> u64 {
+        self.parts[CELLS] + self.parts[BUCKETS]
+    }
+}
+
+/// What is in a recording.
+#[derive(Clone, Debug)]
+pub(crate) struct Analysis {
+    pub(crate) file_bytes: u64,
+    pub(crate) stream: Option<SceneInfo>,
+    pub(crate) frames: Vec<FrameLine>,
+    /// Bytes by part, in the order of [`OVERHEAD`].
+    pub(crate) overhead: [u64; OVERHEAD.len()],
+    pub(crate) damages: Vec<Damage>,
+    /// Keyframes and updates whose body could not be read although the record was whole.
+    pub(crate) unreadable: Vec<String>,
+}
+
+/// Totals over the frames after the first state, and over everything.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Totals {
+    /// Wire bytes of the first frame.
+    pub(crate) first_state: u64,
+    /// Frames after it.
+    pub(crate) later_frames: u64,
+    /// Seconds of stream time that those frames cover.
+    pub(crate) seconds: f64,
+    pub(crate) changed_points: u64,
+    /// Wire bytes by part of the frames after the first.
+    pub(crate) parts: [u64; PARTS.len()],
+    /// Mbit/s of the compressed cells and buckets after the first state: what the paper counts.
+    pub(crate) paper_mbit_s: f64,
+    /// Mbit/s of every wire byte after the first state.
+    pub(crate) wire_mbit_s: f64,
+    /// Mbit/s of the whole file, first state and overhead included.
+    pub(crate) file_mbit_s: f64,
+    /// Wire bits for each point that was sent after the first state; zero when none was.
+    pub(crate) bits_per_changed_point: f64,
+}
+
+/// Reads a whole recording into memory.
+pub(crate) fn load(path: &Path) -> Outcome<Vec<u8>> {
+    std::fs::read(path).map_err(|error| Failure::reading(path, &error))
+}
+
+impl Analysis {
+    /// Counts the bytes of a recording.
+    pub(crate) fn of(path: &Path, bytes: &[u8]) -> Outcome<Self> {
+        let reader = Reader::new(bytes)
+            .map_err(|error| Failure::input(format_args!("{}: {error}", path.display())))?;
+        let mut analysis = Self {
+            file_bytes: bytes.len() as u64,
+            stream: None,
+            frames: Vec::new(),
+            overhead: [0; OVERHEAD.len()],
+            damages: Vec::new(),
+            unreadable: Vec::new(),
+        };
+        let mut by_number = BTreeMap::new();
+        for item in reader {
+            match item {
+                Ok(record) => analysis.record(&record, &mut by_number),
+                Err(damage) => {
+                    analysis.overhead[DAMAGED] += damage.lost_bytes;
+                    analysis.damages.push(damage);
+                }
+            }
+        }
+        analysis.close_the_books();
+        Ok(analysis)
+    }
+
+    fn record(&mut self, record: &Record<'_>, by_number: &mut BTreeMap<u32, usize>) {
+        self.overhead[ARRIVAL_TIMES] += RECORD_HEAD_BYTES as u64;
+        let wire = record.wire_bytes();
+        let payload = record.frame.payload();
+        match record.frame.header.kind {
+            FrameType::KEYFRAME | FrameType::UPDATE => {
+                match psao_codec::frame::inspect(payload, &Limits::default().codec) {
+                    Ok(info) => {
+                        by_number.insert(info.frame.0, self.frames.len());
+                        self.frames.push(line(record, &info));
+                    }
+                    Err(error) => {
+                        self.overhead[OTHER_FRAMES] += wire;
+                        self.unreadable.push(format!("record at offset {}: {error}", record.offset()));
+                    }
+                }
+            }
+            FrameType::REPORT => {
+                let report = Report::from_payload(payload).ok();
+                let index = report.as_ref().and_then(|report| by_number.get(&report.frame.0));
+                match index.and_then(|&index| self.frames.get_mut(index)) {
+                    Some(line) => {
+                        line.parts[REPORT] += wire;
+                        line.report = report;
+                    }
+                    None => self.overhead[OTHER_FRAMES] += wire,
+                }
+            }
+            FrameType::SCENE => {
+                self.overhead[SCENE] += wire;
+                if let Ok(Scene::Info(info)) = Scene::from_payload(payload) {
+                    self.stream.get_or_insert(info);
+                }
+            }
+            FrameType::INDEX => self.overhead[INDEX] += wire,
+            FrameType::CLOSE => self.overhead[CLOSE] += wire,
+            _ => self.overhead[OTHER_FRAMES] += wire,
+        }
+    }
+
+    /// Attributes what the reader does not hand out: the file header and the footer.
+    fn close_the_books(&mut self) {
+        let counted =
+            self.overhead.iter().sum::<u64>() + self.frames.iter().map(FrameLine::wire_bytes).sum::<u64>();
+        let mut rest = self.file_bytes.saturating_sub(counted);
+        let header = rest.min(FILE_HEADER_BYTES as u64);
+        self.overhead[FILE_HEADER] += header;
+        rest -= header;
+        let footer = rest.min(FOOTER_BYTES as u64);
+        self.overhead[INDEX] += footer;
+        self.overhead[DAMAGED] += rest - footer;
+    }
+
+    /// Bytes of the file that belong to no frame.
+    pub(crate) fn overhead_bytes(&self) -> u64 {
+        self.overhead.iter().sum()
+    }
+
+    /// Whether everything in the file could be read.
+    pub(crate) fn is_whole(&self) -> bool {
+        self.damages.is_empty() && self.unreadable.is_empty()
+    }
+
+    /// Frames a second: the stream's own, or as the times of the frames say.
+    pub(crate) fn fps(&self) -> f64 {
+        match (&self.stream, self.frames.first(), self.frames.last()) {
+            (Some(info), ..) => f64::from(info.fps),
+            (None, Some(first), Some(last)) if last.time_s > first.time_s => {
+                (self.frames.len() - 1) as f64 / (last.time_s - first.time_s)
+            }
+            _ => 60.0,
+        }
+    }
+
+    /// Totals; the first frame is the first state, which the paper does not count.
+    pub(crate) fn totals(&self) -> Totals {
+        let Some((first, later)) = self.frames.split_first() else {
+            return Totals::default();
+        };
+        let mut totals = Totals {
+            first_state: first.wire_bytes(),
+            later_frames: later.len() as u64,
+            seconds: later.len() as f64 / self.fps(),
+            changed_points: later.iter().map(|line| u64::from(line.changed_points)).sum(),
+            ..Totals::default()
+        };
+        for line in later {
+            for (total, bytes) in totals.parts.iter_mut().zip(line.parts) {
+                *total += bytes;
+            }
+        }
+        let wire: u64 = totals.parts.iter().sum();
+        let paper = later.iter().map(FrameLine::paper_bytes).sum();
+        totals.paper_mbit_s = number::megabits(paper, totals.seconds);
+        totals.wire_mbit_s = number::megabits(wire, totals.seconds);
+        totals.file_mbit_s = number::megabits(self.file_bytes, self.frames.len() as f64 / self.fps());
+        if totals.changed_points > 0 {
+            totals.bits_per_changed_point = wire as f64 * 8.0 / totals.changed_points as f64;
+        }
+        totals
+    }
+
+    /// The newest report that says how the tables are filled.
+    pub(crate) fn last_report(&self) -> Option<&Report> {
+        self.frames.iter().rev().find_map(|line| line.report.as_ref())
+    }
+}
+
+fn line(record: &Record<'_>, info: &FrameInfo) -> FrameLine {
+    let mut parts = [0; PARTS.len()];
+    parts[ENVELOPE] = HEADER_BYTES as u64;
+    parts[HEADER] = u64::from(info.header_bytes);
+    for section in &info.sections {
+        let part = match section.tag {
+            SectionTag::CELLS => CELLS,
+            SectionTag::BUCKETS => BUCKETS,
+            SectionTag::POSES => POSES,
+            _ => OTHER,
+        };
+        parts[part] += u64::from(section.wire_bytes);
+    }
+    FrameLine {
+        frame: info.frame.0,
+        time_s: info.time.0 as f64 / 1e6,
+        key: info.kind == FrameKind::Key,
+        group: record.frame.header.group.0,
+        sequence: record.frame.header.sequence.0,
+        changed_points: info.changed_points,
+        hash: info.hash.0,
+        parts,
+        report: None,
+    }
+}

@@ -1,0 +1,194 @@
+//! Options that several commands share.
+
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use clap::{Args, ValueEnum};
+use psao_codec::block::BlockCoder;
+
+/// How a stream is produced: the scene, its points, their rays, and how they are packed.
+#[derive(Args, Clone, Debug)]
+pub(crate) struct StreamArgs {
+    /// Built-in scene (see `psao scenes`), or a .toml scene file, .gltf or .glb
+    #[arg(long, value_name = "NAME|FILE")]
+    pub(crate) scene: String,
+    #[command(flatten)]
+    pub(crate) tuning: TuningArgs,
+}
+
+/// The options of a stream other than its scene.
+#[derive(Args, Clone, Debug)]
+pub(crate) struct TuningArgs {
+    /// Frames a second of stream time
+    #[arg(long, default_value_t = 60.0, value_name = "F")]
+    pub(crate) fps: f32,
+    /// Points per square metre of surface, after elimination
+    #[arg(long, default_value_t = 512.0, value_name = "N_PER_M2")]
+    pub(crate) points: f32,
+    /// Points that an instance has at least, however small its surface
+    #[arg(long, default_value_t = 1024, value_name = "N")]
+    pub(crate) min_points: u32,
+    /// Rays a point
+    #[arg(long, default_value_t = 192, value_name = "N")]
+    pub(crate) rays: u32,
+    /// Length of the rays in metres; the scene's own by default
+    #[arg(long, value_name = "M")]
+    pub(crate) radius: Option<f32>,
+    /// What a ray that hits contributes: its distance over the radius, or nothing
+    #[arg(long, value_enum, default_value_t = OcclusionArg::Obscurance)]
+    pub(crate) occlusion: OcclusionArg,
+    /// How the points are laid out on the wire
+    #[arg(long, value_enum, default_value_t = ProfileArg::Paper)]
+    pub(crate) profile: ProfileArg,
+    /// Bits of a packed point
+    #[arg(long, default_value_t = 32, value_name = "32|24|16")]
+    pub(crate) bits: u8,
+    /// Block coder: zstd, zstd:LEVEL, lz4 or none
+    #[arg(long, default_value = "zstd:15", value_name = "CODER")]
+    pub(crate) compress: Coder,
+    /// A point is sent again when its AO has moved by this many steps of 1/255
+    #[arg(long, default_value_t = 8, value_name = "STEPS_OF_255", value_parser = clap::value_parser!(u8).range(1..))]
+    pub(crate) threshold: u8,
+    /// Seed of the points and their rays: same seed, same bytes
+    #[arg(long, default_value_t = 1, value_name = "S")]
+    pub(crate) seed: u64,
+    /// How much wider than the camera's the view is in which points are kept up to date
+    #[arg(long, default_value_t = 1.3, value_name = "FACTOR")]
+    pub(crate) view_margin: f32,
+    /// Keep every point of the scene up to date, whatever the camera sees
+    #[arg(long)]
+    pub(crate) all_visible: bool,
+    /// Trace every visible point in every frame, also where nothing near it has moved
+    #[arg(long)]
+    pub(crate) exhaustive: bool,
+    /// Kernel radius r of the paper's Eq. 2, in Poisson-disk radii of the points
+    #[arg(long, default_value_t = 2.5, value_name = "X")]
+    pub(crate) kernel: f32,
+    /// Slots of the paper's hash table for each cell that is expected
+    #[arg(long, default_value_t = 4.0, value_name = "X")]
+    pub(crate) slots_per_cell: f32,
+}
+
+/// `--occlusion`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum OcclusionArg {
+    /// Mean of min(distance, radius) / radius, as the paper's prototype
+    Obscurance,
+    /// Share of the rays that hit nothing
+    Binary,
+}
+
+/// `--profile`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum ProfileArg {
+    /// Cells and buckets as the paper sends them
+    Paper,
+    /// Points on the rest surface (not in this version)
+    Surface,
+}
+
+/// `--compress`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Coder(pub(crate) BlockCoder);
+
+impl FromStr for Coder {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let coder = match text.split_once(':') {
+            None if text == "zstd" => BlockCoder::Zstd { level: 15 },
+            None if text == "lz4" => BlockCoder::Lz4,
+            None if text == "none" => BlockCoder::Stored,
+            Some(("zstd", level)) => match level.parse() {
+                Ok(level @ 1..=22) => BlockCoder::Zstd { level },
+                _ => return Err(format!("zstd has levels 1 to 22, not \"{level}\"")),
+            },
+            _ => return Err(format!("\"{text}\" is none of zstd, zstd:LEVEL, lz4 and none")),
+        };
+        Ok(Self(coder))
+    }
+}
+
+/// `--size`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct SizeArg {
+    pub(crate) width: u32,
+    pub(crate) height: u32,
+}
+
+impl FromStr for SizeArg {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let parsed = text.split_once(['x', 'X']).and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)));
+        match parsed {
+            Some((width @ 1..=16_384, height @ 1..=16_384)) => Ok(Self { width, height }),
+            _ => Err(format!("\"{text}\" is not a size such as 960x540, each side 1 to 16384")),
+        }
+    }
+}
+
+/// Three numbers with commas between them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Triple(pub(crate) [f32; 3]);
+
+impl FromStr for Triple {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let numbers: Vec<f32> = text.split(',').filter_map(|part| part.trim().parse().ok()).collect();
+        match <[f32; 3]>::try_from(numbers) {
+            Ok(triple) if triple.iter().all(|v| v.is_finite()) && text.matches(',').count() == 2 => {
+                Ok(Self(triple))
+            }
+            _ => Err(format!("\"{text}\" is not three numbers such as 1.5,0,-2")),
+        }
+    }
+}
+
+/// How results are printed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Format {
+    /// For people
+    Table,
+    /// For programs, with a documented schema
+    Json,
+    /// For spreadsheets: a line per frame
+    Csv,
+}
+
+/// A recording to read.
+#[derive(Args, Clone, Debug)]
+pub(crate) struct RecordingArg {
+    /// A recording made by `psao record`
+    #[arg(value_name = "FILE")]
+    pub(crate) file: PathBuf,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn coders_parse_and_say_what_is_wrong() {
+        assert_eq!("zstd".parse(), Ok(Coder(BlockCoder::Zstd { level: 15 })));
+        assert_eq!("zstd:3".parse(), Ok(Coder(BlockCoder::Zstd { level: 3 })));
+        assert_eq!("lz4".parse(), Ok(Coder(BlockCoder::Lz4)));
+        assert_eq!("none".parse(), Ok(Coder(BlockCoder::Stored)));
+        for bad in ["zstd:0", "zstd:23", "zstd:", "lz4:1", "", "gzip"] {
+            assert!(bad.parse::<Coder>().is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn sizes_and_triples_refuse_nonsense() {
+        assert_eq!("960x540".parse(), Ok(SizeArg { width: 960, height: 540 }));
+        for bad in ["0x5", "5", "axb", "99999x1", "1x2x3"] {
+            assert!(bad.parse::<SizeArg>().is_err(), "{bad}");
+        }
+        assert_eq!("1,-2.5,3".parse(), Ok(Triple([1.0, -2.5, 3.0])));
+        for bad in ["1,2", "1,2,3,4", "1,x,2,3", "nan,0,0", ""] {
+            assert!(bad.parse::<Triple>().is_err(), "{bad}");
+        }
+    }
+}

@@ -1,0 +1,321 @@
+//! `psao demo`: the main job from end to end, into one folder.
+
+use std::path::{Path, PathBuf};
+
+use psao_codec::frame::FrameKind;
+use psao_proto::recording::{Player, PlayerEvent};
+use psao_proto::session::{ClientEvent, ClientSession, ServerSession};
+use psao_proto::{HEADER_BYTES, Limits, Micros};
+
+use super::inspect;
+use super::reconstruct::describe;
+use super::record::{Totals, record_frames};
+use crate::analysis::{Analysis, PARTS, load};
+use crate::args::{SizeArg, TuningArgs};
+use crate::context::{progress, say};
+use crate::error::{Exit, Failure, Outcome};
+use crate::output::report::{Picture, Report, Section};
+use crate::output::{number, table::Figures};
+use crate::pictures::{Drawn, Shot, scene_of};
+use crate::producer::{Producer, STAGES};
+use crate::recorder::Recorder;
+
+/// The main job from end to end: record, replay, inspect, draw; about a minute on two cores
+///
+/// Leaves a folder with the recording, the pictures, the bandwidth plot and report.html, which opens offline.
+#[derive(clap::Args, Debug)]
+pub(crate) struct Args {
+    /// Built-in scene (see `psao scenes`), or a .toml scene file, .gltf or .glb
+    #[arg(long, value_name = "NAME|FILE", default_value = "colonnade")]
+    scene: String,
+    /// Frames to record
+    #[arg(long, value_name = "N", default_value_t = 60, value_parser = clap::value_parser!(u32).range(1..))]
+    frames: u32,
+    #[command(flatten)]
+    tuning: TuningArgs,
+    /// Size of the pictures
+    #[arg(long, value_name = "WxH", default_value = "640x360")]
+    size: SizeArg,
+    /// Rays a pixel of the reference pictures
+    #[arg(long, value_name = "N", default_value_t = 512)]
+    reference_rays: u32,
+    /// The folder to write; files of the same name in it are replaced
+    #[arg(short, long, value_name = "FOLDER", default_value = "psao-demo")]
+    output: PathBuf,
+}
+
+/// A frame that was drawn.
+struct Shown {
+    frame: u32,
+    drawn: Drawn,
+    /// The side-by-side picture.
+    side_by_side: PathBuf,
+}
+
+pub(crate) fn run(args: &Args) -> Outcome {
+    let folder = &args.output;
+    std::fs::create_dir_all(folder).map_err(|error| Failure::writing(folder, &error))?;
+    let recording = folder.join("demo.psao");
+    let mut producer = Producer::new(&args.scene, &args.tuning, args.frames)?;
+    let mut recorder = Recorder::create(&recording)?;
+    let totals = record_frames(&mut producer, &mut recorder, args.frames, false)?;
+    recorder.finish()?;
+
+    let bytes = load(&recording)?;
+    let replayed = replay(&bytes)?;
+    let analysis = Analysis::of(&recording, &bytes)?;
+    let title = format!("{}: bytes per frame", producer.info().name);
+    let plot = inspect::plot(&analysis, title).svg();
+    let plot_path = folder.join("bandwidth.svg");
+    std::fs::write(&plot_path, &plot).map_err(|error| Failure::writing(&plot_path, &error))?;
+    let shown = draw(args, &bytes, folder)?;
+
+    let sections = sections(&producer, &totals, &analysis, &shown, replayed);
+    let report = Report {
+        title: format!("psao demo: {}", producer.info().name),
+        lead: super::record::summary(producer.info(), &totals),
+        sections,
+        plot,
+        pictures: pictures(&shown)?,
+    };
+    let report_path = folder.join("report.html");
+    std::fs::write(&report_path, report.html()).map_err(|error| Failure::writing(&report_path, &error))?;
+    print(&report)?;
+    say(format_args!("everything is in {}; open {}", folder.display(), report_path.display()))
+}
+
+/// Serves the recording to a client through both session ends; every hash must be the recorded one. Gives the number of
+/// frames.
+fn replay(bytes: &[u8]) -> Outcome<u64> {
+    let wrong = |text: String| Failure::new(Exit::Check, text);
+    let mut player = Player::new(bytes, Limits::default()).map_err(Failure::input)?;
+    let Some(PlayerEvent::Scene(scene)) = player.next_event() else {
+        return Err(wrong("the recording does not start with its scene".to_owned()));
+    };
+    let mut server = ServerSession::new(scene, Limits::default());
+    let mut client = ClientSession::new(Limits::default());
+    let session = |error: psao_proto::session::SessionError| wrong(error.to_string());
+    server.handle(&client.take_output(), Micros(0)).map_err(session)?;
+    let bar = progress("replaying", 0);
+    let mut applied = 0;
+    while let Some(event) = player.next_event() {
+        let PlayerEvent::Frame(frame) = event else { continue };
+        let start = frame.offset as usize + psao_proto::recording::RECORD_HEAD_BYTES + HEADER_BYTES;
+        let body = bytes.get(start..start + frame.header.length as usize).unwrap_or_default();
+        let sent = match frame.info.kind {
+            FrameKind::Key => server.send_keyframe(body),
+            FrameKind::Delta => server.send_update(body),
+        };
+        sent.map_err(|error| wrong(error.to_string()))?;
+        let events = client.handle(&server.take_output(), frame.arrival).map_err(session)?;
+        let same = events.iter().any(|event| {
+            matches!(event, ClientEvent::Applied(applied) if applied.info.hash == frame.info.hash
+                && client.state().is_some_and(|state| state.hash() == frame.info.hash))
+        });
+        if !same {
+            return Err(wrong(format!(
+                "frame {}: the client's state hash is not the recorded one",
+                frame.info.frame.0
+            )));
+        }
+        server.handle(&client.take_output(), frame.arrival).map_err(session)?;
+        applied += 1;
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    Ok(applied)
+}
+
+/// Draws the first, the middle and the last frame.
+fn draw(args: &Args, bytes: &[u8], folder: &Path) -> Outcome<Vec<Shown>> {
+    let mut wanted = vec![0, args.frames / 2, args.frames - 1];
+    wanted.dedup();
+    let bar = progress("drawing", wanted.len() as u64);
+    let mut player = Player::new(bytes, Limits::default()).map_err(Failure::input)?;
+    let mut scene = None;
+    let mut shown = Vec::new();
+    for frame in wanted {
+        let played = super::reconstruct::play_to(&mut player, frame).map_err(Failure::input)?;
+        let (Some(table), Some(state)) = (player.scene(), player.state()) else { continue };
+        let scene = match &scene {
+            Some(scene) => std::sync::Arc::clone(scene),
+            None => scene.insert(scene_of(table.info(), None)?).clone(),
+        };
+        let drawn = Shot {
+            scene: &scene,
+            info: table.info(),
+            state,
+            time_s: played.info.time.0 as f64 / 1e6,
+            camera: None,
+            size: args.size,
+            reference_rays: Some(args.reference_rays),
+        }
+        .draw()?;
+        let files = drawn.write(&folder.join(format!("frame-{frame}.png")))?;
+        let side_by_side = files.last().cloned().unwrap_or_default();
+        shown.push(Shown { frame, drawn, side_by_side });
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    Ok(shown)
+}
+
+fn pictures(shown: &[Shown]) -> Outcome<Vec<Picture>> {
+    let picture = |shown: &Shown| {
+        let png = std::fs::read(&shown.side_by_side)
+            .map_err(|error| Failure::reading(&shown.side_by_side, &error))?;
+        let caption = format!(
+            "Frame {}: out of the stream; by rays; difference times four (red: too bright, blue: too dark). {}",
+            shown.frame,
+            describe(&shown.drawn).replace('\n', ", ")
+        );
+        Ok(Picture { caption, png })
+    };
+    shown.iter().map(picture).collect()
+}
+
+fn row<const N: usize>(cells: [String; N]) -> Vec<String> {
+    cells.into()
+}
+
+fn sections(
+    producer: &Producer,
+    totals: &Totals,
+    analysis: &Analysis,
+    shown: &[Shown],
+    replayed: u64,
+) -> Vec<Section> {
+    vec![points(producer, totals), bandwidth(analysis, replayed), stages(totals), quality(shown)]
+}
+
+fn heads(names: &[&str]) -> Vec<String> {
+    names.iter().map(|&name| name.to_owned()).collect()
+}
+
+fn points(producer: &Producer, totals: &Totals) -> Section {
+    let later = totals.frames.saturating_sub(1).max(1);
+    let last = &totals.last;
+    let count = |value: u64| number::count(value);
+    Section {
+        title: "Points and rays".to_owned(),
+        heads: heads(&["", "count"]),
+        rows: vec![
+            row(["points".into(), count(u64::from(producer.info().point_count))]),
+            row(["cells in use".into(), count(last.cells)]),
+            row(["points stored in cells".into(), count(last.stored)]),
+            row(["left out: bucket full".into(), count(last.bucket_full)]),
+            row(["left out: cell full".into(), count(last.cell_full)]),
+            row(["left out: no free cell".into(), count(last.no_cell)]),
+            row(["left out: cell id taken by another cell".into(), count(last.id_collisions)]),
+            row(["visible points a frame".into(), count(totals.later.visible / later)]),
+            row(["traced points a frame".into(), count(totals.later.traced / later)]),
+            row(["sent points a frame".into(), count(totals.later.changed / later)]),
+            row(["rays, first frame".into(), count(totals.first.rays)]),
+            row(["rays a frame after it".into(), count(totals.later.rays / later)]),
+        ],
+        note: "A visible point is traced again only when something near it moved. What the paper's tables cannot hold \
+               is left out and counted."
+            .to_owned(),
+    }
+}
+
+fn bandwidth(analysis: &Analysis, replayed: u64) -> Section {
+    let totals = analysis.totals();
+    let frames = totals.later_frames.max(1) as f64;
+    let all: u64 = totals.parts.iter().sum();
+    let first = analysis.frames.first();
+    let line = |name: &str, first: u64, bytes: u64| {
+        row([
+            name.to_owned(),
+            number::bytes(first),
+            format!("{:.1}", bytes as f64 / frames),
+            format!("{:.3}", number::megabits(bytes, totals.seconds)),
+        ])
+    };
+    let mut rows: Vec<Vec<String>> = PARTS
+        .iter()
+        .enumerate()
+        .filter(|&(part, _)| first.map_or(0, |line| line.parts[part]) + totals.parts[part] > 0)
+        .map(|(part, name)| line(name, first.map_or(0, |line| line.parts[part]), totals.parts[part]))
+        .collect();
+    rows.push(line("all", totals.first_state, all));
+    Section {
+        title: "Bytes on the wire".to_owned(),
+        heads: heads(&["part", "first state", "bytes a frame", "Mbit/s"]),
+        rows,
+        note: format!(
+            "{} A client followed all {replayed} frames, and its state hash was the server's after each.",
+            inspect::summary_lines(analysis, &totals).replace('\n', ". ") + "."
+        ),
+    }
+}
+
+fn stages(totals: &Totals) -> Section {
+    let later = totals.frames.saturating_sub(1).max(1) as f64;
+    let mut rows: Vec<Vec<String>> = STAGES
+        .iter()
+        .enumerate()
+        .map(|(stage, (name, _))| {
+            row([
+                (*name).to_owned(),
+                number::millis(totals.first.micros[stage] as f64),
+                number::millis(totals.later.micros[stage] as f64 / later),
+            ])
+        })
+        .collect();
+    let sum = |micros: &[u64]| micros.iter().sum::<u64>() as f64;
+    rows.push(row([
+        "all".to_owned(),
+        number::millis(sum(&totals.first.micros)),
+        number::millis(sum(&totals.later.micros) / later),
+    ]));
+    Section {
+        title: "Server time".to_owned(),
+        heads: heads(&["stage", "first frame, ms", "a frame after it, ms"]),
+        rows,
+        note: format!(
+            "Wall time on {} threads; the mean of {later} frames. The first frame traces every point of the scene.",
+            std::thread::available_parallelism().map_or(1, usize::from)
+        ),
+    }
+}
+
+fn quality(shown: &[Shown]) -> Section {
+    let rows = shown
+        .iter()
+        .filter_map(|shown| shown.drawn.reference.as_ref().map(|reference| (shown, reference)))
+        .map(|(shown, reference)| {
+            row([
+                format!("frame {}", shown.frame),
+                number::decibels(reference.comparison.psnr),
+                format!("{:.5}", reference.comparison.mae),
+                format!("{:.4}", reference.comparison.p99),
+                format!("{:.3} %", shown.drawn.statistics.unsupported_share() * 100.0),
+                format!("{:.1}", shown.drawn.reconstruct_ms),
+                format!("{:.0}", reference.ms),
+            ])
+        })
+        .collect();
+    Section {
+        title: "Pictures against rays".to_owned(),
+        heads: heads(&["", "PSNR", "mean error", "99th percentile", "no point near", "client ms", "rays ms"]),
+        rows,
+        note: "Error in units of AO, 0 to 1. The client's time is its reconstruction (paper, section 3.5); the rays' is \
+               the reference of the same view."
+            .to_owned(),
+    }
+}
+
+/// The report's tables for the terminal.
+fn print(report: &Report) -> Outcome {
+    for section in &report.sections {
+        say(format_args!("\n{}", section.title))?;
+        let mut table = Figures::of(&section.heads);
+        for row in &section.rows {
+            table.row(row.iter().cloned());
+        }
+        say(table)?;
+        say(&section.note)?;
+    }
+    say("")
+}

@@ -1,0 +1,12 @@
+//! One file per command.
+
+pub(crate) mod client;
+pub(crate) mod demo;
+pub(crate) mod inspect;
+pub(crate) mod reconstruct;
+pub(crate) mod record;
+pub(crate) mod replay;
+pub(crate) mod scenes;
+pub(crate) mod serve;
+pub(crate) mod stress;
+pub(crate) mod verify;

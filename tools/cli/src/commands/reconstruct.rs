@@ -1,0 +1,159 @@
+//! `psao reconstruct`: a picture out of a recorded stream, and beside it the same by rays.
+
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use psao_proto::Limits;
+use psao_proto::message::CameraPose;
+use psao_proto::recording::{PlayedFrame, Player, PlayerEvent};
+
+use crate::analysis::load;
+use crate::args::{RecordingArg, SizeArg};
+use crate::context::{progress, say};
+use crate::error::{Failure, Outcome};
+use crate::output::number;
+use crate::pictures::{Drawn, Shot, scene_of};
+
+/// Draw a frame of a recording, and with --reference the same by rays
+///
+/// AO comes from the stream alone; the scene's geometry, which a client has anyway, is loaded by the name or path in the
+/// recording. With --reference, FILE.reference.png, FILE.difference.png (red: too bright, blue: too dark) and
+/// FILE.side-by-side.png are written as well, and the error is printed.
+#[derive(clap::Args, Debug)]
+pub(crate) struct Args {
+    #[command(flatten)]
+    recording: RecordingArg,
+    /// Number of the frame, as `psao inspect --per-frame` shows it
+    #[arg(long, value_name = "N")]
+    frame: u32,
+    /// Size of the picture
+    #[arg(long, value_name = "WxH", default_value = "960x540")]
+    size: SizeArg,
+    /// Camera: where it stands and what it looks at, in metres, and optionally its vertical field of view in degrees; by
+    /// default the scene's own at that time
+    #[arg(long, value_name = "X,Y,Z,X,Y,Z[,FOV]", allow_hyphen_values = true)]
+    camera: Option<CameraArg>,
+    /// Trace the reference as well and compare
+    #[arg(long)]
+    reference: bool,
+    /// Rays a pixel of the reference
+    #[arg(long, value_name = "N", default_value_t = 512)]
+    reference_rays: u32,
+    /// Where the recorded scene is, if not where it was
+    #[arg(long, value_name = "NAME|FILE")]
+    scene: Option<String>,
+    /// The picture to write
+    #[arg(short, long, value_name = "FILE.png")]
+    output: PathBuf,
+}
+
+/// `--camera`.
+#[derive(Clone, Copy, Debug)]
+struct CameraArg(CameraPose);
+
+impl FromStr for CameraArg {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let numbers: Result<Vec<f32>, _> = text.split(',').map(|part| part.trim().parse()).collect();
+        let (place, fov_y_deg) = match numbers.as_deref() {
+            Ok([place @ .., fov]) if place.len() == 6 => (place, *fov),
+            Ok(place) if place.len() == 6 => (place, 60.0),
+            _ => return Err(format!("\"{text}\" is not six or seven numbers such as 0,1.7,4,0,1,0,60")),
+        };
+        let camera = CameraPose {
+            eye: [place[0], place[1], place[2]],
+            target: [place[3], place[4], place[5]],
+            up: [0.0, 1.0, 0.0],
+            fov_y_deg,
+            aspect: 1.0,
+        };
+        if camera.is_valid() { Ok(Self(camera)) } else { Err(format!("a camera at \"{text}\" sees nothing")) }
+    }
+}
+
+pub(crate) fn run(args: &Args) -> Outcome {
+    let path = &args.recording.file;
+    let bytes = load(path)?;
+    let mut player = Player::new(&bytes, Limits::default())
+        .map_err(|error| Failure::input(format_args!("{}: {error}", path.display())))?;
+    let frame = play_to(&mut player, args.frame)
+        .map_err(|reason| Failure::input(format_args!("{}: {reason}", path.display())))?;
+    let (Some(table), Some(state)) = (player.scene(), player.state()) else {
+        return Err(Failure::input(format_args!("{}: it has no whole scene table", path.display())));
+    };
+    let scene = scene_of(table.info(), args.scene.as_deref())?;
+    let bar = progress("drawing", 1);
+    let drawn = Shot {
+        scene: &scene,
+        info: table.info(),
+        state,
+        time_s: frame.info.time.0 as f64 / 1e6,
+        camera: args.camera.map(|camera| camera.0),
+        size: args.size,
+        reference_rays: args.reference.then_some(args.reference_rays),
+    }
+    .draw()?;
+    bar.finish_and_clear();
+    let files = drawn.write(&args.output)?;
+    say(describe(&drawn))?;
+    for file in files {
+        say(format_args!("wrote {}", file.display()))?;
+    }
+    Ok(())
+}
+
+/// Plays up to a frame; the player's state is then that frame's.
+pub(crate) fn play_to(player: &mut Player<'_>, number: u32) -> Result<PlayedFrame, String> {
+    let (mut first, mut last, mut left_out) = (None, None, 0_u32);
+    while let Some(event) = player.next_event() {
+        match event {
+            PlayerEvent::Frame(frame) if frame.info.frame.0 == number => return Ok(frame),
+            PlayerEvent::Frame(frame) => {
+                first.get_or_insert(frame.info.frame.0);
+                last = Some(frame.info.frame.0);
+            }
+            PlayerEvent::Unusable { frame, reason, .. } => {
+                left_out += 1;
+                if frame.is_some_and(|frame| frame.0 == number) {
+                    return Err(format!("frame {number} cannot be used: {reason}"));
+                }
+            }
+            _ => {}
+        }
+    }
+    Err(match (first, last) {
+        (Some(first), Some(last)) => {
+            format!(
+                "it has no frame {number}; its {first} to {last} can be drawn ({left_out} frames are damaged)"
+            )
+        }
+        _ => "it has no frame that can be drawn".to_owned(),
+    })
+}
+
+/// The figures of a picture, for people.
+pub(crate) fn describe(drawn: &Drawn) -> String {
+    let statistics = &drawn.statistics;
+    let mut text = format!(
+        "{} fragments, {:.2} points blended each, {:.3} % without any; visibility {:.1} ms, reconstruction {:.1} ms",
+        number::count(statistics.fragments),
+        statistics.mean_blended(),
+        statistics.unsupported_share() * 100.0,
+        drawn.raster_ms,
+        drawn.reconstruct_ms,
+    );
+    if let Some(reference) = &drawn.reference {
+        let comparison = &reference.comparison;
+        text.push_str(&format!(
+            "\nagainst {} rays a pixel ({:.1} s): PSNR {}, mean error {:.5}, 99th percentile {:.4}, largest {:.4}",
+            reference.rays,
+            reference.ms / 1e3,
+            number::decibels(comparison.psnr),
+            comparison.mae,
+            comparison.p99,
+            comparison.max,
+        ));
+    }
+    text
+}

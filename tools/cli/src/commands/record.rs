@@ -1,0 +1,201 @@
+//! `psao record`: traces a scene's stream into a file, or records a live server's.
+
+use std::path::PathBuf;
+
+use indicatif::ProgressBar;
+use psao_proto::message::{CloseCode, SceneInfo};
+use psao_proto::net::{Connection, connect};
+use psao_proto::session::ClientEvent;
+use psao_proto::{FrameType, Limits, Micros, WireFrame};
+
+use super::client::peer;
+use crate::args::TuningArgs;
+use crate::context::{WallClock, progress, runtime, say};
+use crate::error::{Failure, Outcome};
+use crate::output::number;
+use crate::producer::{Produced, Producer};
+use crate::recorder::{Recorder, check_place};
+
+/// Trace a scene's stream into a file, or record a live server's
+///
+/// The recording holds the frames as they go over the wire, each with its time; same options, same bytes, on any machine
+/// (unless --timings). It is valid after every frame: whatever stops the recorder loses at most the frame being written.
+#[derive(clap::Args, Debug)]
+pub(crate) struct Args {
+    /// Built-in scene (see `psao scenes`), or a .toml scene file, .gltf or .glb
+    #[arg(long, value_name = "NAME|FILE", required_unless_present = "from")]
+    scene: Option<String>,
+    /// Record what this server sends instead (`psao serve` or `psao replay --listen`)
+    #[arg(long, value_name = "ADDR", conflicts_with = "scene")]
+    from: Option<String>,
+    /// Frames to record; with --from, all that come unless given
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    frames: Option<u32>,
+    #[command(flatten)]
+    tuning: TuningArgs,
+    /// Put stage times into the recording; it then differs from run to run
+    #[arg(long)]
+    timings: bool,
+    /// The recording to write
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+}
+
+/// Frames of a recording unless said otherwise.
+const FRAMES: u32 = 120;
+
+pub(crate) fn run(args: &Args) -> Outcome {
+    match (&args.from, &args.scene) {
+        (Some(address), _) => runtime()?.block_on(from_server(args, address)),
+        (None, Some(scene)) => trace(args, scene),
+        (None, None) => Err(Failure::usage("say what to record: --scene NAME|FILE, or --from ADDR")),
+    }
+}
+
+fn trace(args: &Args, scene: &str) -> Outcome {
+    let frames = args.frames.unwrap_or(FRAMES);
+    check_place(&args.output)?;
+    let mut producer = Producer::new(scene, &args.tuning, frames)?;
+    let mut recorder = Recorder::create(&args.output)?;
+    let totals = record_frames(&mut producer, &mut recorder, frames, args.timings)?;
+    let bytes = recorder.finish()?;
+    say(summary(producer.info(), &totals))?;
+    say(format_args!("wrote {}: {} frames, {}", args.output.display(), totals.frames, number::bytes(bytes)))
+}
+
+/// Sums over the frames of a recording.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Totals {
+    pub(crate) frames: u64,
+    /// Of the first frame, then of all later ones.
+    pub(crate) first: Produced,
+    pub(crate) later: Produced,
+    pub(crate) last: Produced,
+}
+
+/// Records `frames` frames, the closing message included.
+pub(crate) fn record_frames(
+    producer: &mut Producer,
+    recorder: &mut Recorder,
+    frames: u32,
+    timings: bool,
+) -> Outcome<Totals> {
+    recorder.scene(producer.table())?;
+    let clock = WallClock::start();
+    let bar = progress("tracing", u64::from(frames));
+    let mut totals = Totals::default();
+    let mut arrival = Micros(0);
+    for number in 0..frames {
+        let (output, produced) = producer.step(number, &[], &clock)?;
+        arrival = Micros(output.info.time.0);
+        recorder.body(arrival, number == 0, &output.body)?;
+        // How the tables are filled is worth a report when they were made and when all is done.
+        if timings || number == 0 || number + 1 == frames {
+            recorder.message(arrival, &produced.report(output.info.frame, timings))?;
+        }
+        totals.frames += 1;
+        if number == 0 {
+            totals.first = produced.clone();
+        } else {
+            totals.later.add(&produced);
+        }
+        totals.last = produced;
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    recorder.message(arrival, &psao_proto::message::Close::new(CloseCode::DONE, "end of the recording"))?;
+    Ok(totals)
+}
+
+/// What was traced, in words.
+pub(crate) fn summary(info: &SceneInfo, totals: &Totals) -> String {
+    let later = totals.frames.saturating_sub(1).max(1);
+    format!(
+        "{}: {} points; first frame {} rays; then {} visible points, {} traced, {} rays a frame",
+        info.name,
+        number::count(u64::from(info.point_count)),
+        number::count(totals.first.rays),
+        number::count(totals.later.visible / later),
+        number::count(totals.later.traced / later),
+        number::count(totals.later.rays / later),
+    )
+}
+
+async fn from_server(args: &Args, address: &str) -> Outcome {
+    let mut connection = connect(address, Limits::default()).await.map_err(peer)?;
+    let mut recorder = Recorder::create(&args.output)?;
+    let mut counts = Counts::default();
+    let bar = progress("recording", u64::from(args.frames.unwrap_or(0)));
+    let ended = follow(args, &mut connection, &mut recorder, &mut counts, &bar).await;
+    bar.finish_and_clear();
+    // Whatever ended it, what came is kept.
+    let bytes = match recorder.finish() {
+        Ok(bytes) => bytes,
+        Err(failure) => return Err(ended.err().unwrap_or(failure)),
+    };
+    let note = if counts.unusable > 0 {
+        format!("; {} could not be applied", counts.unusable)
+    } else {
+        String::new()
+    };
+    say(format_args!(
+        "wrote {}: {} frames, {}{note}",
+        args.output.display(),
+        counts.applied,
+        number::bytes(bytes)
+    ))?;
+    ended
+}
+
+/// Frames that came.
+#[derive(Default)]
+struct Counts {
+    applied: u32,
+    unusable: u32,
+}
+
+/// Records until the server ends, `--frames` have come, or Ctrl-C.
+async fn follow(
+    args: &Args,
+    connection: &mut Connection,
+    recorder: &mut Recorder,
+    counts: &mut Counts,
+    bar: &ProgressBar,
+) -> Outcome {
+    let clock = WallClock::start();
+    let mut written = Ok(());
+    while !connection.session().is_closed() && args.frames.is_none_or(|wanted| counts.applied < wanted) {
+        let mut tap = |frame: &WireFrame<'_>| {
+            let wanted = matches!(
+                frame.header.kind,
+                FrameType::SCENE
+                    | FrameType::KEYFRAME
+                    | FrameType::UPDATE
+                    | FrameType::REPORT
+                    | FrameType::CLOSE
+            );
+            if wanted && written.is_ok() {
+                written = recorder.wire(Micros(clock.micros()), frame.bytes);
+            }
+        };
+        let events = tokio::select! {
+            events = connection.next_events_with(&mut tap) => events.map_err(peer)?,
+            _ = tokio::signal::ctrl_c() => break,
+        };
+        written?;
+        written = Ok(());
+        for event in events {
+            match event {
+                ClientEvent::Applied(_) => {
+                    counts.applied += 1;
+                    bar.inc(1);
+                }
+                ClientEvent::HashMismatch { .. } | ClientEvent::Unusable { .. } => counts.unusable += 1,
+                _ => {}
+            }
+        }
+    }
+    connection.session().close(CloseCode::DONE, "recorded enough");
+    // The recording is whole already; a server that is gone does not mind.
+    connection.flush().await.or(Ok(()))
+}

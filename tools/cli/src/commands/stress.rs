@@ -1,0 +1,120 @@
+//! `psao stress`: the cases that are known to be hard, with their bounds and what was measured.
+
+use psao_eval::stress::{self, Verdict, cases};
+use serde::Serialize;
+
+use crate::args::Format;
+use crate::context::{progress, say};
+use crate::error::{Exit, Failure, Outcome};
+use crate::output::table::Figures;
+
+/// Where the method's own structures give way: case, bound, measured worst, verdict
+///
+/// "known limit" is a bound that the paper's own structure breaks, by no more than is documented. Exit code 6 when a
+/// case fails.
+#[derive(clap::Args, Debug)]
+pub(crate) struct Args {
+    /// Only the cases whose name holds this
+    #[arg(long, value_name = "TEXT")]
+    only: Option<String>,
+    /// How to print: table, json or csv
+    #[arg(long, value_enum, default_value_t = Format::Table)]
+    format: Format,
+}
+
+#[derive(Serialize)]
+struct Line {
+    name: &'static str,
+    what: &'static str,
+    bound_text: &'static str,
+    bound: f64,
+    worst: f64,
+    unit: &'static str,
+    verdict: String,
+}
+
+pub(crate) fn run(args: &Args) -> Outcome {
+    let chosen: Vec<_> = cases()
+        .into_iter()
+        .filter(|case| args.only.as_deref().is_none_or(|part| case.name().contains(part)))
+        .collect();
+    if chosen.is_empty() {
+        return Err(Failure::usage("no case has that in its name; `psao stress` alone lists them"));
+    }
+    let bar = progress("stress", chosen.len() as u64);
+    let mut outcomes = Vec::new();
+    for case in chosen {
+        outcomes.push(case.run().map_err(|error| Failure::new(Exit::System, error))?);
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    match args.format {
+        Format::Table => table(&outcomes)?,
+        Format::Json => {
+            let lines: Vec<Line> = outcomes.iter().map(line).collect();
+            say(serde_json::to_string_pretty(&lines)
+                .map_err(|error| Failure::new(Exit::System, format_args!("cannot write JSON: {error}")))?)?;
+        }
+        Format::Csv => csv(&outcomes)?,
+    }
+    let failed: Vec<&str> = outcomes
+        .iter()
+        .filter(|outcome| outcome.verdict == Verdict::Fails)
+        .map(|outcome| outcome.name)
+        .collect();
+    if failed.is_empty() {
+        Ok(())
+    } else {
+        Err(Failure::new(Exit::Check, format_args!("{} case(s) fail: {}", failed.len(), failed.join(", "))))
+    }
+}
+
+fn line(outcome: &stress::Outcome) -> Line {
+    Line {
+        name: outcome.name,
+        what: outcome.what,
+        bound_text: outcome.bound_text,
+        bound: outcome.bound,
+        worst: outcome.worst,
+        unit: outcome.unit,
+        verdict: outcome.verdict.to_string(),
+    }
+}
+
+/// Four figures that count, whatever the magnitude.
+fn figure(value: f64) -> String {
+    if value == 0.0 || (1e-3..1e6).contains(&value.abs()) {
+        format!("{value:.4}")
+    } else {
+        format!("{value:.3e}")
+    }
+}
+
+fn table(outcomes: &[stress::Outcome]) -> Outcome {
+    let mut table = Figures::new(["case", "bound", "measured worst", "unit", "verdict"]).words(&[3, 4]);
+    for outcome in outcomes {
+        table.row([
+            outcome.name.to_owned(),
+            figure(outcome.bound),
+            figure(outcome.worst),
+            outcome.unit.to_owned(),
+            outcome.verdict.to_string(),
+        ]);
+    }
+    say(table)?;
+    for outcome in outcomes {
+        say(format_args!("{}: {} Bound: {}", outcome.name, outcome.what, outcome.bound_text))?;
+    }
+    Ok(())
+}
+
+fn csv(outcomes: &[stress::Outcome]) -> Outcome {
+    say("case,bound,worst,unit,verdict")?;
+    for outcome in outcomes {
+        say(format_args!(
+            "{},{},{},{},{}",
+            outcome.name, outcome.bound, outcome.worst, outcome.unit, outcome.verdict
+        ))?;
+    }
+    Ok(())
+}

@@ -1,0 +1,201 @@
+//! `psao verify`: every check there is on a recording.
+
+use psao_codec::frame::FrameError;
+use psao_proto::recording::{Player, PlayerEvent, StoredIndex, Summary};
+use psao_proto::{Limits, Unusable};
+
+use crate::analysis::load;
+use crate::args::RecordingArg;
+use crate::context::{progress, say};
+use crate::error::{Exit, Failure, Outcome};
+use crate::output::table::Figures;
+
+/// Check a recording in every way there is
+///
+/// Exit code 0: whole and right. 4: damaged, but what is left is right. 6: a state hash is wrong. 3: not a recording.
+#[derive(clap::Args, Debug)]
+pub(crate) struct Args {
+    #[command(flatten)]
+    recording: RecordingArg,
+}
+
+/// What playing the whole recording showed.
+#[derive(Default)]
+struct Played {
+    frames: u64,
+    keyframes: u64,
+    /// Hashes computed from scratch that differ from the running one.
+    drifted: Vec<u32>,
+    /// Frames whose hash says that client and server would disagree.
+    mismatched: Vec<String>,
+    /// Frames and messages that could not be used for another reason.
+    unusable: Vec<String>,
+    damages: Vec<String>,
+    has_scene: bool,
+    late: u64,
+}
+
+/// The outcome of one check.
+enum Verdict {
+    Pass(String),
+    /// True, and worth knowing, but nothing is wrong.
+    Note(String),
+    Loss(String),
+    Wrong(String),
+}
+
+pub(crate) fn run(args: &Args) -> Outcome {
+    let path = &args.recording.file;
+    let bytes = load(path)?;
+    let refused = |error| Failure::input(format_args!("{}: {error}", path.display()));
+    let summary = Summary::scan(&bytes, Limits::default()).map_err(refused)?;
+    let mut player = Player::new(&bytes, Limits::default()).map_err(refused)?;
+    let played = play(&mut player, summary.index().len() as u64);
+    let checks = [
+        ("checksums of all records", losses(&played.damages, "every byte is accounted for")),
+        (
+            "scene table",
+            if played.has_scene { Verdict::Pass("whole".into()) } else { Verdict::Loss("missing".into()) },
+        ),
+        ("frames in order", in_order(&player)),
+        ("frame bodies", losses(&played.unusable, "all read and applied")),
+        ("state hash after every frame", wrongs(&played.mismatched, played.frames)),
+        ("hash from scratch at keyframes and the end", drift(&played.drifted)),
+        (
+            "arrival times",
+            if played.late == 0 {
+                Verdict::Pass("never go back".into())
+            } else {
+                Verdict::Note(format!("go back {} time(s)", played.late))
+            },
+        ),
+        ("index", index(summary.stored_index())),
+        (
+            "ending",
+            match summary.close() {
+                Some(close) => Verdict::Pass(format!("closed: {}", close.text)),
+                None => {
+                    Verdict::Note("no CLOSE: the recorder was stopped, or the file is cut at a frame".into())
+                }
+            },
+        ),
+    ];
+    report(path, &played, &checks)
+}
+
+fn play(player: &mut Player<'_>, frames: u64) -> Played {
+    let mut played = Played::default();
+    let bar = progress("verifying", frames);
+    let mut last_arrival = 0;
+    while let Some(event) = player.next_event() {
+        match event {
+            PlayerEvent::Scene(_) => played.has_scene = true,
+            PlayerEvent::Frame(frame) => {
+                bar.inc(1);
+                played.frames += 1;
+                played.late += u64::from(frame.arrival.0 < last_arrival);
+                last_arrival = frame.arrival.0;
+                if frame.header.sequence.0 == 0 {
+                    played.keyframes += 1;
+                    check_from_scratch(player, frame.info.frame.0, &mut played);
+                }
+            }
+            PlayerEvent::Unusable { offset, frame, reason, .. } => {
+                let name = frame.map_or_else(|| "a frame".to_owned(), |frame| format!("frame {}", frame.0));
+                let text = format!("{name} at offset {offset}: {reason}");
+                if matches!(reason, Unusable::Body(FrameError::Hash { .. })) {
+                    played.mismatched.push(text);
+                } else {
+                    played.unusable.push(text);
+                }
+            }
+            PlayerEvent::BadMessage { offset, error } => {
+                played.unusable.push(format!("message at offset {offset}: {error}"));
+            }
+            PlayerEvent::Damage(damage) => played.damages.push(damage.to_string()),
+            PlayerEvent::Report(_) | PlayerEvent::Closed(_) => {}
+        }
+    }
+    bar.finish_and_clear();
+    if let Some(frame) = player.state().and_then(psao_codec::frame::State::frame) {
+        check_from_scratch(player, frame.0, &mut played);
+    }
+    played
+}
+
+fn check_from_scratch(player: &Player<'_>, frame: u32, played: &mut Played) {
+    if player.state().is_some_and(|state| state.full_hash() != state.hash()) {
+        played.drifted.push(frame);
+    }
+}
+
+fn losses(places: &[String], fine: &str) -> Verdict {
+    if places.is_empty() { Verdict::Pass(fine.to_owned()) } else { Verdict::Loss(places.join("\n")) }
+}
+
+fn wrongs(places: &[String], frames: u64) -> Verdict {
+    if places.is_empty() {
+        Verdict::Pass(format!("right after {frames} frames"))
+    } else {
+        Verdict::Wrong(places.join("\n"))
+    }
+}
+
+fn drift(frames: &[u32]) -> Verdict {
+    if frames.is_empty() {
+        Verdict::Pass("agrees with the running hash".to_owned())
+    } else {
+        Verdict::Wrong(format!("differs after frames {frames:?}"))
+    }
+}
+
+fn in_order(player: &Player<'_>) -> Verdict {
+    match player.stats().lost {
+        0 => Verdict::Pass("none missing".to_owned()),
+        lost => Verdict::Loss(format!("{lost} missing")),
+    }
+}
+
+fn index(stored: StoredIndex) -> Verdict {
+    match stored {
+        StoredIndex::Agrees => Verdict::Pass("agrees with the file".to_owned()),
+        StoredIndex::Missing => Verdict::Note("none; readers scan the file".to_owned()),
+        StoredIndex::Differs => Verdict::Loss("does not fit the file; readers scan the file".to_owned()),
+    }
+}
+
+fn report(path: &std::path::Path, played: &Played, checks: &[(&str, Verdict)]) -> Outcome {
+    let mut table = Figures::new(["check", "result", "what was found"]).words(&[1, 2]);
+    for (name, verdict) in checks {
+        let (word, text) = match verdict {
+            Verdict::Pass(text) => ("ok", text),
+            Verdict::Note(text) => ("note", text),
+            Verdict::Loss(text) => ("DAMAGED", text),
+            Verdict::Wrong(text) => ("WRONG", text),
+        };
+        table.row([(*name).to_owned(), word.to_owned(), text.clone()]);
+    }
+    say(table)?;
+    say(format_args!("{} frames applied, {} of them keyframes", played.frames, played.keyframes))?;
+    let failed = |wrong: bool| {
+        checks
+            .iter()
+            .filter(|(_, verdict)| {
+                if wrong { matches!(verdict, Verdict::Wrong(_)) } else { matches!(verdict, Verdict::Loss(_)) }
+            })
+            .map(|(name, _)| *name)
+            .collect::<Vec<_>>()
+            .join(", ")
+    };
+    let (wrong, lost) = (failed(true), failed(false));
+    if !wrong.is_empty() {
+        return Err(Failure::new(Exit::Check, format_args!("{}: wrong: {wrong}", path.display())));
+    }
+    if !lost.is_empty() {
+        return Err(Failure::new(
+            Exit::DataLoss,
+            format_args!("{}: damaged: {lost}; {} frames can still be played", path.display(), played.frames),
+        ));
+    }
+    Ok(())
+}

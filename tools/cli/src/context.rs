@@ -1,0 +1,61 @@
+//! The edge to the terminal: output, progress, the clock.
+
+use std::fmt::Display;
+use std::io::{ErrorKind, IsTerminal as _, Write as _};
+use std::time::{Duration, Instant};
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+
+use crate::error::{Exit, Failure, Outcome};
+
+/// Prints to standard output, newline included.
+pub(crate) fn say(text: impl Display) -> Outcome {
+    writeln!(std::io::stdout().lock(), "{text}").map_err(|error| broken_output(&error))
+}
+
+/// A reader that went away (`psao inspect | head`) ends the command quietly.
+pub(crate) fn broken_output(error: &std::io::Error) -> Failure {
+    if error.kind() == ErrorKind::BrokenPipe {
+        std::process::exit(0);
+    }
+    Failure::new(Exit::System, format_args!("cannot write to standard output: {error}"))
+}
+
+/// A progress bar on standard error: shown on a terminal, silent elsewhere.
+pub(crate) fn progress(what: &'static str, total: u64) -> ProgressBar {
+    let target = if std::io::stderr().is_terminal() {
+        ProgressDrawTarget::stderr()
+    } else {
+        ProgressDrawTarget::hidden()
+    };
+    let bar = ProgressBar::with_draw_target(Some(total), target);
+    if let Ok(style) = ProgressStyle::with_template("{msg:>12} {wide_bar} {pos}/{len} {eta} left") {
+        bar.set_style(style);
+    }
+    bar.set_message(what);
+    bar.enable_steady_tick(Duration::from_millis(100));
+    bar
+}
+
+/// The wall clock, for stage times.
+pub(crate) struct WallClock(Instant);
+
+impl WallClock {
+    pub(crate) fn start() -> Self {
+        Self(Instant::now())
+    }
+
+    /// Microseconds since the start.
+    pub(crate) fn micros(&self) -> u64 {
+        u64::try_from(self.0.elapsed().as_micros()).unwrap_or(u64::MAX)
+    }
+}
+
+/// A runtime for sockets: they go on while a frame is traced in [`tokio::task::block_in_place`].
+pub(crate) fn runtime() -> Outcome<tokio::runtime::Runtime> {
+    tokio::runtime::Builder::new_multi_thread()
+        .worker_threads(2)
+        .enable_all()
+        .build()
+        .map_err(|error| Failure::new(Exit::System, format_args!("cannot start the network: {error}")))
+}

@@ -1,0 +1,64 @@
+//! What a command ends with: an exit code a script can read and one sentence a person can.
+
+use std::fmt;
+use std::path::Path;
+
+/// Exit codes of `psao`, as the README documents them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Exit {
+    /// The system failed: disk, memory, threads.
+    System = 1,
+    /// The command line was wrong (clap uses the same code).
+    Usage = 2,
+    /// A scene, recording or option was refused.
+    Input = 3,
+    /// The command finished, but some of its input was damaged and left out.
+    DataLoss = 4,
+    /// The network or the peer failed.
+    Peer = 5,
+    /// A check failed: a hash, a bound, a verdict.
+    Check = 6,
+}
+
+/// A command's failure: how bad, and a sentence that says what, where and what to do.
+#[derive(Debug)]
+pub(crate) struct Failure {
+    pub(crate) exit: Exit,
+    text: String,
+}
+
+/// The result of a command.
+pub(crate) type Outcome<T = ()> = Result<T, Failure>;
+
+impl Failure {
+    pub(crate) fn new(exit: Exit, text: impl fmt::Display) -> Self {
+        Self { exit, text: text.to_string() }
+    }
+
+    pub(crate) fn usage(text: impl fmt::Display) -> Self {
+        Self::new(Exit::Usage, text)
+    }
+
+    pub(crate) fn input(text: impl fmt::Display) -> Self {
+        Self::new(Exit::Input, text)
+    }
+
+    /// A file that could not be read: the reader named the wrong one, so this is bad input.
+    pub(crate) fn reading(path: &Path, error: &std::io::Error) -> Self {
+        Self::new(Exit::Input, format_args!("cannot read {}: {error}", path.display()))
+    }
+
+    /// A file that could not be written.
+    pub(crate) fn writing(path: &Path, error: &std::io::Error) -> Self {
+        Self::new(
+            Exit::System,
+            format_args!("cannot write {}: {error}; choose another place or free some room", path.display()),
+        )
+    }
+}
+
+impl fmt::Display for Failure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.text)
+    }
+}

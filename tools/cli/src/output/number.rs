@@ -1,0 +1,63 @@
+//! Numbers as people read them.
+
+/// `1234567` as `1,234,567`.
+pub(crate) fn count(value: u64) -> String {
+    let digits = value.to_string();
+    let mut out = String::with_capacity(digits.len() + digits.len() / 3);
+    for (index, digit) in digits.chars().enumerate() {
+        if index > 0 && (digits.len() - index).is_multiple_of(3) {
+            out.push(',');
+        }
+        out.push(digit);
+    }
+    out
+}
+
+/// A byte count with a decimal unit: `712 B`, `7.1 kB`, `3.40 MB`.
+pub(crate) fn bytes(value: u64) -> String {
+    let value = value as f64;
+    match value {
+        v if v < 1e3 => format!("{v:.0} B"),
+        v if v < 1e6 => format!("{:.1} kB", v / 1e3),
+        v if v < 1e9 => format!("{:.2} MB", v / 1e6),
+        v => format!("{:.2} GB", v / 1e9),
+    }
+}
+
+/// Megabits a second of `bytes` sent in `seconds`; zero when no time passed.
+pub(crate) fn megabits(bytes: u64, seconds: f64) -> f64 {
+    if seconds > 0.0 { bytes as f64 * 8.0 / seconds / 1e6 } else { 0.0 }
+}
+
+/// Microseconds as milliseconds with two decimals.
+pub(crate) fn millis(micros: f64) -> String {
+    format!("{:.2}", micros / 1e3)
+}
+
+/// A PSNR in decibels; equal pictures have no finite one.
+pub(crate) fn decibels(psnr: f64) -> String {
+    if psnr.is_finite() { format!("{psnr:.2} dB") } else { "equal".to_owned() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn counts_are_grouped_by_three() {
+        for (value, text) in [(0, "0"), (999, "999"), (1000, "1,000"), (1_234_567, "1,234,567")] {
+            assert_eq!(count(value), text);
+        }
+    }
+
+    #[test]
+    fn bytes_change_unit_at_powers_of_a_thousand() {
+        assert_eq!([bytes(999), bytes(1000), bytes(2_500_000)], ["999 B", "1.0 kB", "2.50 MB"]);
+    }
+
+    #[test]
+    fn no_time_means_no_rate() {
+        assert_eq!(megabits(10, 0.0), 0.0);
+        assert_eq!(megabits(125_000, 1.0), 1.0);
+    }
+}

@@ -1,0 +1,143 @@
+//! A frame of a stream as pictures: reconstructed, by rays, their difference, side by side.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Instant;
+
+use psao_client::picture::Picture;
+use psao_client::{AoImage, Size, Statistics, raster, reconstruct};
+use psao_codec::frame::State;
+use psao_eval::adapter::SceneView;
+use psao_eval::metric::Comparison;
+use psao_eval::reference::reference;
+use psao_proto::message::{self, CameraPose, SceneInfo};
+use psao_server_sim::ao::{AoSettings, Occlusion};
+use psao_server_sim::bvh::World;
+use psao_server_sim::scene::Scene;
+
+use crate::args::SizeArg;
+use crate::error::{Exit, Failure, Outcome};
+
+/// Differences are multiplied by this in the difference picture: a quarter of the range is full colour.
+const GAIN: f32 = 4.0;
+
+/// The scene of a recording, opened by its name or path, or by another path to the same files.
+pub(crate) fn scene_of(info: &SceneInfo, elsewhere: Option<&str>) -> Outcome<Arc<Scene>> {
+    let name = elsewhere.unwrap_or(info.source.as_str());
+    let scene = Scene::load(name).map_err(|error| {
+        Failure::input(format_args!("{error}; --scene says where the recorded scene is now"))
+    })?;
+    if scene.digest() != &info.digest {
+        return Err(Failure::input(format_args!(
+            "\"{name}\" is not the scene that was recorded (\"{}\"): its files have changed, or it is another one; \
+             a picture would be wrong. --scene says where the recorded one is",
+            info.name
+        )));
+    }
+    Ok(Arc::new(scene))
+}
+
+/// A frame drawn by the client.
+pub(crate) struct Drawn {
+    pub(crate) image: AoImage,
+    pub(crate) statistics: Statistics,
+    /// Milliseconds of primary visibility, and of reconstruction.
+    pub(crate) raster_ms: f64,
+    pub(crate) reconstruct_ms: f64,
+    pub(crate) reference: Option<Referenced>,
+}
+
+/// The same view by rays.
+pub(crate) struct Referenced {
+    pub(crate) image: AoImage,
+    pub(crate) comparison: Comparison,
+    pub(crate) rays: u32,
+    pub(crate) ms: f64,
+}
+
+/// What is drawn.
+pub(crate) struct Shot<'a> {
+    pub(crate) scene: &'a Arc<Scene>,
+    pub(crate) info: &'a SceneInfo,
+    pub(crate) state: &'a State,
+    pub(crate) time_s: f64,
+    /// The scene's own camera at that time unless given.
+    pub(crate) camera: Option<CameraPose>,
+    pub(crate) size: SizeArg,
+    /// Rays a pixel of the reference; `None` draws none.
+    pub(crate) reference_rays: Option<u32>,
+}
+
+impl Shot<'_> {
+    /// Draws the frame. AO comes from the state alone; geometry from the scene, which a client has.
+    pub(crate) fn draw(&self) -> Outcome<Drawn> {
+        let size = Size::new(self.size.width, self.size.height).map_err(Failure::usage)?;
+        let aspect = size.aspect();
+        let camera = CameraPose { aspect, ..self.camera.unwrap_or_else(|| self.scene.camera(self.time_s)) };
+        let world = World::new(self.scene, &self.scene.pose(self.time_s));
+        let view = SceneView::new(&world);
+        let start = Instant::now();
+        let buffer = raster(&view, &camera, size).map_err(Failure::usage)?;
+        let raster_ms = millis(start);
+        let start = Instant::now();
+        let drawn = reconstruct::cells(self.state, &buffer).map_err(Failure::input)?;
+        let reconstruct_ms = millis(start);
+        let mut result = Drawn {
+            image: drawn.image,
+            statistics: drawn.statistics,
+            raster_ms,
+            reconstruct_ms,
+            reference: None,
+        };
+        if let Some(rays) = self.reference_rays {
+            let start = Instant::now();
+            let image = reference(&view, &buffer, &self.settings(rays)?).map_err(Failure::usage)?;
+            let comparison =
+                Comparison::new(&image, &result.image).map_err(|error| Failure::new(Exit::System, error))?;
+            result.reference = Some(Referenced { image, comparison, rays, ms: millis(start) });
+        }
+        Ok(result)
+    }
+
+    /// The stream's own radius and falloff, with another number of rays.
+    fn settings(&self, rays: u32) -> Outcome<AoSettings> {
+        let kind = match self.info.occlusion {
+            message::Occlusion::OBSCURANCE => Occlusion::Obscurance,
+            message::Occlusion::BINARY => Occlusion::Binary,
+            other => {
+                return Err(Failure::input(format_args!(
+                    "this version knows no reference for {other}; update it"
+                )));
+            }
+        };
+        Ok(AoSettings { rays, radius: self.info.radius_m, kind, seed: self.info.seed })
+    }
+}
+
+fn millis(start: Instant) -> f64 {
+    start.elapsed().as_secs_f64() * 1e3
+}
+
+impl Drawn {
+    /// Writes `path`, and beside it the reference, the difference and both side by side where there is a reference.
+    /// Gives the paths.
+    pub(crate) fn write(&self, path: &Path) -> Outcome<Vec<PathBuf>> {
+        let grey = Picture::grey(&self.image);
+        let mut files = vec![(path.to_owned(), grey)];
+        if let Some(by_rays) = &self.reference {
+            let truth = Picture::grey(&by_rays.image);
+            let drawing = |error| Failure::new(Exit::System, error);
+            let difference = Picture::difference(&by_rays.image, &self.image, GAIN).map_err(drawing)?;
+            let beside = Picture::side_by_side(&[files[0].1.clone(), truth.clone(), difference.clone()])
+                .map_err(drawing)?;
+            files.push((path.with_extension("reference.png"), truth));
+            files.push((path.with_extension("difference.png"), difference));
+            files.push((path.with_extension("side-by-side.png"), beside));
+        }
+        for (path, picture) in &files {
+            let png = picture.to_png().map_err(|error| Failure::new(Exit::System, error))?;
+            std::fs::write(path, png).map_err(|error| Failure::writing(path, &error))?;
+        }
+        Ok(files.into_iter().map(|(path, _)| path).collect())
+    }
+}

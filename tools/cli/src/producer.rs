@@ -1,0 +1,242 @@
+//! Frames of a traced scene, one after the other: the server with the options of the command line.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use indicatif::ProgressBar;
+use psao_codec::block::BlockCoder;
+use psao_codec::frame::{FrameIndex, FrameInfo, StreamTime};
+use psao_proto::message::{CameraPose, Report, SceneInfo, StageId, StageTime};
+use psao_proto::{Micros, SceneTable};
+use psao_server_sim::ao::{AoSettings, Occlusion};
+use psao_server_sim::clock::Clock;
+use psao_server_sim::points::PointSettings;
+use psao_server_sim::scene::Scene;
+use psao_server_sim::server::{FrameStats, Progress, Server, ServerError, ServerSettings, StepOutput, Work};
+
+use crate::args::{OcclusionArg, ProfileArg, TuningArgs};
+use crate::context::{WallClock, progress};
+use crate::error::{Failure, Outcome};
+
+/// Stages of the frame loop, in order, with their ids in reports.
+pub(crate) const STAGES: [(&str, StageId); 6] = [
+    ("pose", StageId::POSE),
+    ("acceleration structures", StageId::BVH),
+    ("place points", StageId::PLACE),
+    ("trace rays", StageId::TRACE),
+    ("decide", StageId::DECIDE),
+    ("encode", StageId::ENCODE),
+];
+
+/// A scene being streamed.
+pub(crate) struct Producer {
+    scene: Arc<Scene>,
+    server: Server,
+    table: Arc<SceneTable>,
+    fps: f64,
+    all_visible: bool,
+    coder: BlockCoder,
+}
+
+impl Producer {
+    /// Loads the scene and spreads its points. `frames_hint` is 0 when the number of frames is open.
+    pub(crate) fn new(scene: &str, tuning: &TuningArgs, frames_hint: u32) -> Outcome<Self> {
+        check_supported(tuning)?;
+        let scene = Arc::new(Scene::load(scene).map_err(Failure::input)?);
+        let settings = settings(tuning, &scene, frames_hint);
+        let bars = Bars::default();
+        let server =
+            Server::new(scene.clone(), settings, Arc::new(move |state| bars.show(state))).map_err(refused)?;
+        let table = Arc::new(server.table().clone());
+        Ok(Self {
+            scene,
+            server,
+            table,
+            fps: f64::from(tuning.fps),
+            all_visible: tuning.all_visible,
+            coder: settings.coder,
+        })
+    }
+
+    /// What clients are told first.
+    pub(crate) fn table(&self) -> &Arc<SceneTable> {
+        &self.table
+    }
+
+    /// The stream as a whole.
+    pub(crate) fn info(&self) -> &SceneInfo {
+        self.table.info()
+    }
+
+    /// Computes frame `number`. `views` are the clients' cameras; without any, the scene's own camera decides what is
+    /// kept up to date.
+    pub(crate) fn step(
+        &mut self,
+        number: u32,
+        views: &[CameraPose],
+        clock: &WallClock,
+    ) -> Outcome<(StepOutput, Produced)> {
+        let time_s = f64::from(number) / self.fps;
+        let time = StreamTime((time_s * 1e6).round() as u64);
+        let own = [self.scene.camera(time_s)];
+        let views = match views {
+            _ if self.all_visible => &[],
+            [] => &own[..],
+            views => views,
+        };
+        let output = self.server.step(FrameIndex(number), time, views, clock).map_err(refused)?;
+        let produced = Produced::of(&output.stats);
+        Ok((output, produced))
+    }
+
+    /// A keyframe of the last frame's state, for who joins.
+    pub(crate) fn keyframe(&self, last: &FrameInfo) -> Outcome<Vec<u8>> {
+        self.server.keyframe(last.frame, last.time, self.coder).map_err(refused)
+    }
+}
+
+fn refused(error: ServerError) -> Failure {
+    match error {
+        ServerError::Settings(error) => Failure::usage(error),
+        error => Failure::input(error),
+    }
+}
+
+/// Says so where an option asks for what this version does not have.
+fn check_supported(tuning: &TuningArgs) -> Outcome {
+    if tuning.profile == ProfileArg::Surface {
+        return Err(Failure::usage("--profile surface is not in this version yet; use --profile paper"));
+    }
+    match tuning.bits {
+        32 => Ok(()),
+        24 | 16 => {
+            Err(Failure::usage(format_args!("--bits {} is not in this version yet; use 32", tuning.bits)))
+        }
+        other => Err(Failure::usage(format_args!("--bits {other} is none of 32, 24 and 16"))),
+    }
+}
+
+fn settings(tuning: &TuningArgs, scene: &Scene, frames_hint: u32) -> ServerSettings {
+    ServerSettings {
+        points: PointSettings { per_m2: tuning.points, minimum: tuning.min_points, seed: tuning.seed },
+        ao: AoSettings {
+            rays: tuning.rays,
+            radius: tuning.radius.unwrap_or_else(|| scene.ao_radius_m()),
+            kind: match tuning.occlusion {
+                OcclusionArg::Obscurance => Occlusion::Obscurance,
+                OcclusionArg::Binary => Occlusion::Binary,
+            },
+            seed: tuning.seed,
+        },
+        threshold: tuning.threshold,
+        view_margin: tuning.view_margin,
+        table_slots: tuning.slots_per_cell,
+        kernel: tuning.kernel,
+        coder: tuning.compress.0,
+        fps: tuning.fps,
+        frames_hint,
+        exhaustive: tuning.exhaustive,
+    }
+}
+
+impl Clock for WallClock {
+    fn micros(&self) -> u64 {
+        Self::micros(self)
+    }
+}
+
+/// The bars of the two things that take a while before the second frame.
+#[derive(Default)]
+struct Bars(Mutex<Option<(Work, ProgressBar)>>);
+
+impl Bars {
+    fn show(&self, state: Progress) {
+        let mut current = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if current.as_ref().is_none_or(|(work, _)| *work != state.work) {
+            let name = match state.work {
+                Work::Points => "points",
+                Work::FirstFrame => "first frame",
+            };
+            *current = Some((state.work, progress(name, state.total)));
+        }
+        if let Some((_, bar)) = current.as_ref() {
+            // Threads report in any order.
+            bar.set_position(bar.position().max(state.done));
+            if state.done >= state.total {
+                bar.finish_and_clear();
+            }
+        }
+    }
+}
+
+/// What one frame took, or the sum over several.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Produced {
+    pub(crate) visible: u64,
+    pub(crate) traced: u64,
+    pub(crate) rays: u64,
+    pub(crate) changed: u64,
+    pub(crate) cells: u64,
+    pub(crate) stored: u64,
+    pub(crate) bucket_full: u64,
+    pub(crate) cell_full: u64,
+    pub(crate) no_cell: u64,
+    pub(crate) outside_grid: u64,
+    pub(crate) id_collisions: u64,
+    /// By stage, in the order of [`STAGES`].
+    pub(crate) micros: [u64; STAGES.len()],
+}
+
+impl Produced {
+    fn of(stats: &FrameStats) -> Self {
+        let (tables, times) = (&stats.occupancy, &stats.micros);
+        Self {
+            visible: stats.visible.into(),
+            traced: stats.traced.into(),
+            rays: stats.rays,
+            changed: stats.changed.into(),
+            cells: tables.cells.into(),
+            stored: tables.points_stored.into(),
+            bucket_full: tables.bucket_full.into(),
+            cell_full: tables.cell_full.into(),
+            no_cell: tables.no_cell.into(),
+            outside_grid: tables.outside_grid.into(),
+            id_collisions: tables.id_collisions.into(),
+            micros: [times.pose, times.bvh, times.place, times.trace, times.decide, times.encode],
+        }
+    }
+
+    /// Adds a frame to a sum; how the tables are filled is that of the newest.
+    pub(crate) fn add(&mut self, frame: &Self) {
+        let sums = Self {
+            visible: self.visible + frame.visible,
+            traced: self.traced + frame.traced,
+            rays: self.rays + frame.rays,
+            changed: self.changed + frame.changed,
+            micros: std::array::from_fn(|stage| self.micros[stage] + frame.micros[stage]),
+            ..frame.clone()
+        };
+        *self = sums;
+    }
+
+    /// The frame's REPORT; without `timings` it is the same in every run.
+    pub(crate) fn report(&self, frame: FrameIndex, timings: bool) -> Report {
+        let narrow = |value: u64| u32::try_from(value).unwrap_or(u32::MAX);
+        let times =
+            STAGES.iter().zip(self.micros).map(|((_, stage), micros)| StageTime::new(*stage, Micros(micros)));
+        Report {
+            frame,
+            rays: self.rays,
+            visible: narrow(self.visible),
+            traced: narrow(self.traced),
+            changed: narrow(self.changed),
+            cells: narrow(self.cells),
+            stored: narrow(self.stored),
+            bucket_full: narrow(self.bucket_full),
+            cell_full: narrow(self.cell_full),
+            no_cell: narrow(self.no_cell),
+            outside_grid: narrow(self.outside_grid),
+            id_collisions: narrow(self.id_collisions),
+            stages: if timings { times.collect() } else { Vec::new() },
+        }
+    }
+}

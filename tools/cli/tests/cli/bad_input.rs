@@ -1,0 +1,140 @@
+//! What is wrong is said in one clear sentence, with the place and the remedy, and ends with the documented code.
+
+use std::path::Path;
+
+use crate::{FRAMES, SMALL, folder, psao, recording, text};
+
+/// Runs and expects an exit code and words on standard error.
+fn refuses(arguments: &[&str], code: i32, words: &[&str]) {
+    let run = psao(arguments);
+    assert_eq!(run.code, Some(code), "psao {arguments:?}: {}{}", run.out, run.err);
+    for word in words {
+        assert!(run.err.contains(word), "psao {arguments:?} does not say \"{word}\": {}", run.err);
+    }
+    assert!(!run.err.contains("panicked"), "{}", run.err);
+}
+
+/// As [`refuses`], for `record --scene`.
+fn refuses_scene(scene: &str, words: &[&str]) {
+    let folder = folder();
+    let target = folder.path().join("out.psao");
+    refuses(&["record", "--scene", scene, "-o", text(&target)], 3, words);
+    assert!(!target.exists(), "nothing is left behind");
+}
+
+#[test]
+fn scenes_that_are_not_there_or_not_scenes() {
+    let folder = folder();
+    let write = |name: &str, bytes: &[u8]| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        path
+    };
+    refuses_scene("no-such-scene", &["no-such-scene", "colonnade"]);
+    refuses_scene("/nowhere/a.glb", &["/nowhere/a.glb"]);
+    refuses_scene(text(&write("a.glb", b"this is not a glTF file")), &["a.glb"]);
+    refuses_scene(text(&write("b.gltf", br#"{"asset":{"version":"2.0"}}"#)), &["b.gltf"]);
+    refuses_scene(text(&write("c.toml", b"[scene]\nname = \"c\"\ncolour = 3\n")), &["c.toml", "colour"]);
+}
+
+#[test]
+fn options_that_make_no_sense() {
+    let folder = folder();
+    let target = folder.path().join("out.psao");
+    for (options, words) in [
+        (&["--points", "0"][..], &["points"][..]),
+        (&["--points", "nan"], &["points"]),
+        (&["--points", "1e30"], &["points"]),
+        (&["--min-points", "0"], &["points"]),
+        (&["--rays", "0"], &["rays"]),
+        (&["--radius", "0"], &["radius"]),
+        (&["--radius", "inf"], &["radius"]),
+        (&["--fps", "0"], &["fps"]),
+        (&["--threshold", "0"], &["threshold"]),
+        (&["--threshold", "256"], &["threshold"]),
+        (&["--frames", "0"], &["frames"]),
+        (&["--compress", "gzip"], &["gzip", "zstd"]),
+        (&["--bits", "24"], &["--bits 24", "not in this version"]),
+        (&["--bits", "7"], &["32, 24 and 16"]),
+        (&["--profile", "surface"], &["surface", "not in this version"]),
+        (&["--view-margin", "0"], &["view_margin"]),
+        (&["--slots-per-cell=-1"], &["slots"]),
+        (&["--kernel", "9"], &["kernel"]),
+    ] {
+        let mut arguments = vec!["record", "--scene", "colonnade", "-o", text(&target)];
+        arguments.extend(options);
+        refuses(&arguments, 2, words);
+        assert!(!target.exists(), "{options:?} leaves nothing behind");
+    }
+    refuses(&["record", "-o", text(&target)], 2, &["--scene"]);
+    refuses(&["replay", text(recording()), "--rate", "0"], 2, &["--rate"]);
+    refuses(&["replay", text(recording()), "--from", "2", "--to", "1"], 2, &["--to"]);
+    refuses(&["reconstruct", text(recording()), "--frame", "0", "--size", "0x9", "-o", "x.png"], 2, &["0x9"]);
+    refuses(&["stress", "--only", "no such case"], 2, &["no case"]);
+}
+
+#[test]
+fn places_that_cannot_be_written() {
+    let mut arguments =
+        vec!["record", "--scene", "asteroids", "--frames", "1", "-o", "/nowhere/at/all/a.psao"];
+    arguments.extend(SMALL);
+    refuses(&arguments, 1, &["/nowhere/at/all/a.psao"]);
+}
+
+#[test]
+fn recordings_that_are_none() {
+    let folder = folder();
+    let path = folder.path().join("a.psao");
+    for command in ["inspect", "verify", "replay"] {
+        refuses(&[command, text(&path)], 3, &["a.psao"]);
+    }
+    for bytes in [&b""[..], b"\x89PNG\r\n\x1a\n something else entirely, long enough to have had a header"] {
+        std::fs::write(&path, bytes).unwrap();
+        for command in ["inspect", "verify", "replay"] {
+            refuses(&[command, text(&path)], 3, &["a.psao", "not a psao recording"]);
+        }
+    }
+    refuses(&["reconstruct", text(recording()), "--frame", "99", "-o", text(&path)], 3, &["99", "0 to 11"]);
+    refuses(
+        &["reconstruct", text(recording()), "--frame", "0", "--scene", "asteroids", "-o", text(&path)],
+        3,
+        &["asteroids", "colonnade"],
+    );
+}
+
+fn damaged(folder: &Path, change: impl FnOnce(&mut Vec<u8>)) -> std::path::PathBuf {
+    let path = folder.join("damaged.psao");
+    let mut bytes = std::fs::read(recording()).unwrap();
+    change(&mut bytes);
+    std::fs::write(&path, bytes).unwrap();
+    path
+}
+
+#[test]
+fn a_recording_cut_short_is_read_up_to_the_cut() {
+    let folder = folder();
+    // Cut inside the last quarter, far from a frame's boundary.
+    let path = damaged(folder.path(), |bytes| bytes.truncate(bytes.len() * 3 / 4));
+    for command in ["inspect", "verify", "replay"] {
+        let run = psao(&[command, text(&path)]);
+        assert_eq!(run.code, Some(4), "{command}: {}{}", run.out, run.err);
+    }
+    let run = psao(&["inspect", text(&path), "--format", "json"]);
+    let document: serde_json::Value = serde_json::from_str(&run.out).unwrap();
+    let frames = document["frames"].as_array().unwrap();
+    assert!(!frames.is_empty() && frames.len() < FRAMES as usize, "{} frames", frames.len());
+    let wire: u64 = frames.iter().map(|frame| frame["wire_bytes"].as_u64().unwrap()).sum();
+    let overhead = document["overhead_bytes"].as_u64().unwrap();
+    assert_eq!(wire + overhead, std::fs::metadata(&path).unwrap().len());
+}
+
+#[test]
+fn a_changed_byte_anywhere_is_found() {
+    let folder = folder();
+    let length = std::fs::metadata(recording()).unwrap().len() as usize;
+    for place in (0..24).map(|part| part * (length - 1) / 23) {
+        let path = damaged(folder.path(), |bytes| bytes[place] ^= 0x10);
+        let run = psao(&["verify", text(&path)]);
+        assert_eq!(run.code, Some(4), "byte {place} of {length}: {}{}", run.out, run.err);
+    }
+}

@@ -1,0 +1,73 @@
+//! From a scene through the server and the wire to the client, on every scene there is.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use psao_client::{Size, raster, reconstruct};
+use psao_codec::Limits;
+use psao_codec::frame::{State, apply};
+use psao_eval::adapter::SceneView;
+use psao_server_sim::scene::Scene;
+use psao_server_sim::server::Server;
+
+use psao_tests::{server, shared, small, step};
+
+/// Streams the first frames of a scene into a client, and draws the last one.
+fn stream(name: &str, frames: u32) {
+    let scene = Arc::new(Scene::load(name).unwrap());
+    let mut server = server(&scene, small(&scene, 2)).unwrap();
+    let mut state = State::new(server.layout().clone());
+    for number in 0..frames {
+        let frame = step(&mut server, number).unwrap();
+        apply(&mut state, &frame.body, &Limits::default()).unwrap();
+        assert_eq!(state.hash(), server.encoder().state().hash(), "{name}, frame {number}");
+    }
+    assert_eq!(state.full_hash(), state.hash(), "{name}");
+    let counts = server.encoder().counts();
+    let left_out = counts.bucket_full + counts.cell_full + counts.no_cell + counts.id_collisions;
+    assert_eq!(
+        counts.points_stored + left_out,
+        server.points().total(),
+        "{name}: every point is stored or counted"
+    );
+    // So few points make cells larger than what they cover, and full.
+    assert!(counts.points_stored * 2 > server.points().total(), "{name}: {counts:?}");
+    draw(name, &scene, &server, &state);
+}
+
+fn draw(name: &str, scene: &Scene, server: &Server, state: &State) {
+    let view = SceneView::new(server.world());
+    let size = Size::new(64, 36).unwrap();
+    let buffer = raster(&view, &scene.camera(3.0 / 60.0), size).unwrap();
+    assert!(buffer.covered() > size.pixels() / 32, "{name}: the camera sees the scene");
+    let drawn = reconstruct::cells(state, &buffer).unwrap();
+    assert!(drawn.image.values().iter().all(|ao| (0.0..=1.0).contains(ao)), "{name}");
+    assert!(drawn.image.values().iter().any(|&ao| ao < 0.9), "{name}: something is near something");
+}
+
+#[test]
+fn built_in_scenes() {
+    for name in Scene::builtin_names() {
+        stream(name, 4);
+    }
+}
+
+#[test]
+fn real_scenes() {
+    let Some(folder) = shared("scenes") else { return };
+    for name in [
+        "apartment_people",
+        "arcade",
+        "asteroid_drones",
+        "littlest_tokyo",
+        "mech_arena",
+        "robot_lab",
+        "sponza_life",
+    ] {
+        stream(file(&folder, name).as_str(), 2);
+    }
+}
+
+fn file(folder: &Path, name: &str) -> String {
+    folder.join(name).join(format!("{name}.toml")).to_str().unwrap().to_owned()
+}

@@ -4,11 +4,13 @@ use std::sync::Arc;
 
 use psao_codec::frame::{FrameInfo, State, inspect};
 
-use super::{Damage, IndexEntry, Reader, ReaderError, Record};
+use super::{Damage, IndexEntry, RECORD_HEAD_BYTES, Reader, ReaderError, Record};
 use crate::follow::{Follower, Unusable};
 use crate::message::{Close, Message, MessageError, Report, Scene};
 use crate::scene::SceneAssembler;
-use crate::{FrameHeader, FrameIndex, FrameType, Group, Limits, Micros, SceneError, SceneTable, Sequence};
+use crate::{
+    FrameHeader, FrameIndex, FrameType, Group, HEADER_BYTES, Limits, Micros, SceneError, SceneTable, Sequence,
+};
 
 /// A keyframe or update that was applied: the hash of the state is the one in its header.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -25,6 +27,18 @@ pub struct PlayedFrame {
     pub wire_bytes: u64,
     /// Bytes that its record takes in the file.
     pub record_bytes: u64,
+}
+
+impl PlayedFrame {
+    /// The frame body, to be sent on as it was recorded: a part of `file`, the bytes that the player was given. Empty
+    /// when `file` is another one and too short.
+    #[must_use]
+    pub fn body<'a>(&self, file: &'a [u8]) -> &'a [u8] {
+        let start = usize::try_from(self.offset).unwrap_or(usize::MAX);
+        let start = start.saturating_add(RECORD_HEAD_BYTES + HEADER_BYTES);
+        let end = start.saturating_add(self.header.length as usize);
+        file.get(start..end).unwrap_or_default()
+    }
 }
 
 /// What a player met.

@@ -5,12 +5,12 @@ use std::path::{Path, PathBuf};
 use psao_codec::frame::FrameKind;
 use psao_proto::recording::{Player, PlayerEvent};
 use psao_proto::session::{ClientEvent, ClientSession, ServerSession};
-use psao_proto::{HEADER_BYTES, Limits, Micros};
+use psao_proto::{Limits, Micros};
 
 use super::inspect;
 use super::reconstruct::describe;
 use super::record::{Totals, record_frames};
-use crate::analysis::{Analysis, PARTS, load};
+use crate::analysis::{Analysis, load};
 use crate::args::{SizeArg, TuningArgs};
 use crate::context::{progress, say};
 use crate::error::{Exit, Failure, Outcome};
@@ -100,8 +100,7 @@ fn replay(bytes: &[u8]) -> Outcome<u64> {
     let mut applied = 0;
     while let Some(event) = player.next_event() {
         let PlayerEvent::Frame(frame) = event else { continue };
-        let start = frame.offset as usize + psao_proto::recording::RECORD_HEAD_BYTES + HEADER_BYTES;
-        let body = bytes.get(start..start + frame.header.length as usize).unwrap_or_default();
+        let body = frame.body(bytes);
         let sent = match frame.info.kind {
             FrameKind::Key => server.send_keyframe(body),
             FrameKind::Delta => server.send_update(body),
@@ -221,27 +220,10 @@ fn points(producer: &Producer, totals: &Totals) -> Section {
 
 fn bandwidth(analysis: &Analysis, replayed: u64) -> Section {
     let totals = analysis.totals();
-    let frames = totals.later_frames.max(1) as f64;
-    let all: u64 = totals.parts.iter().sum();
-    let first = analysis.frames.first();
-    let line = |name: &str, first: u64, bytes: u64| {
-        row([
-            name.to_owned(),
-            number::bytes(first),
-            format!("{:.1}", bytes as f64 / frames),
-            format!("{:.3}", number::megabits(bytes, totals.seconds)),
-        ])
-    };
-    let mut rows: Vec<Vec<String>> = PARTS
-        .iter()
-        .enumerate()
-        .filter(|&(part, _)| first.map_or(0, |line| line.parts[part]) + totals.parts[part] > 0)
-        .map(|(part, name)| line(name, first.map_or(0, |line| line.parts[part]), totals.parts[part]))
-        .collect();
-    rows.push(line("all", totals.first_state, all));
+    let rows = inspect::part_rows(analysis, &totals).into_iter().map(Vec::from).collect();
     Section {
         title: "Bytes on the wire".to_owned(),
-        heads: heads(&["part", "first state", "bytes a frame", "Mbit/s"]),
+        heads: heads(&inspect::PART_HEADS),
         rows,
         note: format!(
             "{} A client followed all {replayed} frames, and its state hash was the server's after each.",

@@ -98,7 +98,11 @@ fn table(analysis: &Analysis, per_frame: bool) -> Outcome {
         ))?;
     }
     let totals = analysis.totals();
-    say(totals_table(analysis, &totals))?;
+    let mut parts = Figures::new(PART_HEADS);
+    for row in part_rows(analysis, &totals) {
+        parts.row(row);
+    }
+    say(parts)?;
     say(summary_lines(analysis, &totals))?;
     if per_frame {
         say(frames_table(analysis))?;
@@ -106,29 +110,29 @@ fn table(analysis: &Analysis, per_frame: bool) -> Outcome {
     Ok(())
 }
 
-/// Bytes by part: the first state, then the frames after it.
-pub(crate) fn totals_table(analysis: &Analysis, totals: &Totals) -> Figures {
-    let mut table = Figures::new(["part", "first state", "bytes/frame", "Mbit/s", "share"]);
+/// Heads of [`part_rows`].
+pub(crate) const PART_HEADS: [&str; 5] = ["part", "first state", "bytes a frame", "Mbit/s", "share"];
+
+/// Bytes by part: the first state, then the frames after it; last, all parts together.
+pub(crate) fn part_rows(analysis: &Analysis, totals: &Totals) -> Vec<[String; PART_HEADS.len()]> {
     let all: u64 = totals.parts.iter().sum();
     let frames = totals.later_frames.max(1) as f64;
-    let first = analysis.frames.first();
-    let mut row = |name: &str, first: u64, bytes: u64| {
-        table.row([
+    let row = |name: &str, first: u64, bytes: u64| {
+        [
             name.to_owned(),
             number::bytes(first),
             format!("{:.1}", bytes as f64 / frames),
             format!("{:.3}", number::megabits(bytes, totals.seconds)),
             format!("{:.1} %", bytes as f64 * 100.0 / all.max(1) as f64),
-        ]);
+        ]
     };
-    for (part, name) in PARTS.iter().enumerate() {
-        let first = first.map_or(0, |line| line.parts[part]);
-        if first + totals.parts[part] > 0 {
-            row(name, first, totals.parts[part]);
-        }
-    }
-    row("frames, all parts", totals.first_state, all);
-    table
+    let first = |part: usize| analysis.frames.first().map_or(0, |line| line.parts[part]);
+    let mut rows: Vec<_> = (0..PARTS.len())
+        .filter(|&part| first(part) + totals.parts[part] > 0)
+        .map(|part| row(PARTS[part], first(part), totals.parts[part]))
+        .collect();
+    rows.push(row("all", totals.first_state, all));
+    rows
 }
 
 /// The sentences below the table.

@@ -4,10 +4,10 @@ use std::time::{Duration, Instant};
 
 use clap::ValueEnum;
 use psao_codec::frame::{FrameKind, FrameMeta, keyframe};
+use psao_proto::Limits;
 use psao_proto::message::CloseCode;
 use psao_proto::net::{Hub, Listener};
-use psao_proto::recording::{PlayedFrame, Player, PlayerEvent, RECORD_HEAD_BYTES};
-use psao_proto::{HEADER_BYTES, Limits};
+use psao_proto::recording::{PlayedFrame, Player, PlayerEvent};
 
 use super::client::peer;
 use crate::analysis::load;
@@ -206,8 +206,7 @@ async fn deliver(
     count: u64,
 ) -> Outcome {
     let Target::Clients(hub) = target else { return Ok(()) };
-    let start = frame.offset as usize + RECORD_HEAD_BYTES + HEADER_BYTES;
-    let body = bytes.get(start..start + frame.header.length as usize).unwrap_or_default();
+    let body = frame.body(bytes);
     let joining = || match player.state() {
         Some(state) => {
             let meta = FrameMeta {

@@ -44,6 +44,8 @@ pub(crate) enum Kind {
     Pose = 1,
     Bucket = 2,
     Cell = 3,
+    Geometry = 4,
+    Value = 5,
 }
 
 /// Odd multiplier of every round: 2^64 divided by the golden ratio.
@@ -57,13 +59,18 @@ pub(crate) fn term<const N: usize>(kind: Kind, index: u32, words: &[u32; N]) -> 
     if words.iter().all(|word| *word == 0) {
         return 0;
     }
-    let mut hash = round(((kind as u64) << 32) | u64::from(index));
-    for pair in words.chunks(2) {
-        let high = pair.get(1).copied().unwrap_or(0);
-        hash = round(hash ^ ((u64::from(high) << 32) | u64::from(pair[0])));
-    }
+    let mut hash = fold_words(round(((kind as u64) << 32) | u64::from(index)), words);
     hash = (hash ^ (hash >> 29)).wrapping_mul(CLOSE);
     hash ^ (hash >> 32)
+}
+
+/// Words after words, two at a time, folded into a digest.
+#[inline]
+pub(crate) fn fold_words(digest: u64, words: &[u32]) -> u64 {
+    words.chunks(2).fold(digest, |digest, pair| {
+        let high = pair.get(1).copied().unwrap_or(0);
+        round(digest ^ ((u64::from(high) << 32) | u64::from(pair[0])))
+    })
 }
 
 /// A bijection of 64 bits, so no single changed word can go unseen.

@@ -1,13 +1,74 @@
 //! Point-based ambient occlusion streams: packing, cells, blocks, state hash, apply.
 //!
 //! A server traces ambient occlusion (AO) at points on the surfaces of a scene and streams what changed; a
-//! client, which draws the scene itself, looks the points up. This crate is what both share: how a point
-//! becomes 32 bits, how points are kept in hashed cells, how a frame of changes becomes bytes, and how those
-//! bytes change the state of a client, all of it or nothing.
+//! client, which draws the scene itself, looks the points up. This crate is what both share: how points are kept, how
+//! a frame of changes becomes bytes, and how those bytes change the state of a client, all of it or nothing.
 //!
-//! It implements profile `paper`: the structures of "PSAO: Point-Based Split Rendering for Ambient Occlusion"
-//! (sections 3.1 to 3.5). The wire format is specified in `docs/spec/codec.md`. The crate does no I/O, reads no
+//! A stream has one of two profiles:
+//!
+//! * [`surface`]: points stay on the mesh at rest and are sent once; a frame holds AO changes only, by a range coder that
+//!   knows what neighbours and the last frames did. The smallest streams.
+//! * `paper` ([`cells`], [`frame`], [`point`]): the structures of "PSAO: Point-Based Split Rendering for Ambient Occlusion"
+//!   (sections 3.1 to 3.5), points of 32, 24 or 16 bits in hashed cells. The baseline.
+//!
+//! [`stream`] carries either. The wire format is specified in `docs/spec/codec.md`. The crate does no I/O, reads no
 //! clock and draws no randomness: the same calls give the same bytes on any machine.
+//!
+//! # Send AO changes of points at rest
+//!
+//! ```
+//! use std::sync::Arc;
+//! use psao_codec::Limits;
+//! use psao_codec::block::BlockCoder;
+//! use psao_codec::frame::{FrameIndex, FrameKind, FrameMeta, StreamTime};
+//! use psao_codec::surface::{
+//!     Applier, Encoder, EncoderSettings, Geometry, GeometryDigest, GeometrySource, Layout, Member, RestPoint,
+//!     SetLayout, State,
+//! };
+//!
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! // The points of a mesh at rest, rounded to a lattice of 1/128 m; two instances of the mesh share them.
+//! let set = SetLayout {
+//!     origin: [0.0; 3],
+//!     step: 1.0 / 128.0,
+//!     extent: [128; 3],
+//!     normal_bits: 6,
+//!     kernel_radius: 0.1,
+//!     // Filled in when the points are rounded.
+//!     points: 0,
+//!     digest: GeometryDigest::default(),
+//! };
+//! let along = |n: u8| RestPoint { position: [f32::from(n) / 100.0, 0.0, 0.5], normal: [0.0, 1.0, 0.0] };
+//! let points: Vec<RestPoint> = (0..100).map(along).collect();
+//! let geometry = Arc::new(Geometry::round(set, &points).geometry);
+//! let limits = Limits::default();
+//! let members = vec![Member { set: 0 }, Member { set: 0 }];
+//! let layout = Arc::new(Layout::new(vec![*geometry.layout()], members, &limits)?);
+//!
+//! // The server says what every point's AO is; the encoder knows what clients hold and sends what moved by 8 or more.
+//! let settings = EncoderSettings { threshold: 8, geometry: GeometrySource::Sent };
+//! let mut encoder = Encoder::new(Arc::clone(&layout), vec![geometry], settings)?;
+//! let meta = |kind, frame| FrameMeta { kind, frame: FrameIndex(frame), time: StreamTime(0), changed_points: 0 };
+//! for point in 0..200 {
+//!     encoder.offer(point, 255);
+//! }
+//! let key = encoder.finish(meta(FrameKind::Key, 0), BlockCoder::Range)?;
+//! for point in 120..160 {
+//!     encoder.offer(point, 90);
+//! }
+//! let delta = encoder.finish(meta(FrameKind::Delta, 1), BlockCoder::Range)?;
+//! assert!(delta.body.len() < 64);
+//!
+//! // A client holds the same, and no point is off by the threshold.
+//! let mut state = State::new(layout);
+//! let mut applier = Applier::new();
+//! applier.apply(&mut state, &key.body, &limits)?;
+//! applier.apply(&mut state, &delta.body, &limits)?;
+//! assert_eq!(&state, encoder.state());
+//! assert!(state.values(1)[20..60].iter().all(|ao| ao.abs_diff(90) < 8));
+//! # Ok(())
+//! # }
+//! ```
 //!
 //! # Record two frames, apply them, look up a point
 //!
@@ -17,13 +78,14 @@
 //! use psao_codec::block::BlockCoder;
 //! use psao_codec::cells::{Grid, InstanceLayout, Layout, PaperEncoder, PointSample};
 //! use psao_codec::frame::{FrameIndex, FrameKind, FrameMeta, State, StreamTime, apply};
+//! use psao_codec::point::PointFormat;
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! // Both sides know the layout from the scene messages: one instance, 4 x 4 x 4 cells of 25 cm.
 //! let limits = Limits::default();
 //! let grid = Grid::new([0.0; 3], 0.25, [4, 4, 4])?;
 //! let instance = InstanceLayout { grid, first_bucket: 0, bucket_count: 8, kernel_radius: 0.125 };
-//! let layout = Arc::new(Layout::new(vec![instance], 64, &limits)?);
+//! let layout = Arc::new(Layout::new(PointFormat::Bits32, vec![instance], 64, &limits)?);
 //!
 //! // The server puts points, then finishes a keyframe; later it changes one and finishes a delta.
 //! let mut encoder = PaperEncoder::new(Arc::clone(&layout), &[2])?;
@@ -41,14 +103,15 @@
 //! let delta = encoder.finish(meta(FrameKind::Delta, 1, 1), BlockCoder::default())?;
 //!
 //! // The client applies both and holds what the server sent last.
-//! let mut state = State::new(layout);
+//! let mut state = State::new(Arc::clone(&layout));
 //! apply(&mut state, &key.body, &limits)?;
 //! apply(&mut state, &delta.body, &limits)?;
 //! assert_eq!(state.hash(), encoder.state().hash());
 //!
 //! let cell = grid.locate(floor.local).cell;
-//! let points: Vec<u8> = state.lookup(0, cell).into_iter().flat_map(|cell| cell.points()).map(|p| p.ao()).collect();
-//! assert_eq!(points, [100]);
+//! let held = state.lookup(0, cell).ok_or("the cell is not there")?;
+//! let values: Vec<u8> = held.points(layout.format()).map(|point| point.ao).collect();
+//! assert_eq!(values, [100]);
 //! # Ok(())
 //! # }
 //! ```
@@ -60,14 +123,14 @@
 //!
 //! ```
 //! # use std::sync::Arc;
-//! # use psao_codec::{Limits, cells::{Grid, InstanceLayout, Layout, PaperEncoder, PointSample}};
+//! # use psao_codec::{Limits, cells::{Grid, InstanceLayout, Layout, PaperEncoder, PointSample}, point::PointFormat};
 //! use psao_codec::block::BlockCoder;
 //! use psao_codec::frame::{FrameIndex, FrameKind, FrameMeta, State, StreamTime, apply, keyframe};
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! # let limits = Limits::default();
 //! # let grid = Grid::new([0.0; 3], 0.25, [4, 4, 4])?;
 //! # let instance = InstanceLayout { grid, first_bucket: 0, bucket_count: 8, kernel_radius: 0.125 };
-//! # let layout = Arc::new(Layout::new(vec![instance], 64, &limits)?);
+//! # let layout = Arc::new(Layout::new(PointFormat::Bits32, vec![instance], 64, &limits)?);
 //! # let mut encoder = PaperEncoder::new(Arc::clone(&layout), &[1])?;
 //! # encoder.put(0, &PointSample { local: [0.3; 3], normal: [0.0, 1.0, 0.0], ao: 9 })?;
 //! let meta = FrameMeta { kind: FrameKind::Key, frame: FrameIndex(7), time: StreamTime(0), changed_points: 1 };
@@ -85,7 +148,7 @@
 //!
 //! ```
 //! # use std::sync::Arc;
-//! # use psao_codec::{Limits, cells::{Grid, InstanceLayout, Layout, PaperEncoder, PointSample}};
+//! # use psao_codec::{Limits, cells::{Grid, InstanceLayout, Layout, PaperEncoder, PointSample}, point::PointFormat};
 //! # use psao_codec::block::BlockCoder;
 //! # use psao_codec::frame::{FrameIndex, FrameKind, FrameMeta, StreamTime};
 //! use psao_codec::frame::inspect;
@@ -93,7 +156,7 @@
 //! # let limits = Limits::default();
 //! # let grid = Grid::new([0.0; 3], 0.25, [4, 4, 4])?;
 //! # let instance = InstanceLayout { grid, first_bucket: 0, bucket_count: 8, kernel_radius: 0.125 };
-//! # let layout = Arc::new(Layout::new(vec![instance], 64, &limits)?);
+//! # let layout = Arc::new(Layout::new(PointFormat::Bits32, vec![instance], 64, &limits)?);
 //! # let mut encoder = PaperEncoder::new(layout, &[1])?;
 //! # encoder.put(0, &PointSample { local: [0.3; 3], normal: [0.0, 1.0, 0.0], ao: 9 })?;
 //! # let meta = FrameMeta { kind: FrameKind::Key, frame: FrameIndex(7), time: StreamTime(0), changed_points: 1 };
@@ -115,7 +178,10 @@ mod hash;
 mod limits;
 pub mod point;
 pub mod quant;
+mod range;
 pub mod reference;
+pub mod stream;
+pub mod surface;
 #[cfg(test)]
 mod testing;
 mod wire;

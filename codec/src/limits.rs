@@ -12,6 +12,9 @@ pub struct Limits {
     pub max_buckets: u32,
     /// Most cells of a layout (default 2^22, which is also all that a 22-bit cell index can name; 28 B each).
     pub max_cells: u32,
+    /// Most points of a `surface` layout, all instances together (default 64 Mi; 2 B each and 14 B for every point of
+    /// a set).
+    pub max_points: u32,
     /// Most bytes of one section after decompression (default 272 MiB: a keyframe that writes every one of
     /// 2^22 buckets, 68 B each, is the largest section that the limits above allow).
     pub max_block_bytes: u32,
@@ -25,6 +28,7 @@ impl Default for Limits {
             max_instances: 65_536,
             max_buckets: 1 << 22,
             max_cells: 1 << 22,
+            max_points: 64 << 20,
             max_block_bytes: 272 << 20,
             max_frame_bytes: 512 << 20,
         }

@@ -8,13 +8,19 @@ use crate::cells::{Grid, InstanceLayout, Layout, PaperEncoder, PointSample};
 use crate::frame::{
     CRC_OFFSET, EncodedFrame, FrameIndex, FrameKind, FrameMeta, Pose, State, StreamTime, apply, body_crc,
 };
+use crate::point::PointFormat;
 
-/// Two instances of 4 x 4 x 4 cells of 25 cm, 8 buckets each, 64 cells.
+/// Two instances of 4 x 4 x 4 cells of 25 cm, 8 buckets each, 64 cells; 32-bit points.
 pub(crate) fn layout() -> Arc<Layout> {
+    layout_of(PointFormat::Bits32)
+}
+
+/// The same with points packed like this.
+pub(crate) fn layout_of(format: PointFormat) -> Arc<Layout> {
     let grid = Grid::new([0.0; 3], 0.25, [4, 4, 4]).unwrap();
     let instance =
         |first_bucket| InstanceLayout { grid, first_bucket, bucket_count: 8, kernel_radius: 0.125 };
-    Arc::new(Layout::new(vec![instance(0), instance(8)], 64, &Limits::default()).unwrap())
+    Arc::new(Layout::new(format, vec![instance(0), instance(8)], 64, &Limits::default()).unwrap())
 }
 
 pub(crate) fn meta(kind: FrameKind, frame: u32) -> FrameMeta {
@@ -36,7 +42,11 @@ pub(crate) struct Story {
 }
 
 pub(crate) fn story(coder: BlockCoder) -> Story {
-    let layout = layout();
+    story_of(PointFormat::Bits32, coder)
+}
+
+pub(crate) fn story_of(format: PointFormat, coder: BlockCoder) -> Story {
+    let layout = layout_of(format);
     let empty = State::new(Arc::clone(&layout));
     let mut encoder = PaperEncoder::new(layout, &[40, 40]).unwrap();
     for point in 0..80_u8 {

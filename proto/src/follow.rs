@@ -2,11 +2,8 @@
 //!
 //! A live client and the player of a recording share this.
 
-use std::sync::Arc;
-
-use psao_codec::cells::Layout;
-use psao_codec::frame::State;
-use psao_codec::frame::{Applier, FrameError, FrameInfo, FrameKind};
+use psao_codec::frame::{FrameError, FrameInfo, FrameKind};
+use psao_codec::stream::{Applier, Layout, State};
 
 use crate::{FrameHeader, FrameType, Group, Limits, Sequence};
 
@@ -54,7 +51,7 @@ pub(crate) struct Follower {
 }
 
 impl Follower {
-    pub(crate) fn new(layout: Arc<Layout>) -> Self {
+    pub(crate) fn new(layout: &Layout) -> Self {
         Self { applier: Applier::new(), state: State::new(layout), place: None }
     }
 
@@ -90,9 +87,9 @@ impl Follower {
         if found != kind {
             return Err(Unusable::Kind { frame: header.kind });
         }
-        let applied = self.applier.apply(&mut self.state, body, &limits.codec)?;
+        let info = self.applier.apply(&mut self.state, body, &limits.codec)?;
         self.place = Some((header.group, header.sequence));
-        Ok(applied.info)
+        Ok(info)
     }
 
     fn check_place(&mut self, header: FrameHeader) -> Result<(), Unusable> {

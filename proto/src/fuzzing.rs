@@ -8,10 +8,11 @@ use crate::message::{
     RejectCode, Report, Request, Scene, View,
 };
 use crate::recording::{Player, PlayerEvent, Reader, Summary, Writer, load_index};
-use crate::sample::{Error, SampleServer, recording as sample_recording};
+use crate::sample::{Error, SampleServer, recording as sample_recording, recording_of};
 use crate::session::{ClientSession, ServerSession};
 use crate::{
-    FrameIndex, FrameType, Framer, Group, Limits, Micros, Numbering, Sequence, StateHash, write_frame,
+    FrameIndex, FrameType, Framer, Group, Limits, Micros, Numbering, Profile, Sequence, StateHash,
+    write_frame,
 };
 
 /// Small limits, so that a target which breaks them runs out of memory soon.
@@ -20,6 +21,7 @@ fn limits() -> Limits {
     limits.codec.max_instances = 64;
     limits.codec.max_buckets = 1 << 10;
     limits.codec.max_cells = 1 << 10;
+    limits.codec.max_points = 1 << 10;
     limits.codec.max_block_bytes = 1 << 20;
     limits.codec.max_frame_bytes = 1 << 20;
     limits
@@ -153,10 +155,11 @@ fn read_and_play(data: &[u8]) {
 }
 
 /// Either end of a session, given the bytes in chunks. The first byte's bits choose: 0, the server's end; 1, behind a good
-/// handshake, so that frames are reached; 2, bytes made into frames with right checksums.
+/// handshake, so that frames are reached; 2, bytes made into frames with right checksums; 3, a stream of profile `surface`.
 pub fn session(data: &[u8]) {
     let Some((&mode, data)) = data.split_first() else { return };
-    let Ok(source) = SampleServer::new() else { return };
+    let profile = if mode & 8 == 0 { Profile::PAPER } else { Profile::SURFACE };
+    let Ok(source) = SampleServer::of(profile) else { return };
     let mut server = ServerSession::new(source.scene().clone(), limits());
     let mut client = ClientSession::new(limits());
     if mode & 2 != 0 {
@@ -193,7 +196,7 @@ pub struct Seed {
     pub bytes: Vec<u8>,
 }
 
-/// Corpus seeds of all targets, those of `psao_codec::fuzzing` (`frame`, `round_trip`) included.
+/// Corpus seeds of all targets, those of `psao_codec::fuzzing` (`frame`, `round_trip`, `surface_*`) included.
 ///
 /// # Errors
 /// None is expected; see [`Error`].
@@ -205,26 +208,21 @@ pub fn seeds() -> Result<Vec<Seed>, Error> {
     if let Some(byte) = damaged.get_mut(700) {
         *byte ^= 0x10;
     }
-    let (up, down) = conversation()?;
+    let (up, down) = conversation(Profile::PAPER)?;
+    let (_, surface_down) = conversation(Profile::SURFACE)?;
+    let surface = recording_of(Profile::SURFACE, 3, 2)?;
+    let surface_unframed = unframed(&surface)?;
     let behind = |mode: u8, bytes: &[u8]| [&[mode][..], bytes].concat();
     let frames: Vec<u8> = Reader::new(&file)?
         .flatten()
         .filter(|r| r.frame.header.kind != FrameType::SCENE)
         .flat_map(|r| r.frame.bytes.to_vec())
         .collect();
-    // The same frames, for `framed`.
-    let mut unframed = Vec::new();
-    for record in Reader::new(&file)?.flatten() {
-        let header = record.frame.header;
-        unframed
-            .extend([u32::from(header.kind.0), header.group.0, header.sequence.0].map(|value| value as u8));
-        unframed.extend((header.length as u16).to_le_bytes());
-        unframed.extend_from_slice(record.frame.payload());
-    }
+    let unframed = unframed(&file)?;
     let seed = |target, name, bytes| Seed { target, name, bytes };
     let key = SampleServer::new()?.step()?.body;
     // Multiples of an odd number: bytes without a pattern that a decoder could know.
-    let mixed = |seed: u32, count: u32| {
+    let mixed = |seed: u32, count: u32| -> Vec<u8> {
         (0..count).map(|n| ((n + seed).wrapping_mul(0x9E37_79B1) >> 24) as u8).collect()
     };
     Ok(vec![
@@ -234,6 +232,25 @@ pub fn seeds() -> Result<Vec<Seed>, Error> {
         seed("frame", "changed-plain-key", vec![5, 50, 7, 120, 64]),
         seed("round_trip", "short", mixed(1, 48)),
         seed("round_trip", "long", mixed(7, 700)),
+        // One change to a frame of every kind and coder; one section of noise; noise.
+        seed("surface_decode", "changed-key-range", vec![0, 60, 0, 1]),
+        seed("surface_decode", "changed-arrivals-range", vec![1, 70, 0, 64]),
+        seed("surface_decode", "changed-delta-range", vec![2, 40, 0, 8]),
+        seed("surface_decode", "changed-late-range", vec![3, 0, 4, 16]),
+        seed("surface_decode", "changed-key-plain", vec![4, 0, 2, 1]),
+        seed("surface_decode", "changed-delta-plain", vec![6, 50, 0, 2]),
+        seed("surface_decode", "changed-late-lz4", vec![11, 90, 0, 3]),
+        seed("surface_decode", "changed-arrivals-zstd", vec![13, 90, 0, 3]),
+        seed("surface_decode", "section-of-changes", [&[34, 6, 3, 20, 0, 60, 0][..], &mixed(3, 40)].concat()),
+        seed(
+            "surface_decode",
+            "section-of-geometry",
+            [&[32, 4, 3, 150, 0, 118, 6][..], &mixed(5, 90)].concat(),
+        ),
+        seed("surface_decode", "frame", behind(0x30, &key)),
+        seed("surface_round_trip", "short", surface_operations(8, 0)),
+        seed("surface_round_trip", "shared", surface_operations(3, 1)),
+        seed("surface_round_trip", "noise", [&[2, 0][..], &mixed(9, 120)].concat()),
         seed("framer", "client", up.clone()),
         seed("framer", "server", down.clone()),
         seed("recording", "whole", file),
@@ -244,12 +261,48 @@ pub fn seeds() -> Result<Vec<Seed>, Error> {
         seed("session", "frames", behind(2, &frames)),
         seed("session", "unframed", behind(6, &unframed)),
         seed("recording", "unframed", unframed),
+        seed("framer", "surface", surface_down.clone()),
+        seed("recording", "surface", surface),
+        seed("recording", "surface-unframed", surface_unframed.clone()),
+        seed("session", "surface", behind(8, &surface_down)),
+        seed("session", "surface-unframed", behind(14, &surface_unframed)),
     ])
 }
 
+/// The frames of a recording as [`framed`] takes them.
+fn unframed(file: &[u8]) -> Result<Vec<u8>, Error> {
+    let mut unframed = Vec::new();
+    for record in Reader::new(file)?.flatten() {
+        let header = record.frame.header;
+        unframed
+            .extend([u32::from(header.kind.0), header.group.0, header.sequence.0].map(|value| value as u8));
+        unframed.extend((header.length as u16).to_le_bytes());
+        unframed.extend_from_slice(record.frame.payload());
+    }
+    Ok(unframed)
+}
+
+/// Operations of `surface_round_trip`: a shadow that moves, with every coder; points that come late, a client that joins, a
+/// frame that fails, a keyframe.
+fn surface_operations(threshold: u8, source: u8) -> Vec<u8> {
+    let mut operations = vec![threshold, source, 4, 0, 150, 200, 0, 15];
+    for frame in 0..8 {
+        let coder = (frame % 4) << 4;
+        operations.extend([4, 20 * frame, 40, 120 + frame, 3, 9 | coder]);
+        match frame {
+            2 => operations.extend([4, 140, 155, 90, 1]),
+            3 => operations.extend([7 | coder, 1]),
+            5 => operations.push(8),
+            6 => operations.push(15 | coder),
+            _ => {}
+        }
+    }
+    operations
+}
+
 /// Every message that a client sends, and every one that a server sends.
-fn conversation() -> Result<(Vec<u8>, Vec<u8>), Error> {
-    let mut source = SampleServer::new()?;
+fn conversation(profile: Profile) -> Result<(Vec<u8>, Vec<u8>), Error> {
+    let mut source = SampleServer::of(profile)?;
     let mut client = ClientSession::new(Limits::default());
     let mut server = ServerSession::new(source.scene().clone(), Limits::default());
     let mut up = client.take_output();

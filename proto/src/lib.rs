@@ -114,5 +114,5 @@ pub use numbering::Numbering;
 pub use psao_codec::StateHash;
 pub use psao_codec::block::CoderId;
 pub use psao_codec::frame::{FrameIndex, Profile, StreamTime};
-pub use scene::{SceneError, SceneTable};
+pub use scene::{SceneEntries, SceneError, SceneTable};
 pub use units::{Group, Micros, Sequence};

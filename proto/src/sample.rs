@@ -1,24 +1,31 @@
 //! A tiny stream with real frames, for examples, tests and the corpora of the fuzz targets.
 //!
-//! Two instances of a few points each: one lies still while its AO changes, one rides on a moving pose. The same call
-//! gives the same bytes on any machine.
+//! Two instances of a few points each: one lies still while its AO changes, one rides on a moving pose. In profile
+//! `surface` they share their points. The same call gives the same bytes on any machine.
 
 use std::sync::Arc;
 
 use psao_codec::block::BlockCoder;
 use psao_codec::cells::{PaperEncoder, PointSample};
-use psao_codec::frame::{EncodedFrame, FrameKind, FrameMeta, Pose, State, keyframe};
+use psao_codec::frame::{EncodedFrame, FrameKind, FrameMeta, Pose};
+use psao_codec::stream::{Layout, State, apply, keyframe};
+use psao_codec::surface::{
+    Encoder, EncoderSettings, Geometry, GeometryDigest, GeometrySource, RestPoint, SetLayout,
+};
 
 use crate::message::{
-    Close, CloseCode, InstanceEntry, Needs, Occlusion, Report, SceneInfo, StageId, StageTime, Text,
+    Close, CloseCode, InstanceEntry, MemberEntry, Needs, Occlusion, PointSource, Report, SceneInfo, SetEntry,
+    StageId, StageTime, Text,
 };
 use crate::recording::Writer;
-use crate::{CoderId, FrameIndex, Limits, Micros, Numbering, Profile, SceneTable, StreamTime};
+use crate::{CoderId, FrameIndex, Limits, Micros, Numbering, Profile, SceneEntries, SceneTable, StreamTime};
 
 /// Points of each instance.
 const POINTS: u32 = 12;
 /// Microseconds from frame to frame.
 const STEP: u64 = 16_667;
+/// AO steps from which on a point is sent.
+const THRESHOLD: u8 = 8;
 
 /// Any error: in a sample, none is expected.
 pub type Error = Box<dyn std::error::Error + Send + Sync>;
@@ -27,19 +34,45 @@ pub type Error = Box<dyn std::error::Error + Send + Sync>;
 #[derive(Debug)]
 pub struct SampleServer {
     scene: Arc<SceneTable>,
-    encoder: PaperEncoder,
+    source: Source,
+    /// What every client should hold, kept by applying what is sent.
+    state: State,
     next: FrameIndex,
 }
 
+#[derive(Debug)]
+enum Source {
+    Paper(Box<PaperEncoder>),
+    Surface(Box<Encoder>),
+}
+
 impl SampleServer {
-    /// A server before its first frame.
+    /// A server of profile `paper` before its first frame.
     ///
     /// # Errors
     /// None is expected; see [`Error`].
     pub fn new() -> Result<Self, Error> {
-        let scene = Arc::new(scene()?);
-        let encoder = PaperEncoder::new(scene.layout().clone(), &[POINTS; 2])?;
-        Ok(Self { scene, encoder, next: FrameIndex(0) })
+        Self::of(Profile::PAPER)
+    }
+
+    /// A server of a profile before its first frame.
+    ///
+    /// # Errors
+    /// A profile that is neither `paper` nor `surface`.
+    pub fn of(profile: Profile) -> Result<Self, Error> {
+        let geometry = Arc::new(geometry());
+        let scene = Arc::new(scene(profile, &geometry)?);
+        let source = match scene.layout() {
+            Layout::Cells(layout) => {
+                Source::Paper(Box::new(PaperEncoder::new(layout.clone(), &[POINTS; 2])?))
+            }
+            Layout::Surface(layout) => {
+                let settings = EncoderSettings { threshold: THRESHOLD, geometry: GeometrySource::Sent };
+                Source::Surface(Box::new(Encoder::new(layout.clone(), vec![geometry], settings)?))
+            }
+        };
+        let state = State::new(scene.layout());
+        Ok(Self { scene, source, state, next: FrameIndex(0) })
     }
 
     /// The scene table.
@@ -54,18 +87,29 @@ impl SampleServer {
     /// None is expected; see [`Error`].
     pub fn step(&mut self) -> Result<EncodedFrame, Error> {
         let frame = self.next;
-        for point in 0..2 * POINTS {
-            if frame.0 == 0 || point % 5 == frame.0 % 5 {
-                self.encoder.put(point, &sample(point, frame.0))?;
-            }
-        }
-        let moved = frame.0 as f32 * 0.25;
-        self.encoder.set_pose(1, Pose { translation: [moved, 0.0, 0.0], ..Pose::IDENTITY })?;
-        self.encoder.retry_homeless();
         let kind = if frame.0 == 0 { FrameKind::Key } else { FrameKind::Delta };
         let meta = FrameMeta { kind, ..self.meta(frame) };
+        let changing = (0..2 * POINTS).filter(|point| frame.0 == 0 || point % 5 == frame.0 % 5);
+        let encoded = match &mut self.source {
+            Source::Paper(encoder) => {
+                for point in changing {
+                    encoder.put(point, &sample(point, frame.0))?;
+                }
+                let moved = frame.0 as f32 * 0.25;
+                encoder.set_pose(1, Pose { translation: [moved, 0.0, 0.0], ..Pose::IDENTITY })?;
+                encoder.retry_homeless();
+                encoder.finish(meta, BlockCoder::default())?
+            }
+            Source::Surface(encoder) => {
+                for point in changing {
+                    encoder.offer(point, sample(point, frame.0).ao).ok_or("the point is not there")?;
+                }
+                encoder.finish(meta, BlockCoder::default())?
+            }
+        };
+        apply(&mut self.state, &encoded.body, &Limits::default().codec)?;
         self.next = frame.next().ok_or("frame numbers are used up")?;
-        Ok(self.encoder.finish(meta, BlockCoder::default())?)
+        Ok(encoded)
     }
 
     /// A keyframe of the state after the last step, for a client that joins late or fell behind.
@@ -73,14 +117,14 @@ impl SampleServer {
     /// # Errors
     /// None is expected after a step; see [`Error`].
     pub fn keyframe(&self) -> Result<Vec<u8>, Error> {
-        let frame = self.encoder.state().frame().ok_or("no frame was made yet")?;
-        Ok(keyframe(self.encoder.state(), self.meta(frame), BlockCoder::default())?)
+        let frame = self.state.frame().ok_or("no frame was made yet")?;
+        Ok(keyframe(&self.state, self.meta(frame), BlockCoder::default(), &[])?)
     }
 
     /// The state after the last step: what every client should hold.
     #[must_use]
-    pub fn state(&self) -> &State {
-        self.encoder.state()
+    pub const fn state(&self) -> &State {
+        &self.state
     }
 
     /// A report of a frame.
@@ -101,7 +145,15 @@ impl SampleServer {
 /// # Errors
 /// None is expected; see [`Error`].
 pub fn recording(frames: u32, group: u32) -> Result<Vec<u8>, Error> {
-    let mut server = SampleServer::new()?;
+    recording_of(Profile::PAPER, frames, group)
+}
+
+/// As [`recording`], of a profile.
+///
+/// # Errors
+/// A profile that is neither `paper` nor `surface`.
+pub fn recording_of(profile: Profile, frames: u32, group: u32) -> Result<Vec<u8>, Error> {
+    let mut server = SampleServer::of(profile)?;
     let mut numbering = Numbering::default();
     let (mut writer, mut file) = Writer::new(Limits::default());
     for frame in numbering.scene(server.scene())? {
@@ -131,23 +183,48 @@ fn sample(point: u32, frame: u32) -> PointSample {
     PointSample { local: [at(1), at(3), at(9)], normal: [0.0, 1.0, 0.0], ao: ao as u8 }
 }
 
-fn scene() -> Result<SceneTable, Error> {
+/// The points of an instance as a set, in an order of their own.
+fn geometry() -> Geometry {
+    let points: Vec<RestPoint> = (0..POINTS)
+        .map(|point| {
+            let PointSample { local, normal, .. } = sample(point, 0);
+            RestPoint { position: local, normal }
+        })
+        .collect();
+    let plain = SetLayout {
+        origin: [0.0; 3],
+        step: 0.05,
+        extent: [24; 3],
+        normal_bits: 6,
+        points: POINTS,
+        kernel_radius: 0.3,
+        digest: GeometryDigest::default(),
+    };
+    let digest = Geometry::round(plain, &points).geometry.digest();
+    Geometry::round(SetLayout { digest, ..plain }, &points).geometry
+}
+
+fn scene(profile: Profile, geometry: &Geometry) -> Result<SceneTable, Error> {
+    let surface = profile == Profile::SURFACE;
     let info = SceneInfo {
         name: Text::new("sample")?,
         source: Text::new("sample")?,
         digest: [7; 32],
-        profile: Profile::PAPER,
+        profile,
         point_bits: 32,
         coder: CoderId::ZSTD,
+        geometry: PointSource::SENT,
         fps: 60.0,
         frames_hint: 0,
         radius_m: 0.6,
         rays: 64,
         occlusion: Occlusion::OBSCURANCE,
-        threshold: 8,
+        threshold: THRESHOLD,
         seed: 1,
         points_per_m2: 12.0,
-        cell_capacity: 16,
+        min_points: POINTS,
+        cell_capacity: if surface { 0 } else { 16 },
+        set_count: surface.into(),
         instance_count: 2,
         point_count: 2 * POINTS,
         paper_table_slots: 4.0,
@@ -163,6 +240,15 @@ fn scene() -> Result<SceneTable, Error> {
         points: POINTS,
         needs,
     };
-    let instances = vec![entry(0, Needs::default()), entry(2, Needs::RIGID_MOTION)];
-    Ok(SceneTable::new(info, instances, &Limits::default())?)
+    let needs = [Needs::NONE, Needs::RIGID_MOTION];
+    let entries = if surface {
+        let set = SetEntry::from(geometry.layout());
+        SceneEntries::Surface {
+            sets: vec![set],
+            members: needs.map(|needs| MemberEntry { set: 0, needs }).into(),
+        }
+    } else {
+        SceneEntries::Cells(vec![entry(0, needs[0]), entry(2, needs[1])])
+    };
+    Ok(SceneTable::new(info, entries, &Limits::default())?)
 }

@@ -2,31 +2,40 @@
 
 use std::sync::Arc;
 
-use psao_codec::cells::{Grid, GridError, InstanceLayout, Layout, LayoutError};
+use psao_codec::point::PointFormat;
+use psao_codec::surface::{Member, SetLayout};
+use psao_codec::{cells, stream, surface};
 
-use crate::Limits;
-use crate::message::{InstanceBatch, InstanceEntry, MAX_BATCH, Message, MessageError, Scene, SceneInfo};
+use crate::message::{
+    InstanceBatch, InstanceEntry, MAX_BATCH, MemberBatch, MemberEntry, Message, MessageError, Needs, Scene,
+    SceneInfo, SetBatch, SetEntry,
+};
+use crate::{Limits, Profile};
 
 /// Why SCENE messages do not make a scene table.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SceneError {
-    /// Instances came before the stream was described, or it was described twice.
+    /// Entries came before the stream was described, or of a kind that does not come next.
     #[error("SCENE frames are out of order: expected {expected}")]
     Order {
         /// What should have come.
         expected: &'static str,
     },
     /// A batch does not follow the one before it.
-    #[error("SCENE frames are out of order: instances from {found} on, expected those from {expected} on")]
+    #[error("SCENE frames are out of order: {what} from {found} on, expected those from {expected} on")]
     Batch {
-        /// Instances that came before.
+        /// What is in the batch.
+        what: &'static str,
+        /// Entries that came before.
         expected: u32,
         /// Index of the batch's first.
         found: u32,
     },
-    /// The number of instances is not the announced one, or over the limit.
-    #[error("the scene has {found} instances, expected at most {expected}")]
-    Instances {
+    /// The number of instances or sets is not the announced one, or over the limit.
+    #[error("the scene has {found} {what}, expected at most {expected}")]
+    Count {
+        /// What was counted.
+        what: &'static str,
         /// Announced or allowed.
         expected: u32,
         /// Found.
@@ -40,53 +49,144 @@ pub enum SceneError {
         /// Sum of the instances.
         found: u64,
     },
+    /// The profile is not one that this version has a layout for, or not that of the entries.
+    #[error("the scene table is of profile {found}, of which this version knows no such entries")]
+    Profile {
+        /// The profile announced.
+        found: Profile,
+    },
+    /// There is no packing of this width.
+    #[error("points of {found} bits: this version knows 32, 24 and 16")]
+    PointBits {
+        /// Announced.
+        found: u8,
+    },
     /// The grid of an instance makes no sense.
     #[error("instance {instance}: {source}")]
     Grid {
         /// Index of the instance.
         instance: u32,
         /// What is wrong.
-        source: GridError,
+        source: cells::GridError,
     },
-    /// The instances do not make a layout, or one over the limits.
+    /// The instances do not make a layout of profile `paper`, or one over the limits.
     #[error(transparent)]
-    Layout(#[from] LayoutError),
+    Cells(#[from] cells::LayoutError),
+    /// The sets and instances do not make a layout of profile `surface`, or one over the limits.
+    #[error(transparent)]
+    Surface(#[from] surface::LayoutError),
     /// A message is bad in itself.
     #[error(transparent)]
     Message(#[from] MessageError),
+}
+
+/// What follows the info in a scene table.
+#[derive(Clone, Debug, PartialEq)]
+pub enum SceneEntries {
+    /// Profile `paper`: the instances.
+    Cells(Vec<InstanceEntry>),
+    /// Profile `surface`.
+    Surface {
+        /// The point sets.
+        sets: Vec<SetEntry>,
+        /// The instances.
+        members: Vec<MemberEntry>,
+    },
+}
+
+impl SceneEntries {
+    /// No entries yet, of the kind that a profile has.
+    fn none(profile: Profile) -> Result<Self, SceneError> {
+        match profile {
+            Profile::PAPER => Ok(Self::Cells(Vec::new())),
+            Profile::SURFACE => Ok(Self::Surface { sets: Vec::new(), members: Vec::new() }),
+            found => Err(SceneError::Profile { found }),
+        }
+    }
+
+    /// Instances and sets.
+    fn counts(&self) -> (usize, usize) {
+        match self {
+            Self::Cells(instances) => (instances.len(), 0),
+            Self::Surface { sets, members } => (members.len(), sets.len()),
+        }
+    }
+
+    /// Points of all instances.
+    fn points(&self) -> u64 {
+        match self {
+            Self::Cells(instances) => instances.iter().map(|entry| u64::from(entry.points)).sum(),
+            Self::Surface { sets, members } => {
+                let points = |member: &MemberEntry| sets.get(member.set as usize).map_or(0, |set| set.points);
+                members.iter().map(|member| u64::from(points(member))).sum()
+            }
+        }
+    }
+
+    fn layout(&self, info: &SceneInfo, limits: &Limits) -> Result<stream::Layout, SceneError> {
+        match (self, info.profile) {
+            (Self::Cells(instances), Profile::PAPER) => cells_layout(instances, info, limits),
+            (Self::Surface { sets, members }, Profile::SURFACE) => {
+                let sets = sets.iter().map(SetLayout::from).collect();
+                let members = members.iter().map(|member| Member { set: member.set }).collect();
+                let layout = surface::Layout::new(sets, members, &limits.codec)?;
+                Ok(stream::Layout::Surface(Arc::new(layout)))
+            }
+            (_, found) => Err(SceneError::Profile { found }),
+        }
+    }
+}
+
+fn cells_layout(
+    instances: &[InstanceEntry],
+    info: &SceneInfo,
+    limits: &Limits,
+) -> Result<stream::Layout, SceneError> {
+    let format =
+        PointFormat::from_bits(info.point_bits).ok_or(SceneError::PointBits { found: info.point_bits })?;
+    let grid = |(instance, entry): (u32, &InstanceEntry)| {
+        let grid = cells::Grid::new(entry.origin, entry.edge, entry.dims)
+            .map_err(|source| SceneError::Grid { instance, source })?;
+        let &InstanceEntry { first_bucket, bucket_count, kernel_radius, .. } = entry;
+        Ok(cells::InstanceLayout { grid, first_bucket, bucket_count, kernel_radius })
+    };
+    let layouts = (0u32..).zip(instances).map(grid).collect::<Result<Vec<_>, SceneError>>()?;
+    Ok(stream::Layout::Cells(Arc::new(cells::Layout::new(
+        format,
+        layouts,
+        info.cell_capacity,
+        &limits.codec,
+    )?)))
 }
 
 /// A checked scene table and the codec's layout made from it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SceneTable {
     info: SceneInfo,
-    instances: Vec<InstanceEntry>,
-    layout: Arc<Layout>,
+    entries: SceneEntries,
+    layout: stream::Layout,
 }
 
 impl SceneTable {
     /// Checks a scene and works out its layout.
     ///
     /// # Errors
-    /// [`SceneError`] when counts, grids or buckets do not fit each other or `limits`.
-    pub fn new(info: SceneInfo, instances: Vec<InstanceEntry>, limits: &Limits) -> Result<Self, SceneError> {
-        let found = instances.len() as u64;
-        if found != u64::from(info.instance_count) {
-            return Err(SceneError::Instances { expected: info.instance_count, found });
+    /// [`SceneError`] when profile, counts, grids, buckets or sets do not fit each other or `limits`.
+    pub fn new(info: SceneInfo, entries: SceneEntries, limits: &Limits) -> Result<Self, SceneError> {
+        let (instances, sets) = entries.counts();
+        for (what, expected, found) in
+            [("instances", info.instance_count, instances), ("point sets", info.set_count, sets)]
+        {
+            if found as u64 != u64::from(expected) {
+                return Err(SceneError::Count { what, expected, found: found as u64 });
+            }
         }
-        let points: u64 = instances.iter().map(|entry| u64::from(entry.points)).sum();
+        let layout = entries.layout(&info, limits)?;
+        let points = entries.points();
         if points != u64::from(info.point_count) {
             return Err(SceneError::Points { expected: info.point_count, found: points });
         }
-        let grid = |(instance, entry): (u32, &InstanceEntry)| {
-            let grid = Grid::new(entry.origin, entry.edge, entry.dims)
-                .map_err(|source| SceneError::Grid { instance, source })?;
-            let &InstanceEntry { first_bucket, bucket_count, kernel_radius, .. } = entry;
-            Ok(InstanceLayout { grid, first_bucket, bucket_count, kernel_radius })
-        };
-        let layouts = (0u32..).zip(&instances).map(grid).collect::<Result<Vec<_>, SceneError>>()?;
-        let layout = Arc::new(Layout::new(layouts, info.cell_capacity, &limits.codec)?);
-        Ok(Self { info, instances, layout })
+        Ok(Self { info, entries, layout })
     }
 
     /// The stream as a whole.
@@ -95,15 +195,24 @@ impl SceneTable {
         &self.info
     }
 
-    /// The instances, in the order of their indices.
+    /// What follows the info.
     #[must_use]
-    pub fn instances(&self) -> &[InstanceEntry] {
-        &self.instances
+    pub const fn entries(&self) -> &SceneEntries {
+        &self.entries
+    }
+
+    /// What each instance needs, in the order of their indices.
+    #[must_use]
+    pub fn needs(&self) -> Vec<Needs> {
+        match &self.entries {
+            SceneEntries::Cells(instances) => instances.iter().map(|entry| entry.needs).collect(),
+            SceneEntries::Surface { members, .. } => members.iter().map(|entry| entry.needs).collect(),
+        }
     }
 
     /// The layout of the stream's state.
     #[must_use]
-    pub const fn layout(&self) -> &Arc<Layout> {
+    pub const fn layout(&self) -> &stream::Layout {
         &self.layout
     }
 
@@ -112,22 +221,32 @@ impl SceneTable {
     /// # Errors
     /// [`MessageError::Invalid`] when a value makes no sense.
     pub fn payloads(&self) -> Result<Vec<Vec<u8>>, MessageError> {
-        let mut payloads = vec![Scene::Info(self.info.clone()).to_payload()?];
-        let mut first = 0u32;
-        for entries in self.instances.chunks(MAX_BATCH) {
-            let batch = InstanceBatch { first, entries: entries.to_vec() };
-            payloads.push(Scene::Instances(batch).to_payload()?);
-            first += entries.len() as u32;
+        let mut scenes = vec![Scene::Info(self.info.clone())];
+        match &self.entries {
+            SceneEntries::Cells(instances) => scenes.extend(batches(instances, |first, entries| {
+                Scene::Instances(InstanceBatch { first, entries })
+            })),
+            SceneEntries::Surface { sets, members } => {
+                scenes.extend(batches(sets, |first, entries| Scene::Sets(SetBatch { first, entries })));
+                scenes.extend(batches(members, |first, entries| {
+                    Scene::Members(MemberBatch { first, entries })
+                }));
+            }
         }
-        Ok(payloads)
+        scenes.iter().map(Message::to_payload).collect()
     }
+}
+
+/// Entries in batches of what a message holds.
+fn batches<T: Copy>(entries: &[T], batch: impl Fn(u32, Vec<T>) -> Scene) -> Vec<Scene> {
+    let firsts = (0u32..).step_by(MAX_BATCH);
+    firsts.zip(entries.chunks(MAX_BATCH)).map(|(first, entries)| batch(first, entries.to_vec())).collect()
 }
 
 /// Puts a scene table together from SCENE messages.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct SceneAssembler {
-    info: Option<SceneInfo>,
-    instances: Vec<InstanceEntry>,
+    begun: Option<(SceneInfo, SceneEntries)>,
 }
 
 impl SceneAssembler {
@@ -146,32 +265,189 @@ impl SceneAssembler {
 
     /// Takes the next message; gives the table once it is whole.
     pub(crate) fn push(&mut self, scene: Scene, limits: &Limits) -> Result<Option<SceneTable>, SceneError> {
-        match (scene, &self.info) {
+        match (scene, &mut self.begun) {
             (Scene::Info(info), None) => {
-                let (expected, found) = (limits.codec.max_instances, info.instance_count);
-                if found > expected {
-                    return Err(SceneError::Instances { expected, found: found.into() });
-                }
-                self.info = Some(info);
+                check_counts(&info, limits)?;
+                let entries = SceneEntries::none(info.profile)?;
+                self.begun = Some((info, entries));
             }
-            (Scene::Info(_), Some(_)) => return Err(SceneError::Order { expected: "instances" }),
-            (Scene::Instances(_), None) => return Err(SceneError::Order { expected: "the scene's info" }),
-            (Scene::Instances(batch), Some(info)) => {
-                let expected = self.instances.len() as u32;
-                if batch.first != expected {
-                    return Err(SceneError::Batch { expected, found: batch.first });
-                }
-                let found = self.instances.len() as u64 + batch.entries.len() as u64;
-                let expected = info.instance_count;
-                if found > u64::from(expected) {
-                    return Err(SceneError::Instances { expected, found });
-                }
-                self.instances.extend(batch.entries);
-            }
+            (_, None) => return Err(SceneError::Order { expected: "the scene's info" }),
+            (scene, Some((info, entries))) => add(scene, info, entries)?,
         }
-        match self.info.take_if(|info| info.instance_count as usize == self.instances.len()) {
-            Some(info) => SceneTable::new(info, std::mem::take(&mut self.instances), limits).map(Some),
+        let whole = |(info, entries): &mut (SceneInfo, SceneEntries)| {
+            entries.counts() == (info.instance_count as usize, info.set_count as usize)
+        };
+        match self.begun.take_if(whole) {
+            Some((info, entries)) => SceneTable::new(info, entries, limits).map(Some),
             None => Ok(None),
         }
+    }
+}
+
+/// Checks what the info announces before anything is kept of it.
+fn check_counts(info: &SceneInfo, limits: &Limits) -> Result<(), SceneError> {
+    let most = limits.codec.max_instances;
+    for (what, found, expected) in [
+        ("instances", info.instance_count, most),
+        ("point sets", info.set_count, if info.profile == Profile::SURFACE { most } else { 0 }),
+    ] {
+        if found > expected {
+            return Err(SceneError::Count { what, expected, found: found.into() });
+        }
+    }
+    Ok(())
+}
+
+/// Adds a batch to the entries that came before it.
+fn add(scene: Scene, info: &SceneInfo, entries: &mut SceneEntries) -> Result<(), SceneError> {
+    match (scene, entries) {
+        (Scene::Instances(batch), SceneEntries::Cells(instances)) => {
+            extend("instances", instances, batch.first, &batch.entries, info.instance_count)
+        }
+        (Scene::Sets(batch), SceneEntries::Surface { sets, members }) if members.is_empty() => {
+            extend("point sets", sets, batch.first, &batch.entries, info.set_count)
+        }
+        (Scene::Members(batch), SceneEntries::Surface { sets, members })
+            if sets.len() == info.set_count as usize =>
+        {
+            extend("instances", members, batch.first, &batch.entries, info.instance_count)
+        }
+        (_, SceneEntries::Cells(_)) => Err(SceneError::Order { expected: "instances" }),
+        (_, SceneEntries::Surface { .. }) => {
+            Err(SceneError::Order { expected: "point sets, then their instances" })
+        }
+    }
+}
+
+/// Adds a batch to its list, which may have `most` entries.
+fn extend<T: Copy>(
+    what: &'static str,
+    list: &mut Vec<T>,
+    first: u32,
+    batch: &[T],
+    most: u32,
+) -> Result<(), SceneError> {
+    let expected = list.len() as u32;
+    if first != expected {
+        return Err(SceneError::Batch { what, expected, found: first });
+    }
+    let found = list.len() as u64 + batch.len() as u64;
+    if found > u64::from(most) {
+        return Err(SceneError::Count { what, expected: most, found });
+    }
+    list.extend_from_slice(batch);
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sample::SampleServer;
+
+    /// Both kinds of tables, with more entries than fit one batch.
+    fn tables() -> [SceneTable; 2] {
+        let count = MAX_BATCH as u32 + 3;
+        let mut tables = Vec::new();
+        for profile in [Profile::PAPER, Profile::SURFACE] {
+            let sample = SampleServer::of(profile).unwrap().scene().as_ref().clone();
+            let (mut info, mut entries) = (sample.info.clone(), sample.entries);
+            match &mut entries {
+                SceneEntries::Cells(instances) => {
+                    let entry = instances[0];
+                    let at = |first_bucket| InstanceEntry { first_bucket, bucket_count: 1, ..entry };
+                    *instances = (0..count).map(at).collect();
+                    info.point_count = count * entry.points;
+                }
+                SceneEntries::Surface { sets, members } => {
+                    *members = (0..count).map(|set| MemberEntry { set, ..members[0] }).collect();
+                    *sets = vec![sets[0]; count as usize];
+                    (info.set_count, info.point_count) = (count, count * sets[0].points);
+                }
+            }
+            info.instance_count = count;
+            tables.push(SceneTable::new(info, entries, &Limits::default()).unwrap());
+        }
+        tables.try_into().unwrap()
+    }
+
+    fn scenes(table: &SceneTable) -> Vec<Scene> {
+        table.payloads().unwrap().iter().map(|payload| Scene::from_payload(payload).unwrap()).collect()
+    }
+
+    #[test]
+    fn a_table_is_put_together_from_its_messages() {
+        for table in tables() {
+            let scenes = scenes(&table);
+            let mut assembler = SceneAssembler::default();
+            for (index, scene) in scenes.iter().enumerate() {
+                let made = assembler.push(scene.clone(), &Limits::default()).unwrap();
+                let expected = (index + 1 == scenes.len()).then_some(&table);
+                assert_eq!(made.as_ref(), expected, "message {index}");
+            }
+            assert_eq!(table.needs().len(), table.layout().instances());
+        }
+    }
+
+    #[test]
+    fn messages_that_are_missing_or_swapped_are_refused() {
+        for table in tables() {
+            let scenes = scenes(&table);
+            for left_out in 0..scenes.len() - 1 {
+                let mut assembler = SceneAssembler::default();
+                let mut rest = (0..scenes.len()).filter(|index| *index != left_out);
+                let refused = rest.any(|i| assembler.push(scenes[i].clone(), &Limits::default()).is_err());
+                assert!(refused, "without message {left_out} of {}", scenes.len());
+            }
+        }
+    }
+
+    #[test]
+    fn counts_are_checked_against_the_limits_before_anything_is_kept() {
+        for table in tables() {
+            let mut limits = Limits::default();
+            limits.codec.max_instances = table.info.instance_count - 1;
+            let refused = SceneAssembler::default().push(scenes(&table)[0].clone(), &limits);
+            assert!(matches!(refused, Err(SceneError::Count { .. })), "{refused:?}");
+        }
+        let [_, surface] = tables();
+        let mut limits = Limits::default();
+        limits.codec.max_points = surface.info.point_count - 1;
+        let refused = SceneTable::new(surface.info, surface.entries, &limits);
+        assert!(matches!(refused, Err(SceneError::Surface(surface::LayoutError::Points { .. }))));
+    }
+
+    #[test]
+    fn the_width_of_the_points_makes_the_layout() {
+        let [paper, _] = tables();
+        let table = |point_bits| {
+            let info = SceneInfo { point_bits, ..paper.info.clone() };
+            SceneTable::new(info, paper.entries.clone(), &Limits::default())
+        };
+        for format in PointFormat::ALL {
+            let table = table(format.bits() as u8).unwrap();
+            assert_eq!(table.layout().as_cells().map(|layout| layout.format()), Some(format));
+        }
+        for found in [0, 8, 31, 64] {
+            assert_eq!(table(found), Err(SceneError::PointBits { found }));
+        }
+    }
+
+    #[test]
+    fn entries_must_be_those_of_the_profile_and_add_up() {
+        let [paper, surface] = tables();
+        let new = |info, entries: &SceneEntries| SceneTable::new(info, entries.clone(), &Limits::default());
+        let other = SceneInfo { set_count: 0, ..surface.info.clone() };
+        assert!(matches!(new(other, &paper.entries), Err(SceneError::Profile { .. })));
+        let unknown = SceneInfo { profile: Profile(9), ..paper.info.clone() };
+        let refused = SceneAssembler::default().push(Scene::Info(unknown), &Limits::default());
+        assert_eq!(refused, Err(SceneError::Profile { found: Profile(9) }));
+        for table in [&paper, &surface] {
+            let info = SceneInfo { point_count: table.info.point_count + 1, ..table.info.clone() };
+            assert!(matches!(new(info, &table.entries), Err(SceneError::Points { .. })));
+            let info = SceneInfo { instance_count: 1, ..table.info.clone() };
+            assert!(matches!(new(info, &table.entries), Err(SceneError::Count { what: "instances", .. })));
+        }
+        let info = SceneInfo { set_count: 1, ..surface.info.clone() };
+        assert!(matches!(new(info, &surface.entries), Err(SceneError::Count { what: "point sets", .. })));
     }
 }

@@ -7,12 +7,14 @@ use std::path::Path;
 type Body = fn(&[u8]);
 
 /// Targets of `fuzz/` and their bodies.
-const TARGETS: [(&str, Body); 5] = [
+const TARGETS: [(&str, Body); 7] = [
     ("frame", psao_codec::fuzzing::decode),
     ("round_trip", psao_codec::fuzzing::round_trip),
     ("framer", psao_proto::fuzzing::framer),
     ("recording", psao_proto::fuzzing::recording),
     ("session", psao_proto::fuzzing::session),
+    ("surface_decode", psao_codec::fuzzing::surface_decode),
+    ("surface_round_trip", psao_codec::fuzzing::surface_round_trip),
 ];
 
 fn fuzz() -> &'static Path {

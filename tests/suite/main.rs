@@ -3,3 +3,4 @@
 
 mod fuzz_corpus;
 mod streams;
+mod vectors;

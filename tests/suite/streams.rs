@@ -5,34 +5,44 @@ use std::sync::Arc;
 
 use psao_client::{Size, raster, reconstruct};
 use psao_codec::Limits;
-use psao_codec::frame::{State, apply};
+use psao_codec::stream::{Applier, State};
 use psao_eval::adapter::SceneView;
+use psao_proto::Profile;
 use psao_server_sim::scene::Scene;
-use psao_server_sim::server::Server;
+use psao_server_sim::server::{Server, ServerSettings};
 
 use psao_tests::{server, shared, small, step};
 
-/// Streams the first frames of a scene into a client, and draws the last one.
+/// Streams the first frames of a scene into a client in both profiles, and draws the last one.
 fn stream(name: &str, frames: u32) {
     let scene = Arc::new(Scene::load(name).unwrap());
-    let mut server = server(&scene, small(&scene, 2)).unwrap();
-    let mut state = State::new(server.layout().clone());
+    for profile in [Profile::PAPER, Profile::SURFACE] {
+        stream_as(profile, name, &scene, frames);
+    }
+}
+
+fn stream_as(profile: Profile, name: &str, scene: &Arc<Scene>, frames: u32) {
+    let mut server = server(scene, ServerSettings { profile, ..small(scene, 2) }).unwrap();
+    let mut state = State::new(server.layout());
+    let mut applier = Applier::new();
     for number in 0..frames {
         let frame = step(&mut server, number).unwrap();
-        apply(&mut state, &frame.body, &Limits::default()).unwrap();
-        assert_eq!(state.hash(), server.encoder().state().hash(), "{name}, frame {number}");
+        applier.apply(&mut state, &frame.body, &Limits::default()).unwrap();
+        assert_eq!(state.hash(), server.hash(), "{name}, {profile}, frame {number}");
     }
-    assert_eq!(state.full_hash(), state.hash(), "{name}");
-    let counts = server.encoder().counts();
-    let left_out = counts.bucket_full + counts.cell_full + counts.no_cell + counts.id_collisions;
-    assert_eq!(
-        counts.points_stored + left_out,
-        server.points().total(),
-        "{name}: every point is stored or counted"
-    );
-    // So few points make cells larger than what they cover, and full.
-    assert!(counts.points_stored * 2 > server.points().total(), "{name}: {counts:?}");
-    draw(name, &scene, &server, &state);
+    assert_eq!(state.full_hash(), state.hash(), "{name}, {profile}");
+    if let Some(encoder) = server.paper() {
+        let counts = encoder.counts();
+        let left_out = counts.bucket_full + counts.cell_full + counts.no_cell + counts.id_collisions;
+        assert_eq!(
+            counts.points_stored + left_out,
+            server.points().total(),
+            "{name}: every point is stored or counted"
+        );
+        // So few points make cells larger than what they cover, and full.
+        assert!(counts.points_stored * 2 > server.points().total(), "{name}: {counts:?}");
+    }
+    draw(name, scene, &server, &state);
 }
 
 fn draw(name: &str, scene: &Scene, server: &Server, state: &State) {
@@ -40,7 +50,10 @@ fn draw(name: &str, scene: &Scene, server: &Server, state: &State) {
     let size = Size::new(64, 36).unwrap();
     let buffer = raster(&view, &scene.camera(3.0 / 60.0), size).unwrap();
     assert!(buffer.covered() > size.pixels() / 32, "{name}: the camera sees the scene");
-    let drawn = reconstruct::cells(state, &buffer).unwrap();
+    let drawn = match state {
+        State::Cells(state) => reconstruct::cells(state, &buffer).unwrap(),
+        State::Surface(state) => reconstruct::surface(state, &buffer).unwrap(),
+    };
     assert!(drawn.image.values().iter().all(|ao| (0.0..=1.0).contains(ao)), "{name}");
     assert!(drawn.image.values().iter().any(|&ao| ao < 0.9), "{name}: something is near something");
 }

@@ -13,7 +13,7 @@ impl CoderId {
     pub const LZ4: CoderId = CoderId(1);
     /// One Zstandard frame.
     pub const ZSTD: CoderId = CoderId(2);
-    /// Reserved: the adaptive range coder of profile `surface`.
+    /// The adaptive range coder of profile `surface`.
     pub const RANGE: CoderId = CoderId(3);
 }
 
@@ -23,7 +23,7 @@ impl fmt::Display for CoderId {
             CoderId::STORED => out.write_str("stored"),
             CoderId::LZ4 => out.write_str("lz4"),
             CoderId::ZSTD => out.write_str("zstd"),
-            CoderId::RANGE => out.write_str("range (reserved)"),
+            CoderId::RANGE => out.write_str("range"),
             CoderId(other) => write!(out, "unknown coder {other}"),
         }
     }
@@ -39,6 +39,9 @@ pub enum BlockError {
         /// The id on the wire.
         found: CoderId,
     },
+    /// The range coder was asked to code bytes.
+    #[error("the range coder codes sections of profile surface only: choose zstd, lz4 or none")]
+    NoModel,
     /// The block claims to be larger than what was agreed on; nothing was allocated.
     #[error("block of {raw_bytes} B is larger than the agreed {limit} B; raise Limits::max_block_bytes")]
     TooLarge {

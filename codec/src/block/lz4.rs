@@ -1,18 +1,37 @@
 //! LZ4 blocks, pure Rust, checked encoder and decoder.
 
-use lz4_flex::block::{compress_into, decompress_into, get_maximum_output_size};
+use lz4_flex::block::{CompressTable, compress_into_with_table, decompress_into, get_maximum_output_size};
 
 use super::{BlockError, CoderId};
 
-/// Compresses `raw` into the start of `buffer`, which only ever grows.
-pub(super) fn compress<'a>(raw: &[u8], buffer: &'a mut Vec<u8>) -> Result<&'a [u8], BlockError> {
-    let room = get_maximum_output_size(raw.len());
-    if buffer.len() < room {
-        buffer.resize(room, 0);
+/// Tables of the compressor, made on first use: one for short blocks and one for others, so that a block's bytes do not
+/// depend on the blocks before it.
+#[derive(Default)]
+pub(super) struct Encoder {
+    small: Option<CompressTable>,
+    large: Option<CompressTable>,
+}
+
+impl Encoder {
+    /// Compresses `raw` into the start of `buffer`, which only ever grows.
+    pub(super) fn compress<'a>(
+        &mut self,
+        raw: &[u8],
+        buffer: &'a mut Vec<u8>,
+    ) -> Result<&'a [u8], BlockError> {
+        let room = get_maximum_output_size(raw.len());
+        if buffer.len() < room {
+            buffer.resize(room, 0);
+        }
+        let table = if raw.len() < usize::from(u16::MAX) {
+            self.small.get_or_insert_with(CompressTable::small)
+        } else {
+            self.large.get_or_insert_with(CompressTable::large)
+        };
+        let length = compress_into_with_table(raw, buffer, table)
+            .map_err(|error| BlockError::Coder { coder: CoderId::LZ4, reason: error.to_string() })?;
+        Ok(&buffer[..length])
     }
-    let length = compress_into(raw, buffer)
-        .map_err(|error| BlockError::Coder { coder: CoderId::LZ4, reason: error.to_string() })?;
-    Ok(&buffer[..length])
 }
 
 /// Fills `out` exactly.

@@ -5,7 +5,7 @@
 //! | 0 | stored: the bytes as they are |
 //! | 1 | LZ4 block format, no frame, no dictionary |
 //! | 2 | one Zstandard frame with its content size, no dictionary, no content checksum |
-//! | 3 | reserved for the adaptive range coder of profile `surface` |
+//! | 3 | the adaptive range coder, which codes whole sections of profile `surface` with their models, no bytes |
 
 mod error;
 mod lz4;
@@ -25,6 +25,8 @@ pub enum BlockCoder {
         /// Compression level, 1 to 22.
         level: i32,
     },
+    /// The adaptive range coder, for sections of profile `surface`.
+    Range,
 }
 
 impl Default for BlockCoder {
@@ -42,6 +44,7 @@ impl BlockCoder {
             BlockCoder::Stored => CoderId::STORED,
             BlockCoder::Lz4 => CoderId::LZ4,
             BlockCoder::Zstd { .. } => CoderId::ZSTD,
+            BlockCoder::Range => CoderId::RANGE,
         }
     }
 }
@@ -52,6 +55,7 @@ impl BlockCoder {
 #[derive(Default)]
 pub struct Compressor {
     zstd: zstd::Encoder,
+    lz4: lz4::Encoder,
     packed: Vec<u8>,
 }
 
@@ -72,7 +76,8 @@ impl Compressor {
     /// [`CoderId::STORED`] where compression gained nothing.
     ///
     /// # Errors
-    /// [`BlockError::Level`] for a level outside 1 to 22, [`BlockError::Coder`] when the coder fails (it
+    /// [`BlockError::Level`] for a level outside 1 to 22, [`BlockError::NoModel`] for [`BlockCoder::Range`],
+    /// [`BlockError::Coder`] when the coder fails (it
     /// could not allocate its memory). `out` is then as before.
     pub fn compress(
         &mut self,
@@ -82,8 +87,9 @@ impl Compressor {
     ) -> Result<CoderId, BlockError> {
         let packed = match coder {
             BlockCoder::Stored => raw,
-            BlockCoder::Lz4 => lz4::compress(raw, &mut self.packed)?,
+            BlockCoder::Lz4 => self.lz4.compress(raw, &mut self.packed)?,
             BlockCoder::Zstd { level } => self.zstd.compress(raw, level, &mut self.packed)?,
+            BlockCoder::Range => return Err(BlockError::NoModel),
         };
         if packed.len() < raw.len() {
             out.extend_from_slice(packed);

@@ -10,7 +10,6 @@ use crate::block::{BlockCoder, Compressor};
 use crate::frame::{
     EncodeError, EncodedFrame, FrameKind, FrameMeta, Pose, PoseError, Records, State, write_body,
 };
-use crate::point::Packed32;
 
 /// One point as the server traced it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -39,12 +38,11 @@ enum Standing {
 struct Record {
     standing: Standing,
     coord: [u32; 3],
-    word: Packed32,
+    word: u32,
     outside: bool,
 }
 
-const ABSENT: Record =
-    Record { standing: Standing::Absent, coord: [0; 3], word: Packed32::EMPTY, outside: false };
+const ABSENT: Record = Record { standing: Standing::Absent, coord: [0; 3], word: 0, outside: false };
 
 /// Keeps the points of a stream in cells and buckets, and writes what changed.
 ///
@@ -96,7 +94,7 @@ impl PaperEncoder {
             dirty_poses: DirtySet::new(instances),
             counts: Occupancy::default(),
             sent: State::new(Arc::clone(&layout)),
-            records: Records::default(),
+            records: Records::new(layout.format()),
             compressor: Compressor::new(),
             layout,
         })
@@ -112,7 +110,7 @@ impl PaperEncoder {
         check_sample(point, sample)?;
         let instance = self.instance_of(point);
         let located = self.layout.instances()[instance].grid.locate(sample.local);
-        let word = Packed32::pack(located.frac, sample.normal, sample.ao);
+        let word = self.layout.format().pack(located.frac, sample.normal, sample.ao);
         self.counts.outside_grid -= u32::from(outside);
         self.counts.outside_grid += u32::from(located.outside);
         let record = &mut self.points[point as usize];
@@ -297,6 +295,7 @@ mod tests {
     use crate::block::BlockError;
     use crate::cells::Cell;
     use crate::frame::SectionTag;
+    use crate::point::PointFormat;
     use crate::testing::{layout, meta, sample};
 
     const STORED: BlockCoder = BlockCoder::Stored;
@@ -396,7 +395,7 @@ mod tests {
         encoder.remove(0).unwrap();
         encoder.finish(meta(FrameKind::Delta, 1), STORED).unwrap();
         let stale = encoder.state().cells()[0];
-        assert_eq!(stale.points().count(), 1);
+        assert_eq!(stale.points(PointFormat::Bits32).count(), 1);
         assert_eq!(encoder.state().lookup(0, [0; 3]), None);
         // The cell is used again: what is sent is the difference to the stale words.
         encoder.put(5, &sample([0.1 + 0.25; 3], 201)).unwrap();
@@ -447,7 +446,7 @@ mod tests {
         let grid = crate::cells::Grid::new([0.0; 3], 1.0, [260, 260, 2050]).unwrap();
         let instance =
             crate::cells::InstanceLayout { grid, first_bucket: 0, bucket_count: 4, kernel_radius: 0.5 };
-        let layout = Layout::new(vec![instance], 8, &crate::Limits::default()).unwrap();
+        let layout = Layout::new(PointFormat::Bits32, vec![instance], 8, &crate::Limits::default()).unwrap();
         let mut encoder = PaperEncoder::new(Arc::new(layout), &[3]).unwrap();
         let (one, other) = (sample([4.5, 0.5, 0.5], 1), sample([0.5, 245.5, 2049.5], 2));
         assert_eq!(encoder.put(0, &one).unwrap().placement, Placement::Stored);

@@ -1,7 +1,6 @@
 //! The server's working tables: which point stands in which slot of which cell (paper, sections 3.2 to 3.4).
 
 use super::{Bucket, Cell, Entry, POINTS_PER_CELL, Placement};
-use crate::point::Packed32;
 
 /// The owner of an empty slot; no point has this id.
 const NOBODY: u32 = u32::MAX;
@@ -151,12 +150,12 @@ impl Tables {
     }
 
     /// Finds a slot for a point that has none: the cell, or why there is none.
-    pub(super) fn insert(&mut self, site: Site, point: u32, word: Packed32) -> Result<u32, Placement> {
+    pub(super) fn insert(&mut self, site: Site, point: u32, word: u32) -> Result<u32, Placement> {
         let cell = self.find_or_allocate(site)?;
         let slots = &mut self.cells[cell as usize];
         let Some(slot) = slots.slot_of(NOBODY) else { return Err(Placement::CellFull) };
         slots.owners[slot] = point;
-        slots.words[slot] = word.to_bits();
+        slots.words[slot] = word;
         slots.points += 1;
         self.dirty_cells.mark(cell);
         self.recount(cell);
@@ -190,10 +189,10 @@ impl Tables {
     }
 
     /// Replaces the word of a point that stands in `cell`.
-    pub(super) fn update(&mut self, cell: u32, point: u32, word: Packed32) {
+    pub(super) fn update(&mut self, cell: u32, point: u32, word: u32) {
         let slots = &mut self.cells[cell as usize];
-        if let Some(slot) = slots.slot_of(point).filter(|slot| slots.words[*slot] != word.to_bits()) {
-            slots.words[slot] = word.to_bits();
+        if let Some(slot) = slots.slot_of(point).filter(|slot| slots.words[*slot] != word) {
+            slots.words[slot] = word;
             self.dirty_cells.mark(cell);
         }
     }

@@ -2,6 +2,7 @@
 
 use super::{ENTRIES_PER_BUCKET, Grid, LayoutError, MAX_CELL_INDEX};
 use crate::Limits;
+use crate::point::PointFormat;
 
 /// The part of the layout that belongs to one instance.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -16,22 +17,25 @@ pub struct InstanceLayout {
     pub kernel_radius: f32,
 }
 
-/// The tables of a stream: which instances there are, and how large they are.
+/// The tables of a stream: how points are packed, which instances there are, and how large they are.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Layout {
+    format: PointFormat,
     instances: Vec<InstanceLayout>,
     cell_capacity: u32,
     bucket_total: u32,
 }
 
 impl Layout {
-    /// A layout of these instances, in order, with room for `cell_capacity` cells, all instances together.
+    /// A layout of these instances, in order, their points packed as `format` says, with room for `cell_capacity` cells,
+    /// all instances together.
     ///
     /// # Errors
     /// The buckets of the instances must follow one another without gaps, from 0; each count must be a
     /// power of two; each kernel radius finite and above 0; and the sizes within `limits` and, for cells,
     /// within 2^22.
     pub fn new(
+        format: PointFormat,
         instances: Vec<InstanceLayout>,
         cell_capacity: u32,
         limits: &Limits,
@@ -47,7 +51,14 @@ impl Layout {
         for (instance, layout) in (0_u32..).zip(&instances) {
             bucket_total = layout.end_of_buckets(instance, bucket_total, limits.max_buckets)?;
         }
-        Ok(Layout { instances, cell_capacity, bucket_total })
+        Ok(Layout { format, instances, cell_capacity, bucket_total })
+    }
+
+    /// How the points are packed.
+    #[inline]
+    #[must_use]
+    pub fn format(&self) -> PointFormat {
+        self.format
     }
 
     /// The instances, in order.
@@ -129,7 +140,7 @@ mod tests {
     #[test]
     fn layouts_that_make_no_sense_are_refused() {
         let limits = Limits { max_instances: 2, max_buckets: 16, max_cells: 100, ..Limits::default() };
-        let new = |instances, cells| Layout::new(instances, cells, &limits);
+        let new = |instances, cells| Layout::new(PointFormat::Bits32, instances, cells, &limits);
         let layout = new(vec![instance(0, 8), instance(8, 8)], 100).unwrap();
         assert_eq!((layout.bucket_total(), layout.cell_capacity()), (16, 100));
         assert_eq!(new(vec![], 101), Err(LayoutError::Cells { found: 101, limit: 100 }));
@@ -150,8 +161,8 @@ mod tests {
     #[test]
     fn no_layout_has_more_cells_than_an_index_can_name() {
         let limits = Limits { max_cells: u32::MAX, ..Limits::default() };
-        assert!(Layout::new(vec![], 1 << 22, &limits).is_ok());
-        let refused = Layout::new(vec![], (1 << 22) + 1, &limits);
+        assert!(Layout::new(PointFormat::Bits16, vec![], 1 << 22, &limits).is_ok());
+        let refused = Layout::new(PointFormat::Bits16, vec![], (1 << 22) + 1, &limits);
         assert_eq!(refused, Err(LayoutError::Cells { found: (1 << 22) + 1, limit: 1 << 22 }));
     }
 }

@@ -3,12 +3,13 @@
 //! One pass checks every record and works out the hash that the state would have; only when that is the
 //! server's does a second pass write. Both are linear in the records.
 
-use super::header::{FRAME_OFFSET, HASH_OFFSET, KIND_OFFSET};
+use super::header::{FRAME_OFFSET, HASH_OFFSET, KIND_OFFSET, PACKING_OFFSET};
 use super::{FrameError, FrameInfo, FrameKind, Pose, SectionInfo, SectionTag, State, inspect};
 use crate::block::Decompressor;
 use crate::cells::{Bucket, Cell, Layout, POINTS_PER_CELL};
 use crate::hash::Kind;
-use crate::wire::words;
+use crate::point::PointFormat;
+use crate::wire::{narrow_words, words};
 use crate::{Limits, StateHash};
 
 /// What a frame did to a state.
@@ -56,6 +57,7 @@ impl Applier {
     /// [`FrameError`] says what is wrong and where; `state` is then exactly as before.
     pub fn apply(&mut self, state: &mut State, body: &[u8], limits: &Limits) -> Result<Applied, FrameError> {
         let info = inspect(body, limits)?;
+        check_packing(state, &info)?;
         check_order(state, &info)?;
         self.decompress(state.layout(), &info, body, limits)?;
         let computed = self.check(state, info.kind)?;
@@ -136,14 +138,14 @@ impl Applier {
         let layout = state.layout();
         let is_delta = kind == FrameKind::Delta;
         let mut hash = if is_delta { state.hash } else { StateHash::default() };
-        for entry in Entries::<7>::new(SectionTag::POSES, &self.poses, layout) {
+        for entry in Entries::<4, 7>::new(SectionTag::POSES, &self.poses, layout) {
             let Entry { record, raw_offset, offset, words } = entry?;
             let pose = Pose::from_words(words);
             pose.check(offset).map_err(|source| FrameError::Pose { record, raw_offset, source })?;
             let old = if is_delta { state.poses[offset as usize] } else { Pose::IDENTITY };
             hash = hash.replace(Kind::Pose, offset, &old.hash_words(), &pose.hash_words());
         }
-        for entry in Entries::<16>::new(SectionTag::BUCKETS, &self.buckets, layout) {
+        for entry in Entries::<4, 16>::new(SectionTag::BUCKETS, &self.buckets, layout) {
             let Entry { record, raw_offset, offset, words } = entry?;
             Bucket::from_words(&words)
                 .check(layout.cell_capacity())
@@ -151,11 +153,26 @@ impl Applier {
             let old = if is_delta { state.buckets[offset as usize].to_words() } else { [0; 16] };
             hash = hash.replace(Kind::Bucket, offset, &old, &words);
         }
-        for entry in Entries::<POINTS_PER_CELL>::new(SectionTag::CELLS, &self.cells, layout) {
+        match layout.format() {
+            PointFormat::Bits32 => self.check_cells::<4>(state, is_delta, hash),
+            PointFormat::Bits24 => self.check_cells::<3>(state, is_delta, hash),
+            PointFormat::Bits16 => self.check_cells::<2>(state, is_delta, hash),
+        }
+    }
+
+    /// Checks the cells, of points of `WIDTH` bytes, and returns the hash with them.
+    fn check_cells<const WIDTH: usize>(
+        &self,
+        state: &State,
+        is_delta: bool,
+        mut hash: StateHash,
+    ) -> Result<StateHash, FrameError> {
+        let layout = state.layout();
+        for entry in Entries::<WIDTH, POINTS_PER_CELL>::new(SectionTag::CELLS, &self.cells, layout) {
             let Entry { record, raw_offset, offset, words } = entry?;
             let old = if is_delta { state.cells[offset as usize] } else { Cell::default() };
             let new = old.xor(&words);
-            if let Some(slot) = Cell::first_fault(&new) {
+            if let Some(slot) = Cell::first_fault::<WIDTH>(&new) {
                 return Err(FrameError::Cell { record, raw_offset, slot });
             }
             hash = hash.replace(Kind::Cell, offset, old.words(), &new);
@@ -176,12 +193,29 @@ impl Applier {
             let [offset] = words(record);
             state.buckets[offset as usize] = Bucket::from_words(&words(&record[4..]));
         }
-        for record in self.cells.chunks_exact(32) {
-            let [offset] = words(record);
-            let cell = &mut state.cells[offset as usize];
-            *cell = Cell::from_words(cell.xor(&words(&record[4..])));
+        match state.layout().format() {
+            PointFormat::Bits32 => self.write_cells::<4>(state),
+            PointFormat::Bits24 => self.write_cells::<3>(state),
+            PointFormat::Bits16 => self.write_cells::<2>(state),
         }
     }
+
+    fn write_cells<const WIDTH: usize>(&self, state: &mut State) {
+        for record in self.cells.chunks_exact(4 + WIDTH * POINTS_PER_CELL) {
+            let [offset] = words(record);
+            let cell = &mut state.cells[offset as usize];
+            *cell = Cell::from_words(cell.xor(&narrow_words(&record[4..], WIDTH)));
+        }
+    }
+}
+
+/// Checks that points are packed as the layout says.
+fn check_packing(state: &State, info: &FrameInfo) -> Result<(), FrameError> {
+    let (found, expected) = (info.packing, state.layout().format().packing());
+    if found == expected {
+        return Ok(());
+    }
+    Err(FrameError::Packing { offset: PACKING_OFFSET, found, expected })
 }
 
 /// Checks that a frame can follow the state: any keyframe can, a delta only a state that is older.
@@ -215,8 +249,8 @@ struct Entry<const N: usize> {
     words: [u32; N],
 }
 
-/// The records of a section, each with its offset checked.
-struct Entries<'a, const N: usize> {
+/// The records of a section, words of `WIDTH` bytes, each with its offset checked.
+struct Entries<'a, const WIDTH: usize, const N: usize> {
     tag: SectionTag,
     places: u32,
     raw: &'a [u8],
@@ -224,18 +258,18 @@ struct Entries<'a, const N: usize> {
     next_offset: u32,
 }
 
-impl<'a, const N: usize> Entries<'a, N> {
-    fn new(tag: SectionTag, raw: &'a [u8], layout: &Layout) -> Entries<'a, N> {
+impl<'a, const WIDTH: usize, const N: usize> Entries<'a, WIDTH, N> {
+    fn new(tag: SectionTag, raw: &'a [u8], layout: &Layout) -> Entries<'a, WIDTH, N> {
         Entries { tag, places: places(layout, tag), raw, record: 0, next_offset: 0 }
     }
 }
 
-impl<const N: usize> Iterator for Entries<'_, N> {
+impl<const WIDTH: usize, const N: usize> Iterator for Entries<'_, WIDTH, N> {
     type Item = Result<Entry<N>, FrameError>;
 
     #[inline]
     fn next(&mut self) -> Option<Self::Item> {
-        let size = 4 + 4 * N;
+        let size = 4 + WIDTH * N;
         let (bytes, rest) = self.raw.split_at_checked(size)?;
         let (section, record, found) = (self.tag, self.record, words::<1>(bytes)[0]);
         let raw_offset = record as usize * size;
@@ -255,7 +289,8 @@ impl<const N: usize> Iterator for Entries<'_, N> {
         self.raw = rest;
         self.record += 1;
         self.next_offset = found + 1;
-        Some(Ok(Entry { record, raw_offset, offset: found, words: words(&bytes[4..]) }))
+        let words = narrow_words(&bytes[4..], WIDTH);
+        Some(Ok(Entry { record, raw_offset, offset: found, words }))
     }
 }
 
@@ -264,8 +299,8 @@ mod tests {
     use super::*;
     use crate::block::{BlockCoder, BlockError, CoderId, Compressor};
     use crate::cells::BucketProblem;
-    use crate::frame::{FrameIndex, PoseError, Records, write_body};
-    use crate::testing::{Story, layout, meta, refuse, reseal, story};
+    use crate::frame::{FrameIndex, Packing, PoseError, Records, write_body};
+    use crate::testing::{Story, layout, layout_of, meta, refuse, reseal, story, story_of};
 
     const CODERS: [BlockCoder; 3] = [BlockCoder::Stored, BlockCoder::Lz4, BlockCoder::Zstd { level: 15 }];
 
@@ -275,14 +310,18 @@ mod tests {
 
     #[test]
     fn frames_bring_the_client_to_the_state_of_the_server() {
-        for coder in CODERS {
-            let Story { empty: mut state, after_key, after_delta, key, delta } = story(coder);
+        for (format, coder) in
+            PointFormat::ALL.into_iter().flat_map(|format| CODERS.map(|coder| (format, coder)))
+        {
+            let Story { empty: mut state, after_key, after_delta, key, delta } = story_of(format, coder);
             let mut applier = Applier::new();
             let applied = applier.apply(&mut state, &key.body, &limits()).unwrap();
             assert_eq!((&applied.info, &state), (&key.info, &after_key));
             let applied = applier.apply(&mut state, &delta.body, &limits()).unwrap();
             assert_eq!((&applied.info, &state), (&delta.info, &after_delta));
             assert_eq!((applied.poses, state.hash()), (2, state.full_hash()));
+            let cells = delta.info.section(SectionTag::CELLS).unwrap();
+            assert_eq!(cells.raw_bytes as usize, cells.records as usize * (4 + 7 * format.bytes()));
             // A keyframe replaces whatever there was.
             applier.apply(&mut state, &key.body, &limits()).unwrap();
             assert_eq!(state, after_key);
@@ -291,8 +330,8 @@ mod tests {
 
     #[test]
     fn every_prefix_and_every_further_byte_is_refused() {
-        for coder in CODERS {
-            let Story { empty, after_key, key, delta, .. } = story(coder);
+        for (format, coder) in PointFormat::ALL.into_iter().zip(CODERS) {
+            let Story { empty, after_key, key, delta, .. } = story_of(format, coder);
             for (state, mut body) in [(&empty, key.body), (&after_key, delta.body)] {
                 for end in 0..body.len() {
                     refuse(state, &body[..end], &limits());
@@ -306,8 +345,8 @@ mod tests {
 
     #[test]
     fn every_flipped_bit_is_refused() {
-        for coder in CODERS {
-            let Story { empty, after_key, key, delta, .. } = story(coder);
+        for (format, coder) in PointFormat::ALL.into_iter().zip(CODERS) {
+            let Story { empty, after_key, key, delta, .. } = story_of(format, coder);
             for (state, body) in [(&empty, key.body), (&after_key, delta.body)] {
                 for bit in 0..body.len() * 8 {
                     let mut changed = body.clone();
@@ -321,8 +360,8 @@ mod tests {
     #[test]
     fn every_flipped_bit_under_a_right_checksum_is_refused_or_harmless() {
         // Harmless are the frame index, the time and the changed points, and bits that a coder ignores.
-        for coder in CODERS {
-            let Story { empty, after_key, after_delta, key, delta } = story(coder);
+        for (format, coder) in PointFormat::ALL.into_iter().rev().zip(CODERS) {
+            let Story { empty, after_key, after_delta, key, delta } = story_of(format, coder);
             for (state, after, body) in
                 [(&empty, &after_key, key.body), (&after_key, &after_delta, delta.body)]
             {
@@ -343,6 +382,20 @@ mod tests {
     }
 
     #[test]
+    fn frames_of_another_packing_are_refused() {
+        for format in PointFormat::ALL {
+            let body = story_of(format, BlockCoder::default()).key.body;
+            for other in PointFormat::ALL.into_iter().filter(|other| *other != format) {
+                let (found, expected) = (format.packing(), other.packing());
+                let error = refuse(&State::new(layout_of(other)), &body, &limits());
+                assert_eq!(error, FrameError::Packing { offset: 1, found, expected });
+            }
+        }
+        let error = FrameError::Packing { offset: 1, found: Packing::BITS_16, expected: Packing::BITS_24 };
+        assert!(error.to_string().contains("16-bit points, the stream was announced with 24-bit points"));
+    }
+
+    #[test]
     fn deltas_need_the_state_before_them() {
         let Story { empty, after_key, after_delta, delta, .. } = story(BlockCoder::default());
         assert_eq!(refuse(&empty, &delta.body, &limits()), FrameError::NoKeyframe { offset: 2 });
@@ -360,7 +413,7 @@ mod tests {
 
     /// A keyframe of these records, with a hash that is never reached.
     fn forged(fill: impl FnOnce(&mut Records)) -> FrameError {
-        let mut records = Records::default();
+        let mut records = Records::new(PointFormat::Bits32);
         fill(&mut records);
         let meta = meta(FrameKind::Key, 0);
         let hash = StateHash(0x0BAD);

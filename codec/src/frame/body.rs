@@ -8,17 +8,24 @@ use super::{
 use crate::StateHash;
 use crate::block::{BlockCoder, Compressor};
 use crate::cells::{Bucket, Cell, POINTS_PER_CELL};
-use crate::wire::push_words;
+use crate::point::PointFormat;
+use crate::wire::{push_narrow_words, push_words};
 
 /// The records of one frame, section by section, as they are before compression.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(crate) struct Records {
+    format: PointFormat,
     poses: Vec<u8>,
     buckets: Vec<u8>,
     cells: Vec<u8>,
 }
 
 impl Records {
+    /// No records yet, of a stream whose points are packed like this.
+    pub(crate) fn new(format: PointFormat) -> Records {
+        Records { format, poses: Vec::new(), buckets: Vec::new(), cells: Vec::new() }
+    }
+
     pub(crate) fn clear(&mut self) {
         self.poses.clear();
         self.buckets.clear();
@@ -38,7 +45,7 @@ impl Records {
     /// `changes` is the exclusive or of the new cell and the last sent one.
     pub(crate) fn push_cell(&mut self, offset: u32, changes: &[u32; POINTS_PER_CELL]) {
         push_words(&mut self.cells, &[offset]);
-        push_words(&mut self.cells, changes);
+        push_narrow_words(&mut self.cells, changes, self.format.bytes());
     }
 
     /// Everything of a state that is not empty, in index order.
@@ -86,7 +93,9 @@ pub(crate) fn write_body(
     let mut blocks = Vec::new();
     let mut sections = Vec::new();
     for (tag, raw) in records.sections() {
-        let Some(record_bytes) = tag.record_bytes().filter(|_| !raw.is_empty()) else { continue };
+        let Some(record_bytes) = tag.record_bytes(records.format).filter(|_| !raw.is_empty()) else {
+            continue;
+        };
         let start = blocks.len();
         let coder = compressor
             .compress(raw, coder, &mut blocks)
@@ -96,22 +105,26 @@ pub(crate) fn write_body(
         let wire_bytes = (blocks.len() - start) as u32;
         sections.push(SectionInfo { tag, coder, records: raw_bytes / record_bytes, raw_bytes, wire_bytes });
     }
-    let mut info = FrameInfo {
-        profile: Profile::PAPER,
-        packing: Packing::BITS_32,
-        kind,
-        frame: meta.frame,
-        time: meta.time,
-        hash,
-        changed_points: meta.changed_points,
-        header_bytes: 0,
-        sections,
-    };
+    let packing = records.format.packing();
+    Ok(assemble(meta, (Profile::PAPER, packing, kind), hash, sections, &blocks))
+}
+
+/// Puts header and blocks together.
+pub(crate) fn assemble(
+    meta: &FrameMeta,
+    (profile, packing, kind): (Profile, Packing, FrameKind),
+    hash: StateHash,
+    sections: Vec<SectionInfo>,
+    blocks: &[u8],
+) -> EncodedFrame {
+    let (frame, time, changed_points) = (meta.frame, meta.time, meta.changed_points);
+    let mut info =
+        FrameInfo { profile, packing, kind, frame, time, hash, changed_points, header_bytes: 0, sections };
     let mut body = Vec::with_capacity(blocks.len() + 96);
     write_header(&mut body, &info);
     info.header_bytes = body.len() as u32;
-    body.extend_from_slice(&blocks);
+    body.extend_from_slice(blocks);
     let crc = body_crc(&body);
     body[CRC_OFFSET..CRC_OFFSET + 4].copy_from_slice(&crc.to_le_bytes());
-    Ok(EncodedFrame { body, info })
+    EncodedFrame { body, info }
 }

@@ -1,10 +1,11 @@
 //! Why a frame body was refused, or could not be written. Offsets count bytes from the start of the body;
 //! `raw_offset` counts bytes from the start of a section after decompression.
 
-use super::{FrameIndex, Packing, PoseError, Profile, SectionTag};
+use super::{FrameIndex, FrameKind, Packing, PoseError, Profile, SectionTag};
 use crate::StateHash;
 use crate::block::{BlockError, CoderId};
 use crate::cells::BucketProblem;
+use crate::surface::{ChangeProblem, ContextProblem, GeometryProblem, ValueProblem};
 use crate::wire::VarintProblem;
 
 /// Why a frame body was refused. The state is as it was before.
@@ -39,14 +40,6 @@ pub enum FrameError {
         /// What is wrong with it.
         problem: VarintProblem,
     },
-    /// The profile is reserved for a later version.
-    #[error("profile at byte {offset} is {found}: its id is reserved, this version reads paper (1) only")]
-    ProfileReserved {
-        /// Where the field is.
-        offset: usize,
-        /// The profile found.
-        found: Profile,
-    },
     /// The profile is unknown.
     #[error("profile at byte {offset} is unknown ({}): is this a frame body?", found.0)]
     ProfileUnknown {
@@ -55,16 +48,18 @@ pub enum FrameError {
         /// The profile found.
         found: Profile,
     },
-    /// The packing is reserved for a later version.
-    #[error("packing at byte {offset} is {found}: its id is reserved, this version reads 32-bit points (1)")]
-    PackingReserved {
+    /// The packing is not that of the stream.
+    #[error("packing at byte {offset} is {found}, the stream was announced with {expected}")]
+    Packing {
         /// Where the field is.
         offset: usize,
         /// The packing found.
         found: Packing,
+        /// The packing of the layout.
+        expected: Packing,
     },
     /// The packing is unknown.
-    #[error("packing at byte {offset} is unknown ({})", found.0)]
+    #[error("packing at byte {offset} is unknown ({}): this version reads ids 1 to 3", found.0)]
     PackingUnknown {
         /// Where the field is.
         offset: usize,
@@ -97,8 +92,33 @@ pub enum FrameError {
         /// The tag before it.
         previous: SectionTag,
     },
+    /// A section that this profile or kind of frame does not have.
+    #[error("section {found} at byte {offset} has no place in a {kind} of profile {profile}")]
+    SectionMisplaced {
+        /// Where its line is.
+        offset: usize,
+        /// Its tag.
+        found: SectionTag,
+        /// Profile of the frame.
+        profile: Profile,
+        /// Kind of the frame.
+        kind: FrameKind,
+    },
+    /// The frame is of another profile than the state.
+    #[error("profile at byte {offset} is {found}, the stream's is {expected}")]
+    ProfileOther {
+        /// Where the field is.
+        offset: usize,
+        /// The profile found.
+        found: Profile,
+        /// The profile of the state.
+        expected: Profile,
+    },
     /// The block coder of a section is reserved or unknown.
-    #[error("coder of section {section} at byte {offset} is {found}; this version reads ids 0 to 2")]
+    #[error(
+        "coder of section {section} at byte {offset} is {found}; it may use stored (0), lz4 (1), zstd (2), and with \
+         profile surface range (3)"
+    )]
     Coder {
         /// Where the field is.
         offset: usize,
@@ -249,6 +269,60 @@ pub enum FrameError {
         /// Index of the slot, 0 to 6.
         slot: usize,
     },
+    /// The points of a set make no geometry.
+    #[error("section geometry at byte {offset}: {problem}")]
+    Geometry {
+        /// Where the block starts.
+        offset: usize,
+        /// What is wrong.
+        problem: GeometryProblem,
+    },
+    /// Blocks of points or their AO are not sound.
+    #[error("section values at byte {offset}: {problem}")]
+    Values {
+        /// Where the block starts.
+        offset: usize,
+        /// What is wrong.
+        problem: ValueProblem,
+    },
+    /// Changes of AO are not sound, or do not suit the state.
+    #[error("section changes at byte {offset}: {problem}")]
+    Changes {
+        /// Where the block starts.
+        offset: usize,
+        /// What is wrong.
+        problem: ChangeProblem,
+    },
+    /// What the coder has learned is not sound.
+    #[error("section context at byte {offset}: {problem}")]
+    Context {
+        /// Where the block starts.
+        offset: usize,
+        /// What is wrong.
+        problem: ContextProblem,
+    },
+    /// A block of the range coder is longer or shorter than what was read from it.
+    #[error("range-coded section {section} at byte {offset}: {}", misfit(*.extra))]
+    RangeLength {
+        /// Where the block starts.
+        offset: usize,
+        /// The section.
+        section: SectionTag,
+        /// Bytes left over; `None` when it ends too early.
+        extra: Option<usize>,
+    },
+    /// The plain layout of a section has another length than the section table says.
+    #[error("section {section} at byte {offset} makes {found} B, the section table says {expected} B")]
+    PlainLength {
+        /// Where the block starts.
+        offset: usize,
+        /// The section.
+        section: SectionTag,
+        /// By the section table.
+        expected: u32,
+        /// What it makes.
+        found: usize,
+    },
     /// A delta came before any keyframe.
     #[error("frame kind at byte {offset} is delta, but the state has had no keyframe yet")]
     NoKeyframe {
@@ -277,6 +351,13 @@ pub enum FrameError {
         /// The hash that the state would have.
         computed: StateHash,
     },
+}
+
+fn misfit(extra: Option<usize>) -> String {
+    match extra {
+        Some(extra) => format!("{extra} B are left over"),
+        None => "it ends too early".to_owned(),
+    }
 }
 
 /// Why a frame could not be written. The encoder is as it was before.

@@ -8,15 +8,16 @@ use crate::Limits;
 use crate::block::BlockCoder;
 use crate::cells::{Grid, InstanceLayout, Layout, PaperEncoder, PointSample};
 use crate::hash::{Kind, term};
+use crate::point::PointFormat;
 
-const SPEC: &str = include_str!("../../../docs/spec/codec.md");
+pub(crate) const SPEC: &str = include_str!("../../../docs/spec/codec.md");
 
 const FLOOR: PointSample = PointSample { local: [0.3, 0.1, 0.6], normal: [0.0, 1.0, 0.0], ao: 200 };
 
 fn encoder() -> PaperEncoder {
     let grid = Grid::new([0.0; 3], 0.25, [4, 4, 4]).unwrap();
     let instance = InstanceLayout { grid, first_bucket: 0, bucket_count: 8, kernel_radius: 0.125 };
-    let layout = Layout::new(vec![instance], 64, &Limits::default()).unwrap();
+    let layout = Layout::new(PointFormat::Bits32, vec![instance], 64, &Limits::default()).unwrap();
     let mut encoder = PaperEncoder::new(Arc::new(layout), &[1]).unwrap();
     encoder.put(0, &FLOOR).unwrap();
     encoder.set_pose(0, Pose { translation: [1.0, 2.0, 3.0], ..Pose::IDENTITY }).unwrap();
@@ -32,12 +33,16 @@ pub(crate) fn key() -> EncodedFrame {
     encoder().finish(meta(FrameKind::Key, 1), BlockCoder::Stored).unwrap()
 }
 
-/// The bytes of a fenced block of the specification whose lines are `offset  bytes  | meaning`.
-fn dump(name: &str) -> Vec<u8> {
+/// A fenced block of the specification.
+pub(crate) fn fenced(name: &str) -> &'static str {
     let (_, rest) = SPEC.split_once(&format!("```{name}\n")).unwrap();
-    let (block, _) = rest.split_once("```").unwrap();
+    rest.split_once("```").unwrap().0
+}
+
+/// The bytes of a fenced block of the specification whose lines are `offset  bytes  | meaning`.
+pub(crate) fn dump(name: &str) -> Vec<u8> {
     let mut out = Vec::new();
-    for line in block.lines() {
+    for line in fenced(name).lines() {
         let (offset, rest) = line.split_once(' ').unwrap();
         assert_eq!(offset.parse::<usize>().unwrap(), out.len(), "offset of {line:?}");
         let (bytes, _) = rest.split_once('|').unwrap();
@@ -46,7 +51,7 @@ fn dump(name: &str) -> Vec<u8> {
     out
 }
 
-fn hex(bytes: &[u8]) -> String {
+pub(crate) fn hex(bytes: &[u8]) -> String {
     let mut out = String::new();
     for (at, byte) in bytes.iter().enumerate() {
         let end = if at % 16 == 15 { "\n" } else { " " };
@@ -85,5 +90,15 @@ fn the_hash_in_the_specification_is_what_the_code_computes() {
     assert_eq!(terms.iter().fold(0_u64, |sum, term| sum.wrapping_add(*term)), state.hash().0);
     for value in [&terms[..], &[state.hash().0]].concat() {
         assert!(SPEC.contains(&format!("`{value:016x}`")), "{value:016x} is not in the specification");
+    }
+}
+
+#[test]
+fn the_words_in_the_specification_are_what_the_packings_make() {
+    let frac = [6.0 / 31.0, 12.0 / 31.0, 12.0 / 31.0];
+    for format in PointFormat::ALL {
+        let word = format.pack(frac, FLOOR.normal, FLOOR.ao);
+        let line = format!("| {}-bit | `{word:0width$x}` |", format.bits(), width = 2 * format.bytes());
+        assert!(SPEC.contains(&line), "the specification lacks {line}");
     }
 }

@@ -17,12 +17,14 @@ use super::{
     FrameError, FrameIndex, FrameInfo, FrameKind, Packing, Profile, SectionInfo, SectionTag, StreamTime,
 };
 use crate::block::CoderId;
-use crate::wire::{Reader, write_varint};
+use crate::point::PointFormat;
+use crate::wire::{Reader, varint_bytes, write_varint};
 use crate::{Limits, StateHash};
 
-pub(super) const KIND_OFFSET: usize = 2;
-pub(super) const FRAME_OFFSET: usize = 4;
-pub(super) const HASH_OFFSET: usize = 16;
+pub(super) const PACKING_OFFSET: usize = 1;
+pub(crate) const KIND_OFFSET: usize = 2;
+pub(crate) const FRAME_OFFSET: usize = 4;
+pub(crate) const HASH_OFFSET: usize = 16;
 /// Where the checksum is.
 pub(crate) const CRC_OFFSET: usize = 24;
 /// What stands there while the checksum is computed.
@@ -37,9 +39,28 @@ pub fn inspect(body: &[u8], limits: &Limits) -> Result<FrameInfo, FrameError> {
     if body.len() > limits.max_frame_bytes as usize {
         return Err(FrameError::TooLong { bytes: body.len(), limit: limits.max_frame_bytes });
     }
+    let (info, stored) = read_header(body, limits)?;
+    let mut reader = Reader::new(body);
+    reader.take("header", info.header_bytes as usize)?;
+    for section in &info.sections {
+        reader.take("block", section.wire_bytes as usize)?;
+    }
+    if reader.remaining() > 0 {
+        return Err(FrameError::Trailing { offset: reader.offset(), extra: reader.remaining() });
+    }
+    let computed = body_crc(body);
+    if stored != computed {
+        return Err(FrameError::Checksum { offset: CRC_OFFSET, stored, computed });
+    }
+    Ok(info)
+}
+
+/// Reads the header at the start of `body`, of which there may be more to come. The second part is the checksum, which
+/// only a whole body can be held to.
+pub(crate) fn read_header(body: &[u8], limits: &Limits) -> Result<(FrameInfo, u32), FrameError> {
     let mut reader = Reader::new(body);
     let profile = read_profile(&mut reader)?;
-    let packing = read_packing(&mut reader)?;
+    let packing = read_packing(&mut reader, profile)?;
     let kind = reader.u8("frame kind")?;
     let kind = FrameKind::from_id(kind).ok_or(FrameError::Kind { offset: KIND_OFFSET, found: kind })?;
     let section_count = reader.u8("section count")?;
@@ -51,57 +72,45 @@ pub fn inspect(body: &[u8], limits: &Limits) -> Result<FrameInfo, FrameError> {
     let mut sections = Vec::new();
     for _ in 0..section_count {
         let previous = sections.last().map(|section: &SectionInfo| section.tag);
-        sections.push(read_section(&mut reader, previous, limits)?);
+        let start = reader.offset();
+        let section = read_section(&mut reader, limits)?;
+        check_section(start, profile, packing, kind, previous, &section)?;
+        sections.push(section);
     }
     let header_bytes = reader.offset() as u32;
-    for section in &sections {
-        reader.take("block", section.wire_bytes as usize)?;
-    }
-    if reader.remaining() > 0 {
-        return Err(FrameError::Trailing { offset: reader.offset(), extra: reader.remaining() });
-    }
-    let computed = body_crc(body);
-    if stored != computed {
-        return Err(FrameError::Checksum { offset: CRC_OFFSET, stored, computed });
-    }
-    Ok(FrameInfo { profile, packing, kind, frame, time, hash, changed_points, header_bytes, sections })
+    Ok((
+        FrameInfo { profile, packing, kind, frame, time, hash, changed_points, header_bytes, sections },
+        stored,
+    ))
 }
 
 fn read_profile(reader: &mut Reader<'_>) -> Result<Profile, FrameError> {
     let offset = reader.offset();
     match Profile(reader.u8("profile")?) {
-        Profile::PAPER => Ok(Profile::PAPER),
-        found @ Profile::SURFACE => Err(FrameError::ProfileReserved { offset, found }),
+        known @ (Profile::PAPER | Profile::SURFACE) => Ok(known),
         found => Err(FrameError::ProfileUnknown { offset, found }),
     }
 }
 
-fn read_packing(reader: &mut Reader<'_>) -> Result<Packing, FrameError> {
-    let offset = reader.offset();
-    match Packing(reader.u8("packing")?) {
-        Packing::BITS_32 => Ok(Packing::BITS_32),
-        found @ (Packing::BITS_24 | Packing::BITS_16) => Err(FrameError::PackingReserved { offset, found }),
-        found => Err(FrameError::PackingUnknown { offset, found }),
-    }
+fn read_packing(reader: &mut Reader<'_>, profile: Profile) -> Result<Packing, FrameError> {
+    let found = Packing(reader.u8("packing")?);
+    let known = match profile {
+        Profile::SURFACE => found == Packing::LATTICE,
+        _ => PointFormat::from_packing(found).is_some(),
+    };
+    if known { Ok(found) } else { Err(FrameError::PackingUnknown { offset: PACKING_OFFSET, found }) }
 }
 
-/// Reads one line of the section table. Tags ascend, so at most as many lines pass as there are known tags.
-fn read_section(
-    reader: &mut Reader<'_>,
-    previous: Option<SectionTag>,
-    limits: &Limits,
-) -> Result<SectionInfo, FrameError> {
+/// Reads one line of the section table and checks what concerns no other.
+fn read_section(reader: &mut Reader<'_>, limits: &Limits) -> Result<SectionInfo, FrameError> {
     let offset = reader.offset();
     let tag = SectionTag(reader.u8("section tag")?);
-    let Some(record_bytes) = tag.record_bytes() else {
+    if !tag.is_known() {
         return Err(FrameError::SectionUnknown { offset, found: tag });
-    };
-    if let Some(previous) = previous.filter(|previous| *previous >= tag) {
-        return Err(FrameError::SectionOrder { offset, found: tag, previous });
     }
     let offset = reader.offset();
     let coder = CoderId(reader.u8("block coder")?);
-    if !matches!(coder, CoderId::STORED | CoderId::LZ4 | CoderId::ZSTD) {
+    if !tag.may_use(coder) {
         return Err(FrameError::Coder { offset, section: tag, found: coder });
     }
     let offset = reader.offset();
@@ -111,16 +120,40 @@ fn read_section(
     }
     let offset = reader.offset();
     let raw_bytes = reader.varint("raw length")?;
-    let expected = u64::from(records) * u64::from(record_bytes);
-    if expected != u64::from(raw_bytes) {
-        return Err(FrameError::RawLength { offset, section: tag, expected, found: raw_bytes });
-    }
     if raw_bytes > limits.max_block_bytes {
         let limit = limits.max_block_bytes;
         return Err(FrameError::BlockTooLarge { offset, section: tag, found: raw_bytes, limit });
     }
     let wire_bytes = reader.varint("stored length")?;
     Ok(SectionInfo { tag, coder, records, raw_bytes, wire_bytes })
+}
+
+/// Checks a line of the section table, which starts at byte `start`, against the frame and the line before it.
+fn check_section(
+    start: usize,
+    profile: Profile,
+    packing: Packing,
+    kind: FrameKind,
+    previous: Option<SectionTag>,
+    section: &SectionInfo,
+) -> Result<(), FrameError> {
+    let found = section.tag;
+    if !found.is_of(profile) || !found.may_be_in(kind) {
+        return Err(FrameError::SectionMisplaced { offset: start, found, profile, kind });
+    }
+    if let Some(previous) = previous.filter(|previous| !previous.may_precede(found)) {
+        return Err(FrameError::SectionOrder { offset: start, found, previous });
+    }
+    let size = PointFormat::from_packing(packing).and_then(|format| found.record_bytes(format));
+    if let Some(size) = size {
+        let expected = u64::from(section.records) * u64::from(size);
+        if expected != u64::from(section.raw_bytes) {
+            // The raw length follows tag, coder and records.
+            let offset = start + 2 + varint_bytes(section.records);
+            return Err(FrameError::RawLength { offset, section: found, expected, found: section.raw_bytes });
+        }
+    }
+    Ok(())
 }
 
 /// Writes the header that [`inspect`] reads, with a blank checksum; `info.header_bytes` is not used.
@@ -177,22 +210,20 @@ mod tests {
     }
 
     #[test]
-    fn ids_that_are_reserved_or_unknown_are_told_apart() {
+    fn ids_that_are_unknown_are_named() {
         let body = story(BlockCoder::Stored).key.body;
-        let (found, offset) = (Profile::SURFACE, 0);
-        assert_eq!(with(&body, 0, 2), Err(FrameError::ProfileReserved { offset, found }));
-        let found = Profile(0);
-        assert_eq!(with(&body, 0, 0), Err(FrameError::ProfileUnknown { offset, found }));
-        for found in [Packing::BITS_24, Packing::BITS_16] {
-            assert_eq!(with(&body, 1, found.0), Err(FrameError::PackingReserved { offset: 1, found }));
+        for found in [0, 3, 255].map(Profile) {
+            assert_eq!(with(&body, 0, found.0), Err(FrameError::ProfileUnknown { offset: 0, found }));
         }
-        let found = Packing(9);
-        assert_eq!(with(&body, 1, 9), Err(FrameError::PackingUnknown { offset: 1, found }));
+        // A body of one profile that says it is of the other has the other's packing missing.
+        let found = Packing::BITS_32;
+        assert_eq!(with(&body, 0, 2), Err(FrameError::PackingUnknown { offset: 1, found }));
+        for found in [0, 4, 9, 255].map(Packing) {
+            assert_eq!(with(&body, 1, found.0), Err(FrameError::PackingUnknown { offset: 1, found }));
+        }
         for found in [0, 3, 255] {
             assert_eq!(with(&body, 2, found), Err(FrameError::Kind { offset: 2, found }));
         }
-        let message = with(&body, 0, 2).unwrap_err().to_string();
-        assert!(message.contains("surface") && message.contains("reserved"), "{message}");
     }
 
     #[test]
@@ -211,6 +242,12 @@ mod tests {
         );
         let (offset, found, previous) = (34, SectionTag::POSES, SectionTag::POSES);
         assert_eq!(with(&body, 34, 1), Err(FrameError::SectionOrder { offset, found, previous }));
+        // A known packing that the lengths do not fit: a cell of 24-bit points has 25 B.
+        let (section, expected, found) = (SectionTag::CELLS, 25, 32);
+        assert_eq!(
+            with(&body, 1, Packing::BITS_24.0),
+            Err(FrameError::RawLength { offset: 42, section, expected, found })
+        );
         let problem = crate::VarintProblem::NotShortest;
         let mut long = body.clone();
         long.splice(28..29, [0x81, 0]);

@@ -2,6 +2,10 @@
 
 use std::fmt;
 
+use crate::block::CoderId;
+use crate::cells::POINTS_PER_CELL;
+use crate::point::PointFormat;
+
 /// What the records of a frame mean.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Profile(pub u8);
@@ -9,7 +13,7 @@ pub struct Profile(pub u8);
 impl Profile {
     /// Cells, buckets and XOR records, as in the paper.
     pub const PAPER: Profile = Profile(1);
-    /// Reserved: rest-space points and AO planes.
+    /// Rest-space points and AO changes, see [`crate::surface`].
     pub const SURFACE: Profile = Profile(2);
 }
 
@@ -28,17 +32,20 @@ impl fmt::Display for Profile {
 pub struct Packing(pub u8);
 
 impl Packing {
-    /// [`crate::point::Packed32`].
+    /// Profile `surface`: points lie on the lattices of their sets.
+    pub const LATTICE: Packing = Packing(0);
+    /// [`Packed32`](crate::point::Packed32).
     pub const BITS_32: Packing = Packing(1);
-    /// Reserved: 24 bits a point.
+    /// [`Packed24`](crate::point::Packed24).
     pub const BITS_24: Packing = Packing(2);
-    /// Reserved: 16 bits a point.
+    /// [`Packed16`](crate::point::Packed16).
     pub const BITS_16: Packing = Packing(3);
 }
 
 impl fmt::Display for Packing {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
+            Packing::LATTICE => out.write_str("points on lattices"),
             Packing::BITS_32 => out.write_str("32-bit points"),
             Packing::BITS_24 => out.write_str("24-bit points"),
             Packing::BITS_16 => out.write_str("16-bit points"),
@@ -73,6 +80,15 @@ impl FrameKind {
     }
 }
 
+impl fmt::Display for FrameKind {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        out.write_str(match self {
+            FrameKind::Key => "keyframe",
+            FrameKind::Delta => "delta",
+        })
+    }
+}
+
 /// What a section of a frame holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct SectionTag(pub u8);
@@ -82,15 +98,70 @@ impl SectionTag {
     pub const POSES: SectionTag = SectionTag(1);
     /// Buckets: u32 offset and 64 B, 68 B.
     pub const BUCKETS: SectionTag = SectionTag(2);
-    /// Cells: u32 offset and 7 x u32, the exclusive or with the last sent cell, 32 B.
+    /// Cells: u32 offset and 7 points, the exclusive or with the last sent cell: 32, 25 or 18 B.
     pub const CELLS: SectionTag = SectionTag(3);
 
-    /// Bytes of one record; `None` for an unknown tag.
+    /// Profile `surface`: rounded points of sets.
+    pub const GEOMETRY: SectionTag = SectionTag(4);
+    /// Profile `surface`: AO of blocks of points that come.
+    pub const VALUES: SectionTag = SectionTag(5);
+    /// Profile `surface`: which points change and by how much.
+    pub const CHANGES: SectionTag = SectionTag(6);
+    /// Profile `surface`: what the coders have learned so far.
+    pub const CONTEXT: SectionTag = SectionTag(7);
+
+    /// Every known tag.
+    pub const ALL: [SectionTag; 7] = [
+        SectionTag::POSES,
+        SectionTag::BUCKETS,
+        SectionTag::CELLS,
+        SectionTag::GEOMETRY,
+        SectionTag::VALUES,
+        SectionTag::CHANGES,
+        SectionTag::CONTEXT,
+    ];
+
+    pub(crate) fn is_known(self) -> bool {
+        SectionTag::ALL.contains(&self)
+    }
+
+    /// Whether frames of a profile have such a section.
     #[must_use]
-    pub const fn record_bytes(self) -> Option<u32> {
+    pub fn is_of(self, profile: Profile) -> bool {
+        (self <= SectionTag::CELLS) == (profile == Profile::PAPER)
+    }
+
+    /// Changes suit deltas only, what was learned keyframes only.
+    pub(crate) fn may_be_in(self, kind: FrameKind) -> bool {
         match self {
-            SectionTag::POSES | SectionTag::CELLS => Some(32),
+            SectionTag::CHANGES => kind == FrameKind::Delta,
+            SectionTag::CONTEXT => kind == FrameKind::Key,
+            _ => true,
+        }
+    }
+
+    /// Tags ascend; geometry and values alone may take turns.
+    pub(crate) fn may_precede(self, next: SectionTag) -> bool {
+        let parcel = |tag| matches!(tag, SectionTag::GEOMETRY | SectionTag::VALUES);
+        self < next || parcel(self) && parcel(next)
+    }
+
+    /// Whether a block of such a section may be coded so.
+    pub(crate) fn may_use(self, coder: CoderId) -> bool {
+        match coder {
+            CoderId::STORED | CoderId::LZ4 | CoderId::ZSTD => true,
+            CoderId::RANGE => SectionTag::GEOMETRY <= self && self < SectionTag::CONTEXT,
+            _ => false,
+        }
+    }
+
+    /// Bytes of one record in a stream of this packing; `None` where they have no fixed size.
+    #[must_use]
+    pub const fn record_bytes(self, format: PointFormat) -> Option<u32> {
+        match self {
+            SectionTag::POSES => Some(32),
             SectionTag::BUCKETS => Some(68),
+            SectionTag::CELLS => Some(4 + (POINTS_PER_CELL * format.bytes()) as u32),
             _ => None,
         }
     }
@@ -102,6 +173,10 @@ impl fmt::Display for SectionTag {
             SectionTag::POSES => out.write_str("poses"),
             SectionTag::BUCKETS => out.write_str("buckets"),
             SectionTag::CELLS => out.write_str("cells"),
+            SectionTag::GEOMETRY => out.write_str("geometry"),
+            SectionTag::VALUES => out.write_str("values"),
+            SectionTag::CHANGES => out.write_str("changes"),
+            SectionTag::CONTEXT => out.write_str("context"),
             SectionTag(other) => write!(out, "section {other}"),
         }
     }

@@ -9,7 +9,7 @@ use crate::block::{BlockCoder, Compressor};
 /// # Errors
 /// [`EncodeError::Block`] for a level that the coder does not have, or where it finds no memory.
 pub fn keyframe(state: &State, meta: FrameMeta, coder: BlockCoder) -> Result<Vec<u8>, EncodeError> {
-    let mut records = Records::default();
+    let mut records = Records::new(state.layout().format());
     records.push_all(
         state.poses().iter().copied(),
         state.buckets().iter().copied(),

@@ -1,57 +1,91 @@
-//! Unit vectors on an octahedron: 4 + 4 bits (paper, section 3.2; Cigolle et al. 2014, "A Survey of
+//! Unit vectors on an octahedron (paper, section 3.2: 4 + 4 bits; Cigolle et al. 2014, "A Survey of
 //! Efficient Representations for Independent Unit Vectors").
 //!
 //! A unit vector is divided by the sum of its absolute values, which puts it on an octahedron; the lower half
 //! (z < 0) is folded over the upper one's diagonals; what is left is a square, -1 to 1 on both axes, and each
-//! axis gets 16 levels of which the first is -1 and the last is 1. The low nibble of the code is x.
+//! axis gets 2^`bits` levels of which the first is -1 and the last is 1. The low bits of the code are x.
+//!
+//! Two bits an axis are the exception: they get three levels, -1, 0 and 1, because four would miss all of the directions
+//! along the axes by 26.6 or 54.7 degrees. Code 3 of an axis is not written, and counts as 2.
+//!
+//! `bits` are those of one axis, 2 to 8 throughout; [`encode`], [`encode_plain`] and [`decode`] are the paper's 4.
 
 use std::sync::LazyLock;
 
-/// Bits of one axis.
+/// Bits of one axis in the paper.
 pub const BITS: u32 = 4;
-/// Largest code of one axis.
-const MAX_CODE: f32 = 15.0;
+
+/// Encodes with 4 + 4 bits: [`encode_bits`].
+#[must_use]
+pub fn encode(normal: [f32; 3]) -> u8 {
+    encode_bits(BITS, normal) as u8
+}
 
 /// Encodes the direction of `normal` with the best of the four codes around it: the one whose decoded
 /// vector makes the smallest angle. Of equals the first in code order (y, then x) wins.
 ///
 /// The length of `normal` does not matter. A vector with no direction (zero, or not finite) gets the code
 /// of (0, 0, 1): callers that must not guess check first.
+#[inline]
 #[must_use]
-pub fn encode(normal: [f32; 3]) -> u8 {
-    let [u, v] = to_square(normal).map(|axis| (axis * 0.5 + 0.5) * MAX_CODE);
-    let [low_u, low_v] = [u, v].map(|axis| axis.clamp(0.0, MAX_CODE - 1.0) as u8);
+pub fn encode_bits(bits: u32, normal: [f32; 3]) -> u16 {
+    let top = max_code(bits);
+    let [u, v] = to_square(normal).map(|axis| (axis * 0.5 + 0.5) * top);
+    let [low_u, low_v] = [u, v].map(|axis| axis.clamp(0.0, top - 1.0) as u16);
     let mut best = (f32::NEG_INFINITY, 0);
     for step in 0..4 {
-        let code = join(low_u + (step & 1), low_v + (step >> 1));
-        let closeness = dot(decode(code), normal);
+        let code = join(bits, low_u + (step & 1), low_v + (step >> 1));
+        let closeness = dot(decode_bits(bits, code), normal);
         if closeness > best.0 {
             best = (closeness, code);
         }
     }
-    if best.0 > f32::NEG_INFINITY { best.1 } else { encode_plain(normal) }
+    if best.0 > f32::NEG_INFINITY { best.1 } else { round_axes(bits, normal) }
 }
 
-/// Encodes by rounding each axis to the nearest level, halves up: cheaper and worse than [`encode`].
+/// Encodes with 4 + 4 bits by rounding each axis to the nearest level, halves up: cheaper and worse than [`encode`].
 #[must_use]
 pub fn encode_plain(normal: [f32; 3]) -> u8 {
-    let [u, v] = to_square(normal).map(|axis| ((axis * 0.5 + 0.5) * MAX_CODE + 0.5) as u8);
-    join(u.min(15), v.min(15))
+    round_axes(BITS, normal) as u8
 }
 
-/// The unit vector that a code stands for.
+fn round_axes(bits: u32, normal: [f32; 3]) -> u16 {
+    let top = max_code(bits);
+    let [u, v] = to_square(normal).map(|axis| (((axis * 0.5 + 0.5) * top + 0.5) as u16).min(top as u16));
+    join(bits, u, v)
+}
+
+/// The unit vector that a code of 4 + 4 bits stands for.
 #[inline]
 #[must_use]
 pub fn decode(code: u8) -> [f32; 3] {
-    DIRECTIONS[usize::from(code)]
+    FOUR[usize::from(code)]
 }
 
-/// What every code stands for: a look-up costs less than the division and the square root.
-static DIRECTIONS: LazyLock<[[f32; 3]; 256]> =
-    LazyLock::new(|| std::array::from_fn(|code| direction(code as u8)));
+/// The unit vector that a code of 2 times `bits` bits stands for; of larger codes the low bits count.
+#[inline]
+#[must_use]
+pub fn decode_bits(bits: u32, code: u16) -> [f32; 3] {
+    match bits {
+        2 => TWO[usize::from(code) & 0xF],
+        3 => THREE[usize::from(code) & 0x3F],
+        4 => FOUR[usize::from(code) & 0xFF],
+        _ => direction(bits, code),
+    }
+}
 
-fn direction(code: u8) -> [f32; 3] {
-    let [u, v] = [code & 15, code >> 4].map(|axis| f32::from(axis) / MAX_CODE * 2.0 - 1.0);
+/// What every code stands for, where a packing has such codes: a look-up costs less than the division and the
+/// square root.
+static TWO: LazyLock<[[f32; 3]; 16]> =
+    LazyLock::new(|| std::array::from_fn(|code| direction(2, code as u16)));
+static THREE: LazyLock<[[f32; 3]; 64]> =
+    LazyLock::new(|| std::array::from_fn(|code| direction(3, code as u16)));
+static FOUR: LazyLock<[[f32; 3]; 256]> =
+    LazyLock::new(|| std::array::from_fn(|code| direction(4, code as u16)));
+
+fn direction(bits: u32, code: u16) -> [f32; 3] {
+    let (mask, top) = ((1_u16 << bits) - 1, max_code(bits));
+    let [u, v] = [code & mask, (code >> bits) & mask].map(|axis| f32::from(axis).min(top) / top * 2.0 - 1.0);
     let z = 1.0 - u.abs() - v.abs();
     let fold = (-z).max(0.0);
     let x = if u >= 0.0 { u - fold } else { u + fold };
@@ -60,11 +94,20 @@ fn direction(code: u8) -> [f32; 3] {
     [x / length, y / length, z / length]
 }
 
-/// Largest angle between a vector and what [`encode`] and [`decode`] make of it, in degrees (the mean is
-/// 5.31). It is the covering radius of the 256 codes, rounded up: no encoder can do better with this decoder.
+/// Largest angle between a vector and what [`encode_bits`] and [`decode_bits`] make of it, in degrees: the covering
+/// radius of the codes, rounded up, so no encoder can do better with this decoder. The means are 31.9, 11.3, 5.32,
+/// 2.58, 1.27, 0.63 and 0.31 for 2 to 8 bits.
 #[must_use]
-pub fn max_error_degrees() -> f32 {
-    10.62
+pub fn max_error_degrees(bits: u32) -> f32 {
+    match bits {
+        0..=2 => 54.74,
+        3 => 22.01,
+        4 => 10.62,
+        5 => 5.22,
+        6 => 2.58,
+        7 => 1.28,
+        _ => 0.64,
+    }
 }
 
 /// Largest angle between a vector and what [`encode_plain`] and [`decode`] make of it, in degrees (the mean
@@ -74,8 +117,13 @@ pub fn max_error_plain_degrees() -> f32 {
     15.8
 }
 
-fn join(u: u8, v: u8) -> u8 {
-    (v << BITS) | u
+/// Largest code of one axis.
+fn max_code(bits: u32) -> f32 {
+    if bits == 2 { 2.0 } else { ((1_u32 << bits) - 1) as f32 }
+}
+
+fn join(bits: u32, u: u16, v: u16) -> u16 {
+    (v << bits) | u
 }
 
 fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
@@ -123,40 +171,77 @@ mod tests {
         })
     }
 
-    fn brute_force(normal: [f32; 3]) -> f64 {
-        (0..=255).map(|code| angle(decode(code), normal)).fold(f64::INFINITY, f64::min)
+    /// The smallest angle that any code makes with `normal`.
+    fn brute_force(bits: u32, normal: [f32; 3]) -> f64 {
+        let codes = 0..1_u32 << (2 * bits);
+        codes.map(|code| angle(decode_bits(bits, code as u16), normal)).fold(f64::INFINITY, f64::min)
+    }
+
+    fn error(bits: u32, normal: [f32; 3]) -> f64 {
+        angle(decode_bits(bits, encode_bits(bits, normal)), normal)
     }
 
     #[test]
     fn the_best_of_four_is_the_best_of_all() {
-        for normal in directions(4_000) {
-            let found = angle(decode(encode(normal)), normal);
-            let best = brute_force(normal);
-            assert!(found <= best + 1e-4, "{normal:?}: {found} deg, the best code makes {best} deg");
+        for bits in 2..=5 {
+            for normal in directions(2_000) {
+                let (found, best) = (error(bits, normal), brute_force(bits, normal));
+                assert!(found <= best + 1e-4, "{bits} bits, {normal:?}: {found} deg, the best is {best} deg");
+            }
         }
     }
 
     #[test]
     fn errors_stay_within_what_is_stated() {
-        let count = 200_000;
-        let (mut best, mut plain) = (0.0, 0.0);
-        for normal in directions(count) {
-            let error = angle(decode(encode(normal)), normal);
-            let error_plain = angle(decode(encode_plain(normal)), normal);
-            assert!(error <= f64::from(max_error_degrees()), "{normal:?}: {error} deg");
-            assert!(error_plain <= f64::from(max_error_plain_degrees()), "{normal:?}: {error_plain} deg");
-            best += error / f64::from(count);
-            plain += error_plain / f64::from(count);
+        let count = 100_000;
+        for (bits, mean) in
+            [(2, 31.90), (3, 11.32), (4, 5.317), (5, 2.578), (6, 1.269), (7, 0.630), (8, 0.314)]
+        {
+            let stated = f64::from(max_error_degrees(bits));
+            let (mut worst, mut sum) = (0.0_f64, 0.0);
+            for normal in directions(count) {
+                let error = error(bits, normal);
+                assert!(error <= stated, "{bits} bits, {normal:?}: {error} deg");
+                worst = worst.max(error);
+                sum += error / f64::from(count);
+            }
+            assert!(worst > 0.97 * stated, "{bits} bits: {worst} deg, {stated} deg are stated");
+            assert!((sum - mean).abs() < 0.002 * mean, "mean of the best of four: {sum}");
         }
-        assert!((5.30..5.33).contains(&best), "mean of the best of four: {best}");
-        assert!((5.67..5.70).contains(&plain), "mean of plain rounding: {plain}");
+    }
+
+    #[test]
+    fn plain_rounding_stays_within_what_is_stated() {
+        let count = 200_000;
+        let mut mean = 0.0;
+        for normal in directions(count) {
+            let error = angle(decode(encode_plain(normal)), normal);
+            assert!(error <= f64::from(max_error_plain_degrees()), "{normal:?}: {error} deg");
+            mean += error / f64::from(count);
+        }
+        assert!((5.67..5.70).contains(&mean), "mean of plain rounding: {mean}");
     }
 
     #[test]
     fn every_code_survives_a_round_trip() {
+        // Two bits: codes with an axis of 3 are the same directions again.
+        for bits in 2..=8 {
+            for code in 0..=((1_u32 << (2 * bits)) - 1) as u16 {
+                // The four corners of the square, and pairs on its rim, are one direction but for rounding.
+                let direction = decode_bits(bits, code);
+                assert!(error(bits, direction) < 4e-2, "{bits} bits, code {code}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_byte_of_the_paper_is_the_code_of_four_bits() {
         for code in 0..=255 {
-            // The four corners of the square, and pairs on its rim, are one direction but for rounding.
-            assert!(angle(decode(encode(decode(code))), decode(code)) < 1e-2, "code {code}");
+            assert_eq!(decode(code), decode_bits(4, u16::from(code)));
+            assert_eq!(decode(code), direction(4, u16::from(code)));
+        }
+        for normal in directions(1_000) {
+            assert_eq!(u16::from(encode(normal)), encode_bits(4, normal));
         }
     }
 

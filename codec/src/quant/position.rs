@@ -1,32 +1,36 @@
-//! Position in a cell: 5 bits an axis (paper, section 3.2: 15 bits a point).
+//! Position in a cell: some bits an axis (paper, section 3.2: 5 bits, 15 a point).
+//!
+//! `bits` is 1 to 8 throughout.
 
-/// Bits of one axis.
-pub const BITS: u32 = 5;
 /// Largest code of one axis. Code 0 is the cell's low face, this code its high face.
-pub const MAX_CODE: u8 = (1 << BITS) - 1;
+#[inline]
+#[must_use]
+pub const fn max_code(bits: u32) -> u8 {
+    ((1_u32 << bits) - 1) as u8
+}
 
-/// Quantises a fraction of the cell edge, 0 to 1, to the nearest of 32 levels; halves round up.
+/// Quantises a fraction of the cell edge, 0 to 1, to the nearest of 2^`bits` levels; halves round up.
 ///
 /// Values outside are clamped; NaN becomes 0.
 #[inline]
 #[must_use]
-pub fn quantise(fraction: f32) -> u8 {
+pub fn quantise(bits: u32, fraction: f32) -> u8 {
     // The cast makes 0 of NaN, and truncates, which is the floor of what is not negative.
-    (fraction.clamp(0.0, 1.0) * f32::from(MAX_CODE) + 0.5) as u8
+    (fraction.clamp(0.0, 1.0) * f32::from(max_code(bits)) + 0.5) as u8
 }
 
-/// The fraction of the cell edge that a code stands for; codes above 31 use their low 5 bits.
+/// The fraction of the cell edge that a code stands for; of larger codes the low bits count.
 #[inline]
 #[must_use]
-pub fn dequantise(code: u8) -> f32 {
-    f32::from(code & MAX_CODE) / f32::from(MAX_CODE)
+pub fn dequantise(bits: u32, code: u8) -> f32 {
+    f32::from(code & max_code(bits)) / f32::from(max_code(bits))
 }
 
 /// Largest |fraction - dequantise(quantise(fraction))| for a fraction in 0 to 1: half a step and the
 /// rounding of `f32`, in cell edges. In space, an axis is off by at most this times the edge.
 #[must_use]
-pub fn max_error() -> f32 {
-    0.5 / f32::from(MAX_CODE) + 2.0 * f32::EPSILON
+pub fn max_error(bits: u32) -> f32 {
+    0.5 / f32::from(max_code(bits)) + 2.0 * f32::EPSILON
 }
 
 #[cfg(test)]
@@ -37,21 +41,35 @@ mod tests {
 
     proptest! {
         #[test]
-        fn error_stays_within_what_is_stated(fraction in 0.0_f32..=1.0) {
-            prop_assert!((dequantise(quantise(fraction)) - fraction).abs() <= max_error());
+        fn error_stays_within_what_is_stated(bits in 1_u32..=8, fraction in 0.0_f32..=1.0) {
+            let back = dequantise(bits, quantise(bits, fraction));
+            prop_assert!((back - fraction).abs() <= max_error(bits));
+        }
+    }
+
+    #[test]
+    fn the_stated_error_is_reached_half_way_between_codes() {
+        for bits in 1..=8 {
+            let half_way = 0.5 / f32::from(max_code(bits));
+            let error = (dequantise(bits, quantise(bits, half_way)) - half_way).abs();
+            assert!(error > 0.999 * max_error(bits), "{bits} bits: {error}");
         }
     }
 
     #[test]
     fn codes_survive_a_round_trip() {
-        for code in 0..=MAX_CODE {
-            assert_eq!(quantise(dequantise(code)), code);
+        for bits in 1..=8 {
+            for code in 0..=max_code(bits) {
+                assert_eq!(quantise(bits, dequantise(bits, code)), code);
+            }
         }
     }
 
     #[test]
     fn what_is_outside_is_clamped() {
-        let codes = [-1.0, f32::NEG_INFINITY, f32::NAN, 2.0, f32::INFINITY].map(quantise);
-        assert_eq!(codes, [0, 0, 0, 31, 31]);
+        for (bits, top) in [(2, 3), (5, 31), (8, 255)] {
+            let codes = [-1.0, f32::NEG_INFINITY, f32::NAN, 2.0, f32::INFINITY].map(|at| quantise(bits, at));
+            assert_eq!(codes, [0, 0, 0, top, top]);
+        }
     }
 }

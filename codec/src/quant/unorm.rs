@@ -1,4 +1,5 @@
-//! Accessibility as a byte (paper, section 3.2: 8 bits a point).
+//! Accessibility: a byte where it is worked out and compared (paper, section 3.2: 8 bits a point), fewer bits where
+//! a packing has no room for it.
 
 /// Quantises accessibility, 0 (closed) to 1 (open), to the nearest of 256 levels; halves round up.
 ///
@@ -22,6 +23,36 @@ pub fn max_error() -> f32 {
     0.5 / 255.0 + 2.0 * f32::EPSILON
 }
 
+/// The code of `bits` bits (1 to 8) whose level is nearest to a byte; halves round up. 0 and 255 become the first
+/// and the last code.
+#[inline]
+#[must_use]
+pub const fn narrow(bits: u32, byte: u8) -> u8 {
+    if bits == 8 {
+        return byte;
+    }
+    let max = (1_u32 << bits) - 1;
+    ((byte as u32 * 2 * max + 255) / 510) as u8
+}
+
+/// The byte nearest to the level of a code of `bits` bits (1 to 8): `code * 255 / (2^bits - 1)`, halves up. Of larger
+/// codes the low bits count.
+#[inline]
+#[must_use]
+pub const fn widen(bits: u32, code: u8) -> u8 {
+    if bits == 8 {
+        return code;
+    }
+    let max = (1_u32 << bits) - 1;
+    (((code as u32 & max) * 510 + max) / (2 * max)) as u8
+}
+
+/// Largest difference between a byte and what [`narrow`] and [`widen`] make of it: half a step, in 255ths.
+#[must_use]
+pub const fn max_narrow_error(bits: u32) -> u8 {
+    (255 / (2 * ((1_u32 << bits) - 1))) as u8
+}
+
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
@@ -41,5 +72,26 @@ mod tests {
             assert_eq!(quantise(dequantise(code)), code);
         }
         assert_eq!([-0.5, f32::NAN, 1.5, f32::INFINITY].map(quantise), [0, 0, 255, 255]);
+    }
+
+    #[test]
+    fn narrowed_bytes_are_off_by_what_is_stated_and_no_less() {
+        for bits in 1..=8 {
+            let error = |byte: u8| widen(bits, narrow(bits, byte)).abs_diff(byte);
+            assert_eq!((0..=255).map(error).max(), Some(max_narrow_error(bits)), "{bits} bits");
+            let nearest =
+                |byte: u8| (0..1_u16 << bits).map(|code| widen(bits, code as u8).abs_diff(byte)).min();
+            assert!((0..=255).all(|byte| nearest(byte) == Some(error(byte))), "{bits} bits: not the nearest");
+        }
+    }
+
+    #[test]
+    fn narrow_codes_survive_a_round_trip_and_reach_both_ends() {
+        for bits in 1..=8 {
+            let top = ((1_u16 << bits) - 1) as u8;
+            assert!((0..=top).all(|code| narrow(bits, widen(bits, code)) == code), "{bits} bits");
+            assert_eq!((widen(bits, 0), widen(bits, top)), (0, 255));
+            assert_eq!((narrow(bits, 0), narrow(bits, 255)), (0, top));
+        }
     }
 }

@@ -31,6 +31,9 @@ pub enum Refused {
 /// Refuses exactly what [`crate::frame::apply`] refuses.
 pub fn apply(state: &State, body: &[u8], limits: &Limits) -> Result<State, Refused> {
     let info = inspect(body, limits)?;
+    if info.packing != state.layout().format().packing() {
+        return Err(Refused::Rule);
+    }
     let mut next = match (info.kind, state.frame()) {
         (FrameKind::Key, _) => State::new(Arc::clone(state.layout())),
         (FrameKind::Delta, Some(last)) if info.frame > last => state.clone(),
@@ -73,11 +76,16 @@ fn write_record(state: &mut State, tag: SectionTag, offset: usize, content: &[u8
         }
         _ => {
             let cell = state.cells.get_mut(offset)?;
-            let new: [u32; POINTS_PER_CELL] = cell.xor(&words(content));
+            let width = layout.format().bytes();
+            let mut new: [u32; POINTS_PER_CELL] = *cell.words();
+            for (at, byte) in content.iter().enumerate() {
+                new[at / width] ^= u32::from(*byte) << (8 * (at % width));
+            }
             *cell = Cell::from_words(new);
-            let used = new.iter().filter(|word| **word >= 1 << 31).count();
+            let valid = 1 << (8 * width - 1);
+            let used = new.iter().filter(|word| **word >= valid).count();
             let compact = (0..POINTS_PER_CELL)
-                .all(|slot| if slot < used { new[slot] >= 1 << 31 } else { new[slot] == 0 });
+                .all(|slot| if slot < used { new[slot] >= valid } else { new[slot] == 0 });
             compact.then_some(())
         }
     }

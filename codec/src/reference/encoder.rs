@@ -8,14 +8,13 @@ use crate::cells::{
     bucket_of, cell_id,
 };
 use crate::frame::{EncodeError, EncodedFrame, FrameKind, FrameMeta, Pose, Records, State, write_body};
-use crate::point::Packed32;
 
 /// A point as last put.
 #[derive(Debug, Clone, Copy)]
 struct Put {
     instance: usize,
     coord: [u32; 3],
-    word: Packed32,
+    word: u32,
     outside: bool,
     /// Why it has no slot; [`Placement::Stored`] when it has one.
     placement: Placement,
@@ -60,7 +59,7 @@ impl NaiveEncoder {
     pub fn put(&mut self, point: usize, sample: &PointSample) -> Placement {
         let instance = self.instances[point];
         let located = self.layout.instances()[instance].grid.locate(sample.local);
-        let word = Packed32::pack(located.frac, sample.normal, sample.ao);
+        let word = self.layout.format().pack(located.frac, sample.normal, sample.ao);
         let stays = self.points[point].is_some_and(|old| old.coord == located.cell);
         if !(stays && self.cell_of(point).is_some()) {
             self.take_out(point);
@@ -108,7 +107,7 @@ impl NaiveEncoder {
     }
 
     /// The points that have a slot: instance, cell and word.
-    pub fn stored(&self) -> impl Iterator<Item = (u32, [u32; 3], Packed32)> + '_ {
+    pub fn stored(&self) -> impl Iterator<Item = (u32, [u32; 3], u32)> + '_ {
         let stored = self.points.iter().flatten().filter(|put| put.placement == Placement::Stored);
         stored.map(|put| (put.instance as u32, put.coord, put.word))
     }
@@ -141,7 +140,7 @@ impl NaiveEncoder {
         }
         next.hash = next.full_hash();
         next.frame = Some(meta.frame);
-        let mut records = Records::default();
+        let mut records = Records::new(self.layout.format());
         for index in 0..next.poses.len() {
             if next.poses[index].to_words() != base.poses[index].to_words() {
                 records.push_pose(index as u32, next.poses[index]);
@@ -242,9 +241,7 @@ impl NaiveEncoder {
     }
 
     fn cell(&self, cell: usize) -> Cell {
-        let word = |slot: Option<usize>| {
-            slot.and_then(|point| self.points[point]).map_or(0, |put| put.word.to_bits())
-        };
+        let word = |slot: Option<usize>| slot.and_then(|point| self.points[point]).map_or(0, |put| put.word);
         Cell::from_words(self.cells[cell].map(word))
     }
 

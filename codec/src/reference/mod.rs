@@ -3,6 +3,8 @@
 
 mod decode;
 mod encoder;
+mod surface;
 
 pub use decode::{Refused, apply};
 pub use encoder::NaiveEncoder;
+pub use surface::{NaiveSurfaceEncoder, apply_surface};

@@ -5,7 +5,7 @@ mod varint;
 
 pub(crate) use reader::Reader;
 pub use varint::VarintProblem;
-pub(crate) use varint::{VarintFault, read_varint, write_varint};
+pub(crate) use varint::{VarintFault, read_varint, varint_bytes, write_varint};
 
 /// Splits little-endian bytes into words. `bytes` holds at least `4 * N` bytes; further ones are ignored.
 #[inline]
@@ -15,6 +15,32 @@ pub(crate) fn words<const N: usize>(bytes: &[u8]) -> [u32; N] {
         *word = u32::from_le_bytes([four[0], four[1], four[2], four[3]]);
     }
     out
+}
+
+/// Splits little-endian bytes into words of `width` bytes, 2 to 4, and widens them. `bytes` holds at least
+/// `width * N` bytes; further ones are ignored.
+#[inline]
+pub(crate) fn narrow_words<const N: usize>(bytes: &[u8], width: usize) -> [u32; N] {
+    if width == 4 {
+        return words(bytes);
+    }
+    let mut out = [0; N];
+    for (word, bytes) in out.iter_mut().zip(bytes.chunks_exact(width)) {
+        let high = bytes.get(2).copied().unwrap_or(0);
+        *word = u32::from_le_bytes([bytes[0], bytes[1], high, 0]);
+    }
+    out
+}
+
+/// Appends the low `width` bytes, 2 to 4, of words in little-endian order.
+#[inline]
+pub(crate) fn push_narrow_words(out: &mut Vec<u8>, words: &[u32], width: usize) {
+    if width == 4 {
+        return push_words(out, words);
+    }
+    for word in words {
+        out.extend_from_slice(&word.to_le_bytes()[..width]);
+    }
 }
 
 /// Appends words in little-endian order.

@@ -54,6 +54,11 @@ pub(crate) fn write_varint(out: &mut Vec<u8>, mut value: u32) {
     out.push(value as u8);
 }
 
+/// Bytes that [`write_varint`] appends.
+pub(crate) fn varint_bytes(value: u32) -> usize {
+    (32 - (value | 1).leading_zeros()).div_ceil(7) as usize
+}
+
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;

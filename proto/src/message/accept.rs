@@ -37,9 +37,9 @@ mod tests {
 
     #[test]
     fn golden_bytes() {
-        let limits = PeerLimits { frame_bytes: 1, instances: 2, buckets: 3, cells: 4 };
+        let limits = PeerLimits { frame_bytes: 1, instances: 2, buckets: 3, cells: 4, points: 5 };
         let accept = Accept { version: 1, profile: Profile(1), limits, name: Text::new("s").unwrap() };
-        golden(&accept, "0100 01 01000000 02000000 03000000 04000000 0100000000000000 73");
+        golden(&accept, "0100 01 01000000 02000000 03000000 04000000 05000000 0100000000000000 73");
         assert!(Accept { version: 0, ..accept }.to_payload().is_err());
     }
 }

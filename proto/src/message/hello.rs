@@ -58,6 +58,8 @@ pub struct PeerLimits {
     pub buckets: u32,
     /// Most cells of a scene.
     pub cells: u32,
+    /// Most points of a scene in profile `surface`.
+    pub points: u32,
 }
 
 /// Asks for a stream. The layout of `oldest` and `newest` never changes, whatever the version.
@@ -84,6 +86,7 @@ impl From<&Limits> for PeerLimits {
             instances: limits.codec.max_instances,
             buckets: limits.codec.max_buckets,
             cells: limits.codec.max_cells,
+            points: limits.codec.max_points,
         }
     }
 }
@@ -111,12 +114,19 @@ mod tests {
             newest: 2,
             profiles: ProfileSet::default().with(Profile(1)),
             coders: [0, 1, 2, 200].map(CoderId).into_iter().fold(CoderSet::default(), CoderSet::with),
-            limits: PeerLimits { frame_bytes: 0x10000000, instances: 65_536, buckets: 7, cells: 9 },
+            limits: PeerLimits {
+                frame_bytes: 0x10000000,
+                instances: 65_536,
+                buckets: 7,
+                cells: 9,
+                points: 10,
+            },
             name: Text::new("psao 0.1").unwrap(),
         };
         golden(
             &hello,
-            "0100 0200 02000000 07000000 00000010 00000100 07000000 09000000 0800000000000000 7073616f20302e31",
+            "0100 0200 02000000 07000000 00000010 00000100 07000000 09000000 0a000000 0800000000000000 \
+             7073616f20302e31",
         );
         assert!(
             hello.coders.has(CoderId(2)) && !hello.coders.has(CoderId(3)) && !hello.coders.has(CoderId(200))

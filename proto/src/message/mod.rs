@@ -41,6 +41,7 @@ mod reject;
 mod report;
 mod request;
 mod scene;
+mod surface;
 #[cfg(test)]
 mod tests;
 mod text;
@@ -55,6 +56,7 @@ pub use reject::{Reject, RejectCode};
 pub use report::{MAX_STAGES, Report, StageId, StageTime};
 pub use request::{KeyframeReason, Request};
 pub use scene::{InstanceBatch, InstanceEntry, MAX_BATCH, Needs, Occlusion, Scene, SceneInfo};
+pub use surface::{MemberBatch, MemberEntry, PointSource, SetBatch, SetEntry};
 pub use text::{Text, TextTooLong};
 pub use view::{CameraPose, View};
 

@@ -1,17 +1,18 @@
-//! SCENE: what the stream is about: how the AO was made, and where every instance's cells are.
+//! SCENE: what the stream is about: how the AO was made, and where every instance's points are.
 //!
-//! The scene table is one [`SceneInfo`] followed by as many [`InstanceBatch`]es as it takes, in order, each in a SCENE
-//! frame of its own. A client needs nothing else to build the codec's layout; meshes and animation are its own.
+//! The scene table is one [`SceneInfo`] followed by as many batches as it takes, in order, each in a SCENE frame of its
+//! own: [`InstanceBatch`]es in profile `paper`; [`SetBatch`]es, then [`MemberBatch`]es in profile `surface`. A client
+//! needs nothing else to build the codec's layout; meshes and animation are its own.
 
 use std::ops::{BitOr, BitOrAssign};
 
 use bincode::{Decode, Encode};
 
 use super::body::Body;
-use super::{Invalid, Message, Text, finite, require};
+use super::{Invalid, MemberBatch, Message, PointSource, SetBatch, Text, finite, require};
 use crate::{CoderId, FrameType, Profile};
 
-/// Most instances in one SCENE frame.
+/// Most entries in one SCENE frame.
 pub const MAX_BATCH: usize = 512;
 
 /// How the AO of a point is made from its rays. Unknown values survive.
@@ -112,10 +113,12 @@ pub struct SceneInfo {
     pub digest: [u8; 32],
     /// Profile of the stream.
     pub profile: Profile,
-    /// Bits of a packed point: 32, 24 or 16.
+    /// Bits of a packed point: 32, 24 or 16. Profile `surface` has lattices and normals as fine as that instead.
     pub point_bits: u8,
     /// Block coder of the stream. Single blocks may be stored.
     pub coder: CoderId,
+    /// Where clients have the points from; profile `surface` only.
+    pub geometry: PointSource,
     /// Frames of the stream's own clock a second, positive.
     pub fps: f32,
     /// Frames that the server means to send; 0 when it does not know.
@@ -132,9 +135,13 @@ pub struct SceneInfo {
     pub seed: u64,
     /// Points asked for per square metre of surface, positive.
     pub points_per_m2: f32,
-    /// Cells of the whole stream.
+    /// Points asked for on every mesh at least, however small it is.
+    pub min_points: u32,
+    /// Cells of the whole stream; 0 in profile `surface`.
     pub cell_capacity: u32,
-    /// Entries of the scene table.
+    /// Point sets; 0 in profile `paper`.
+    pub set_count: u32,
+    /// Instances.
     pub instance_count: u32,
     /// Points of all instances.
     pub point_count: u32,
@@ -151,6 +158,7 @@ fields!(SceneInfo {
     profile as Profile,
     point_bits,
     coder as CoderId,
+    geometry,
     fps,
     frames_hint,
     radius_m,
@@ -159,14 +167,16 @@ fields!(SceneInfo {
     threshold,
     seed,
     points_per_m2,
+    min_points,
     cell_capacity,
+    set_count,
     instance_count,
     point_count,
     paper_table_slots,
     view_margin,
 });
 
-/// One instance of the scene table: its grid, its buckets, its points.
+/// One instance of a `paper` stream: its grid, its buckets, its points.
 #[derive(Clone, Copy, Debug, PartialEq, Encode, Decode)]
 pub struct InstanceEntry {
     /// Corner of the grid in instance-local space, metres.
@@ -187,7 +197,7 @@ pub struct InstanceEntry {
     pub needs: Needs,
 }
 
-/// Later SCENE frames: a part of the scene table.
+/// Later SCENE frames of a `paper` stream: a part of the instances.
 #[derive(Clone, Debug, PartialEq, Encode, Decode)]
 pub struct InstanceBatch {
     /// Index of the first entry; the entries before it came in the batches before.
@@ -201,8 +211,12 @@ pub struct InstanceBatch {
 pub enum Scene {
     /// The first one.
     Info(SceneInfo),
-    /// The ones after it.
+    /// The ones after it in profile `paper`.
     Instances(InstanceBatch),
+    /// The ones after it in profile `surface`.
+    Sets(SetBatch),
+    /// The ones after those.
+    Members(MemberBatch),
 }
 
 fn positive(value: f32, field: &'static str) -> Result<(), Invalid> {
@@ -240,6 +254,8 @@ impl Body for Scene {
                 require((1..=MAX_BATCH).contains(&count), "entries", "has not 1 to 512 instances")?;
                 batch.entries.iter().try_for_each(InstanceEntry::check)
             }
+            Self::Sets(batch) => batch.check(),
+            Self::Members(batch) => batch.check(),
         }
     }
 }
@@ -262,6 +278,7 @@ mod tests {
             profile: Profile::PAPER,
             point_bits: 32,
             coder: CoderId::ZSTD,
+            geometry: PointSource::SHARED,
             fps: 60.0,
             frames_hint: 300,
             radius_m: 0.5,
@@ -270,7 +287,9 @@ mod tests {
             threshold: 8,
             seed: 1,
             points_per_m2: 256.0,
+            min_points: 48,
             cell_capacity: 4096,
+            set_count: 3,
             instance_count: 2,
             point_count: 20_000,
             paper_table_slots: 4.0,
@@ -294,8 +313,9 @@ mod tests {
         golden(
             &Scene::Info(info()),
             "00000000 0400000000000000 68616c6c 0a00000000000000 612f68616c6c2e676c62 \
-             abababababababababababababababababababababababababababababababab 01 20 02 00007042 2c010000 \
-             0000003f c0000000 00 08 0100000000000000 00008043 00100000 02000000 204e0000 00008040 0000a03f",
+             abababababababababababababababababababababababababababababababab 01 20 02 01 00007042 2c010000 \
+             0000003f c0000000 00 08 0100000000000000 00008043 30000000 00100000 03000000 02000000 204e0000 \
+             00008040 0000a03f",
         );
     }
 

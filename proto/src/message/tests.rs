@@ -18,25 +18,26 @@ fn positive() -> impl Strategy<Value = f32> {
 }
 
 fn peer_limits() -> impl Strategy<Value = PeerLimits> {
-    any::<[u32; 4]>().prop_map(|[frame_bytes, instances, buckets, cells]| PeerLimits {
+    any::<[u32; 5]>().prop_map(|[frame_bytes, instances, buckets, cells, points]| PeerLimits {
         frame_bytes,
         instances,
         buckets,
         cells,
+        points,
     })
 }
 
 prop_compose! {
-    fn info()(name in text(), source in text(), digest in any::<[u8; 32]>(), ids in any::<[u8; 4]>(),
+    fn info()(name in text(), source in text(), digest in any::<[u8; 32]>(), ids in any::<[u8; 5]>(),
               point_bits in prop::sample::select(vec![16u8, 24, 32]), positives in prop::array::uniform4(positive()),
-              counts in any::<[u32; 5]>(), seed in any::<u64>(), margin in 1.0f32..9.0) -> SceneInfo {
-        let [profile, coder, occlusion, threshold] = ids;
+              counts in any::<[u32; 7]>(), seed in any::<u64>(), margin in 1.0f32..9.0) -> SceneInfo {
+        let [profile, coder, geometry, occlusion, threshold] = ids;
         let [fps, radius_m, points_per_m2, paper_table_slots] = positives;
-        let [frames_hint, rays, cell_capacity, instance_count, point_count] = counts;
+        let [frames_hint, rays, min_points, cell_capacity, set_count, instance_count, point_count] = counts;
         SceneInfo {
-            name, source, digest, profile: Profile(profile), point_bits, coder: CoderId(coder), fps, frames_hint,
-            radius_m, rays, occlusion: Occlusion(occlusion), threshold, seed, points_per_m2, cell_capacity,
-            instance_count, point_count, paper_table_slots, view_margin: margin,
+            name, source, digest, profile: Profile(profile), point_bits, coder: CoderId(coder),
+            geometry: PointSource(geometry), fps, frames_hint, radius_m, rays, occlusion: Occlusion(occlusion),
+            threshold, seed, points_per_m2, min_points, cell_capacity, set_count, instance_count, point_count, paper_table_slots, view_margin: margin,
         }
     }
 }
@@ -50,11 +51,25 @@ prop_compose! {
     }
 }
 
+prop_compose! {
+    fn set()(origin in prop::array::uniform3(float()), positives in prop::array::uniform2(positive()),
+             extent in any::<[u32; 3]>(), normal_bits in 2u8..=8, points in any::<u32>(), digest in any::<u64>())
+             -> SetEntry {
+        let [step, kernel_radius] = positives;
+        SetEntry { origin, step, extent, normal_bits, points, kernel_radius, digest }
+    }
+}
+
 fn scene() -> impl Strategy<Value = Scene> {
     let batch = (any::<u32>(), prop::collection::vec(entry(), 1..20));
+    let sets = (any::<u32>(), prop::collection::vec(set(), 1..20));
+    let member = any::<(u32, u32)>().prop_map(|(set, needs)| MemberEntry { set, needs: Needs(needs) });
+    let members = (any::<u32>(), prop::collection::vec(member, 1..20));
     prop_oneof![
         info().prop_map(Scene::Info),
         batch.prop_map(|(first, entries)| Scene::Instances(InstanceBatch { first, entries })),
+        sets.prop_map(|(first, entries)| Scene::Sets(SetBatch { first, entries })),
+        members.prop_map(|(first, entries)| Scene::Members(MemberBatch { first, entries })),
     ]
 }
 

@@ -83,7 +83,7 @@ async fn a_recorded_stream_is_served() {
         };
         let coder = psao_codec::block::BlockCoder::default();
         hub.broadcast(&frame.info, record.frame.payload(), || {
-            psao_codec::frame::keyframe(state, meta, coder)
+            psao_codec::stream::keyframe(state, meta, coder, &[])
         })
         .unwrap();
         assert!(

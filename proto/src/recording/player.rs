@@ -2,7 +2,8 @@
 
 use std::sync::Arc;
 
-use psao_codec::frame::{FrameInfo, State, inspect};
+use psao_codec::frame::{FrameInfo, inspect};
+use psao_codec::stream::State;
 
 use super::{Damage, IndexEntry, RECORD_HEAD_BYTES, Reader, ReaderError, Record};
 use crate::follow::{Follower, Unusable};
@@ -230,7 +231,7 @@ impl<'a> Player<'a> {
         let scene = Scene::from_payload(payload)?;
         let Some(table) = self.assembler.push_or_restart(scene, &self.limits)? else { return Ok(None) };
         let table = Arc::new(table);
-        self.follower = Some(Follower::new(table.layout().clone()));
+        self.follower = Some(Follower::new(table.layout()));
         self.scene = Some(table.clone());
         Ok(Some(PlayerEvent::Scene(table)))
     }

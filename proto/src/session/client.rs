@@ -2,7 +2,8 @@
 
 use std::sync::Arc;
 
-use psao_codec::frame::{FrameError, FrameInfo, State};
+use psao_codec::frame::{FrameError, FrameInfo};
+use psao_codec::stream::State;
 
 use super::outbox::Outbox;
 use super::{Deadline, NEWEST_VERSION, OLDEST_VERSION, PEER_NAME, SendError, SessionError, farewell, read};
@@ -18,9 +19,10 @@ use crate::{
 };
 
 /// Profiles that this crate's codec applies.
-const PROFILES: ProfileSet = ProfileSet(0).with(Profile::PAPER);
+const PROFILES: ProfileSet = ProfileSet(0).with(Profile::PAPER).with(Profile::SURFACE);
 /// Block coders that this crate's codec undoes.
-const CODERS: CoderSet = CoderSet(0).with(CoderId::STORED).with(CoderId::LZ4).with(CoderId::ZSTD);
+const CODERS: CoderSet =
+    CoderSet(0).with(CoderId::STORED).with(CoderId::LZ4).with(CoderId::ZSTD).with(CoderId::RANGE);
 
 /// A frame that the client applied.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -380,7 +382,7 @@ impl ClientSession {
         if !CODERS.has(table.info().coder) {
             return Err(SessionError::NotOffered { what: "a block coder" });
         }
-        self.phase = Phase::Running(Box::new(Follower::new(table.layout().clone())));
+        self.phase = Phase::Running(Box::new(Follower::new(table.layout())));
         Ok(ClientEvent::SceneReady(Arc::new(table)))
     }
 

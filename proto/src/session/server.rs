@@ -2,6 +2,8 @@
 
 use std::sync::Arc;
 
+use psao_codec::stream::Layout;
+
 use super::outbox::Outbox;
 use super::{Deadline, NEWEST_VERSION, OLDEST_VERSION, PEER_NAME, SendError, SessionError, farewell, read};
 use crate::message::{
@@ -158,7 +160,7 @@ impl ServerSession {
         matches!(self.phase, Phase::Joined(_)) && self.needs_keyframe && ready
     }
 
-    /// Sends the body of a keyframe, as of `psao_codec::frame::keyframe` or the first frame of an encoder. Updates that
+    /// Sends the body of a keyframe, as of `psao_codec::stream::keyframe` or the first frame of an encoder. Updates that
     /// still wait are dropped: the keyframe holds them.
     ///
     /// # Errors
@@ -372,23 +374,14 @@ impl ServerSession {
             }
             _ => read(payload).map_err(|e: MessageError| reject(RejectCode::BAD_HELLO, &e.to_string()))?,
         };
-        let (info, layout) = (self.scene.info(), self.scene.layout());
+        let info = self.scene.info();
         if !hello.profiles.has(info.profile) {
             return Err(reject(RejectCode::PROFILE, "the client cannot apply the stream's profile"));
         }
         if !hello.coders.has(info.coder) || !hello.coders.has(CoderId::STORED) {
             return Err(reject(RejectCode::CODER, "the client cannot undo the stream's block coder"));
         }
-        let (needs, takes) =
-            ([layout.instances().len() as u32, layout.bucket_total(), layout.cell_capacity()], {
-                let PeerLimits { instances, buckets, cells, .. } = hello.limits;
-                [instances, buckets, cells]
-            });
-        if needs.iter().zip(takes).any(|(&need, take)| need > take) {
-            let text = format!(
-                "the scene has {} instances, {} buckets and {} cells; the client takes {}, {} and {}: raise its limits",
-                needs[0], needs[1], needs[2], takes[0], takes[1], takes[2]
-            );
+        if let Some(text) = over_limits(self.scene.layout(), &hello.limits) {
             return Err(reject(RejectCode::LIMITS, &text));
         }
         let scene = self.numbering.scene(&self.scene)?;
@@ -407,6 +400,28 @@ impl ServerSession {
         self.phase = Phase::Joined(hello.clone());
         Ok(ServerEvent::Joined(hello))
     }
+}
+
+/// What the client would have to raise before it can hold the scene; nothing when it can.
+fn over_limits(layout: &Layout, takes: &PeerLimits) -> Option<String> {
+    let instances = layout.instances() as u32;
+    let needs = match layout {
+        Layout::Cells(layout) => [
+            ("instances", instances, takes.instances),
+            ("buckets", layout.bucket_total(), takes.buckets),
+            ("cells", layout.cell_capacity(), takes.cells),
+        ],
+        Layout::Surface(layout) => [
+            ("instances", instances, takes.instances),
+            ("point sets", layout.sets().len() as u32, takes.instances),
+            ("points", layout.points(), takes.points),
+        ],
+    };
+    let over = |(what, need, take): &(&str, u32, u32)| {
+        (need > take)
+            .then(|| format!("the scene has {need} {what}; the client takes {take}: raise its limits"))
+    };
+    needs.iter().find_map(over)
 }
 
 /// The versions at the start of any HELLO, however much the rest of it has changed.

@@ -22,7 +22,11 @@ impl Pair {
     }
 
     fn with_limits(server: Limits, client: Limits) -> Self {
-        let source = SampleServer::new().unwrap();
+        Self::of(Profile::PAPER, server, client)
+    }
+
+    fn of(profile: Profile, server: Limits, client: Limits) -> Self {
+        let source = SampleServer::of(profile).unwrap();
         let server = ServerSession::new(source.scene().clone(), server);
         Self { source, server, client: ClientSession::new(client), seen: vec![], heard: vec![] }
     }
@@ -235,6 +239,34 @@ fn clients_that_cannot_hold_or_read_the_stream_are_refused() {
 }
 
 #[test]
+fn a_surface_stream_is_joined_early_and_late_and_followed() {
+    let limits = Limits::default();
+    let mut pair = Pair::of(Profile::SURFACE, limits, limits);
+    pair.settle();
+    for _ in 0..3 {
+        pair.step();
+        pair.settle();
+        pair.assert_same_state();
+    }
+    let early = pair.applied();
+    let mut late = Pair { source: pair.source, ..Pair::of(Profile::SURFACE, limits, limits) };
+    late.settle();
+    for _ in 3..6 {
+        late.step();
+        late.settle();
+        late.assert_same_state();
+    }
+    assert_eq!((early, late.applied()), (vec![0, 1, 2], vec![3, 4, 5]));
+
+    let mut small = Limits::default();
+    small.codec.max_points = 23;
+    let mut pair = Pair::of(Profile::SURFACE, limits, small);
+    let error = pair.server.handle(&pair.client.take_output(), NOW).unwrap_err();
+    assert!(matches!(&error, SessionError::BadHello(r) if r.code == RejectCode::LIMITS), "{error}");
+    assert!(error.to_string().contains("24 points"), "{error}");
+}
+
+#[test]
 fn a_gap_stops_updates_until_the_next_keyframe() {
     let mut pair = joined();
     pair.step();
@@ -369,7 +401,7 @@ fn unknown_types_are_skipped_and_known_ones_out_of_place_are_not() {
 
     let error = pair.client.handle(&frame(FrameType::HELLO, 0, 0, b""), NOW).unwrap_err();
     assert_eq!(error, SessionError::Unexpected { kind: FrameType::HELLO, state: "following the stream" });
-    let held = pair.client.state().map(psao_codec::frame::State::hash);
+    let held = pair.client.state().map(psao_codec::stream::State::hash);
     assert_eq!(held, Some(pair.source.state().hash()), "an error does not cost the state");
     let events = pair.server.handle(&pair.client.take_output(), NOW).unwrap();
     assert!(matches!(&events[..], [ServerEvent::Closed(c)] if c.code == CloseCode::PROTOCOL), "{events:?}");

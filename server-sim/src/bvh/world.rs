@@ -28,7 +28,7 @@ pub struct Hit {
     pub v: f32,
 }
 
-/// The surface at a hit, world space.
+/// The surface at a hit: world space, or rest space where it says so.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfaceAt {
     /// Metres.
@@ -229,15 +229,22 @@ impl World {
     /// The surface at a hit of this world; `None` for a hit of another one.
     #[must_use]
     pub fn surface(&self, hit: &Hit) -> Option<SurfaceAt> {
-        let posed =
-            self.posed(hit.instance).filter(|posed| (hit.triangle as usize) < posed.triangles.len())?;
+        let local = surface(&self.posed(hit.instance)?, hit)?;
         let at = self.placement(hit.instance);
-        let [a, b, c] = posed.corners(hit.triangle);
         Some(SurfaceAt {
-            position: at.point(a + (b - a) * hit.u + (c - a) * hit.v),
-            facing: at.direction(posed.facing(hit.triangle)),
-            normal: at.direction(posed.shading_normal(hit.triangle, [hit.u, hit.v])),
+            position: at.point(local.position),
+            facing: at.direction(local.facing),
+            normal: at.direction(local.normal),
         })
+    }
+
+    /// Where a hit of this world is on the mesh at rest, whatever pose the instance is in now: on the same triangle,
+    /// with the same weights of its corners. In the space of [`RestMesh::geometry`](crate::scene::RestMesh::geometry),
+    /// not the world's. `None` for a hit of another world.
+    #[must_use]
+    pub fn rest_surface(&self, hit: &Hit) -> Option<SurfaceAt> {
+        let instance = self.scene.instances().get(hit.instance.index())?;
+        surface(&PosedMesh::at_rest(&self.scene, self.scene.rest(instance)), hit)
     }
 
     pub(crate) fn bodies(&self) -> &Bodies {
@@ -354,6 +361,19 @@ impl Mover {
         }
         (true, worn)
     }
+}
+
+/// The surface of a mesh where a hit's triangle and weights say, in the mesh's space.
+fn surface(posed: &PosedMesh<'_>, hit: &Hit) -> Option<SurfaceAt> {
+    if hit.triangle as usize >= posed.triangles.len() {
+        return None;
+    }
+    let [a, b, c] = posed.corners(hit.triangle);
+    Some(SurfaceAt {
+        position: a + (b - a) * hit.u + (c - a) * hit.v,
+        facing: posed.facing(hit.triangle),
+        normal: posed.shading_normal(hit.triangle, [hit.u, hit.v]),
+    })
 }
 
 /// World bounds of some nodes of a body's tree.

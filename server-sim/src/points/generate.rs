@@ -100,6 +100,7 @@ impl<'a> Plan<'a> {
             set.points.extend(points);
             set.area += area;
         }
+        set.numbers = (0..set.points.len() as u32).collect();
         let radius = poisson_radius(set.area, set.points.len());
         set.radius = if radius.is_normal() { radius } else { EMPTY_RADIUS };
         set

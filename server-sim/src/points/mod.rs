@@ -5,11 +5,13 @@ mod eliminate;
 mod generate;
 mod place;
 pub(crate) mod random;
+mod rest;
 
 use thiserror::Error;
 
 pub use generate::generate;
 pub use place::{PlacedPoint, PosedMesh};
+pub use rest::{Fineness, ShareError, order_at_rest, rest_points, share};
 
 /// Most points of a scene, all instances together.
 pub const MAX_POINTS: u64 = 64 << 20;
@@ -29,6 +31,7 @@ pub struct SurfacePoint {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PointSet {
     points: Vec<SurfacePoint>,
+    numbers: Vec<u32>,
     radius: f32,
     area: f64,
 }
@@ -38,6 +41,13 @@ impl PointSet {
     #[must_use]
     pub fn points(&self) -> &[SurfacePoint] {
         &self.points
+    }
+
+    /// Number of every point in the order in which they were made. It stays with the point when the set is put into
+    /// another order, and so do the rays that it chooses.
+    #[must_use]
+    pub fn numbers(&self) -> &[u32] {
+        &self.numbers
     }
 
     /// Largest possible Poisson-disk radius `r_max` of the points in metres: half the distance between neighbours in
@@ -72,6 +82,13 @@ impl ScenePoints {
     #[must_use]
     pub fn firsts(&self) -> &[u32] {
         &self.firsts
+    }
+
+    /// Puts the points of a set into another order: `order` names, for each place, the point that goes there.
+    pub(crate) fn reorder(&mut self, set: usize, order: &[u32]) {
+        let set = &mut self.sets[set];
+        set.points = order.iter().map(|&from| set.points[from as usize]).collect();
+        set.numbers = order.iter().map(|&from| set.numbers[from as usize]).collect();
     }
 
     /// Points of all instances together.

@@ -1,4 +1,4 @@
-//! All points of the scene: where they are now, what they were sent as, and what is known about their AO.
+//! All points of the scene: where they are now, and what is known about their AO.
 //!
 //! Points are worked on in chunks of neighbours. A chunk belongs to one instance, has bounds, and is visited by one
 //! thread at a time; results are put together in the order of the chunks, so nothing depends on the number of threads.
@@ -23,17 +23,17 @@ pub(super) mod flag {
     pub(crate) const FRESH: u8 = 1;
     /// When it was last traced, nothing but its own body was within reach, and that body has not deformed since.
     pub(crate) const ALONE: u8 = 2;
-    /// It was sent.
-    pub(crate) const SENT: u8 = 4;
     /// It is in view in this frame.
-    pub(crate) const VISIBLE: u8 = 8;
+    pub(crate) const VISIBLE: u8 = 4;
 }
 
 /// A run of points of one instance.
 #[derive(Clone, Debug)]
 pub(super) struct Chunk {
     pub(super) instance: usize,
-    /// Numbers within the instance.
+    /// Point id of the first one.
+    pub(super) first: u32,
+    /// Places within the instance.
     pub(super) points: Range<usize>,
     /// Bounds in the space of the seats; kept up to date for instances that do not deform only.
     bounds: Bounds,
@@ -42,19 +42,20 @@ pub(super) struct Chunk {
 /// The part of the field that belongs to a chunk.
 pub(super) struct Part<'a> {
     pub(super) chunk: &'a Chunk,
-    /// Point id of the first one.
-    pub(super) first: u32,
     pub(super) flags: &'a mut [u8],
     pub(super) ao: &'a mut [u8],
+    /// Empty unless the field keeps them.
+    pub(super) exact: &'a mut [f32],
 }
 
 /// The points of a scene.
 #[derive(Debug)]
 pub(super) struct Field {
-    firsts: Vec<u32>,
     chunks: Vec<Chunk>,
     flags: Vec<u8>,
     ao: Vec<u8>,
+    /// AO as traced, not rounded; empty unless asked for.
+    exact: Vec<f32>,
     /// Points in instance-local space, by instance; those of instances that do not deform are shared by set.
     places: Vec<Places>,
     shared: Vec<Vec<PlacedPoint>>,
@@ -71,7 +72,8 @@ enum Places {
 }
 
 impl Field {
-    pub(super) fn new(world: &World, points: &ScenePoints) -> Self {
+    /// The field of a scene. With `exact` it keeps the AO of every point as it was traced, besides its byte.
+    pub(super) fn new(world: &World, points: &ScenePoints, exact: bool) -> Self {
         let scene = world.scene();
         let instances = scene.instances();
         let shared = (0..points.sets().len()).into_par_iter().map(|rest| {
@@ -86,10 +88,10 @@ impl Field {
         });
         let shared: Vec<Vec<PlacedPoint>> = shared.collect();
         let mut field = Self {
-            firsts: points.firsts().to_vec(),
             chunks: Vec::new(),
             flags: vec![0; points.total() as usize],
             ao: vec![0; points.total() as usize],
+            exact: if exact { vec![0.0; points.total() as usize] } else { Vec::new() },
             places: Vec::new(),
             worlds: Vec::new(),
             shared,
@@ -112,8 +114,10 @@ impl Field {
             field.worlds.push(placed);
             let count = points.sets()[rest].points().len();
             let ranges = (0..count).step_by(CHUNK).map(|start| start..count.min(start + CHUNK));
+            let first = |start: usize| points.firsts()[index] + start as u32;
             field.chunks.extend(ranges.map(|points| Chunk {
                 instance: index,
+                first: first(points.start),
                 points,
                 bounds: Bounds::EMPTY,
             }));
@@ -142,32 +146,39 @@ impl Field {
         });
     }
 
-    /// See [`Placed::local`].
-    pub(super) fn local(&self, instance: usize) -> &[PlacedPoint] {
-        self.placed().local(instance)
-    }
-
-    fn placed(&self) -> Placed<'_> {
+    /// Where the points are.
+    pub(super) fn placed(&self) -> Placed<'_> {
         Placed { places: &self.places, shared: &self.shared, worlds: &self.worlds }
     }
 
-    /// Ids of the points in view.
-    #[cfg(test)]
-    pub(super) fn visible(&self) -> impl Iterator<Item = u32> + '_ {
-        (0..).zip(&self.flags).filter(|(_, flags)| **flags & flag::VISIBLE != 0).map(|(point, _)| point)
+    /// The chunks, in the order of their points.
+    pub(super) fn chunks(&self) -> &[Chunk] {
+        &self.chunks
     }
 
-    /// AO byte of a point as last traced.
-    #[cfg(test)]
-    pub(super) fn byte(&self, point: u32) -> u8 {
-        self.ao[point as usize]
+    /// Points of a chunk that are in view: place within the instance, point id, AO byte as last traced.
+    pub(super) fn visible(&self, chunk: &Chunk) -> impl Iterator<Item = (usize, u32, u8)> + '_ {
+        let first = chunk.first as usize;
+        let range = first..first + chunk.points.len();
+        let values = self.flags[range.clone()].iter().zip(&self.ao[range]);
+        (chunk.points.start..)
+            .zip(chunk.first..)
+            .zip(values)
+            .filter(|(_, (flags, _))| **flags & flag::VISIBLE != 0)
+            .map(|((place, point), (_, ao))| (place, point, *ao))
     }
 
-    /// Notes that a point is sent; its instance and its number there.
-    pub(super) fn mark_sent(&mut self, point: u32) -> (usize, usize) {
-        self.flags[point as usize] |= flag::SENT;
-        let instance = self.firsts.partition_point(|&first| first <= point) - 1;
-        (instance, (point - self.firsts[instance]) as usize)
+    /// AO of a point as last traced, not rounded; nothing where the field does not keep it.
+    pub(super) fn exact(&self, point: u32) -> Option<f32> {
+        self.exact.get(point as usize).copied()
+    }
+
+    /// Bounds of a chunk in the world.
+    pub(super) fn bounds(&self, world: &World, chunk: &Chunk) -> Bounds {
+        let known = chunk.world_bounds(world);
+        known.unwrap_or_else(|| {
+            Bounds::around(self.placed().in_world(world, chunk).map(|(position, _)| position))
+        })
     }
 
     /// Marks which points are in view and which are no longer fresh.
@@ -184,13 +195,13 @@ impl Field {
     pub(super) fn split(&mut self) -> (Vec<Part<'_>>, Placed<'_>) {
         let mut parts = Vec::with_capacity(self.chunks.len());
         let (mut flags, mut ao) = (self.flags.as_mut_slice(), self.ao.as_mut_slice());
-        let mut first = 0u32;
+        let mut exact = self.exact.as_mut_slice();
         for chunk in &self.chunks {
             let (head, tail) = flags.split_at_mut(chunk.points.len());
             let (bytes, others) = ao.split_at_mut(chunk.points.len());
-            parts.push(Part { chunk, first, flags: head, ao: bytes });
-            (flags, ao) = (tail, others);
-            first += chunk.points.len() as u32;
+            let (values, rest) = exact.split_at_mut(exact.len().min(chunk.points.len()));
+            parts.push(Part { chunk, flags: head, ao: bytes, exact: values });
+            (flags, ao, exact) = (tail, others, rest);
         }
         (parts, Placed { places: &self.places, shared: &self.shared, worlds: &self.worlds })
     }
@@ -238,24 +249,25 @@ impl<'a> Placed<'a> {
     }
 }
 
-impl Part<'_> {
-    /// Bounds of the chunk in the world, or nothing where they are not known.
+impl Chunk {
+    /// Bounds in the world, or nothing where they are not known.
     fn world_bounds(&self, world: &World) -> Option<Bounds> {
-        let instance = self.chunk.instance;
-        match world.scene().instances()[instance].motion() {
-            Motion::Static => Some(self.chunk.bounds),
+        match world.scene().instances()[self.instance].motion() {
+            Motion::Static => Some(self.bounds),
             Motion::Rigid => {
-                let at = world.placement(InstanceId(instance as u32));
-                Some(self.chunk.bounds.transformed(at.rotation, at.translation))
+                let at = world.placement(InstanceId(self.instance as u32));
+                Some(self.bounds.transformed(at.rotation, at.translation))
             }
             Motion::Deforming => None,
         }
     }
+}
 
+impl Part<'_> {
     /// Marks the points in view.
     fn see(&mut self, placed: &Placed<'_>, world: &World, views: Option<&Views>) {
         let present = world.is_present(self.chunk.instance);
-        let overlap = match (views, self.world_bounds(world)) {
+        let overlap = match (views, self.chunk.world_bounds(world)) {
             _ if !present => Overlap::Outside,
             (None, _) => Overlap::Inside,
             (Some(_), None) => Overlap::Partly,
@@ -285,7 +297,7 @@ impl Part<'_> {
                 return self.flags.iter_mut().for_each(|flags| *flags &= !(flag::FRESH | flag::ALONE));
             }
         }
-        let around = self.world_bounds(world).map(|bounds| bounds.grown(bias + reach));
+        let around = self.chunk.world_bounds(world).map(|bounds| bounds.grown(bias + reach));
         let touches = |a: &Bounds, b: &Bounds| a.min().cmple(b.max()).all() && b.min().cmple(a.max()).all();
         let near: Vec<Bounds> = swept
             .iter()

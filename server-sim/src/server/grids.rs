@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use psao_codec::cells::bucket_count;
-use psao_proto::message::{InstanceEntry, Needs, Occlusion as WireOcclusion, SceneInfo, Text};
-use psao_proto::{Limits, Profile, SceneTable};
+use psao_proto::message::{InstanceEntry, Needs, Occlusion as WireOcclusion, PointSource, SceneInfo, Text};
+use psao_proto::{Limits, SceneEntries, SceneTable};
 use rayon::prelude::*;
 
 use super::ServerError;
@@ -42,8 +42,9 @@ pub(super) fn table(
         first_bucket = first_bucket.checked_add(entry.bucket_count).ok_or(ServerError::Buckets)?;
         entries.push(entry);
     }
-    let info = info(scene, points, settings, cells.min(MOST_CELLS) as u32)?;
-    Ok(SceneTable::new(info, entries, limits)?)
+    let mut info = info(scene, points, settings)?;
+    info.cell_capacity = cells.min(MOST_CELLS) as u32;
+    Ok(SceneTable::new(info, SceneEntries::Cells(entries), limits)?)
 }
 
 fn entry(
@@ -71,20 +72,21 @@ fn entry(
     }
 }
 
-fn info(
+/// The stream as a whole, but for what only one of the profiles has.
+pub(super) fn info(
     scene: &Scene,
     points: &ScenePoints,
     settings: &ServerSettings,
-    cell_capacity: u32,
 ) -> Result<SceneInfo, ServerError> {
     Ok(SceneInfo {
         name: Text::cut(scene.name()),
         source: Text::new(scene.source())
             .map_err(|_| ServerError::Source { length: scene.source().len() })?,
         digest: *scene.digest(),
-        profile: Profile::PAPER,
-        point_bits: 32,
+        profile: settings.profile,
+        point_bits: settings.bits,
         coder: settings.coder.id(),
+        geometry: PointSource::SENT,
         fps: settings.fps,
         frames_hint: settings.frames_hint,
         radius_m: settings.ao.radius,
@@ -97,7 +99,9 @@ fn info(
         seed: settings.points.seed,
         // A stream may have its minimum of points only; the wire wants a positive density.
         points_per_m2: settings.points.per_m2.max(f32::MIN_POSITIVE),
-        cell_capacity,
+        min_points: settings.points.minimum,
+        cell_capacity: 0,
+        set_count: 0,
         instance_count: scene.instances().len() as u32,
         point_count: points.total(),
         paper_table_slots: settings.table_slots,

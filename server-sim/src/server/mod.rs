@@ -1,33 +1,46 @@
 //! The frame loop: pose, structures, points, rays, what changed, one frame body (paper, section 3.3).
+//!
+//! What is traced is the same in both profiles; a stream decides what of it is sent, and writes it.
 
+mod both;
+mod cells;
 mod field;
 mod grids;
 mod settings;
 mod stats;
-mod step;
+mod stream;
+mod surface;
 #[cfg(test)]
 mod tests;
+mod tracing;
 
 use std::fmt;
 use std::sync::Arc;
 
+use psao_codec::StateHash;
 use psao_codec::block::BlockCoder;
-use psao_codec::cells::{Layout, PaperEncoder, PointError as CodecPointError};
-use psao_codec::frame::{
-    EncodeError, FrameIndex, FrameInfo, FrameKind, FrameMeta, PoseError, StreamTime, keyframe,
-};
-use psao_proto::message::{InstanceEntry, SceneInfo};
-use psao_proto::{Limits, SceneError, SceneTable};
+use psao_codec::cells::{PaperEncoder, PointError as CodecPointError};
+use psao_codec::frame::{EncodeError, FrameIndex, FrameInfo, PoseError, StreamTime};
+use psao_codec::stream::Layout;
+use psao_codec::surface::{Encoder as SurfaceEncoder, GeometryError};
+use psao_proto::message::CameraPose;
+use psao_proto::{Limits, Profile, SceneError, SceneTable};
 use thiserror::Error;
 
+pub use both::{AoError, BothProfiles, Each};
 pub use settings::{ServerSettings, SettingsError};
 pub use stats::{FrameStats, Progress, StageMicros, Work};
 
 use crate::ao::Tracer;
 use crate::bvh::World;
-use crate::points::{PlacedPoint, ScenePoints, generate};
-use crate::scene::{Motion, Scene, ScenePose};
-use field::Field;
+use crate::clock::Clock;
+use crate::points::{ScenePoints, generate, order_at_rest};
+use crate::scene::Scene;
+use cells::CellsStream;
+use stats::Lap;
+use stream::{Frame, Stream};
+use surface::SurfaceStream;
+use tracing::Tracing;
 
 /// Told how far things have come, from any thread.
 pub type ProgressFn = dyn Fn(Progress) + Send + Sync;
@@ -37,26 +50,9 @@ pub type ProgressFn = dyn Fn(Progress) + Send + Sync;
 /// The bytes depend on the scene, the settings and the arguments of [`Server::step`] alone: not on the clock, the
 /// number of threads or the machine.
 pub struct Server {
-    scene: Arc<Scene>,
-    settings: ServerSettings,
+    tracing: Tracing,
     table: SceneTable,
-    points: ScenePoints,
-    tracer: Tracer,
-    pose: ScenePose,
-    world: World,
-    field: Field,
-    sent: Sent,
-    encoder: PaperEncoder,
-    progress: Arc<ProgressFn>,
-}
-
-/// What clients were sent last.
-#[derive(Debug)]
-struct Sent {
-    /// By point id.
-    ao: Vec<u8>,
-    /// Position and normal of the points of deforming instances, by instance; those of others never change.
-    places: Vec<Vec<(glam::Vec3, glam::Vec3)>>,
+    stream: Stream,
 }
 
 /// One frame.
@@ -100,6 +96,9 @@ pub enum ServerError {
     /// A point that the codec refuses: its geometry is not finite.
     #[error("{0}")]
     Point(#[from] CodecPointError),
+    /// Points that do not make the stream's geometry.
+    #[error("{0}")]
+    Geometry(#[from] GeometryError),
     /// A pose that the codec refuses.
     #[error("{0}")]
     Pose(#[from] PoseError),
@@ -111,15 +110,15 @@ pub enum ServerError {
 impl fmt::Debug for Server {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Server")
-            .field("scene", &self.scene.name())
-            .field("settings", &self.settings)
-            .field("points", &self.points.total())
+            .field("scene", &self.tracing.scene.name())
+            .field("points", &self.tracing.points.total())
+            .field("profile", &self.table.info().profile)
             .finish_non_exhaustive()
     }
 }
 
 impl Server {
-    /// Spreads the points, builds the structures and lays out the tables. `progress` hears of [`Work::Points`] now and
+    /// Spreads the points, builds the structures and lays out the stream. `progress` hears of [`Work::Points`] now and
     /// of [`Work::FirstFrame`] in the first step.
     ///
     /// # Errors
@@ -129,18 +128,56 @@ impl Server {
         settings: ServerSettings,
         progress: Arc<ProgressFn>,
     ) -> Result<Self, ServerError> {
+        Self::build(scene, settings, progress, false)
+    }
+
+    /// As [`Server::new`]; with `exact` the AO of points is kept as it was traced, besides what is sent.
+    fn build(
+        scene: Arc<Scene>,
+        settings: ServerSettings,
+        progress: Arc<ProgressFn>,
+        exact: bool,
+    ) -> Result<Self, ServerError> {
         settings.validate()?;
         let tracer = Tracer::new(settings.ao).map_err(SettingsError::from)?;
         let report = |done, total| progress(Progress { work: Work::Points, done, total });
-        let points = generate(&scene, &settings.points, &report).map_err(SettingsError::from)?;
-        let table = grids::table(&scene, &points, &settings, &Limits::default())?;
-        let counts: Vec<u32> = table.instances().iter().map(|entry| entry.points).collect();
-        let encoder = PaperEncoder::new(Arc::clone(table.layout()), &counts)?;
-        let pose = scene.pose(0.0);
-        let world = World::new(&scene, &pose);
-        let field = Field::new(&world, &points);
-        let sent = Sent::new(&scene, &field, points.total());
-        Ok(Self { scene, settings, table, points, tracer, pose, world, field, sent, encoder, progress })
+        let mut points = generate(&scene, &settings.points, &report).map_err(SettingsError::from)?;
+        let limits = Limits::default();
+        let mut geometry = Vec::new();
+        let table = if settings.profile == Profile::SURFACE {
+            geometry = order_at_rest(&scene, &mut points, settings.fineness()?, settings.kernel);
+            surface::table(&scene, &points, &geometry, &settings, &limits)?
+        } else {
+            grids::table(&scene, &points, &settings, &limits)?
+        };
+        let tracing = Tracing::new(scene, points, tracer, &settings, progress, exact);
+        let stream = match table.layout() {
+            Layout::Cells(layout) => Stream::Cells(Box::new(CellsStream::new(&tracing, layout, &settings)?)),
+            Layout::Surface(layout) => {
+                Stream::Surface(Box::new(SurfaceStream::new(layout, geometry, &settings)?))
+            }
+        };
+        Ok(Self { tracing, table, stream })
+    }
+
+    /// Computes one frame: the points that one of `views` sees are brought up to date, and those that changed by
+    /// enough are written. Without a view every point counts as seen. The first frame is a keyframe with every point
+    /// of the scene, whatever the views; in profile `surface` those in view come first in it. `clock` is read between
+    /// the stages.
+    ///
+    /// # Errors
+    /// A frame index that does not grow, or a scene whose geometry is not finite at that time.
+    pub fn step(
+        &mut self,
+        index: FrameIndex,
+        time: StreamTime,
+        views: &[CameraPose],
+        clock: &dyn Clock,
+    ) -> Result<StepOutput, ServerError> {
+        let mut lap = Lap::new(clock);
+        let first = self.stream.last().is_none();
+        let traced = self.tracing.advance(time, views, first, &mut lap);
+        self.stream.write(&self.tracing, Frame { index, time, cameras: views }, traced, &mut lap)
     }
 
     /// What clients are told first.
@@ -149,34 +186,46 @@ impl Server {
         &self.table
     }
 
-    /// The stream as a whole and its instances, as in [`Server::table`].
-    #[must_use]
-    pub fn info(&self) -> (&SceneInfo, &[InstanceEntry]) {
-        (self.table.info(), self.table.instances())
-    }
-
     /// The layout of the stream's state.
     #[must_use]
-    pub fn layout(&self) -> &Arc<Layout> {
+    pub fn layout(&self) -> &Layout {
         self.table.layout()
     }
 
     /// The scene as of the last step.
     #[must_use]
     pub fn world(&self) -> &World {
-        &self.world
+        &self.tracing.world
     }
 
     /// The points.
     #[must_use]
     pub fn points(&self) -> &ScenePoints {
-        &self.points
+        &self.tracing.points
     }
 
-    /// The state that clients hold after the last step.
+    /// Hash of the state that clients hold after the last step.
     #[must_use]
-    pub fn encoder(&self) -> &PaperEncoder {
-        &self.encoder
+    pub fn hash(&self) -> StateHash {
+        self.stream.hash()
+    }
+
+    /// The encoder of a `paper` stream; `None` for one of the other profile.
+    #[must_use]
+    pub fn paper(&self) -> Option<&PaperEncoder> {
+        match &self.stream {
+            Stream::Cells(stream) => Some(&stream.encoder),
+            Stream::Surface(_) => None,
+        }
+    }
+
+    /// The encoder of a `surface` stream; `None` for one of the other profile.
+    #[must_use]
+    pub fn surface(&self) -> Option<&SurfaceEncoder> {
+        match &self.stream {
+            Stream::Cells(_) => None,
+            Stream::Surface(stream) => Some(&stream.encoder),
+        }
     }
 
     /// A keyframe of the last step's state, for a client that joins or lost something. It carries the last step's
@@ -190,19 +239,6 @@ impl Server {
         time: StreamTime,
         coder: BlockCoder,
     ) -> Result<Vec<u8>, ServerError> {
-        let changed_points = self.encoder.counts().points_stored;
-        let meta = FrameMeta { kind: FrameKind::Key, frame, time, changed_points };
-        Ok(keyframe(self.encoder.state(), meta, coder)?)
-    }
-}
-
-impl Sent {
-    fn new(scene: &Scene, field: &Field, points: u32) -> Self {
-        let place = |point: &PlacedPoint| (point.position, point.normal);
-        let places = scene.instances().iter().enumerate().map(|(index, instance)| match instance.motion() {
-            Motion::Deforming => field.local(index).iter().map(place).collect(),
-            Motion::Static | Motion::Rigid => Vec::new(),
-        });
-        Self { ao: vec![0; points as usize], places: places.collect() }
+        self.stream.keyframe(&self.tracing, frame, time, coder)
     }
 }

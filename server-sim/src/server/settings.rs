@@ -1,14 +1,23 @@
 //! What a server is asked to do.
 
 use psao_codec::block::BlockCoder;
+use psao_codec::surface::GeometrySource;
+use psao_proto::Profile;
 use thiserror::Error;
 
 use crate::ao::{AoError, AoSettings};
-use crate::points::{PointError, PointSettings};
+use crate::points::{Fineness, PointError, PointSettings};
 
 /// Settings of a stream.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ServerSettings {
+    /// Profile of the stream: `surface` or `paper`.
+    pub profile: Profile,
+    /// Profile `surface`: whether clients are sent the points, or spread them themselves.
+    pub geometry: GeometrySource,
+    /// Bits of a packed point: 32, 24 or 16. In profile `surface`, how finely positions and normals are rounded: see
+    /// [`Fineness::of_bits`].
+    pub bits: u8,
     /// How many points.
     pub points: PointSettings,
     /// How their AO is traced.
@@ -36,16 +45,19 @@ pub struct ServerSettings {
 }
 
 impl Default for ServerSettings {
-    /// The paper's: 60 Hz, threshold 8/255, zstd level 15.
+    /// Profile `surface` with its range coder; the rest is the paper's: 60 Hz, threshold 8/255.
     fn default() -> Self {
         Self {
+            profile: Profile::SURFACE,
+            geometry: GeometrySource::Sent,
+            bits: 32,
             points: PointSettings::default(),
             ao: AoSettings::default(),
             threshold: 8,
             view_margin: 1.3,
             table_slots: 4.0,
             kernel: 2.5,
-            coder: BlockCoder::default(),
+            coder: BlockCoder::Range,
             fps: 60.0,
             frames_hint: 0,
             exhaustive: false,
@@ -60,6 +72,10 @@ impl ServerSettings {
     /// Names the first setting out of its range.
     pub fn validate(&self) -> Result<(), SettingsError> {
         self.ao.validate()?;
+        if !matches!(self.profile, Profile::PAPER | Profile::SURFACE) {
+            return Err(SettingsError::Profile { profile: self.profile });
+        }
+        self.fineness()?;
         if self.threshold == 0 {
             return Err(SettingsError::Threshold);
         }
@@ -76,6 +92,11 @@ impl ServerSettings {
         within("kernel", self.kernel, f32::MIN_POSITIVE, 4.0)?;
         within("fps", self.fps, f32::MIN_POSITIVE, 1000.0)
     }
+
+    /// How finely points are rounded in profile `surface`.
+    pub(super) fn fineness(&self) -> Result<Fineness, SettingsError> {
+        Fineness::of_bits(self.bits).ok_or(SettingsError::Bits { found: self.bits })
+    }
 }
 
 /// A setting out of its range.
@@ -88,6 +109,18 @@ pub enum SettingsError {
     /// Point settings.
     #[error(transparent)]
     Points(#[from] PointError),
+    /// A profile that this version does not write.
+    #[error("no stream of profile {profile} can be made: choose surface or paper")]
+    Profile {
+        /// As given.
+        profile: Profile,
+    },
+    /// There is no packing of this width.
+    #[error("bits is {found}: choose 32, 24 or 16")]
+    Bits {
+        /// As given.
+        found: u8,
+    },
     /// A threshold of zero would send every point in every frame.
     #[error("a threshold of 0 sends every point in every frame: choose 1 to 255")]
     Threshold,
@@ -114,8 +147,16 @@ mod tests {
         let good = ServerSettings::default();
         assert_eq!(good.validate(), Ok(()));
         assert_eq!(ServerSettings { threshold: 0, ..good }.validate(), Err(SettingsError::Threshold));
+        for found in [0, 8, 31, 64] {
+            let error = ServerSettings { bits: found, ..good }.validate();
+            assert_eq!(error, Err(SettingsError::Bits { found }));
+        }
         let ao = AoSettings { rays: 0, ..good.ao };
         assert!(matches!(ServerSettings { ao, ..good }.validate(), Err(SettingsError::Ao(_))));
+        let profile = Profile(9);
+        let refused = ServerSettings { profile, ..good }.validate();
+        assert_eq!(refused, Err(SettingsError::Profile { profile }));
+        assert_eq!(ServerSettings { bits: 7, ..good }.validate(), Err(SettingsError::Bits { found: 7 }));
         for bad in [f32::NAN, f32::INFINITY, -1.0, 0.0] {
             for (settings, field) in [
                 (ServerSettings { view_margin: bad, ..good }, "view_margin"),

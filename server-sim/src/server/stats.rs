@@ -2,6 +2,8 @@
 
 use psao_codec::cells::Occupancy;
 
+use crate::clock::Clock;
+
 /// Microseconds that the stages of a step took (paper, section 3.3 and 3.4).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StageMicros {
@@ -30,10 +32,30 @@ pub struct FrameStats {
     pub rays: u64,
     /// Points sent.
     pub changed: u32,
-    /// How full the client's tables are, and what did not fit.
-    pub occupancy: Occupancy,
+    /// How full the client's tables are, and what did not fit; nothing in profile `surface`, which has none.
+    pub occupancy: Option<Occupancy>,
     /// Times.
     pub micros: StageMicros,
+}
+
+/// Reads a clock between stages.
+pub(super) struct Lap<'a> {
+    clock: &'a dyn Clock,
+    last: u64,
+}
+
+impl<'a> Lap<'a> {
+    pub(super) fn new(clock: &'a dyn Clock) -> Self {
+        Self { clock, last: clock.micros() }
+    }
+
+    /// Microseconds since the last call.
+    pub(super) fn micros(&mut self) -> u64 {
+        let now = self.clock.micros();
+        let lap = now.saturating_sub(self.last);
+        self.last = now;
+        lap
+    }
 }
 
 /// How far something that takes a while has come.

@@ -3,20 +3,30 @@
 use std::collections::BTreeMap;
 
 use glam::Vec3;
-use psao_codec::frame::{State, apply};
-use psao_codec::point::Packed32;
-use psao_proto::message::CameraPose;
+use psao_codec::cells::Placement;
+use psao_codec::frame::FrameKind;
+use psao_codec::stream::{Applier, State, apply};
+use psao_codec::surface::{BLOCK_POINTS, GeometrySource};
+use psao_codec::{frame, surface};
 
 use super::*;
 use crate::ao::{AoSettings, Occlusion};
 use crate::clock::NoClock;
 use crate::points::PointSettings;
+use crate::scene::Motion;
 
-fn settings(per_m2: f32) -> ServerSettings {
+const PROFILES: [Profile; 2] = [Profile::PAPER, Profile::SURFACE];
+
+fn coder(profile: Profile) -> BlockCoder {
+    if profile == Profile::PAPER { BlockCoder::Lz4 } else { BlockCoder::Range }
+}
+
+fn settings(profile: Profile, per_m2: f32) -> ServerSettings {
     ServerSettings {
+        profile,
         points: PointSettings { per_m2, minimum: 32, seed: 3 },
         ao: AoSettings { rays: 24, radius: 0.6, ..AoSettings::default() },
-        coder: BlockCoder::Lz4,
+        coder: coder(profile),
         ..ServerSettings::default()
     }
 }
@@ -49,6 +59,17 @@ fn time(frame: u32) -> StreamTime {
     StreamTime(u64::from(frame) * 100_000)
 }
 
+/// The cameras of a frame: along the camera path, at nothing, or none at all.
+fn views(scene: &Scene, frame: u32) -> Vec<CameraPose> {
+    let seen = camera(scene, time(frame).micros() as f64 * 1e-6);
+    let (eye, target, up) = ([0.0, 1e6, 0.0], [0.0, 2e6, 0.0], [1.0, 0.0, 0.0]);
+    match frame % 6 {
+        0..=3 => vec![seen],
+        4 => vec![CameraPose { eye, target, up, ..seen }],
+        _ => Vec::new(),
+    }
+}
+
 /// Steps through a clip that looks along the camera path, all around and nowhere in turns.
 fn clip(
     scene: &Arc<Scene>,
@@ -58,35 +79,32 @@ fn clip(
 ) {
     let mut server = server(scene, settings);
     for frame in 0..frames {
-        let seen = [camera(scene, time(frame).micros() as f64 * 1e-6)];
-        let away =
-            [CameraPose { eye: [0.0, 1e6, 0.0], target: [0.0, 2e6, 0.0], up: [1.0, 0.0, 0.0], ..seen[0] }];
-        let views: &[CameraPose] = match frame % 6 {
-            0..=3 => &seen,
-            4 => &away,
-            _ => &[],
-        };
-        let output = server.step(FrameIndex(frame), time(frame), views, &NoClock).unwrap();
+        let output = server.step(FrameIndex(frame), time(frame), &views(scene, frame), &NoClock).unwrap();
         check(&server, &output);
     }
 }
 
+/// Scenes with every profile.
+fn scenes_by_profile() -> impl Iterator<Item = (Arc<Scene>, Profile)> {
+    scenes().into_iter().flat_map(|scene| PROFILES.map(|profile| (Arc::clone(&scene), profile)))
+}
+
 #[test]
 fn tracing_everything_gives_the_same_bytes() {
-    for (scene, kind) in scenes().iter().zip([Occlusion::Obscurance, Occlusion::Binary]) {
-        let mut lazy = settings(12.0);
-        lazy.ao.kind = kind;
+    for (turn, (scene, profile)) in scenes_by_profile().enumerate() {
+        let mut lazy = settings(profile, 12.0);
+        lazy.ao.kind = if turn < 2 { Occlusion::Obscurance } else { Occlusion::Binary };
         lazy.threshold = 2;
         let mut all = Vec::new();
         let mut rays = [0u64; 2];
-        clip(scene, ServerSettings { exhaustive: true, ..lazy }, 24, |_, output| {
+        clip(&scene, ServerSettings { exhaustive: true, ..lazy }, 24, |_, output| {
             rays[0] += output.stats.rays;
             all.push(output.body.clone());
         });
         let mut next = all.iter();
-        clip(scene, lazy, 24, |_, output| {
+        clip(&scene, lazy, 24, |_, output| {
             rays[1] += output.stats.rays;
-            assert_eq!(Some(&output.body), next.next(), "frame {}", output.info.frame);
+            assert_eq!(Some(&output.body), next.next(), "{profile}, frame {}", output.info.frame);
         });
         assert!(rays[1] * 4 < rays[0] * 3, "the skip saves rays: {rays:?}");
     }
@@ -95,113 +113,276 @@ fn tracing_everything_gives_the_same_bytes() {
 #[test]
 fn bytes_do_not_depend_on_threads() {
     let scene = colonnade();
-    let run = |threads| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let mut bodies = Vec::new();
-        pool.install(|| clip(&scene, settings(8.0), 6, |_, output| bodies.push(output.body.clone())));
-        bodies
-    };
-    assert_eq!(run(1), run(5));
+    for profile in PROFILES {
+        let run = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let mut bodies = Vec::new();
+            pool.install(|| {
+                clip(&scene, settings(profile, 8.0), 6, |_, output| bodies.push(output.body.clone()));
+            });
+            bodies
+        };
+        assert_eq!(run(1), run(5), "{profile}");
+    }
 }
 
-/// Words of all points that a client finds in each cell, by instance and cell.
-fn words(state: &State, instance: u32, cell: [u32; 3]) -> Vec<Packed32> {
-    state.lookup(instance, cell).into_iter().flat_map(psao_codec::cells::Cell::points).collect()
+/// What a client of `paper` holds for a point, by its place as last sent: AO bytes of the points packed alike. `None`
+/// for a point that the tables have no slot for.
+fn held_in_cells(server: &Server, state: &frame::State, instance: usize, place: usize) -> Option<u8> {
+    let Stream::Cells(stream) = &server.stream else { panic!("not of profile paper") };
+    let number = server.tracing.numbers(instance)[place];
+    let id = server.points().firsts()[instance] + number;
+    if stream.encoder.placement(id) != Some(Placement::Stored) {
+        return None;
+    }
+    let now = server.tracing.field.placed().local(instance)[place];
+    let sent = stream.sent.place(instance, number as usize).unwrap_or((now.position, now.normal));
+    let located = state.layout().instances()[instance].grid.locate(sent.0.to_array());
+    let format = state.layout().format();
+    let like = format.pack(located.frac, sent.1.to_array(), 0);
+    // Accessibility is in the low bits.
+    let alike = |word: &u32| word >> format.split().ao == like >> format.split().ao;
+    let words = state.lookup(instance as u32, located.cell).into_iter().flat_map(|cell| cell.packed(format));
+    let held: Vec<u8> = words.filter(alike).map(|word| format.unpack(word).ao).collect();
+    // What the server takes the client to hold is there.
+    let sent = stream.sent.ao(id).unwrap();
+    assert!(held.contains(&sent), "point {id}: sent {sent}, client {held:?}");
+    Some(sent)
 }
 
-/// What the client holds for a point, by its place as last sent: AO bytes of the points packed alike.
-fn held(server: &Server, state: &State, point: u32) -> Vec<u8> {
-    let instance = server.points.firsts().partition_point(|&first| first <= point) - 1;
-    let index = (point - server.points.firsts()[instance]) as usize;
-    let now = server.field.local(instance)[index];
-    let sent = server.sent.places[instance].get(index).copied().unwrap_or((now.position, now.normal));
-    let located = server.layout().instances()[instance].grid.locate(sent.0.to_array());
-    let like = Packed32::pack(located.frac, sent.1.to_array(), 0);
-    let alike = |word: &Packed32| {
-        Packed32::pack(word.frac(), word.normal(), 0) == Packed32::pack(like.frac(), like.normal(), 0)
-    };
-    words(state, instance as u32, located.cell).into_iter().filter(alike).map(Packed32::ao).collect()
+/// What a client of `surface` holds for a point.
+fn held_on_surface(state: &surface::State, instance: usize, place: usize) -> u8 {
+    assert!(state.is_present(instance as u32, place / BLOCK_POINTS), "a visible point was never sent");
+    state.values(instance as u32)[place]
 }
 
 /// Checks every visible point that has a slot; how many that were.
-fn check_bound(server: &Server, state: &State, frame: FrameIndex) -> u32 {
-    let threshold = f32::from(server.settings.threshold);
+fn check_bound(server: &Server, state: &State, threshold: u8, index: FrameIndex) -> u32 {
+    let half_step = state.as_cells().map_or(0, |state| state.layout().format().max_ao_error());
     let mut checked = 0;
-    for point in server.field.visible() {
-        let Some(psao_codec::cells::Placement::Stored) = server.encoder.placement(point) else { continue };
-        let ao = f32::from(server.field.byte(point));
-        let held = held(server, state, point);
-        // |client - server| < threshold + half a step: the server's byte is within half a step of its AO.
-        let near = held.iter().any(|&byte| (f32::from(byte) - ao).abs() < threshold);
-        assert!(near, "point {point} at frame {frame}: server {ao}, client {held:?}");
-        checked += 1;
+    let field = &server.tracing.field;
+    for chunk in field.chunks() {
+        for (place, point, ao) in field.visible(chunk) {
+            let held = match state {
+                State::Cells(state) => held_in_cells(server, state, chunk.instance, place),
+                State::Surface(state) => Some(held_on_surface(state, chunk.instance, place)),
+            };
+            let Some(held) = held else { continue };
+            // |client - server| < threshold + half a step: the server's byte is within half a step of its AO.
+            let off = held.abs_diff(ao);
+            assert!(off < threshold || off <= half_step, "point {point}, frame {index}: {ao} held as {held}");
+            checked += 1;
+        }
     }
     checked
 }
 
 #[test]
 fn clients_are_never_off_by_the_threshold_or_more() {
-    for (scene, threshold) in scenes().iter().flat_map(|scene| [(scene, 2), (scene, 8)]) {
+    let all = [(2, 32), (8, 32), (2, 24), (1, 16), (8, 16)];
+    for ((scene, profile), (threshold, bits)) in
+        scenes_by_profile().flat_map(|each| all.map(|settings| (each.clone(), settings)))
+    {
         let mut state: Option<State> = None;
+        let mut applier = Applier::new();
         let mut checked = 0;
-        clip(scene, ServerSettings { threshold, ..settings(8.0) }, 14, |server, output| {
-            let state = state.get_or_insert_with(|| State::new(Arc::clone(server.layout())));
-            apply(state, &output.body, &psao_codec::Limits::default()).unwrap();
-            assert_eq!(state.hash(), server.encoder.state().hash());
-            checked += check_bound(server, state, output.info.frame);
+        clip(&scene, ServerSettings { threshold, bits, ..settings(profile, 8.0) }, 14, |server, output| {
+            let state = state.get_or_insert_with(|| State::new(server.layout()));
+            applier.apply(state, &output.body, &psao_codec::Limits::default()).unwrap();
+            assert_eq!((state.hash(), state.full_hash()), (server.hash(), server.hash()));
+            checked += check_bound(server, state, threshold, output.info.frame);
         });
-        assert!(checked > 10_000, "{checked}");
+        assert!(checked > 10_000, "{profile}: {checked}");
+    }
+}
+
+#[test]
+fn a_still_scene_is_sent_once_in_every_packing() {
+    let scene = colonnade();
+    for bits in [24, 16] {
+        // A threshold below the step of the packing must not send what cannot be held any better.
+        let mut server =
+            server(&scene, ServerSettings { threshold: 1, bits, ..settings(Profile::PAPER, 4.0) });
+        let first = server.step(FrameIndex(0), time(5), &[], &NoClock).unwrap();
+        assert_eq!(first.info.packing, server.layout().as_cells().unwrap().format().packing());
+        let again = server.step(FrameIndex(1), time(5), &[], &NoClock).unwrap();
+        assert_eq!((again.stats.changed, again.info.sections.len()), (0, 0), "{bits} bits");
     }
 }
 
 #[test]
 fn the_first_frame_is_a_keyframe_with_every_point() {
     let scene = colonnade();
-    let mut server = server(&scene, settings(4.0));
-    let away = CameraPose {
-        eye: [0.0, 1e6, 0.0],
-        target: [0.0, 2e6, 0.0],
-        up: [1.0, 0.0, 0.0],
-        ..camera(&scene, 0.0)
-    };
-    let first = server.step(FrameIndex(0), time(0), &[away], &NoClock).unwrap();
-    assert_eq!(first.info.kind, FrameKind::Key);
-    assert_eq!(first.stats.changed, server.points().total());
-    let counts = first.stats.occupancy;
-    assert_eq!(counts.points_stored + counts.homeless(), server.points().total());
-    assert_eq!(counts.outside_grid, 0);
-    assert!(counts.homeless() < counts.points_stored, "{counts:?}");
-    let next = server.step(FrameIndex(1), time(1), &[away], &NoClock).unwrap();
-    assert_eq!((next.stats.visible, next.stats.rays, next.stats.changed), (0, 0, 0));
-    // A client that joins now gets the same state.
-    let body = server.keyframe(FrameIndex(1), time(1), BlockCoder::Lz4).unwrap();
-    let mut late = State::new(Arc::clone(server.layout()));
-    apply(&mut late, &body, &psao_codec::Limits::default()).unwrap();
-    assert_eq!(&late, server.encoder().state());
+    for profile in PROFILES {
+        let mut server = server(&scene, settings(profile, 4.0));
+        let away = CameraPose {
+            eye: [0.0, 1e6, 0.0],
+            target: [0.0, 2e6, 0.0],
+            up: [1.0, 0.0, 0.0],
+            ..camera(&scene, 0.0)
+        };
+        let first = server.step(FrameIndex(0), time(0), &[away], &NoClock).unwrap();
+        assert_eq!((first.info.profile, first.info.kind), (profile, FrameKind::Key));
+        assert_eq!(first.stats.changed, server.points().total());
+        assert_eq!(first.stats.occupancy.is_some(), profile == Profile::PAPER);
+        if let Some(counts) = first.stats.occupancy {
+            assert_eq!(counts.points_stored + counts.homeless(), server.points().total());
+            assert_eq!(counts.outside_grid, 0);
+            assert!(counts.homeless() < counts.points_stored, "{counts:?}");
+        }
+        let next = server.step(FrameIndex(1), time(1), &[away], &NoClock).unwrap();
+        assert_eq!((next.stats.visible, next.stats.rays, next.stats.changed), (0, 0, 0));
+        // A client that joins now gets the same state.
+        let body = server.keyframe(FrameIndex(1), time(1), coder(profile)).unwrap();
+        let mut late = State::new(server.layout());
+        apply(&mut late, &body, &psao_codec::Limits::default()).unwrap();
+        assert_eq!((late.hash(), late.full_hash()), (server.hash(), server.hash()));
+    }
 }
 
 #[test]
 fn a_scene_that_stands_still_costs_no_rays_and_sends_nothing() {
     let scene = colonnade();
-    let mut server = server(&scene, settings(4.0));
-    server.step(FrameIndex(0), time(5), &[], &NoClock).unwrap();
-    let again = server.step(FrameIndex(1), time(5), &[], &NoClock).unwrap();
-    assert_eq!((again.stats.visible, again.stats.rays, again.stats.changed), (server.points().total(), 0, 0));
-    assert!(again.info.sections.iter().all(|section| section.records == 0));
+    for profile in PROFILES {
+        let mut server = server(&scene, settings(profile, 4.0));
+        server.step(FrameIndex(0), time(5), &[], &NoClock).unwrap();
+        let again = server.step(FrameIndex(1), time(5), &[], &NoClock).unwrap();
+        let stats = again.stats;
+        assert_eq!((stats.visible, stats.rays, stats.changed), (server.points().total(), 0, 0));
+        assert!(again.info.sections.is_empty(), "{profile}: {:?}", again.info.sections);
+    }
 }
 
 #[test]
 fn points_of_deforming_instances_stay_inside_their_grids() {
     let scene = Arc::new(Scene::load("robot-lab").unwrap());
     assert!(scene.instances().iter().any(|instance| instance.motion() == Motion::Deforming));
-    clip(&scene, settings(4.0), 12, |_, output| assert_eq!(output.stats.occupancy.outside_grid, 0));
+    clip(&scene, settings(Profile::PAPER, 4.0), 12, |_, output| {
+        assert_eq!(output.stats.occupancy.unwrap().outside_grid, 0);
+    });
+}
+
+/// AO bytes of all points by the number they were made with, for comparison between orders.
+fn by_number(tracing: &Tracing) -> Vec<Option<u8>> {
+    let mut found = vec![None; tracing.points.total() as usize];
+    for chunk in tracing.field.chunks() {
+        let base = tracing.points.firsts()[chunk.instance];
+        for (place, _, ao) in tracing.field.visible(chunk) {
+            found[(base + tracing.numbers(chunk.instance)[place]) as usize] = Some(ao);
+        }
+    }
+    found
+}
+
+#[test]
+fn both_profiles_trace_the_same_ao_and_see_the_same_points() {
+    for scene in scenes() {
+        let [mut paper, mut surface] = PROFILES.map(|profile| server(&scene, settings(profile, 8.0)));
+        let orders = [&paper, &surface].map(|server| server.points().sets().to_vec());
+        assert_ne!(orders[0], orders[1], "the orders differ, or this shows nothing");
+        for frame in 0..4 {
+            let seen = [camera(&scene, time(frame).micros() as f64 * 1e-6)];
+            for server in [&mut paper, &mut surface] {
+                server.step(FrameIndex(frame), time(frame), &seen, &NoClock).unwrap();
+            }
+            assert_eq!(by_number(&paper.tracing), by_number(&surface.tracing), "frame {frame}");
+        }
+    }
+}
+
+#[test]
+fn both_profiles_at_once_write_what_each_writes_alone() {
+    for scene in scenes() {
+        let paper = ServerSettings { threshold: 2, ..settings(Profile::PAPER, 8.0) };
+        let alone = PROFILES.map(|profile| {
+            let mut bodies = Vec::new();
+            clip(&scene, ServerSettings { profile, coder: coder(profile), ..paper }, 8, |_, output| {
+                bodies.push(output.body.clone());
+            });
+            bodies
+        });
+        let mut both =
+            BothProfiles::new(Arc::clone(&scene), &paper, BlockCoder::Range, Arc::new(|_| {})).unwrap();
+        let mut clients = [&both.tables().paper, &both.tables().surface].map(|t| State::new(t.layout()));
+        let mut errors = Each::<AoError>::default();
+        for frame in 0..8 {
+            let outputs = both.step(FrameIndex(frame), time(frame), &views(&scene, frame), &NoClock).unwrap();
+            assert!(outputs.paper.body == alone[0][frame as usize], "paper, frame {frame}");
+            assert!(outputs.surface.body == alone[1][frame as usize], "surface, frame {frame}");
+            for (client, output) in clients.iter_mut().zip([&outputs.paper, &outputs.surface]) {
+                apply(client, &output.body, &psao_codec::Limits::default()).unwrap();
+            }
+            let found = both.errors(clients[1].as_surface().unwrap());
+            assert_eq!(found.surface.points, u64::from(outputs.surface.stats.visible));
+            assert_eq!(found.paper.points + found.paper.lost, found.surface.points);
+            errors.paper.merge(&found.paper);
+            errors.surface.merge(&found.surface);
+        }
+        for found in [errors.paper, errors.surface] {
+            assert!(found.max < f64::from(paper.threshold) + 0.5 + 1e-3, "{found:?}");
+            assert!(
+                found.mean() > 0.1 && found.mean() <= found.rms() && found.rms() <= found.max,
+                "{found:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn what_is_in_view_comes_first() {
+    let scene = colonnade();
+    let server = server(&scene, settings(Profile::SURFACE, 8.0));
+    let tracing = &server.tracing;
+    let seen = [camera(&scene, 0.0)];
+    let order = super::surface::in_view_first(tracing, &seen);
+    let mut sorted = order.clone();
+    sorted.sort_unstable();
+    let chunks = tracing.field.chunks();
+    assert_eq!(sorted, (0..chunks.len()).collect::<Vec<_>>(), "every chunk once");
+    let eye = Vec3::from(seen[0].eye);
+    let views = tracing.views(&seen).unwrap();
+    let ranks = order.iter().map(|&chunk| {
+        let bounds = tracing.field.bounds(&tracing.world, &chunks[chunk]);
+        let middle = (bounds.min() + bounds.max()) * 0.5;
+        let outside =
+            views.overlap(middle, bounds.size().length() * 0.5) == crate::visibility::Overlap::Outside;
+        (outside, if outside { chunk as f32 } else { bounds.distance_squared(eye) })
+    });
+    let ranks: Vec<(bool, f32)> = ranks.collect();
+    assert!(ranks.is_sorted() && ranks[0].0 != ranks[ranks.len() - 1].0, "{ranks:?}");
+    assert_eq!(super::surface::in_view_first(tracing, &[]), sorted);
+}
+
+#[test]
+fn geometry_that_is_shared_is_not_sent_and_fits_the_layout() {
+    let scene = Arc::new(Scene::load("robot-lab").unwrap());
+    let sent = settings(Profile::SURFACE, 4.0);
+    let shared = ServerSettings { geometry: GeometrySource::Shared, ..sent };
+    let mut sizes = Vec::new();
+    for settings in [sent, shared] {
+        let mut server = server(&scene, settings);
+        let frame = server.step(FrameIndex(0), time(0), &[], &NoClock).unwrap();
+        sizes.push(frame.body.len());
+        let mut state = State::new(server.layout());
+        apply(&mut state, &frame.body, &psao_codec::Limits::default()).unwrap();
+        let found = state.clone();
+        crate::points::share(&scene, server.table().info(), state.as_surface_mut().unwrap()).unwrap();
+        let sets = server.layout().as_surface().unwrap().sets().len() as u32;
+        for set in 0..sets {
+            let held = found.as_surface().unwrap().geometry(set);
+            assert_eq!(held.is_some(), settings.geometry == GeometrySource::Sent);
+            let made = state.as_surface().unwrap().geometry(set).unwrap();
+            assert!(held.is_none_or(|held| held == made), "set {set}");
+        }
+    }
+    assert!(sizes[1] < sizes[0] / 2, "{sizes:?}");
 }
 
 #[test]
 fn bad_settings_are_refused_before_anything_is_made() {
     let scene = colonnade();
     let refuse = |settings| Server::new(Arc::clone(&scene), settings, Arc::new(|_| {})).unwrap_err();
-    let good = settings(4.0);
+    let good = settings(Profile::PAPER, 4.0);
     let points = PointSettings { per_m2: f32::INFINITY, ..good.points };
     assert!(matches!(
         refuse(ServerSettings { points, ..good }),
@@ -227,7 +408,7 @@ fn progress_covers_both_long_stages() {
         let last = heard.entry(p.work == Work::Points).or_insert((0, 0));
         *last = (last.0.max(p.done), p.total);
     };
-    let mut server = Server::new(scene, settings(2.0), Arc::new(progress)).unwrap();
+    let mut server = Server::new(scene, settings(Profile::SURFACE, 2.0), Arc::new(progress)).unwrap();
     server.step(FrameIndex(0), time(0), &[], &NoClock).unwrap();
     server.step(FrameIndex(1), time(1), &[], &NoClock).unwrap();
     let heard = heard.lock().unwrap();

@@ -4,25 +4,37 @@
 //! (damage) is overhead too, so the sums hold for any file.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 use std::path::Path;
 
 use psao_codec::frame::{FrameInfo, FrameKind, SectionTag};
 use psao_proto::message::{Message, Report, Scene, SceneInfo};
 use psao_proto::recording::{Damage, FILE_HEADER_BYTES, FOOTER_BYTES, RECORD_HEAD_BYTES, Reader, Record};
-use psao_proto::{FrameType, HEADER_BYTES, Limits};
+use psao_proto::{FrameType, HEADER_BYTES, Limits, Profile};
 
 use crate::error::{Failure, Outcome};
 use crate::output::number;
 
 /// Parts of a frame on the wire, in the order in which tables and plots show them.
-pub(crate) const PARTS: [&str; 7] = ["cells", "buckets", "poses", "header", "envelope", "report", "other"];
+pub(crate) const PARTS: [&str; 11] = [
+    "cells", "buckets", "poses", "geometry", "values", "changes", "context", "header", "envelope", "report",
+    "other",
+];
+/// The parts that are blocks of a frame body.
+pub(crate) const BLOCKS: Range<usize> = 0..HEADER;
 const CELLS: usize = 0;
 const BUCKETS: usize = 1;
 const POSES: usize = 2;
-const HEADER: usize = 3;
-const ENVELOPE: usize = 4;
-const REPORT: usize = 5;
-const OTHER: usize = 6;
+const GEOMETRY: usize = 3;
+const VALUES: usize = 4;
+const CHANGES: usize = 5;
+const CONTEXT: usize = 6;
+const HEADER: usize = 7;
+const ENVELOPE: usize = 8;
+const REPORT: usize = 9;
+const OTHER: usize = 10;
+/// The parts that the paper counts, and what does their work in profile `surface`: blocks that hold points.
+const POINTS: [usize; 6] = [CELLS, BUCKETS, GEOMETRY, VALUES, CHANGES, CONTEXT];
 
 /// Parts of a recording that belong to no frame.
 pub(crate) const OVERHEAD: [&str; 7] =
@@ -56,9 +68,9 @@ impl FrameLine {
         self.parts.iter().sum()
     }
 
-    /// Bytes that the paper counts: the compressed cells and buckets.
+    /// Bytes that the paper counts, see [`paper_bytes`].
     pub(crate) fn paper_bytes(&self) -> u64 {
-        self.parts[CELLS] + self.parts[BUCKETS]
+        paper_bytes(&self.parts)
     }
 }
 
@@ -87,7 +99,7 @@ pub(crate) struct Totals {
     pub(crate) changed_points: u64,
     /// Wire bytes by part of the frames after the first.
     pub(crate) parts: [u64; PARTS.len()],
-    /// Mbit/s of the compressed cells and buckets after the first state: what the paper counts.
+    /// Mbit/s after the first state of what the paper counts, see [`paper_bytes`].
     pub(crate) paper_mbit_s: f64,
     /// Mbit/s of every wire byte after the first state.
     pub(crate) wire_mbit_s: f64,
@@ -95,6 +107,32 @@ pub(crate) struct Totals {
     pub(crate) file_mbit_s: f64,
     /// Wire bits for each point that was sent after the first state; zero when none was.
     pub(crate) bits_per_changed_point: f64,
+}
+
+/// Bytes that the paper counts: the compressed cells and buckets, or the blocks that hold points in profile `surface`.
+pub(crate) fn paper_bytes(parts: &[u64; PARTS.len()]) -> u64 {
+    POINTS.iter().map(|&part| parts[part]).sum()
+}
+
+/// Wire bytes of a frame by part, in the order of [`PARTS`].
+pub(crate) fn parts_of(info: &FrameInfo) -> [u64; PARTS.len()] {
+    let mut parts = [0; PARTS.len()];
+    parts[ENVELOPE] = HEADER_BYTES as u64;
+    parts[HEADER] = u64::from(info.header_bytes);
+    for section in &info.sections {
+        let part = match section.tag {
+            SectionTag::CELLS => CELLS,
+            SectionTag::BUCKETS => BUCKETS,
+            SectionTag::POSES => POSES,
+            SectionTag::GEOMETRY => GEOMETRY,
+            SectionTag::VALUES => VALUES,
+            SectionTag::CHANGES => CHANGES,
+            SectionTag::CONTEXT => CONTEXT,
+            _ => OTHER,
+        };
+        parts[part] += u64::from(section.wire_bytes);
+    }
+    parts
 }
 
 /// Reads a whole recording into memory.
@@ -192,6 +230,11 @@ impl Analysis {
         self.damages.is_empty() && self.unreadable.is_empty()
     }
 
+    /// Whether the stream is one of profile `paper`, as far as the file says.
+    pub(crate) fn is_paper(&self) -> bool {
+        self.stream.as_ref().is_some_and(|info| info.profile == Profile::PAPER)
+    }
+
     /// Frames a second: the stream's own, or as the times of the frames say.
     pub(crate) fn fps(&self) -> f64 {
         match (&self.stream, self.frames.first(), self.frames.last()) {
@@ -238,18 +281,6 @@ impl Analysis {
 }
 
 fn line(record: &Record<'_>, info: &FrameInfo) -> FrameLine {
-    let mut parts = [0; PARTS.len()];
-    parts[ENVELOPE] = HEADER_BYTES as u64;
-    parts[HEADER] = u64::from(info.header_bytes);
-    for section in &info.sections {
-        let part = match section.tag {
-            SectionTag::CELLS => CELLS,
-            SectionTag::BUCKETS => BUCKETS,
-            SectionTag::POSES => POSES,
-            _ => OTHER,
-        };
-        parts[part] += u64::from(section.wire_bytes);
-    }
     FrameLine {
         frame: info.frame.0,
         time_s: info.time.0 as f64 / 1e6,
@@ -258,7 +289,7 @@ fn line(record: &Record<'_>, info: &FrameInfo) -> FrameLine {
         sequence: record.frame.header.sequence.0,
         changed_points: info.changed_points,
         hash: info.hash.0,
-        parts,
+        parts: parts_of(info),
         report: None,
     }
 }

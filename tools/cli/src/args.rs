@@ -5,6 +5,10 @@ use std::str::FromStr;
 
 use clap::{Args, ValueEnum};
 use psao_codec::block::BlockCoder;
+use psao_codec::surface::GeometrySource;
+use psao_proto::{CoderId, Profile};
+
+use crate::error::{Failure, Outcome};
 
 /// How a stream is produced: the scene, its points, their rays, and how they are packed.
 #[derive(Args, Clone, Debug)]
@@ -19,12 +23,26 @@ pub(crate) struct StreamArgs {
 /// The options of a stream other than its scene.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct TuningArgs {
+    #[command(flatten)]
+    pub(crate) points: PointArgs,
+    /// How the points are laid out on the wire
+    #[arg(long, value_enum, default_value_t = ProfileArg::Surface)]
+    pub(crate) profile: ProfileArg,
+    /// Block coder: range (profile surface only), zstd, zstd:LEVEL, lz4 or none; range for profile surface, zstd:15 for
+    /// paper unless given
+    #[arg(long, value_name = "CODER")]
+    pub(crate) compress: Option<Coder>,
+}
+
+/// The options that mean the same in both profiles: the points, their rays, when they are sent.
+#[derive(Args, Clone, Debug)]
+pub(crate) struct PointArgs {
     /// Frames a second of stream time
     #[arg(long, default_value_t = 60.0, value_name = "F")]
     pub(crate) fps: f32,
     /// Points per square metre of surface, after elimination
-    #[arg(long, default_value_t = 512.0, value_name = "N_PER_M2")]
-    pub(crate) points: f32,
+    #[arg(long = "points", default_value_t = 512.0, value_name = "N_PER_M2")]
+    pub(crate) per_m2: f32,
     /// Points that an instance has at least, however small its surface
     #[arg(long, default_value_t = 1024, value_name = "N")]
     pub(crate) min_points: u32,
@@ -37,15 +55,13 @@ pub(crate) struct TuningArgs {
     /// What a ray that hits contributes: its distance over the radius, or nothing
     #[arg(long, value_enum, default_value_t = OcclusionArg::Obscurance)]
     pub(crate) occlusion: OcclusionArg,
-    /// How the points are laid out on the wire
-    #[arg(long, value_enum, default_value_t = ProfileArg::Paper)]
-    pub(crate) profile: ProfileArg,
-    /// Bits of a packed point
+    /// Bits of a packed point: fewer make a smaller stream and a coarser picture; in profile surface, how finely positions
+    /// and normals are rounded
     #[arg(long, default_value_t = 32, value_name = "32|24|16")]
     pub(crate) bits: u8,
-    /// Block coder: zstd, zstd:LEVEL, lz4 or none
-    #[arg(long, default_value = "zstd:15", value_name = "CODER")]
-    pub(crate) compress: Coder,
+    /// Profile surface: whether clients are sent the points, or spread them over the scene themselves
+    #[arg(long, value_enum, default_value_t = GeometryArg::Sent)]
+    pub(crate) geometry: GeometryArg,
     /// A point is sent again when its AO has moved by this many steps of 1/255
     #[arg(long, default_value_t = 8, value_name = "STEPS_OF_255", value_parser = clap::value_parser!(u8).range(1..))]
     pub(crate) threshold: u8,
@@ -69,6 +85,27 @@ pub(crate) struct TuningArgs {
     pub(crate) slots_per_cell: f32,
 }
 
+impl TuningArgs {
+    /// The stream's block coder.
+    pub(crate) fn coder(&self) -> Outcome<BlockCoder> {
+        self.profile.coder(self.compress)
+    }
+}
+
+impl ProfileArg {
+    /// The block coder of a stream of this profile, as asked for or by default.
+    pub(crate) fn coder(self, asked: Option<Coder>) -> Outcome<BlockCoder> {
+        match (self, asked) {
+            (Self::Paper, Some(coder)) if coder == Coder::RANGE => Err(Failure::usage(
+                "the range coder is for profile surface; profile paper takes zstd, lz4 or none",
+            )),
+            (_, Some(Coder(coder))) => Ok(coder),
+            (Self::Paper, None) => Ok(BlockCoder::Zstd { level: 15 }),
+            (Self::Surface, None) => Ok(Coder::RANGE.0),
+        }
+    }
+}
+
 /// `--occlusion`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum OcclusionArg {
@@ -81,21 +118,64 @@ pub(crate) enum OcclusionArg {
 /// `--profile`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum ProfileArg {
+    /// Points that stay on the mesh at rest, of which only AO is sent
+    Surface,
     /// Cells and buckets as the paper sends them
     Paper,
-    /// Points on the rest surface (not in this version)
-    Surface,
+}
+
+impl From<ProfileArg> for Profile {
+    fn from(profile: ProfileArg) -> Self {
+        match profile {
+            ProfileArg::Surface => Self::SURFACE,
+            ProfileArg::Paper => Self::PAPER,
+        }
+    }
+}
+
+/// `--geometry`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum GeometryArg {
+    /// Keyframes carry the points
+    Sent,
+    /// Clients make the points from the scene, the density and the seed; whoever draws needs the scene anyway
+    Shared,
+}
+
+impl From<GeometryArg> for GeometrySource {
+    fn from(geometry: GeometryArg) -> Self {
+        match geometry {
+            GeometryArg::Sent => Self::Sent,
+            GeometryArg::Shared => Self::Shared,
+        }
+    }
 }
 
 /// `--compress`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Coder(pub(crate) BlockCoder);
 
+impl Coder {
+    /// The coder of profile `surface`.
+    pub(crate) const RANGE: Self = Self(BlockCoder::Range);
+
+    /// A coder that writes what a stream of this coder id holds.
+    pub(crate) fn of(id: CoderId) -> BlockCoder {
+        match id {
+            CoderId::RANGE => Self::RANGE.0,
+            CoderId::LZ4 => BlockCoder::Lz4,
+            CoderId::STORED => BlockCoder::Stored,
+            _ => BlockCoder::Zstd { level: 15 },
+        }
+    }
+}
+
 impl FromStr for Coder {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
         let coder = match text.split_once(':') {
+            None if text == "range" => return Ok(Self::RANGE),
             None if text == "zstd" => BlockCoder::Zstd { level: 15 },
             None if text == "lz4" => BlockCoder::Lz4,
             None if text == "none" => BlockCoder::Stored,
@@ -103,7 +183,7 @@ impl FromStr for Coder {
                 Ok(level @ 1..=22) => BlockCoder::Zstd { level },
                 _ => return Err(format!("zstd has levels 1 to 22, not \"{level}\"")),
             },
-            _ => return Err(format!("\"{text}\" is none of zstd, zstd:LEVEL, lz4 and none")),
+            _ => return Err(format!("\"{text}\" is none of range, zstd, zstd:LEVEL, lz4 and none")),
         };
         Ok(Self(coder))
     }
@@ -175,8 +255,21 @@ mod tests {
         assert_eq!("zstd:3".parse(), Ok(Coder(BlockCoder::Zstd { level: 3 })));
         assert_eq!("lz4".parse(), Ok(Coder(BlockCoder::Lz4)));
         assert_eq!("none".parse(), Ok(Coder(BlockCoder::Stored)));
+        assert_eq!("range".parse(), Ok(Coder::RANGE));
         for bad in ["zstd:0", "zstd:23", "zstd:", "lz4:1", "", "gzip"] {
             assert!(bad.parse::<Coder>().is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn a_profile_has_its_own_coder_unless_told_otherwise() {
+        let lz4 = Some(Coder(BlockCoder::Lz4));
+        assert_eq!(ProfileArg::Paper.coder(None).unwrap(), BlockCoder::Zstd { level: 15 });
+        assert_eq!(ProfileArg::Surface.coder(None).unwrap(), Coder::RANGE.0);
+        assert_eq!(ProfileArg::Surface.coder(lz4).unwrap(), BlockCoder::Lz4);
+        assert!(ProfileArg::Paper.coder(Some(Coder::RANGE)).is_err());
+        for id in [CoderId::STORED, CoderId::LZ4, CoderId::ZSTD, CoderId::RANGE] {
+            assert_eq!(Coder::of(id).id(), id);
         }
     }
 

@@ -38,6 +38,7 @@ enum Command {
     Inspect(commands::inspect::Args),
     Reconstruct(commands::reconstruct::Args),
     Verify(commands::verify::Args),
+    CompareProfiles(commands::compare_profiles::Args),
     Stress(commands::stress::Args),
 }
 
@@ -52,6 +53,7 @@ fn main() -> ExitCode {
         Command::Inspect(args) => commands::inspect::run(&args),
         Command::Reconstruct(args) => commands::reconstruct::run(&args),
         Command::Verify(args) => commands::verify::run(&args),
+        Command::CompareProfiles(args) => commands::compare_profiles::run(&args),
         Command::Stress(args) => commands::stress::run(&args),
     };
     match result {

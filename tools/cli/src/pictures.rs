@@ -1,18 +1,22 @@
 //! A frame of a stream as pictures: reconstructed, by rays, their difference, side by side.
 
+use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
 use psao_client::picture::Picture;
-use psao_client::{AoImage, Size, Statistics, raster, reconstruct};
-use psao_codec::frame::State;
+use psao_client::reconstruct::{self, Reconstruction};
+use psao_client::{AoImage, GBuffer, Size, Statistics, raster};
+use psao_codec::stream::State;
+use psao_codec::surface::Geometry;
 use psao_eval::adapter::SceneView;
 use psao_eval::metric::Comparison;
 use psao_eval::reference::reference;
-use psao_proto::message::{self, CameraPose, SceneInfo};
+use psao_proto::message::{self, CameraPose, PointSource, SceneInfo};
 use psao_server_sim::ao::{AoSettings, Occlusion};
 use psao_server_sim::bvh::World;
+use psao_server_sim::points::share;
 use psao_server_sim::scene::Scene;
 
 use crate::args::SizeArg;
@@ -35,6 +39,44 @@ pub(crate) fn scene_of(info: &SceneInfo, elsewhere: Option<&str>) -> Outcome<Arc
         )));
     }
     Ok(Arc::new(scene))
+}
+
+/// The AO of every fragment out of a state of either profile.
+pub(crate) fn blend(state: &State, buffer: &GBuffer) -> Outcome<Reconstruction> {
+    match state {
+        State::Cells(state) => reconstruct::cells(state, buffer),
+        State::Surface(state) => reconstruct::surface(state, buffer),
+    }
+    .map_err(Failure::input)
+}
+
+/// Points that a stream does not carry, made from its scene once.
+#[derive(Default)]
+pub(crate) struct SharedPoints(Vec<Arc<Geometry>>);
+
+impl SharedPoints {
+    /// The state with its points: as it is where the stream carries them.
+    pub(crate) fn complete<'a>(
+        &mut self,
+        state: &'a State,
+        scene: &Scene,
+        info: &SceneInfo,
+    ) -> Outcome<Cow<'a, State>> {
+        if info.geometry != PointSource::SHARED {
+            return Ok(Cow::Borrowed(state));
+        }
+        let mut whole = state.clone();
+        let Some(surface) = whole.as_surface_mut() else { return Ok(Cow::Borrowed(state)) };
+        if self.0.is_empty() {
+            share(scene, info, surface).map_err(Failure::input)?;
+            self.0 = (0..).map_while(|set| surface.geometry(set).cloned()).collect();
+        } else {
+            for (set, geometry) in (0..).zip(&self.0) {
+                surface.share_geometry(set, Arc::clone(geometry)).map_err(Failure::input)?;
+            }
+        }
+        Ok(Cow::Owned(whole))
+    }
 }
 
 /// A frame drawn by the client.
@@ -80,7 +122,7 @@ impl Shot<'_> {
         let buffer = raster(&view, &camera, size).map_err(Failure::usage)?;
         let raster_ms = millis(start);
         let start = Instant::now();
-        let drawn = reconstruct::cells(self.state, &buffer).map_err(Failure::input)?;
+        let drawn = blend(self.state, &buffer)?;
         let reconstruct_ms = millis(start);
         let mut result = Drawn {
             image: drawn.image,

@@ -11,9 +11,11 @@ use psao_server_sim::ao::{AoSettings, Occlusion};
 use psao_server_sim::clock::Clock;
 use psao_server_sim::points::PointSettings;
 use psao_server_sim::scene::Scene;
-use psao_server_sim::server::{FrameStats, Progress, Server, ServerError, ServerSettings, StepOutput, Work};
+use psao_server_sim::server::{
+    FrameStats, Progress, ProgressFn, Server, ServerError, ServerSettings, StepOutput, Work,
+};
 
-use crate::args::{OcclusionArg, ProfileArg, TuningArgs};
+use crate::args::{OcclusionArg, PointArgs, TuningArgs};
 use crate::context::{WallClock, progress};
 use crate::error::{Failure, Outcome};
 
@@ -40,20 +42,22 @@ pub(crate) struct Producer {
 impl Producer {
     /// Loads the scene and spreads its points. `frames_hint` is 0 when the number of frames is open.
     pub(crate) fn new(scene: &str, tuning: &TuningArgs, frames_hint: u32) -> Outcome<Self> {
-        check_supported(tuning)?;
+        let coder = tuning.coder()?;
         let scene = Arc::new(Scene::load(scene).map_err(Failure::input)?);
-        let settings = settings(tuning, &scene, frames_hint);
-        let bars = Bars::default();
-        let server =
-            Server::new(scene.clone(), settings, Arc::new(move |state| bars.show(state))).map_err(refused)?;
+        let settings = ServerSettings {
+            profile: tuning.profile.into(),
+            coder,
+            ..settings(&tuning.points, &scene, frames_hint)
+        };
+        let server = Server::new(scene.clone(), settings, show_progress()).map_err(refused)?;
         let table = Arc::new(server.table().clone());
         Ok(Self {
             scene,
             server,
             table,
-            fps: f64::from(tuning.fps),
-            all_visible: tuning.all_visible,
-            coder: settings.coder,
+            fps: f64::from(tuning.points.fps),
+            all_visible: tuning.points.all_visible,
+            coder,
         })
     }
 
@@ -94,48 +98,44 @@ impl Producer {
     }
 }
 
-fn refused(error: ServerError) -> Failure {
+/// A server that could not be made, or did not go on.
+pub(crate) fn refused(error: ServerError) -> Failure {
     match error {
         ServerError::Settings(error) => Failure::usage(error),
         error => Failure::input(error),
     }
 }
 
-/// Says so where an option asks for what this version does not have.
-fn check_supported(tuning: &TuningArgs) -> Outcome {
-    if tuning.profile == ProfileArg::Surface {
-        return Err(Failure::usage("--profile surface is not in this version yet; use --profile paper"));
-    }
-    match tuning.bits {
-        32 => Ok(()),
-        24 | 16 => {
-            Err(Failure::usage(format_args!("--bits {} is not in this version yet; use 32", tuning.bits)))
-        }
-        other => Err(Failure::usage(format_args!("--bits {other} is none of 32, 24 and 16"))),
-    }
-}
-
-fn settings(tuning: &TuningArgs, scene: &Scene, frames_hint: u32) -> ServerSettings {
+/// The settings that mean the same in both profiles; profile and coder are those of [`ServerSettings::default`].
+pub(crate) fn settings(points: &PointArgs, scene: &Scene, frames_hint: u32) -> ServerSettings {
     ServerSettings {
-        points: PointSettings { per_m2: tuning.points, minimum: tuning.min_points, seed: tuning.seed },
+        geometry: points.geometry.into(),
+        bits: points.bits,
+        points: PointSettings { per_m2: points.per_m2, minimum: points.min_points, seed: points.seed },
         ao: AoSettings {
-            rays: tuning.rays,
-            radius: tuning.radius.unwrap_or_else(|| scene.ao_radius_m()),
-            kind: match tuning.occlusion {
+            rays: points.rays,
+            radius: points.radius.unwrap_or_else(|| scene.ao_radius_m()),
+            kind: match points.occlusion {
                 OcclusionArg::Obscurance => Occlusion::Obscurance,
                 OcclusionArg::Binary => Occlusion::Binary,
             },
-            seed: tuning.seed,
+            seed: points.seed,
         },
-        threshold: tuning.threshold,
-        view_margin: tuning.view_margin,
-        table_slots: tuning.slots_per_cell,
-        kernel: tuning.kernel,
-        coder: tuning.compress.0,
-        fps: tuning.fps,
+        threshold: points.threshold,
+        view_margin: points.view_margin,
+        table_slots: points.slots_per_cell,
+        kernel: points.kernel,
+        fps: points.fps,
         frames_hint,
-        exhaustive: tuning.exhaustive,
+        exhaustive: points.exhaustive,
+        ..ServerSettings::default()
     }
+}
+
+/// Shows the two things that take a while before the second frame.
+pub(crate) fn show_progress() -> Arc<ProgressFn> {
+    let bars = Bars::default();
+    Arc::new(move |state| bars.show(state))
 }
 
 impl Clock for WallClock {
@@ -188,7 +188,7 @@ pub(crate) struct Produced {
 
 impl Produced {
     fn of(stats: &FrameStats) -> Self {
-        let (tables, times) = (&stats.occupancy, &stats.micros);
+        let (tables, times) = (stats.occupancy.unwrap_or_default(), &stats.micros);
         Self {
             visible: stats.visible.into(),
             traced: stats.traced.into(),

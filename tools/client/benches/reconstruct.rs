@@ -1,6 +1,6 @@
-//! Time of one 1080p reconstruction, all cores and one: `cargo bench -p psao-client`.
+//! Time of one 1080p reconstruction from cells and from points at rest, all cores and one: `cargo bench -p psao-client`.
 //!
-//! The view is a hall of three walls at 512 points per square metre, as a person sees it; before anything is timed
+//! Both have the same points. The view is a hall of three walls at 512 points per square metre, as a person sees it; before anything is timed
 //! the picture is compared with the pattern that the points carry.
 
 #![expect(clippy::expect_used, reason = "a bench that cannot be set up has nothing to time")]
@@ -10,11 +10,14 @@ use std::sync::Arc;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use glam::Vec3;
-use psao_client::{GBuffer, Size, Surface, Surfaces, raster, reconstruct};
+use psao_client::reconstruct::{SurfaceIndex, SurfaceReconstructor};
+use psao_client::{AtRest, GBuffer, Reconstruction, Size, Surface, Surfaces, raster, reconstruct};
 use psao_codec::Limits;
 use psao_codec::block::BlockCoder;
 use psao_codec::cells::{Grid, InstanceLayout, Layout, PaperEncoder, PointSample, bucket_count};
 use psao_codec::frame::{FrameIndex, FrameKind, FrameMeta, State, StreamTime, apply};
+use psao_codec::point::PointFormat;
+use psao_codec::surface;
 use psao_proto::message::CameraPose;
 
 /// Side of the hall in metres; each wall is one instance.
@@ -33,7 +36,8 @@ impl Surfaces for Hall {
             let t = -origin.dot(normal) / dir.dot(normal);
             let position = origin + dir * t;
             let inside = position.min_element() > -1e-3 && position.max_element() <= SIDE;
-            (t > 0.0 && t <= tmax && inside).then_some(Surface { t, position, normal, instance })
+            let rest = Some(AtRest { position, normal });
+            (t > 0.0 && t <= tmax && inside).then_some(Surface { t, position, normal, instance, rest })
         });
         hits.min_by(|a, b| a.t.total_cmp(&b.t))
     }
@@ -44,13 +48,35 @@ fn pattern(at: Vec3) -> f32 {
     0.5 + 0.5 * libm::sinf(at.x) * libm::cosf(at.y + at.z)
 }
 
-/// A state with a jittered lattice of points on each wall.
-fn hall() -> State {
+/// The points of each wall: a jittered lattice.
+fn points() -> [Vec<PointSample>; 3] {
     let spacing = 1.0 / DENSITY.sqrt();
     let across = (SIDE / spacing) as u32;
-    // Poisson radius of a hexagonal packing of this density; cells of four of them (paper, section 3.2).
-    let radius = (1.0 / (2.0 * 3.0_f32.sqrt() * DENSITY)).sqrt();
-    let edge = 4.0 * radius;
+    let mut random = 1_u32;
+    let mut jitter = || {
+        random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (random >> 8) as f32 / 16_777_216.0
+    };
+    [0, 1, 2].map(|wall: usize| {
+        let sample = |point: u32| {
+            let u = ((point % across) as f32 + 0.2 + 0.6 * jitter()) * spacing;
+            let v = ((point / across) as f32 + 0.2 + 0.6 * jitter()) * spacing;
+            let local = [Vec3::new(0.0, u, v), Vec3::new(u, 0.0, v), Vec3::new(u, v, 0.0)][wall];
+            let ao = (pattern(local) * 255.0 + 0.5) as u8;
+            PointSample { local: local.to_array(), normal: WALLS[wall].to_array(), ao }
+        };
+        (0..across * across).map(sample).collect()
+    })
+}
+
+/// Poisson radius of a hexagonal packing of the density, metres.
+fn poisson_radius() -> f32 {
+    (1.0 / (2.0 * 3.0_f32.sqrt() * DENSITY)).sqrt()
+}
+
+/// The points in cells of four Poisson radii (paper, section 3.2).
+fn in_cells(points: &[Vec<PointSample>; 3]) -> State {
+    let edge = 4.0 * poisson_radius();
     let cells = (SIDE / edge).ceil() as u32 + 2;
     let origin = Vec3::splat(-edge * 0.37);
     let buckets = bucket_count(SIDE * SIDE, edge, 64.0);
@@ -62,38 +88,53 @@ fn hall() -> State {
             grid,
             first_bucket: instance * buckets,
             bucket_count: buckets,
-            kernel_radius: 2.0 * radius,
+            kernel_radius: 2.0 * poisson_radius(),
         }
     });
-    let layout = Layout::new(instances.collect(), 1 << 20, &Limits::default()).expect("the layout is small");
+    let layout = Layout::new(PointFormat::Bits32, instances.collect(), 1 << 20, &Limits::default())
+        .expect("the layout is small");
     let layout = Arc::new(layout);
-    let points = across * across;
-    let mut encoder = PaperEncoder::new(Arc::clone(&layout), &[points; 3]).expect("three walls");
-    let mut random = 1_u32;
-    let mut jitter = || {
-        random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-        (random >> 8) as f32 / 16_777_216.0
-    };
-    for (normal, wall) in WALLS.into_iter().zip(0_u32..) {
-        for point in 0..points {
-            let u = ((point % across) as f32 + 0.2 + 0.6 * jitter()) * spacing;
-            let v = ((point / across) as f32 + 0.2 + 0.6 * jitter()) * spacing;
-            let local = [Vec3::new(0.0, u, v), Vec3::new(u, 0.0, v), Vec3::new(u, v, 0.0)][wall as usize];
-            let ao = (pattern(local) * 255.0 + 0.5) as u8;
-            let sample = PointSample { local: local.to_array(), normal: normal.to_array(), ao };
-            encoder.put(wall * points + point, &sample).expect("the point exists");
-        }
+    let counts = points.each_ref().map(|wall| wall.len() as u32);
+    let mut encoder = PaperEncoder::new(Arc::clone(&layout), &counts).expect("three walls");
+    for (id, sample) in (0..).zip(points.iter().flatten()) {
+        encoder.put(id, sample).expect("the point exists");
     }
     let meta = FrameMeta {
         kind: FrameKind::Key,
         frame: FrameIndex(0),
         time: StreamTime(0),
-        changed_points: 3 * points,
+        changed_points: counts.iter().sum(),
     };
     let frame = encoder.finish(meta, BlockCoder::Stored).expect("the first frame");
     let mut state = State::new(layout);
     apply(&mut state, &frame.body, &Limits::default()).expect("a frame just encoded");
     state
+}
+
+/// The same points on the walls at rest, a set for each.
+fn at_rest(points: &[Vec<PointSample>; 3]) -> surface::State {
+    let step = SIDE / 4096.0;
+    let sets = points.each_ref().map(|wall| surface::SetLayout {
+        origin: [0.0; 3],
+        step,
+        extent: [4096; 3],
+        normal_bits: 4,
+        points: wall.len() as u32,
+        kernel_radius: 2.0 * poisson_radius(),
+        digest: surface::GeometryDigest::default(),
+    });
+    let members = [0, 1, 2].map(|set| surface::Member { set });
+    let (mut geometry, mut values) = (Vec::new(), Vec::new());
+    for (set, wall) in sets.into_iter().zip(points) {
+        let rest =
+            wall.iter().map(|sample| surface::RestPoint { position: sample.local, normal: sample.normal });
+        let rounded = surface::Geometry::round(set, &rest.collect::<Vec<_>>());
+        geometry.push(Arc::new(rounded.geometry));
+        values.extend(rounded.order.into_iter().map(|point| wall[point as usize].ao));
+    }
+    let sets = geometry.iter().map(|geometry| *geometry.layout()).collect();
+    let layout = surface::Layout::new(sets, members.to_vec(), &Limits::default());
+    surface::State::from_parts(Arc::new(layout.expect("the layout is small")), geometry, &values)
 }
 
 fn view(size: Size) -> GBuffer {
@@ -108,8 +149,7 @@ fn view(size: Size) -> GBuffer {
 }
 
 /// The picture must be the pattern, but for points that the tables lost and for the rims.
-fn check(state: &State, view: &GBuffer) {
-    let found = reconstruct::cells(state, view).expect("the view is of this state");
+fn check(found: &Reconstruction, view: &GBuffer) {
     let mut near = 0;
     for (pixel, value) in found.image.values().iter().enumerate() {
         let want = view.fragment(pixel).map_or(1.0, |fragment| pattern(fragment.position));
@@ -125,18 +165,28 @@ fn check(state: &State, view: &GBuffer) {
 }
 
 fn reconstruct_1080p(c: &mut Criterion) {
-    let state = hall();
+    let points = points();
+    let (cells, rest) = (in_cells(&points), at_rest(&points));
     let view = view(Size::new(1920, 1080).expect("a possible size"));
-    check(&state, &view);
+    check(&reconstruct::cells(&cells, &view).expect("the view is of this state"), &view);
+    let mut kept = SurfaceReconstructor::new();
+    check(&kept.reconstruct(&rest, &view).expect("the view is of this state"), &view);
     let mut group = c.benchmark_group("reconstruct 1080p");
     group.sample_size(20).throughput(Throughput::Elements(view.covered() as u64));
     for threads in [1, rayon::current_num_threads()] {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads start");
-        group.bench_function(format!("{threads} threads"), |b| {
-            b.iter(|| pool.install(|| reconstruct::cells(black_box(&state), black_box(&view))));
+        group.bench_function(format!("cells, {threads} threads"), |b| {
+            b.iter(|| pool.install(|| reconstruct::cells(black_box(&cells), black_box(&view))));
+        });
+        group.bench_function(format!("surface, {threads} threads"), |b| {
+            b.iter(|| pool.install(|| kept.reconstruct(black_box(&rest), black_box(&view))));
         });
     }
     group.finish();
+    let geometry = rest.geometry(0).expect("it is there");
+    let index = SurfaceIndex::new(geometry);
+    println!("index: {:.1} bytes a point", index.bytes() as f64 / geometry.len() as f64);
+    c.bench_function("index of a wall", |b| b.iter(|| SurfaceIndex::new(black_box(geometry))));
 }
 
 criterion_group!(benches, reconstruct_1080p);

@@ -40,7 +40,7 @@ impl Surfaces for Analytic {
         let hits = self.0.iter().zip(0u32..).filter_map(|(shape, instance)| {
             let (t, normal) = shape.hit(origin, dir)?;
             let normal = if normal.dot(dir) > 0.0 { -normal } else { normal };
-            (t <= tmax).then_some(Surface { t, position: origin + dir * t, normal, instance })
+            (t <= tmax).then_some(Surface { t, position: origin + dir * t, normal, instance, rest: None })
         });
         hits.min_by(|a, b| a.t.total_cmp(&b.t))
     }

@@ -27,7 +27,8 @@ pub struct SizeError {
 impl Size {
     /// The longest side in pixels.
     pub const MAX_SIDE: u32 = 16_384;
-    /// The most pixels of one image (2^26, twice an 8K frame; about 2 GiB of buffers when it is reconstructed).
+    /// The most pixels of one image (2^26, twice an 8K frame; about 2 GiB of buffers when it is reconstructed, 4
+    /// with places at rest).
     pub const MAX_PIXELS: u64 = 1 << 26;
 
     /// Makes a size.

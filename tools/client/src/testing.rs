@@ -6,6 +6,7 @@ use psao_codec::Limits;
 use psao_codec::block::BlockCoder;
 use psao_codec::cells::{Grid, InstanceLayout, Layout, PaperEncoder, PointSample};
 use psao_codec::frame::{FrameIndex, FrameKind, FrameMeta, Pose, State, StreamTime, apply};
+use psao_codec::point::PointFormat;
 
 /// An instance for [`state`].
 pub(crate) struct TestInstance {
@@ -17,6 +18,11 @@ pub(crate) struct TestInstance {
 
 /// A client's state after one keyframe with these instances.
 pub(crate) fn state(instances: &[TestInstance]) -> State {
+    state_of(PointFormat::Bits32, instances)
+}
+
+/// The same, packed like this.
+pub(crate) fn state_of(format: PointFormat, instances: &[TestInstance]) -> State {
     let mut first_bucket = 0;
     let layouts = instances.iter().map(|instance| {
         let bucket_count = 64;
@@ -28,7 +34,7 @@ pub(crate) fn state(instances: &[TestInstance]) -> State {
             kernel_radius: instance.kernel_radius,
         }
     });
-    let layout = Arc::new(Layout::new(layouts.collect(), 4_096, &Limits::default()).unwrap());
+    let layout = Arc::new(Layout::new(format, layouts.collect(), 4_096, &Limits::default()).unwrap());
     let counts: Vec<u32> = instances.iter().map(|i| u32::try_from(i.points.len()).unwrap()).collect();
     let mut encoder = PaperEncoder::new(layout.clone(), &counts).unwrap();
     let mut id = 0;

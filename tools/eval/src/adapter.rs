@@ -1,7 +1,7 @@
 //! The server's world as a client sees it: geometry only, which both sides share.
 
 use glam::Vec3;
-use psao_client::{Surface, Surfaces};
+use psao_client::{AtRest, Surface, Surfaces};
 use psao_server_sim::bvh::World;
 
 use crate::reference::Rays;
@@ -40,8 +40,15 @@ impl Surfaces for SceneView<'_> {
             let mesh = &scene.meshes()[scene.instances()[hit.instance.index()].mesh().index()];
             let back = at.facing.dot(dir) > 0.0;
             if !back || scene.material(mesh).double_sided() {
-                let normal = if back { -at.normal } else { at.normal };
-                return Some(Surface { t, position: at.position, normal, instance: hit.instance.0 });
+                let turned = |normal: Vec3| if back { -normal } else { normal };
+                let rest = self.world.rest_surface(&hit);
+                return Some(Surface {
+                    t,
+                    position: at.position,
+                    normal: turned(at.normal),
+                    instance: hit.instance.0,
+                    rest: rest.map(|rest| AtRest { position: rest.position, normal: turned(rest.normal) }),
+                });
             }
             // On from just behind the face: a few units in the last place of where it is.
             let magnitude = at.position.abs().max_element().max(t);
@@ -65,9 +72,9 @@ impl Rays for SceneView<'_> {
 mod tests {
     use std::sync::Arc;
 
-    use psao_client::{Size, raster};
+    use psao_client::{Camera, GBuffer, Size, raster};
     use psao_proto::message::CameraPose;
-    use psao_server_sim::scene::Scene;
+    use psao_server_sim::scene::{InstanceId, Motion, Scene};
 
     use super::*;
     use crate::shapes;
@@ -101,6 +108,74 @@ mod tests {
         assert!((seen.t - 1.0).abs() < 1e-5, "{seen:?}");
         assert!((view.distance(inside, Vec3::NEG_Y, 10.0).unwrap() - 0.5).abs() < 1e-5);
         assert!(view.occluded(inside, Vec3::X, 1.0) && !view.occluded(inside, Vec3::X, 0.3));
+    }
+
+    /// What the scene's camera sees now.
+    fn seen(world: &World, time_s: f64) -> GBuffer {
+        let camera = world.scene().camera(time_s);
+        raster(&SceneView::new(world), &camera, Size::new(160, 90).unwrap()).unwrap()
+    }
+
+    #[test]
+    fn at_rest_what_does_not_deform_is_where_it_is_in_its_own_space() {
+        let mut checked = [0, 0];
+        for name in ["colonnade", "robot-lab"] {
+            let scene = Arc::new(Scene::load(name).unwrap());
+            let world = World::new(&scene, &scene.pose(1.3));
+            let view = seen(&world, 1.3);
+            for fragment in (0..view.size().pixels()).filter_map(|pixel| view.fragment(pixel)) {
+                let motion = scene.instances()[fragment.instance as usize].motion();
+                if motion == Motion::Deforming {
+                    continue;
+                }
+                checked[usize::from(motion == Motion::Rigid)] += 1;
+                let at = world.placement(InstanceId(fragment.instance));
+                let rest = fragment.rest.unwrap();
+                assert!((rest.position - at.local_point(fragment.position)).length() < 1e-4, "{fragment:?}");
+                assert!((rest.normal - at.local_direction(fragment.normal)).length() < 1e-4, "{fragment:?}");
+            }
+        }
+        assert!(checked[0] > 1000 && checked[1] > 100, "{checked:?}");
+    }
+
+    #[test]
+    fn at_rest_a_walker_stands_still() {
+        let scene = Arc::new(Scene::load("colonnade").unwrap());
+        let mut world = World::new(&scene, &scene.pose(0.7));
+        let view = SceneView::new(&world);
+        let camera = Camera::new(&scene.camera(0.7)).unwrap();
+        let size = Size::new(160, 90).unwrap();
+        let rays = (0..90).flat_map(|y| (0..160).map(move |x| (x, y)));
+        let seen = rays.filter_map(|(x, y)| {
+            let ray = camera.ray(size, x, y);
+            let hit = world.closest(ray.origin, ray.direction, f32::INFINITY)?;
+            let instance = &scene.instances()[hit.instance.index()];
+            if instance.motion() != Motion::Deforming {
+                return None;
+            }
+            let rest = view.first_hit(ray.origin, ray.direction, f32::INFINITY)?.rest.unwrap();
+            // It lies on the triangle that was hit, as it is at rest.
+            let mesh = scene.rest(instance);
+            let [a, b, c] =
+                mesh.triangles()[hit.triangle as usize].map(|v| mesh.geometry().positions()[v as usize]);
+            let area = |a: Vec3, b: Vec3, c: Vec3| (b - a).cross(c - a).length();
+            let parts = area(rest.position, b, c) + area(a, rest.position, c) + area(a, b, rest.position);
+            assert!(parts <= area(a, b, c) * 1.001 + 1e-7, "{rest:?} is not in {:?}", [a, b, c]);
+            assert!((rest.normal.length() - 1.0).abs() < 1e-4);
+            Some((hit, rest, world.surface(&hit)?.position))
+        });
+        let seen: Vec<_> = seen.collect();
+        assert!(seen.len() > 30, "{} pixels show walkers", seen.len());
+        world.update(&scene.pose(1.1));
+        let moved = |(hit, _, before): &&(_, _, Vec3)| {
+            (world.surface(hit).unwrap().position - *before).length() > 0.01
+        };
+        assert!(seen.iter().filter(moved).count() * 2 > seen.len(), "they walk, but for feet on the floor");
+        for (hit, rest, _) in seen {
+            let still = world.rest_surface(&hit).unwrap();
+            assert_eq!(still.position, rest.position);
+            assert!(still.normal == rest.normal || still.normal == -rest.normal);
+        }
     }
 
     #[test]

@@ -6,7 +6,10 @@ use glam::Vec3;
 use psao_client::reconstruct::{self, Reconstruction};
 use psao_client::{AoImage, GBuffer, Size, raster};
 use psao_codec::Limits;
-use psao_codec::frame::{FrameIndex, State, StreamTime, apply};
+use psao_codec::block::BlockCoder;
+use psao_codec::frame::{FrameIndex, StreamTime};
+use psao_codec::stream::{State, apply};
+use psao_proto::Profile;
 use psao_proto::message::CameraPose;
 use psao_server_sim::ao::{AoSettings, Occlusion};
 use psao_server_sim::bvh::World;
@@ -26,19 +29,23 @@ struct Seen {
     found: Reconstruction,
 }
 
+const PROFILES: [Profile; 2] = [Profile::PAPER, Profile::SURFACE];
+
 /// A cube on a floor, by points of this density.
-fn cube_on_floor(per_m2: f32) -> Seen {
+fn cube_on_floor(profile: Profile, per_m2: f32) -> Seen {
     let lists = [shapes::floor(2.0), shapes::cube(Vec3::new(0.0, 0.3, 0.0), 0.3)];
     let scene = Arc::new(Scene::from_triangles("cube on floor", &lists, 0.6).unwrap());
     let ao = AoSettings { rays: 64, ..AoSettings::default() };
     let settings = ServerSettings {
         points: PointSettings { per_m2, minimum: 64, seed: 1 },
         ao,
+        profile,
+        coder: BlockCoder::Stored,
         ..ServerSettings::default()
     };
     let mut server = Server::new(scene, settings, Arc::new(|_| ())).unwrap();
     let frame = server.step(FrameIndex(0), StreamTime(0), &[], &NoClock).unwrap();
-    let mut state = State::new(Arc::clone(server.layout()));
+    let mut state = State::new(server.layout());
     apply(&mut state, &frame.body, &Limits::default()).unwrap();
 
     let pose = CameraPose {
@@ -51,40 +58,47 @@ fn cube_on_floor(per_m2: f32) -> Seen {
     let scene = SceneView::new(server.world());
     let view = raster(&scene, &pose, Size::new(96, 64).unwrap()).unwrap();
     let reference = reference(&scene, &view, &AoSettings { rays: 256, ..ao }).unwrap();
-    let found = reconstruct::cells(&state, &view).unwrap();
+    let found = match &state {
+        State::Cells(state) => reconstruct::cells(state, &view).unwrap(),
+        State::Surface(state) => reconstruct::surface(state, &view).unwrap(),
+    };
     Seen { view, reference, found }
 }
 
 #[test]
 fn the_picture_comes_close_to_the_reference_and_closer_with_more_points() {
-    let [coarse, fine] = [256.0, 2048.0].map(|per_m2| {
-        let seen = cube_on_floor(per_m2);
-        assert!(seen.found.statistics.unsupported_share() < 0.02, "{:?}", seen.found.statistics);
-        Comparison::new(&seen.reference, &seen.found.image).unwrap()
-    });
-    assert!(coarse.psnr > 24.0, "{coarse:?}");
-    assert!(fine.psnr > coarse.psnr + 2.0, "{coarse:?} {fine:?}");
-    assert!(fine.psnr > 30.0 && fine.mae < 0.015, "{fine:?}");
+    for profile in PROFILES {
+        let [coarse, fine] = [256.0, 2048.0].map(|per_m2| {
+            let seen = cube_on_floor(profile, per_m2);
+            assert!(seen.found.statistics.unsupported_share() < 0.02, "{:?}", seen.found.statistics);
+            Comparison::new(&seen.reference, &seen.found.image).unwrap()
+        });
+        assert!(coarse.psnr > 24.0, "{profile}: {coarse:?}");
+        assert!(fine.psnr > coarse.psnr + 2.0, "{profile}: {coarse:?} {fine:?}");
+        assert!(fine.psnr > 30.0 && fine.mae < 0.015, "{profile}: {fine:?}");
+    }
 }
 
 #[test]
 fn it_is_dark_where_the_cube_stands_and_open_far_from_it() {
-    let seen = cube_on_floor(2048.0);
-    let (mut contact, mut open) = (0, 0);
-    for (pixel, &ao) in seen.found.image.values().iter().enumerate() {
-        let Some(fragment) = seen.view.fragment(pixel).filter(|fragment| fragment.instance == 0) else {
-            continue;
-        };
-        let away = fragment.position.abs().max_element() - 0.3;
-        if away < 0.03 {
-            contact += 1;
-            assert!(ao < 0.85, "{ao} at {}", fragment.position);
-        } else if away > 0.75 {
-            open += 1;
-            assert_eq!(ao, 1.0, "at {}", fragment.position);
+    for profile in PROFILES {
+        let seen = cube_on_floor(profile, 2048.0);
+        let (mut contact, mut open) = (0, 0);
+        for (pixel, &ao) in seen.found.image.values().iter().enumerate() {
+            let Some(fragment) = seen.view.fragment(pixel).filter(|fragment| fragment.instance == 0) else {
+                continue;
+            };
+            let away = fragment.position.abs().max_element() - 0.3;
+            if away < 0.03 {
+                contact += 1;
+                assert!(ao < 0.85, "{profile}: {ao} at {}", fragment.position);
+            } else if away > 0.75 {
+                open += 1;
+                assert_eq!(ao, 1.0, "{profile}: at {}", fragment.position);
+            }
         }
+        assert!(contact > 20 && open > 200, "{contact} {open}");
     }
-    assert!(contact > 20 && open > 200, "{contact} {open}");
 }
 
 #[test]

@@ -40,6 +40,8 @@ pub mod adapter;
 #[cfg(test)]
 mod end_to_end;
 pub mod metric;
+#[cfg(test)]
+mod profiles;
 pub mod reference;
 mod shapes;
 pub mod stress;

@@ -192,7 +192,7 @@ mod tests {
     }
 
     fn floor_view(size: Size) -> GBuffer {
-        let fragment = Surface { t: 1.0, position: Vec3::ZERO, normal: Vec3::Y, instance: 0 };
+        let fragment = Surface { t: 1.0, position: Vec3::ZERO, normal: Vec3::Y, instance: 0, rest: None };
         GBuffer::from_fragments(size, vec![Some(fragment); size.pixels()]).unwrap()
     }
 
@@ -239,7 +239,7 @@ mod tests {
     fn an_open_floor_and_the_background_are_exactly_open() {
         let nothing = Ball { centre: Vec3::new(0.0, 1e6, 0.0), radius: 1.0 };
         let size = Size::new(3, 1).unwrap();
-        let floor = Surface { t: 1.0, position: Vec3::ZERO, normal: Vec3::Y, instance: 0 };
+        let floor = Surface { t: 1.0, position: Vec3::ZERO, normal: Vec3::Y, instance: 0, rest: None };
         let view = GBuffer::from_fragments(size, vec![Some(floor), None, Some(floor)]).unwrap();
         for kind in [Occlusion::Binary, Occlusion::Obscurance] {
             assert_eq!(

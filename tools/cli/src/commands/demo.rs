@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use psao_codec::frame::FrameKind;
 use psao_proto::recording::{Player, PlayerEvent};
 use psao_proto::session::{ClientEvent, ClientSession, ServerSession};
-use psao_proto::{Limits, Micros};
+use psao_proto::{Limits, Micros, Profile};
 
 use super::inspect;
 use super::reconstruct::describe;
@@ -16,7 +16,7 @@ use crate::context::{progress, say};
 use crate::error::{Exit, Failure, Outcome};
 use crate::output::report::{Picture, Report, Section};
 use crate::output::{number, table::Figures};
-use crate::pictures::{Drawn, Shot, scene_of};
+use crate::pictures::{Drawn, SharedPoints, Shot, scene_of};
 use crate::producer::{Producer, STAGES};
 use crate::recorder::Recorder;
 
@@ -132,6 +132,7 @@ fn draw(args: &Args, bytes: &[u8], folder: &Path) -> Outcome<Vec<Shown>> {
     let bar = progress("drawing", wanted.len() as u64);
     let mut player = Player::new(bytes, Limits::default()).map_err(Failure::input)?;
     let mut scene = None;
+    let mut points = SharedPoints::default();
     let mut shown = Vec::new();
     for frame in wanted {
         let played = super::reconstruct::play_to(&mut player, frame).map_err(Failure::input)?;
@@ -140,10 +141,11 @@ fn draw(args: &Args, bytes: &[u8], folder: &Path) -> Outcome<Vec<Shown>> {
             Some(scene) => std::sync::Arc::clone(scene),
             None => scene.insert(scene_of(table.info(), None)?).clone(),
         };
+        let state = points.complete(state, &scene, table.info())?;
         let drawn = Shot {
             scene: &scene,
             info: table.info(),
-            state,
+            state: &state,
             time_s: played.info.time.0 as f64 / 1e6,
             camera: None,
             size: args.size,
@@ -195,26 +197,32 @@ fn points(producer: &Producer, totals: &Totals) -> Section {
     let later = totals.frames.saturating_sub(1).max(1);
     let last = &totals.last;
     let count = |value: u64| number::count(value);
-    Section {
-        title: "Points and rays".to_owned(),
-        heads: heads(&["", "count"]),
-        rows: vec![
-            row(["points".into(), count(u64::from(producer.info().point_count))]),
+    let mut rows = vec![row(["points".into(), count(u64::from(producer.info().point_count))])];
+    let paper = producer.info().profile == Profile::PAPER;
+    if paper {
+        rows.extend([
             row(["cells in use".into(), count(last.cells)]),
             row(["points stored in cells".into(), count(last.stored)]),
             row(["left out: bucket full".into(), count(last.bucket_full)]),
             row(["left out: cell full".into(), count(last.cell_full)]),
             row(["left out: no free cell".into(), count(last.no_cell)]),
             row(["left out: cell id taken by another cell".into(), count(last.id_collisions)]),
-            row(["visible points a frame".into(), count(totals.later.visible / later)]),
-            row(["traced points a frame".into(), count(totals.later.traced / later)]),
-            row(["sent points a frame".into(), count(totals.later.changed / later)]),
-            row(["rays, first frame".into(), count(totals.first.rays)]),
-            row(["rays a frame after it".into(), count(totals.later.rays / later)]),
-        ],
-        note: "A visible point is traced again only when something near it moved. What the paper's tables cannot hold \
-               is left out and counted."
-            .to_owned(),
+        ]);
+    }
+    rows.extend([
+        row(["visible points a frame".into(), count(totals.later.visible / later)]),
+        row(["traced points a frame".into(), count(totals.later.traced / later)]),
+        row(["sent points a frame".into(), count(totals.later.changed / later)]),
+        row(["rays, first frame".into(), count(totals.first.rays)]),
+        row(["rays a frame after it".into(), count(totals.later.rays / later)]),
+    ]);
+    let traced = "A visible point is traced again only when something near it moved.";
+    let left_out = " What the paper's tables cannot hold is left out and counted.";
+    Section {
+        title: "Points and rays".to_owned(),
+        heads: heads(&["", "count"]),
+        rows,
+        note: format!("{traced}{}", if paper { left_out } else { "" }),
     }
 }
 

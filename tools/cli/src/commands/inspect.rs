@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 
-use crate::analysis::{Analysis, FrameLine, OVERHEAD, PARTS, Totals, load};
+use crate::analysis::{Analysis, BLOCKS, FrameLine, OVERHEAD, PARTS, Totals, load};
 use crate::args::{Format, RecordingArg};
 use crate::context::say;
 use crate::error::{Exit, Failure, Outcome};
@@ -50,8 +50,7 @@ pub(crate) fn run(args: &Args) -> Outcome {
 
 /// The bandwidth plot of a recording.
 pub(crate) fn plot(analysis: &Analysis, title: String) -> Plot {
-    let used: Vec<usize> =
-        (0..PARTS.len()).filter(|&part| analysis.frames.iter().any(|line| line.parts[part] > 0)).collect();
+    let used: Vec<usize> = used(analysis).collect();
     Plot {
         title,
         parts: used.iter().map(|&part| PARTS[part].to_owned()).collect(),
@@ -84,8 +83,9 @@ pub(crate) fn loss(analysis: &Analysis) -> Outcome {
 fn table(analysis: &Analysis, per_frame: bool) -> Outcome {
     if let Some(info) = &analysis.stream {
         say(format_args!(
-            "{}: {} points in {} instances, {} bit, {}, {}, {} rays of {} m, threshold {}/255, seed {}",
+            "{}: profile {}, {} points in {} instances, {} bit, {}, {}, {} rays of {} m, threshold {}/255, seed {}",
             info.name,
+            info.profile,
             number::count(u64::from(info.point_count)),
             number::count(u64::from(info.instance_count)),
             info.point_bits,
@@ -147,9 +147,12 @@ pub(crate) fn summary_lines(analysis: &Analysis, totals: &Totals) -> String {
             number::bytes(analysis.overhead_bytes()),
         ),
         format!(
-            "After the first state: {:.3} Mbit/s as the paper counts (cells and buckets), {:.3} Mbit/s with \
-             everything on the wire, {:.3} Mbit/s for the whole file",
-            totals.paper_mbit_s, totals.wire_mbit_s, totals.file_mbit_s
+            "After the first state: {:.3} Mbit/s as the paper counts ({}), {:.3} Mbit/s with everything on the wire, \
+             {:.3} Mbit/s for the whole file",
+            totals.paper_mbit_s,
+            if analysis.is_paper() { "cells and buckets" } else { "blocks that hold points" },
+            totals.wire_mbit_s,
+            totals.file_mbit_s
         ),
         format!(
             "{} points sent after the first state, {:.2} bits each with everything counted",
@@ -157,7 +160,7 @@ pub(crate) fn summary_lines(analysis: &Analysis, totals: &Totals) -> String {
             totals.bits_per_changed_point
         ),
     ];
-    if let Some(report) = analysis.last_report() {
+    if let Some(report) = analysis.last_report().filter(|_| analysis.is_paper()) {
         lines.push(format!(
             "Frame {}: {} points in {} cells; not stored: {} bucket full, {} cell full, {} no free cell; {} outside \
              their grid, {} in a cell whose id is shared",
@@ -175,32 +178,31 @@ pub(crate) fn summary_lines(analysis: &Analysis, totals: &Totals) -> String {
 }
 
 fn frames_table(analysis: &Analysis) -> Figures {
-    let mut table = Figures::new([
-        "frame",
-        "time s",
-        "kind",
-        "wire bytes",
-        "cells",
-        "buckets",
-        "poses",
-        "rest",
-        "changed",
-    ]);
+    let blocks = used(analysis).filter(|part| BLOCKS.contains(part));
+    let blocks: Vec<usize> = blocks.collect();
+    let mut heads: Vec<&str> = vec!["frame", "time s", "kind", "wire bytes"];
+    heads.extend(blocks.iter().map(|&part| PARTS[part]));
+    heads.extend(["rest", "changed"]);
+    let heads: Vec<String> = heads.into_iter().map(str::to_owned).collect();
+    let mut table = Figures::of(&heads);
     for line in &analysis.frames {
-        let [cells, buckets, poses, ..] = line.parts;
-        table.row([
+        let mut row = vec![
             line.frame.to_string(),
             format!("{:.3}", line.time_s),
             if line.key { "key" } else { "delta" }.to_owned(),
             number::count(line.wire_bytes()),
-            number::count(cells),
-            number::count(buckets),
-            number::count(poses),
-            number::count(line.wire_bytes() - cells - buckets - poses),
-            number::count(u64::from(line.changed_points)),
-        ]);
+        ];
+        row.extend(blocks.iter().map(|&part| number::count(line.parts[part])));
+        let rest = line.wire_bytes() - blocks.iter().map(|&part| line.parts[part]).sum::<u64>();
+        row.extend([number::count(rest), number::count(u64::from(line.changed_points))]);
+        table.row(row);
     }
     table
+}
+
+/// Parts that some frame has.
+fn used(analysis: &Analysis) -> impl Iterator<Item = usize> + '_ {
+    (0..PARTS.len()).filter(|&part| analysis.frames.iter().any(|line| line.parts[part] > 0))
 }
 
 fn csv(analysis: &Analysis) -> Outcome {
@@ -257,6 +259,7 @@ struct Stream {
     profile: String,
     point_bits: u8,
     coder: String,
+    geometry: String,
     fps: f32,
     radius_m: f32,
     rays: u32,
@@ -264,6 +267,8 @@ struct Stream {
     threshold: u8,
     seed: u64,
     points_per_m2: f32,
+    min_points: u32,
+    point_sets: u32,
     instances: u32,
     points: u32,
 }
@@ -334,6 +339,7 @@ fn json(analysis: &Analysis) -> Outcome<String> {
             profile: info.profile.to_string(),
             point_bits: info.point_bits,
             coder: info.coder.to_string(),
+            geometry: info.geometry.to_string(),
             fps: info.fps,
             radius_m: info.radius_m,
             rays: info.rays,
@@ -341,6 +347,8 @@ fn json(analysis: &Analysis) -> Outcome<String> {
             threshold: info.threshold,
             seed: info.seed,
             points_per_m2: info.points_per_m2,
+            min_points: info.min_points,
+            point_sets: info.set_count,
             instances: info.instance_count,
             points: info.point_count,
         }),

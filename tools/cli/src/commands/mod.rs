@@ -1,6 +1,7 @@
 //! One file per command.
 
 pub(crate) mod client;
+pub(crate) mod compare_profiles;
 pub(crate) mod demo;
 pub(crate) mod inspect;
 pub(crate) mod reconstruct;

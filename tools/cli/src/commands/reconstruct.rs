@@ -12,7 +12,7 @@ use crate::args::{RecordingArg, SizeArg};
 use crate::context::{progress, say};
 use crate::error::{Failure, Outcome};
 use crate::output::number;
-use crate::pictures::{Drawn, Shot, scene_of};
+use crate::pictures::{Drawn, SharedPoints, Shot, scene_of};
 
 /// Draw a frame of a recording, and with --reference the same by rays
 ///
@@ -84,10 +84,11 @@ pub(crate) fn run(args: &Args) -> Outcome {
     };
     let scene = scene_of(table.info(), args.scene.as_deref())?;
     let bar = progress("drawing", 1);
+    let state = SharedPoints::default().complete(state, &scene, table.info())?;
     let drawn = Shot {
         scene: &scene,
         info: table.info(),
-        state,
+        state: &state,
         time_s: frame.info.time.0 as f64 / 1e6,
         camera: args.camera.map(|camera| camera.0),
         size: args.size,

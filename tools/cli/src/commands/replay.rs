@@ -3,7 +3,8 @@
 use std::time::{Duration, Instant};
 
 use clap::ValueEnum;
-use psao_codec::frame::{FrameKind, FrameMeta, keyframe};
+use psao_codec::frame::{FrameKind, FrameMeta};
+use psao_codec::stream::keyframe;
 use psao_proto::Limits;
 use psao_proto::message::CloseCode;
 use psao_proto::net::{Hub, Listener};
@@ -11,7 +12,7 @@ use psao_proto::recording::{PlayedFrame, Player, PlayerEvent};
 
 use super::client::peer;
 use crate::analysis::load;
-use crate::args::{Format, RecordingArg};
+use crate::args::{Coder, Format, RecordingArg};
 use crate::context::{runtime, say};
 use crate::error::{Exit, Failure, Outcome};
 use crate::output::frames::FrameLog;
@@ -207,18 +208,18 @@ async fn deliver(
 ) -> Outcome {
     let Target::Clients(hub) = target else { return Ok(()) };
     let body = frame.body(bytes);
-    let joining = || match player.state() {
-        Some(state) => {
+    let joining = || match (player.state(), player.scene()) {
+        (Some(state), Some(scene)) => {
             let meta = FrameMeta {
                 kind: FrameKind::Key,
                 frame: frame.info.frame,
                 time: frame.info.time,
                 changed_points: 0,
             };
-            keyframe(state, meta, psao_codec::block::BlockCoder::default())
+            keyframe(state, meta, Coder::of(scene.info().coder), &[])
                 .map_err(|error| Failure::new(Exit::System, error))
         }
-        None => Err(Failure::new(Exit::System, "there is no state to join at")),
+        _ => Err(Failure::new(Exit::System, "there is no state to join at")),
     };
     hub.broadcast(&frame.info, body, joining)?;
     let wait = match args.pace {

@@ -67,7 +67,7 @@ async fn frames(
     skipped: &mut u64,
 ) -> Outcome {
     let clock = WallClock::start();
-    let tick = Duration::from_secs_f64(1.0 / f64::from(args.stream.tuning.fps));
+    let tick = Duration::from_secs_f64(1.0 / f64::from(args.stream.tuning.points.fps));
     let mut start = Instant::now();
     let mut number = 0_u32;
     while args.frames.is_none_or(|frames| *sent < frames) {

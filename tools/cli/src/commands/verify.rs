@@ -117,7 +117,7 @@ fn play(player: &mut Player<'_>, frames: u64) -> Played {
         }
     }
     bar.finish_and_clear();
-    if let Some(frame) = player.state().and_then(psao_codec::frame::State::frame) {
+    if let Some(frame) = player.state().and_then(psao_codec::stream::State::frame) {
         check_from_scratch(player, frame.0, &mut played);
     }
     played

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::{FRAMES, SMALL, folder, psao, recording, text};
+use crate::{FRAMES, Profile, SMALL, folder, psao, recording, text};
 
 /// Runs and expects an exit code and words on standard error.
 fn refuses(arguments: &[&str], code: i32, words: &[&str]) {
@@ -54,9 +54,11 @@ fn options_that_make_no_sense() {
         (&["--threshold", "256"], &["threshold"]),
         (&["--frames", "0"], &["frames"]),
         (&["--compress", "gzip"], &["gzip", "zstd"]),
-        (&["--bits", "24"], &["--bits 24", "not in this version"]),
-        (&["--bits", "7"], &["32, 24 and 16"]),
-        (&["--profile", "surface"], &["surface", "not in this version"]),
+        (&["--bits", "31"], &["bits is 31", "32, 24 or 16"]),
+        (&["--bits", "7"], &["32, 24 or 16"]),
+        (&["--profile", "cells"], &["cells", "surface", "paper"]),
+        (&["--profile", "paper", "--compress", "range"], &["range", "surface"]),
+        (&["--geometry", "none"], &["none", "sent", "shared"]),
         (&["--view-margin", "0"], &["view_margin"]),
         (&["--slots-per-cell=-1"], &["slots"]),
         (&["--kernel", "9"], &["kernel"]),
@@ -67,9 +69,13 @@ fn options_that_make_no_sense() {
         assert!(!target.exists(), "{options:?} leaves nothing behind");
     }
     refuses(&["record", "-o", text(&target)], 2, &["--scene"]);
-    refuses(&["replay", text(recording()), "--rate", "0"], 2, &["--rate"]);
-    refuses(&["replay", text(recording()), "--from", "2", "--to", "1"], 2, &["--to"]);
-    refuses(&["reconstruct", text(recording()), "--frame", "0", "--size", "0x9", "-o", "x.png"], 2, &["0x9"]);
+    refuses(&["replay", text(recording(Profile::Surface)), "--rate", "0"], 2, &["--rate"]);
+    refuses(&["replay", text(recording(Profile::Surface)), "--from", "2", "--to", "1"], 2, &["--to"]);
+    refuses(
+        &["reconstruct", text(recording(Profile::Surface)), "--frame", "0", "--size", "0x9", "-o", "x.png"],
+        2,
+        &["0x9"],
+    );
     refuses(&["stress", "--only", "no such case"], 2, &["no case"]);
 }
 
@@ -94,17 +100,30 @@ fn recordings_that_are_none() {
             refuses(&[command, text(&path)], 3, &["a.psao", "not a psao recording"]);
         }
     }
-    refuses(&["reconstruct", text(recording()), "--frame", "99", "-o", text(&path)], 3, &["99", "0 to 11"]);
     refuses(
-        &["reconstruct", text(recording()), "--frame", "0", "--scene", "asteroids", "-o", text(&path)],
+        &["reconstruct", text(recording(Profile::Surface)), "--frame", "99", "-o", text(&path)],
+        3,
+        &["99", "0 to 11"],
+    );
+    refuses(
+        &[
+            "reconstruct",
+            text(recording(Profile::Surface)),
+            "--frame",
+            "0",
+            "--scene",
+            "asteroids",
+            "-o",
+            text(&path),
+        ],
         3,
         &["asteroids", "colonnade"],
     );
 }
 
-fn damaged(folder: &Path, change: impl FnOnce(&mut Vec<u8>)) -> std::path::PathBuf {
+fn damaged(folder: &Path, profile: Profile, change: impl FnOnce(&mut Vec<u8>)) -> std::path::PathBuf {
     let path = folder.join("damaged.psao");
-    let mut bytes = std::fs::read(recording()).unwrap();
+    let mut bytes = std::fs::read(recording(profile)).unwrap();
     change(&mut bytes);
     std::fs::write(&path, bytes).unwrap();
     path
@@ -114,7 +133,7 @@ fn damaged(folder: &Path, change: impl FnOnce(&mut Vec<u8>)) -> std::path::PathB
 fn a_recording_cut_short_is_read_up_to_the_cut() {
     let folder = folder();
     // Cut inside the last quarter, far from a frame's boundary.
-    let path = damaged(folder.path(), |bytes| bytes.truncate(bytes.len() * 3 / 4));
+    let path = damaged(folder.path(), Profile::Paper, |bytes| bytes.truncate(bytes.len() * 3 / 4));
     for command in ["inspect", "verify", "replay"] {
         let run = psao(&[command, text(&path)]);
         assert_eq!(run.code, Some(4), "{command}: {}{}", run.out, run.err);
@@ -131,10 +150,12 @@ fn a_recording_cut_short_is_read_up_to_the_cut() {
 #[test]
 fn a_changed_byte_anywhere_is_found() {
     let folder = folder();
-    let length = std::fs::metadata(recording()).unwrap().len() as usize;
-    for place in (0..24).map(|part| part * (length - 1) / 23) {
-        let path = damaged(folder.path(), |bytes| bytes[place] ^= 0x10);
-        let run = psao(&["verify", text(&path)]);
-        assert_eq!(run.code, Some(4), "byte {place} of {length}: {}{}", run.out, run.err);
+    for profile in Profile::ALL {
+        let length = std::fs::metadata(recording(profile)).unwrap().len() as usize;
+        for place in (0..24).map(|part| part * (length - 1) / 23) {
+            let path = damaged(folder.path(), profile, |bytes| bytes[place] ^= 0x10);
+            let run = psao(&["verify", text(&path)]);
+            assert_eq!(run.code, Some(4), "byte {place} of {length}: {}{}", run.out, run.err);
+        }
     }
 }

@@ -4,14 +4,14 @@ use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::TcpListener;
 use std::process::{Child, Stdio};
 
-use crate::{FRAMES, Run, SMALL, command, fine, folder, hashes, psao, recording, text};
+use crate::{FRAMES, Profile, Run, SMALL, command, fine, folder, hashes, psao, recording, text};
 
 /// A server process; killed when a test fails.
-struct Server(Child);
+pub(crate) struct Server(Child);
 
 impl Server {
     /// Starts it with `--listen 127.0.0.1:0` and gives the address that it chose.
-    fn start(arguments: &[&str]) -> (Self, String) {
+    pub(crate) fn start(arguments: &[&str]) -> (Self, String) {
         let mut process = command(arguments)
             .args(["--listen", "127.0.0.1:0"])
             .stdout(Stdio::null())
@@ -31,7 +31,8 @@ impl Server {
         (Self(process), address)
     }
 
-    fn wait(mut self) -> Option<i32> {
+    /// Its exit code, once it has ended.
+    pub(crate) fn wait(mut self) -> Option<i32> {
         self.0.wait().expect("it ends").code()
     }
 }
@@ -45,79 +46,79 @@ impl Drop for Server {
 
 #[test]
 fn a_client_holds_the_recorded_states_at_every_pace() {
-    let recorded = hashes(&fine(&["inspect", text(recording()), "--format", "csv"]));
-    for pace in [&["--pace", "fast"][..], &["--pace", "step"], &["--pace", "wall", "--rate", "2"]] {
-        let mut arguments = vec!["replay", text(recording()), "--quiet"];
-        arguments.extend(pace);
-        let (server, address) = Server::start(&arguments);
-        let run = psao(&["client", &address, "--format", "csv"]);
-        assert_eq!(run.code, Some(0), "{pace:?}: {}", run.err);
-        assert_eq!(hashes(&run.out), recorded, "{pace:?}");
-        assert!(run.err.contains("end of the recording"), "{}", run.err);
-        assert_eq!(server.wait(), Some(0));
+    for profile in Profile::ALL {
+        let recorded = hashes(&fine(&["inspect", text(recording(profile)), "--format", "csv"]));
+        for pace in [&["--pace", "fast"][..], &["--pace", "step"], &["--pace", "wall", "--rate", "2"]] {
+            let mut arguments = vec!["replay", text(recording(profile)), "--quiet"];
+            arguments.extend(pace);
+            let (server, address) = Server::start(&arguments);
+            let run = psao(&["client", &address, "--format", "csv"]);
+            assert_eq!(run.code, Some(0), "{pace:?}: {}", run.err);
+            assert_eq!(hashes(&run.out), recorded, "{pace:?}");
+            assert!(run.err.contains("end of the recording"), "{}", run.err);
+            assert_eq!(server.wait(), Some(0));
+        }
     }
 }
 
 #[test]
 fn two_clients_and_a_start_in_the_middle() {
-    let recorded = hashes(&fine(&["inspect", text(recording()), "--format", "csv"]));
-    let (server, address) = Server::start(&[
-        "replay",
-        text(recording()),
-        "--quiet",
-        "--clients",
-        "2",
-        "--pace",
-        "step",
-        "--from",
-        "0.08",
-    ]);
-    let first = command(&["client", &address, "--format", "csv"])
-        .stdout(Stdio::piped())
-        .stderr(Stdio::null())
-        .spawn();
-    let second: Run = command(&["client", &address, "--format", "csv"]).output().unwrap().into();
-    let first: Run = first.unwrap().wait_with_output().unwrap().into();
-    for run in [first, second] {
-        assert_eq!(hashes(&run.out), recorded[5..], "the keyframe at the start is made from the state");
+    for profile in Profile::ALL {
+        let recorded = hashes(&fine(&["inspect", text(recording(profile)), "--format", "csv"]));
+        let mut arguments = vec!["replay", text(recording(profile)), "--quiet", "--clients", "2"];
+        arguments.extend(["--pace", "step", "--from", "0.08"]);
+        let (server, address) = Server::start(&arguments);
+        let first = command(&["client", &address, "--format", "csv"])
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn();
+        let second: Run = command(&["client", &address, "--format", "csv"]).output().unwrap().into();
+        let first: Run = first.unwrap().wait_with_output().unwrap().into();
+        for run in [first, second] {
+            assert_eq!(hashes(&run.out), recorded[5..], "the keyframe at the start is made from the state");
+        }
+        assert_eq!(server.wait(), Some(0));
     }
-    assert_eq!(server.wait(), Some(0));
 }
 
 #[test]
 fn a_replayed_stream_is_recorded_as_it_was() {
     let folder = folder();
     let path = folder.path().join("again.psao");
-    let (server, address) = Server::start(&["replay", text(recording()), "--quiet"]);
-    let run = psao(&["record", "--from", &address, "-o", text(&path)]);
-    assert_eq!(run.code, Some(0), "{}{}", run.out, run.err);
-    assert_eq!(server.wait(), Some(0));
-    let listing = |path| hashes(&fine(&["inspect", text(path), "--format", "csv"]));
-    assert_eq!(listing(&path), listing(recording()));
-    fine(&["verify", text(&path)]);
+    for profile in Profile::ALL {
+        let (server, address) = Server::start(&["replay", text(recording(profile)), "--quiet"]);
+        let run = psao(&["record", "--from", &address, "-o", text(&path)]);
+        assert_eq!(run.code, Some(0), "{}{}", run.out, run.err);
+        assert_eq!(server.wait(), Some(0));
+        let listing = |path| hashes(&fine(&["inspect", text(path), "--format", "csv"]));
+        assert_eq!(listing(&path), listing(recording(profile)));
+        fine(&["verify", text(&path)]);
+    }
 }
 
 #[test]
 fn a_live_server_is_followed_and_recorded() {
     let folder = folder();
     let path = folder.path().join("live.psao");
-    let mut arguments = vec!["serve", "--scene", "asteroids", "--fps", "20"];
-    arguments.extend(SMALL);
-    let (_server, address) = Server::start(&arguments);
-    let client = command(&["client", &address, "--frames", "5"]).stdout(Stdio::piped()).spawn().unwrap();
-    let run = psao(&["record", "--from", &address, "--frames", "5", "-o", text(&path)]);
-    assert_eq!(run.code, Some(0), "{}{}", run.out, run.err);
-    let client: Run = client.wait_with_output().unwrap().into();
-    assert_eq!(client.code, Some(0), "{}", client.err);
-    assert!(client.out.contains("5 frames applied"), "{}", client.out);
-    fine(&["verify", text(&path)]);
+    for profile in Profile::ALL {
+        let mut arguments = vec!["serve", "--scene", "asteroids", "--fps", "20", "--profile", profile.name()];
+        arguments.extend(SMALL);
+        let (_server, address) = Server::start(&arguments);
+        let client = command(&["client", &address, "--frames", "5"]).stdout(Stdio::piped()).spawn().unwrap();
+        let run = psao(&["record", "--from", &address, "--frames", "5", "-o", text(&path)]);
+        assert_eq!(run.code, Some(0), "{}{}", run.out, run.err);
+        let client: Run = client.wait_with_output().unwrap().into();
+        assert_eq!(client.code, Some(0), "{}", client.err);
+        assert!(client.out.contains("5 frames applied"), "{}", client.out);
+        fine(&["verify", text(&path)]);
+    }
 }
 
 #[test]
 fn a_port_in_use_is_named() {
     let taken = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = taken.local_addr().unwrap().to_string();
-    let run = psao(&["replay", text(recording()), "--listen", &address]);
+    let run = psao(&["replay", text(recording(Profile::Surface)), "--listen", &address]);
     assert_eq!(run.code, Some(5));
     assert!(run.err.contains(&address) && run.err.contains("in use"), "{}", run.err);
 }
@@ -143,7 +144,7 @@ fn peers_that_are_not_there_or_speak_something_else() {
 
 #[test]
 fn a_server_outlives_a_peer_that_sends_garbage() {
-    let (server, address) = Server::start(&["replay", text(recording()), "--quiet"]);
+    let (server, address) = Server::start(&["replay", text(recording(Profile::Surface)), "--quiet"]);
     let mut garbage = std::net::TcpStream::connect(&address).unwrap();
     garbage.write_all(b"GET / HTTP/1.1\r\n\r\n").unwrap();
     let run = psao(&["client", &address]);

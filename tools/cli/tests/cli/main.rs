@@ -9,6 +9,8 @@
 mod bad_input;
 mod live;
 mod main_job;
+mod packings;
+mod profiles;
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -69,24 +71,47 @@ pub fn text(path: &Path) -> &str {
     path.to_str().expect("temporary paths are UTF-8")
 }
 
+/// `--profile`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Profile {
+    /// The paper's cells and buckets.
+    Paper,
+    /// Points at rest; the default.
+    Surface,
+}
+
+impl Profile {
+    /// Both.
+    pub const ALL: [Self; 2] = [Self::Paper, Self::Surface];
+
+    /// As it is typed.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Paper => "paper",
+            Self::Surface => "surface",
+        }
+    }
+}
+
 /// A recording of `colonnade` that the tests share.
-pub fn recording() -> &'static Path {
-    static SHARED: OnceLock<(tempfile::TempDir, PathBuf)> = OnceLock::new();
-    let (_, path) = SHARED.get_or_init(|| {
+pub fn recording(profile: Profile) -> &'static Path {
+    static SHARED: [OnceLock<(tempfile::TempDir, PathBuf)>; 2] = [const { OnceLock::new() }; 2];
+    let (_, path) = SHARED[profile as usize].get_or_init(|| {
         let folder = folder();
         let path = folder.path().join("colonnade.psao");
-        record("colonnade", &path);
+        record("colonnade", profile, &[], &path);
         (folder, path)
     });
     path
 }
 
 /// Records a small stream.
-pub fn record(scene: &str, path: &Path) {
+pub fn record(scene: &str, profile: Profile, more: &[&str], path: &Path) {
     let frames = FRAMES.to_string();
-    let mut arguments =
-        vec!["record", "--scene", scene, "--frames", &frames, "--threshold", "2", "-o", text(path)];
+    let mut arguments = vec!["record", "--scene", scene, "--profile", profile.name(), "--frames", &frames];
+    arguments.extend(["--threshold", "2", "-o", text(path)]);
     arguments.extend(SMALL);
+    arguments.extend(more);
     fine(&arguments);
 }
 

@@ -1,6 +1,8 @@
 //! Record, inspect, replay, draw, verify.
 
-use crate::{FRAMES, SMALL, fine, folder, hashes, psao, record, recording, text};
+use std::path::Path;
+
+use crate::{FRAMES, Profile, SMALL, fine, folder, hashes, psao, record, recording, text};
 
 fn json(arguments: &[&str]) -> serde_json::Value {
     serde_json::from_str(&fine(arguments)).expect("JSON")
@@ -12,35 +14,46 @@ fn sum(parts: &serde_json::Value) -> u64 {
 
 #[test]
 fn every_byte_of_a_recording_is_counted_once() {
-    let path = recording();
-    let document = json(&["inspect", text(path), "--format", "json"]);
-    assert_eq!(document["schema"], "psao-inspect/1");
-    let file_bytes = std::fs::metadata(path).unwrap().len();
-    assert_eq!(document["file_bytes"], file_bytes);
-    let frames = document["frames"].as_array().unwrap();
-    assert_eq!(frames.len(), FRAMES as usize);
-    let mut wire = 0;
-    for frame in frames {
-        assert_eq!(sum(&frame["parts"]), frame["wire_bytes"].as_u64().unwrap());
-        wire += frame["wire_bytes"].as_u64().unwrap();
+    for profile in Profile::ALL {
+        let path = recording(profile);
+        let document = json(&["inspect", text(path), "--format", "json"]);
+        assert_eq!(document["schema"], "psao-inspect/1");
+        assert_eq!(document["stream"]["profile"], profile.name());
+        let file_bytes = std::fs::metadata(path).unwrap().len();
+        assert_eq!(document["file_bytes"], file_bytes);
+        let frames = document["frames"].as_array().unwrap();
+        assert_eq!(frames.len(), FRAMES as usize);
+        let mut wire = 0;
+        for frame in frames {
+            assert_eq!(sum(&frame["parts"]), frame["wire_bytes"].as_u64().unwrap());
+            assert_eq!(frame["parts"]["other"], 0);
+            wire += frame["wire_bytes"].as_u64().unwrap();
+        }
+        let overhead = document["overhead_bytes"].as_u64().unwrap();
+        assert_eq!(sum(&document["overhead"]), overhead);
+        assert_eq!(wire + overhead, file_bytes);
+        assert_eq!(frames[0]["kind"], "key");
+        let stored = frames[0]["report"]["stored"].as_u64().unwrap();
+        assert_eq!(stored > 0, profile == Profile::Paper, "only the paper has tables");
+        let parts = match profile {
+            Profile::Paper => ["cells", "buckets"],
+            Profile::Surface => ["geometry", "values"],
+        };
+        assert!(parts.iter().all(|part| frames[0]["parts"][part].as_u64().unwrap() > 0));
+        let changed = frames[1..].iter().any(|frame| frame["changed_points"].as_u64().unwrap() > 0);
+        assert!(changed, "boulders roll");
     }
-    let overhead = document["overhead_bytes"].as_u64().unwrap();
-    assert_eq!(sum(&document["overhead"]), overhead);
-    assert_eq!(wire + overhead, file_bytes);
-    assert_eq!(frames[0]["kind"], "key");
-    assert!(frames[0]["report"]["stored"].as_u64().unwrap() > 0);
-    assert!(frames[1..].iter().any(|frame| frame["changed_points"].as_u64().unwrap() > 0), "boulders roll");
 }
 
 #[test]
 fn the_same_options_give_the_same_bytes_and_another_seed_gives_others() {
     let folder = folder();
     let again = folder.path().join("again.psao");
-    record("colonnade", &again);
-    assert!(
-        std::fs::read(recording()).unwrap() == std::fs::read(&again).unwrap(),
-        "same options, same bytes"
-    );
+    for profile in Profile::ALL {
+        record("colonnade", profile, &[], &again);
+        let same = std::fs::read(recording(profile)).unwrap() == std::fs::read(&again).unwrap();
+        assert!(same, "same options, same bytes");
+    }
     let other = folder.path().join("other.psao");
     let frames = FRAMES.to_string();
     let mut arguments =
@@ -54,66 +67,57 @@ fn the_same_options_give_the_same_bytes_and_another_seed_gives_others() {
 fn brute_force_gives_the_same_stream() {
     let folder = folder();
     let path = folder.path().join("exhaustive.psao");
-    let frames = FRAMES.to_string();
-    let mut arguments =
-        vec!["record", "--scene", "colonnade", "--frames", &frames, "--threshold", "2", "--exhaustive"];
-    arguments.extend(["-o", text(&path)]);
-    arguments.extend(SMALL);
-    fine(&arguments);
     let listing = |path| hashes(&fine(&["inspect", text(path), "--format", "csv"]));
-    assert_eq!(listing(recording()), listing(&path));
+    for profile in Profile::ALL {
+        record("colonnade", profile, &["--exhaustive"], &path);
+        assert_eq!(listing(recording(profile)), listing(&path));
+    }
 }
 
 #[test]
 fn replay_applies_the_recorded_states_from_any_time() {
-    let recorded = hashes(&fine(&["inspect", text(recording()), "--format", "csv"]));
-    let replayed = |more: &[&str]| {
-        let mut arguments = vec!["replay", text(recording()), "--format", "csv"];
-        arguments.extend(more);
-        let run = psao(&arguments);
-        assert_eq!(run.code, Some(0), "{}", run.err);
-        hashes(&run.out)
-    };
-    assert_eq!(replayed(&[]), recorded);
-    assert_eq!(replayed(&["--pace", "step"]), recorded);
-    assert_eq!(replayed(&["--pace", "wall", "--rate", "4"]), recorded);
-    assert_eq!(replayed(&["--from", "0.05", "--to", "0.1"]), recorded[3..=6], "60 frames a second");
+    for profile in Profile::ALL {
+        let recorded = hashes(&fine(&["inspect", text(recording(profile)), "--format", "csv"]));
+        let replayed = |more: &[&str]| {
+            let mut arguments = vec!["replay", text(recording(profile)), "--format", "csv"];
+            arguments.extend(more);
+            let run = psao(&arguments);
+            assert_eq!(run.code, Some(0), "{}", run.err);
+            hashes(&run.out)
+        };
+        assert_eq!(replayed(&[]), recorded);
+        assert_eq!(replayed(&["--pace", "step"]), recorded);
+        assert_eq!(replayed(&["--pace", "wall", "--rate", "4"]), recorded);
+        assert_eq!(replayed(&["--from", "0.05", "--to", "0.1"]), recorded[3..=6], "60 frames a second");
+    }
 }
 
 #[test]
 fn a_frame_becomes_a_picture_with_its_reference() {
-    let folder = folder();
-    let path = folder.path().join("a.png");
-    let printed = fine(&[
-        "reconstruct",
-        text(recording()),
-        "--frame",
-        "3",
-        "--size",
-        "64x36",
-        "--reference",
-        "--reference-rays",
-        "16",
-        "-o",
-        text(&path),
-    ]);
-    assert!(printed.contains("PSNR") && printed.contains("dB"), "{printed}");
-    for name in ["a.png", "a.reference.png", "a.difference.png", "a.side-by-side.png"] {
-        let bytes = std::fs::read(folder.path().join(name)).unwrap();
-        assert!(bytes.starts_with(b"\x89PNG"), "{name}");
+    for profile in Profile::ALL {
+        let (folder, recording) = (folder(), text(recording(profile)));
+        let path = folder.path().join("a.png");
+        let mut arguments = vec!["reconstruct", recording, "--frame", "3", "--size", "64x36"];
+        arguments.extend(["--reference", "--reference-rays", "16", "-o", text(&path)]);
+        let printed = fine(&arguments);
+        assert!(printed.contains("PSNR") && printed.contains("dB"), "{printed}");
+        for name in ["a.png", "a.reference.png", "a.difference.png", "a.side-by-side.png"] {
+            let bytes = std::fs::read(folder.path().join(name)).unwrap();
+            assert!(bytes.starts_with(b"\x89PNG"), "{name}");
+        }
+        let mut arguments = vec!["reconstruct", recording, "--frame", "0", "--size", "32x18"];
+        arguments.extend(["-o", text(&path), "--camera", "-2,1.7,3,0,1,0,70"]);
+        fine(&arguments);
     }
-    let camera = ["--camera", "-2,1.7,3,0,1,0,70"];
-    let mut arguments =
-        vec!["reconstruct", text(recording()), "--frame", "0", "--size", "32x18", "-o", text(&path)];
-    arguments.extend(camera);
-    fine(&arguments);
 }
 
 #[test]
 fn verify_passes_what_was_recorded() {
-    let printed = fine(&["verify", text(recording())]);
-    assert!(printed.contains(&format!("{FRAMES} frames applied")), "{printed}");
-    assert!(!printed.contains("WRONG") && !printed.contains("DAMAGED"), "{printed}");
+    for profile in Profile::ALL {
+        let printed = fine(&["verify", text(recording(profile))]);
+        assert!(printed.contains(&format!("{FRAMES} frames applied")), "{printed}");
+        assert!(!printed.contains("WRONG") && !printed.contains("DAMAGED"), "{printed}");
+    }
 }
 
 #[test]
@@ -130,18 +134,28 @@ fn scenes_are_listed_with_what_they_need() {
 fn inspect_draws_a_plot() {
     let folder = folder();
     let path = folder.path().join("plot.svg");
-    fine(&["inspect", text(recording()), "--per-frame", "--plot", text(&path)]);
-    let svg = std::fs::read_to_string(&path).unwrap();
-    assert!(svg.starts_with("<svg") && svg.contains("keyframe"), "{svg}");
+    for profile in Profile::ALL {
+        let recording = text(recording(profile));
+        let printed = fine(&["inspect", recording, "--per-frame", "--plot", text(&path)]);
+        let part = if profile == Profile::Paper { "buckets" } else { "changes" };
+        let svg = std::fs::read_to_string(&path).unwrap();
+        assert!(svg.starts_with("<svg") && svg.contains("keyframe") && svg.contains(part), "{svg}");
+        assert!(printed.contains(part) && printed.contains(profile.name()), "{printed}");
+    }
 }
 
 #[test]
 fn the_demo_leaves_its_folder() {
     let folder = folder();
     let target = folder.path().join("demo");
-    let mut arguments =
-        vec!["demo", "--scene", "asteroids", "--frames", "3", "--size", "64x36", "--reference-rays", "8"];
-    arguments.extend(["-o", text(&target)]);
+    for profile in Profile::ALL {
+        demo(&target, profile);
+    }
+}
+
+fn demo(target: &Path, profile: Profile) {
+    let mut arguments = vec!["demo", "--scene", "asteroids", "--frames", "3", "--profile", profile.name()];
+    arguments.extend(["--size", "64x36", "--reference-rays", "8", "-o", text(target)]);
     arguments.extend(SMALL);
     let printed = fine(&arguments);
     for word in ["points", "Mbit/s", "trace rays", "PSNR"] {

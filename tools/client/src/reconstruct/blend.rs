@@ -23,6 +23,7 @@ pub(super) struct Blend {
 }
 
 impl Blend {
+    #[inline]
     pub(super) fn new() -> Self {
         Self { weights: [0.0; LANES], weighted: [0.0; LANES], blended: [0; LANES] }
     }
@@ -49,11 +50,13 @@ impl Blend {
     }
 
     /// Points with a weight above 0.
+    #[inline]
     pub(super) fn blended(&self) -> u32 {
         self.blended.iter().sum()
     }
 
     /// The weighted mean; `None` when no point has a weight above 0.
+    #[inline]
     pub(super) fn mean(&self) -> Option<f32> {
         let weights = self.weights.iter().sum::<f32>();
         // A mean of values in [0, 1] may leave it by rounding.

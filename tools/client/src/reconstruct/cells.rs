@@ -1,68 +1,12 @@
 //! Ambient occlusion of every fragment from cells of points (paper, section 3.5, Eq. 2 to 4).
 
 use psao_codec::frame::State;
-use rayon::prelude::*;
 
 use super::blend::{Blend, Place};
 use super::neighbours::{InstanceSpace, Neighbours};
-use crate::{AoImage, GBuffer, Surface};
-
-/// Ambient occlusion of a view, and how well the points supported it.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Reconstruction {
-    /// Accessibility of each pixel; 1 where there is background or no point counts.
-    pub image: AoImage,
-    /// What went into it.
-    pub statistics: Statistics,
-}
-
-/// Counts over the fragments of one reconstruction.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Statistics {
-    /// Pixels that show a surface.
-    pub fragments: u64,
-    /// Fragments for which no point had a weight above 0; Eq. 4 calls them open.
-    pub unsupported: u64,
-    /// Points with a weight above 0, summed over all fragments.
-    pub blended: u64,
-}
-
-impl Statistics {
-    /// Mean number of points blended for a fragment, 0 to 56; 0 when there is no fragment.
-    pub fn mean_blended(&self) -> f64 {
-        if self.fragments == 0 { 0.0 } else { self.blended as f64 / self.fragments as f64 }
-    }
-
-    /// Share of the fragments that no point supports, 0 to 1; 0 when there is no fragment.
-    pub fn unsupported_share(&self) -> f64 {
-        if self.fragments == 0 { 0.0 } else { self.unsupported as f64 / self.fragments as f64 }
-    }
-
-    fn plus(self, other: Self) -> Self {
-        Self {
-            fragments: self.fragments + other.fragments,
-            unsupported: self.unsupported + other.unsupported,
-            blended: self.blended + other.blended,
-        }
-    }
-}
-
-/// A view that does not belong to the state.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum ReconstructError {
-    /// A fragment shows an instance that the stream does not have.
-    #[error(
-        "pixel {pixel} shows instance {instance}, but the stream has {instances} instances; draw the scene that the stream was made of"
-    )]
-    Instance {
-        /// Number of the first such pixel: row times width plus column.
-        pixel: usize,
-        /// The instance it shows.
-        instance: u32,
-        /// Number of instances of the stream's layout.
-        instances: usize,
-    },
-}
+use super::outcome::{ReconstructError, Reconstruction};
+use super::walk::{check_instances, walk};
+use crate::GBuffer;
 
 /// Reconstructs the ambient occlusion of every fragment of `view` from the points of `state`.
 ///
@@ -78,80 +22,21 @@ pub enum ReconstructError {
 pub fn cells(state: &State, view: &GBuffer) -> Result<Reconstruction, ReconstructError> {
     let spaces = InstanceSpace::all(state);
     check_instances(view, spaces.len())?;
-    let size = view.size();
-    let width = size.width() as usize;
-    let mut values = vec![1.0_f32; size.pixels()];
-    let bands: Vec<Statistics> = values
-        .par_chunks_mut(width * TILE)
-        .enumerate()
-        .map(|(band, values)| shade_band(state, &spaces, view, band * TILE * width, values))
-        .collect();
-    let statistics = bands.into_iter().fold(Statistics::default(), Statistics::plus);
-    Ok(Reconstruction { image: AoImage::from_computed(size, values), statistics })
-}
-
-/// Pixels on a side of the tiles in which a view is walked, so that fragments one above the other share their
-/// neighbourhood as well as those side by side.
-const TILE: usize = 8;
-
-/// Shades up to [`TILE`] rows; `first` is the number of the first pixel.
-fn shade_band(
-    state: &State,
-    spaces: &[InstanceSpace],
-    view: &GBuffer,
-    first: usize,
-    values: &mut [f32],
-) -> Statistics {
-    let width = view.size().width() as usize;
-    let mut neighbours = Neighbours::new();
-    let mut statistics = Statistics::default();
-    for left in (0..width).step_by(TILE) {
-        let columns = left..(left + TILE).min(width);
-        for row in (0..values.len()).step_by(width) {
-            for at in columns.clone().map(|x| row + x) {
-                if let Some(fragment) = view.fragment(first + at) {
-                    let space = &spaces[fragment.instance as usize];
-                    values[at] = shade(state, space, &fragment, &mut neighbours, &mut statistics);
-                }
+    Ok(walk(view, Neighbours::new, |neighbours, pixel, instance| {
+        let space = &spaces[instance as usize];
+        let place = Place {
+            position: space.local_point(view.position()[pixel]),
+            normal: space.local_vector(view.normal()[pixel]),
+            radius: space.kernel_radius(),
+        };
+        let mut blend = Blend::new();
+        if let Some(base) = space.base(place.position) {
+            for group in neighbours.of(state, space, base) {
+                blend.add(group, &place);
             }
         }
-    }
-    statistics
-}
-
-fn check_instances(view: &GBuffer, instances: usize) -> Result<(), ReconstructError> {
-    let unknown = |&&instance: &&u32| instance != GBuffer::NO_INSTANCE && instance as usize >= instances;
-    match view.instance().iter().enumerate().find(|(_, instance)| unknown(instance)) {
-        Some((pixel, &instance)) => Err(ReconstructError::Instance { pixel, instance, instances }),
-        None => Ok(()),
-    }
-}
-
-/// Eq. 4 for one fragment.
-fn shade(
-    state: &State,
-    space: &InstanceSpace,
-    fragment: &Surface,
-    neighbours: &mut Neighbours,
-    statistics: &mut Statistics,
-) -> f32 {
-    statistics.fragments += 1;
-    let place = Place {
-        position: space.local_point(fragment.position),
-        normal: space.local_vector(fragment.normal),
-        radius: space.kernel_radius(),
-    };
-    let mut blend = Blend::new();
-    if let Some(base) = space.base(place.position) {
-        for group in neighbours.of(state, space, base) {
-            blend.add(group, &place);
-        }
-    }
-    statistics.blended += u64::from(blend.blended());
-    blend.mean().unwrap_or_else(|| {
-        statistics.unsupported += 1;
-        1.0
-    })
+        blend
+    }))
 }
 
 #[cfg(test)]
@@ -160,10 +45,12 @@ mod tests {
     use proptest::prelude::*;
     use psao_codec::cells::{Grid, PointSample};
     use psao_codec::frame::Pose;
+    use psao_codec::point::PointFormat;
 
     use super::*;
-    use crate::Size;
-    use crate::testing::{TestInstance, state};
+    use crate::reconstruct::Statistics;
+    use crate::testing::{TestInstance, state, state_of};
+    use crate::{Size, Surface};
 
     /// A view of one row of fragments.
     fn row(fragments: &[Surface]) -> GBuffer {
@@ -172,7 +59,7 @@ mod tests {
     }
 
     fn fragment(instance: u32, position: Vec3, normal: Vec3) -> Surface {
-        Surface { t: 1.0, position, normal, instance }
+        Surface { t: 1.0, position, normal, instance, rest: None }
     }
 
     fn point(local: [f32; 3], ao: u8) -> PointSample {
@@ -215,11 +102,13 @@ mod tests {
         let (mut sum, mut weighted, mut blended, mut close_call) = (0.0, 0.0, 0, false);
         for cell in near {
             let corner = Vec3::from(layout.grid.corner(cell));
-            for packed in
-                state.lookup(fragment.instance, cell).into_iter().flat_map(psao_codec::cells::Cell::points)
+            for point in state
+                .lookup(fragment.instance, cell)
+                .into_iter()
+                .flat_map(|cell| cell.points(state.layout().format()))
             {
-                let p = (corner + Vec3::from(packed.frac()) * layout.grid.edge()).as_dvec3();
-                let n_p = Vec3::from(packed.normal()).as_dvec3();
+                let p = (corner + Vec3::from(point.frac) * layout.grid.edge()).as_dvec3();
+                let n_p = Vec3::from(point.normal).as_dvec3();
                 let (x, r) = (x.as_dvec3(), f64::from(layout.kernel_radius));
                 let mut alpha = ((r - (p - x).length()) / r).max(0.0);
                 close_call |= ((r - (p - x).length()) / r).abs() < 1e-5;
@@ -235,7 +124,7 @@ mod tests {
                     }
                 }
                 sum += alpha;
-                weighted += alpha * f64::from(packed.accessibility());
+                weighted += alpha * f64::from(point.accessibility());
                 blended += u64::from(alpha > 0.0);
             }
         }
@@ -343,11 +232,12 @@ mod tests {
             (axis, angle) in (unit(), -3.0_f32..3.0),
             kernel_radius in 0.05_f32..0.6,
             width in 1_usize..10,
+            format in prop::sample::select(PointFormat::ALL.to_vec()),
         ) {
             let grid = Grid::new([-0.4; 3], 0.26, [5, 4, 5]).unwrap();
             let rotation = Quat::from_axis_angle(axis, angle);
             let pose = Pose { translation, rotation: rotation.to_array() };
-            let state = state(&[
+            let state = state_of(format, &[
                 TestInstance { grid, kernel_radius, pose, points },
                 TestInstance { grid, kernel_radius, pose: Pose::IDENTITY, points: more },
             ]);

@@ -18,10 +18,10 @@ pub(super) struct Group {
 }
 
 impl Group {
-    const EMPTY: Self =
+    pub(super) const EMPTY: Self =
         Self { position: [[f32::INFINITY; LANES]; 3], normal: [[0.0; LANES]; 3], ao: [0.0; LANES] };
 
-    fn set(&mut self, lane: usize, position: Vec3, normal: Vec3, ao: f32) {
+    pub(super) fn set(&mut self, lane: usize, position: Vec3, normal: Vec3, ao: f32) {
         for axis in 0..3 {
             self.position[axis][lane] = position[axis];
             self.normal[axis][lane] = normal[axis];
@@ -103,10 +103,10 @@ impl Neighbourhood {
             let Some(cell) = inside(wanted, space.grid.dims()) else { continue };
             let Some(found) = state.lookup(space.instance, cell) else { continue };
             let corner = Vec3::from(space.grid.corner(cell));
-            for point in found.points() {
-                let position = corner + Vec3::from(point.frac()) * space.grid.edge();
+            for point in found.points(state.layout().format()) {
+                let position = corner + Vec3::from(point.frac) * space.grid.edge();
                 let group = &mut self.groups[self.count / LANES];
-                group.set(self.count % LANES, position, point.normal().into(), point.accessibility());
+                group.set(self.count % LANES, position, point.normal.into(), point.accessibility());
                 self.count += 1;
             }
         }

@@ -6,6 +6,7 @@ use psao_codec::Limits;
 use psao_codec::block::BlockCoder;
 use psao_codec::cells::{Grid, InstanceLayout, Layout, Occupancy, PaperEncoder, PointSample};
 use psao_codec::frame::{FrameIndex, FrameKind, FrameMeta, State, StreamTime, apply};
+use psao_codec::point::PointFormat;
 
 use super::{Case, StressError};
 
@@ -52,7 +53,9 @@ fn unaccounted(
     let grid = Grid::new([0.0; 3], 1.0, dims).map_err(StressError::new)?;
     let instance = InstanceLayout { grid, first_bucket: 0, bucket_count, kernel_radius: 0.5 };
     let limits = Limits::default();
-    let layout = Arc::new(Layout::new(vec![instance], cell_capacity, &limits).map_err(StressError::new)?);
+    let layout = Arc::new(
+        Layout::new(PointFormat::Bits32, vec![instance], cell_capacity, &limits).map_err(StressError::new)?,
+    );
     let mut encoder = PaperEncoder::new(Arc::clone(&layout), &[POINTS]).map_err(StressError::new)?;
     let mut client = State::new(layout);
     for point in 0..POINTS {
@@ -80,7 +83,7 @@ fn settle(encoder: &mut PaperEncoder, client: &mut State, frame: u32, put: u32) 
     let counts = encoder.counts();
     let entries = client.buckets().iter().flat_map(psao_codec::cells::Bucket::entries);
     let cells = entries.filter(|entry| entry.is_used()).map(|entry| entry.cell() as usize);
-    let held: usize = cells.map(|cell| client.cells()[cell].points().count()).sum();
+    let held: usize = cells.map(|cell| client.cells()[cell].points(client.layout().format()).count()).sum();
     let held = u32::try_from(held).unwrap_or(u32::MAX);
     Ok(put.abs_diff(counts.points_stored + counts.homeless()).max(held.abs_diff(counts.points_stored)))
 }

@@ -1,7 +1,7 @@
-//! Positions in 5 bits an axis of a cell: how far a point is off when it comes out (paper, section 3.2).
+//! Positions in 5 bits an axis of a cell, 3 or 2 in the narrow packings: how far a point is off when it comes out (paper, section 3.2).
 
 use psao_codec::cells::Grid;
-use psao_codec::point::Packed32;
+use psao_codec::point::PointFormat;
 
 use super::{Case, StressError};
 
@@ -21,7 +21,25 @@ pub(super) fn cases() -> Vec<Case> {
             bound: HALF_STEP + 2e-5,
             documented: None,
             unit: "cells",
-            measure: || worst([0.0; 3], 1.0),
+            measure: || worst(PointFormat::Bits32, [0.0; 3], 1.0),
+        },
+        Case {
+            name: "position-cells-24",
+            what: "The same with 24-bit points, whose positions have 3 bits an axis.",
+            bound_text: "half a step of 1/7 of a cell and the rounding of f32",
+            bound: 0.5 / 7.0 + 2e-5,
+            documented: None,
+            unit: "cells",
+            measure: || worst(PointFormat::Bits24, [0.0; 3], 1.0),
+        },
+        Case {
+            name: "position-cells-16",
+            what: "The same with 16-bit points, whose positions have 2 bits an axis.",
+            bound_text: "half a step of 1/3 of a cell and the rounding of f32",
+            bound: 0.5 / 3.0 + 2e-5,
+            documented: None,
+            unit: "cells",
+            measure: || worst(PointFormat::Bits16, [0.0; 3], 1.0),
         },
         Case {
             name: "position-scene-1e-3",
@@ -30,7 +48,7 @@ pub(super) fn cases() -> Vec<Case> {
             bound: (HALF_STEP + 2e-5) * 1e-3 / 64.0 * 1e6,
             documented: None,
             unit: "um",
-            measure: || Ok(worst([0.0; 3], 1e-3 / 64.0)? * 1e6),
+            measure: || Ok(worst(PointFormat::Bits32, [0.0; 3], 1e-3 / 64.0)? * 1e6),
         },
         Case {
             name: "position-scene-1e4",
@@ -39,7 +57,7 @@ pub(super) fn cases() -> Vec<Case> {
             bound: (HALF_STEP + 2e-5) * 1e4 / 64.0,
             documented: None,
             unit: "m",
-            measure: || worst([-5e3; 3], 1e4 / 64.0),
+            measure: || worst(PointFormat::Bits32, [-5e3; 3], 1e4 / 64.0),
         },
         Case {
             name: "position-far-1e4",
@@ -48,13 +66,13 @@ pub(super) fn cases() -> Vec<Case> {
             bound: HALF_STEP * 0.1 * 1e3,
             documented: Some(HALF_STEP * 0.1 * 1e3 + 2.0 * 0.976_562_5),
             unit: "mm",
-            measure: || Ok(worst([1e4; 3], 0.1)? * 1e3),
+            measure: || Ok(worst(PointFormat::Bits32, [1e4; 3], 0.1)? * 1e3),
         },
     ]
 }
 
 /// Largest error on one axis, in metres, over points spread through a grid at `origin` with cells of `edge`.
-fn worst(origin: [f32; 3], edge: f32) -> Result<f64, StressError> {
+fn worst(format: PointFormat, origin: [f32; 3], edge: f32) -> Result<f64, StressError> {
     let grid = Grid::new(origin, edge, [CELLS; 3]).map_err(StressError::new)?;
     let mut worst = 0.0_f64;
     for index in 0..POINTS {
@@ -62,10 +80,10 @@ fn worst(origin: [f32; 3], edge: f32) -> Result<f64, StressError> {
         let point: [f32; 3] =
             std::array::from_fn(|axis| origin[axis] + (share[axis] * f64::from(CELLS)) as f32 * edge);
         let located = grid.locate(point);
-        let packed = Packed32::pack(located.frac, [0.0, 0.0, 1.0], 0);
+        let packed = format.unpack(format.pack(located.frac, [0.0, 0.0, 1.0], 0));
         let corner = grid.corner(located.cell);
         for axis in 0..3 {
-            let back = corner[axis] + packed.frac()[axis] * edge;
+            let back = corner[axis] + packed.frac[axis] * edge;
             worst = worst.max((f64::from(back) - f64::from(point[axis])).abs());
         }
     }
@@ -82,19 +100,20 @@ fn spread(index: u32) -> [f64; 3] {
 
 #[cfg(test)]
 mod tests {
-    use psao_codec::quant::position;
-
     use super::*;
 
     #[test]
     fn the_bound_is_the_codecs_own() {
-        assert!((f64::from(position::max_error()) - HALF_STEP).abs() < 1e-6);
+        assert!((f64::from(PointFormat::Bits32.max_position_error()) - HALF_STEP).abs() < 1e-6);
     }
 
     #[test]
     fn the_worst_case_comes_close_to_its_bound() {
-        let found = worst([0.0; 3], 1.0).unwrap();
-        assert!(found > 0.99 * HALF_STEP && found <= HALF_STEP + 2e-5, "{found} of {HALF_STEP}");
+        for format in PointFormat::ALL {
+            let found = worst(format, [0.0; 3], 1.0).unwrap();
+            let bound = f64::from(format.max_position_error());
+            assert!(found > 0.99 * bound && found <= bound + 2e-5, "{format:?}: {found} of {bound}");
+        }
     }
 
     #[test]

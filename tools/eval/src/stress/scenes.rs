@@ -95,7 +95,7 @@ fn trace(scene: &Arc<Scene>, points: &ScenePoints, settings: &AoSettings) -> Res
         for point in points.sets()[of.rest().index()].points() {
             let placed = posed.place(point);
             let (position, normal) = (at.point(placed.position), at.direction(placed.normal));
-            fragments.push(Some(Surface { t: 0.0, position, normal, instance }));
+            fragments.push(Some(Surface { t: 0.0, position, normal, instance, rest: None }));
         }
     }
     let width = u32::try_from(fragments.len()).unwrap_or(u32::MAX);
@@ -226,7 +226,7 @@ mod tests {
     fn the_box_integral_is_open_in_a_small_radius_and_the_same_on_every_wall() {
         let at = |position: Vec3, normal: Vec3, radius: f32| {
             let settings = settings(radius, Occlusion::Obscurance);
-            box_integral(&Surface { t: 0.0, position, normal, instance: 0 }, &settings)
+            box_integral(&Surface { t: 0.0, position, normal, instance: 0, rest: None }, &settings)
         };
         assert_eq!(at(Vec3::NEG_Y * HALF, Vec3::Y, 0.1), 1.0);
         let middles = [Vec3::X, Vec3::NEG_Y, Vec3::Z].map(|normal| at(-normal * HALF, normal, 2.0));

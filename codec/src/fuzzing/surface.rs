@@ -1,0 +1,352 @@
+//! Fuzz bodies of profile `surface`.
+
+use std::sync::{Arc, OnceLock};
+
+use super::{HASH_BYTES, LIMITS, damage, make_checksum_right, meta};
+use crate::StateHash;
+use crate::block::{BlockCoder, CoderId};
+use crate::frame::{
+    EncodedFrame, FrameError, FrameKind, Packing, Profile, SectionInfo, SectionTag, assemble,
+};
+use crate::reference::{NaiveSurfaceEncoder, apply_surface};
+use crate::surface::{
+    Applier, Encoder, EncoderSettings, Geometry, GeometryDigest, GeometrySource, Layout, Member, RestPoint,
+    SetLayout, State, keyframe, preview,
+};
+
+const CODERS: [BlockCoder; 4] =
+    [BlockCoder::Range, BlockCoder::Stored, BlockCoder::Lz4, BlockCoder::Zstd { level: 1 }];
+
+/// Applies frame bodies of profile `surface` made of `data` to a state of a small stream.
+///
+/// The low four bits of the first byte choose one of 16 sound frames: a keyframe, a delta in which points arrive, one of
+/// changes alone, a keyframe for a late client, each with every coder. Its other bits choose what the other bytes are: 0 or 1,
+/// changes to that frame (exclusive or from an offset on); 2, one section for the state before it, made of tag, coder, u16
+/// records, u16 raw bytes and the block; 3, a body as it is. But for the last, the checksum is then made right; and a body that
+/// fails for its state hash only is given the right one and must pass.
+pub fn surface_decode(data: &[u8]) {
+    let Some((mode, rest)) = data.split_first() else { return };
+    let Some(sample) = samples().and_then(|samples| samples.get(usize::from(mode & 15))) else { return };
+    let mut body = sample.body.clone();
+    match mode >> 4 & 3 {
+        0 | 1 => damage(&mut body, rest),
+        2 => match one_section(sample.kind, rest) {
+            Some(section) => body = section,
+            None => return,
+        },
+        _ => body = rest.to_vec(),
+    }
+    if mode >> 4 & 3 < 3 {
+        make_checksum_right(&mut body);
+    }
+    if let Some(FrameError::Hash { computed, .. }) = check_apply(&sample.before, &body) {
+        body[HASH_BYTES].copy_from_slice(&computed.0.to_le_bytes());
+        make_checksum_right(&mut body);
+        let refused = check_apply(&sample.before, &body);
+        assert_eq!(refused, None, "only the hash was wrong");
+    }
+    check_preview(&sample.before, &body, usize::from(*mode) * 7);
+}
+
+/// Drives encoder, applier and their twins with operations read from `data`, and a client that joins late, and checks after
+/// every frame that all hold the same and that nobody is off by the threshold. The first byte is the threshold; the second
+/// says whether clients are sent the geometry.
+pub fn surface_round_trip(data: &[u8]) {
+    let [threshold, source, operations @ ..] = data else { return };
+    let source = if source & 1 == 0 { GeometrySource::Sent } else { GeometrySource::Shared };
+    let settings = EncoderSettings { threshold: (*threshold).max(1), geometry: source };
+    let Some(mut pair) = Pair::new(settings) else { return };
+    let mut bytes = operations.iter().copied();
+    while let Some(operation) = bytes.next() {
+        let mut byte = || bytes.next().unwrap_or(0);
+        let coder = CODERS[usize::from(operation >> 4 & 3)];
+        match operation & 15 {
+            0..=3 => pair.offer(u32::from(byte()) + u32::from(operation >> 4) * 32, byte()),
+            4..=6 => {
+                let (first, count, ao, step) = (u32::from(byte()), u32::from(byte()), byte(), byte());
+                for at in 0..count {
+                    pair.offer(first + at, ao.wrapping_add(step.wrapping_mul(at as u8)));
+                }
+            }
+            7 => pair.join_late(coder, &[(u32::from(byte()), 0), (1, 1)]),
+            8 => pair.fail(),
+            15 => pair.finish(FrameKind::Key, coder),
+            _ => pair.finish(FrameKind::Delta, coder),
+        }
+    }
+    pair.finish(FrameKind::Delta, BlockCoder::Range);
+}
+
+/// A floor, a ball, nothing, and a few points at the same node.
+fn small_geometry() -> Vec<Arc<Geometry>> {
+    let layout = |extent, normal_bits| SetLayout {
+        origin: [-1.0, -1.0, -1.0],
+        step: 1.0 / 32.0,
+        extent,
+        normal_bits,
+        points: 0,
+        kernel_radius: 0.1,
+        digest: GeometryDigest::default(),
+    };
+    // Low bits of multiples of odd numbers: spread without a sine.
+    let spread = |n: u32, by: u32| ((n * by) % 128) as f32 / 64.0 - 1.0;
+    let floor = (0..150)
+        .map(|n| RestPoint { position: [spread(n, 29), 0.0, spread(n, 47)], normal: [0.0, 1.0, 0.0] });
+    let ball = (0..70).map(|n| {
+        let normal = [spread(n, 29), spread(n, 47), spread(n, 71)];
+        RestPoint { position: normal.map(|axis| axis * 0.5), normal }
+    });
+    let node = (0..5).map(|n| RestPoint { position: [0.0; 3], normal: [1.0, spread(n, 31), 0.0] });
+    let round = |layout, points: Vec<RestPoint>| Arc::new(Geometry::round(layout, &points).geometry);
+    vec![
+        round(layout([64; 3], 6), floor.collect()),
+        round(layout([64; 3], 4), ball.collect()),
+        round(layout([64; 3], 4), Vec::new()),
+        round(layout([0, 5, 0], 2), node.collect()),
+    ]
+}
+
+fn small_stream(settings: EncoderSettings) -> Option<(Encoder, State)> {
+    static GEOMETRY: OnceLock<Vec<Arc<Geometry>>> = OnceLock::new();
+    let geometry = GEOMETRY.get_or_init(small_geometry);
+    let sets = geometry.iter().map(|geometry| *geometry.layout()).collect();
+    let members = [0, 1, 2, 1, 3].map(|set| Member { set }).to_vec();
+    let layout = Arc::new(Layout::new(sets, members, &LIMITS).ok()?);
+    let client = blank(&layout, settings.geometry)?;
+    Some((Encoder::new(layout, geometry.clone(), settings).ok()?, client))
+}
+
+/// A client of the stream with nothing received.
+fn blank(layout: &Arc<Layout>, source: GeometrySource) -> Option<State> {
+    let mut client = State::new(Arc::clone(layout));
+    if source == GeometrySource::Shared {
+        for (set, geometry) in (0..).zip(small_geometry()) {
+            client.share_geometry(set, geometry).ok()?;
+        }
+    }
+    Some(client)
+}
+
+/// The encoder, the twin of its decisions, and clients that have applied every frame.
+struct Pair {
+    encoder: Encoder,
+    naive: NaiveSurfaceEncoder,
+    applier: Applier,
+    client: State,
+    late: Option<State>,
+    frames: u32,
+}
+
+impl Pair {
+    fn new(settings: EncoderSettings) -> Option<Pair> {
+        let (encoder, client) = small_stream(settings)?;
+        let naive = NaiveSurfaceEncoder::new(Arc::clone(client.layout()), settings);
+        Some(Pair { encoder, naive, applier: Applier::new(), client, late: None, frames: 0 })
+    }
+
+    fn offer(&mut self, point: u32, ao: u8) {
+        assert_eq!(self.encoder.offer(point, ao), self.naive.offer(point, ao));
+    }
+
+    fn finish(&mut self, kind: FrameKind, coder: BlockCoder) {
+        let kind = if self.frames == 0 { FrameKind::Key } else { kind };
+        let due = if kind == FrameKind::Delta { self.naive.due().len() } else { 0 };
+        let finished = self.encoder.finish(meta(kind, self.frames), coder);
+        assert!(finished.is_ok(), "{finished:?}");
+        let Ok(EncodedFrame { body, info }) = finished else { return };
+        self.frames += 1;
+        self.naive.finish(kind);
+        let changed: u32 = info.section(SectionTag::CHANGES).map_or(0, |section| section.records);
+        assert_eq!(changed as usize, due);
+        let twin = apply_surface(&self.client, &body, &LIMITS);
+        assert_eq!(self.applier.apply(&mut self.client, &body, &LIMITS), Ok(info));
+        assert_eq!(Ok(&self.client), twin.as_ref());
+        assert_eq!(&self.client, self.encoder.state());
+        assert_eq!(self.client.hash(), self.client.full_hash());
+        if let Some(late) = &mut self.late {
+            assert!(self.applier.apply(late, &body, &LIMITS).is_ok());
+            assert_eq!(late, &self.client);
+        }
+        self.check_values();
+    }
+
+    /// Clients hold what the twin says, and are not off by the threshold.
+    fn check_values(&self) {
+        let layout = self.client.layout();
+        let most = self.encoder.settings().max_error();
+        for instance in 0..layout.members().len() as u32 {
+            let values = self.client.values(instance).iter();
+            for ((value, at), point) in values.zip(0..).zip(layout.points_of(instance)) {
+                let here = self.client.is_present(instance, at / crate::surface::BLOCK_POINTS);
+                let point = point as u32;
+                assert_eq!(here.then_some(*value), self.naive.held(point), "point {point}");
+                let offered = self.naive.offered(point).filter(|_| here);
+                assert!(offered.is_none_or(|offered| offered.abs_diff(*value) <= most), "point {point}");
+            }
+        }
+    }
+
+    /// Another client joins, and must be able to read on.
+    fn join_late(&mut self, coder: BlockCoder, first: &[(u32, u32)]) {
+        let Some(frame) = self.client.frame() else { return };
+        let source = self.encoder.settings().geometry;
+        let Some(mut late) = blank(self.client.layout(), source) else { return };
+        let body = keyframe(&self.client, meta(FrameKind::Key, frame.0), coder, first);
+        let Ok(body) = body else { return assert!(body.is_ok(), "{body:?}") };
+        let twin = apply_surface(&late, &body, &LIMITS);
+        let joined = self.applier.apply(&mut late, &body, &LIMITS);
+        assert!(joined.is_ok(), "{joined:?}");
+        assert_eq!(late, self.client);
+        assert_eq!(Ok(&late), twin.as_ref());
+        self.late = Some(late);
+    }
+
+    /// Asks for a frame with a level that no coder has: nothing may change.
+    fn fail(&mut self) {
+        let before = self.encoder.state().clone();
+        let kind = if self.frames.is_multiple_of(2) { FrameKind::Key } else { FrameKind::Delta };
+        if self.encoder.finish(meta(kind, self.frames), BlockCoder::Zstd { level: 99 }).is_ok() {
+            // It had nothing to compress; clients are told of it so that indices stay in order.
+            self.client.clone_from(self.encoder.state());
+            self.naive.finish(kind);
+            self.late = None;
+            self.frames += 1;
+        } else {
+            assert_eq!(&before, self.encoder.state());
+        }
+    }
+}
+
+/// A sound frame, and the state that it fits.
+struct Sample {
+    before: State,
+    kind: FrameKind,
+    body: Vec<u8>,
+}
+
+fn samples() -> Option<&'static [Sample]> {
+    static SAMPLES: OnceLock<Option<Vec<Sample>>> = OnceLock::new();
+    SAMPLES.get_or_init(make_samples).as_deref()
+}
+
+fn make_samples() -> Option<Vec<Sample>> {
+    let mut samples = Vec::new();
+    for coder in CODERS {
+        let (mut encoder, empty) =
+            small_stream(EncoderSettings { threshold: 4, geometry: GeometrySource::Sent })?;
+        for (frame, offered) in [(0_u32, 200_u32), (1, 295), (2, 295)] {
+            for point in 0..offered {
+                let shadow = (point % 90).abs_diff(10 + frame * 8).min(30) as u8;
+                encoder.offer(point, 150 + 3 * shadow)?;
+            }
+            let kind = if frame == 0 { FrameKind::Key } else { FrameKind::Delta };
+            let before = if frame == 0 { empty.clone() } else { encoder.state().clone() };
+            let body = encoder.finish(meta(kind, frame), coder).ok()?.body;
+            samples.push(Sample { before, kind, body });
+        }
+        let body = keyframe(encoder.state(), meta(FrameKind::Key, 2), coder, &[(1, 1)]).ok()?;
+        samples.push(Sample { before: empty, kind: FrameKind::Key, body });
+    }
+    Some(samples)
+}
+
+/// A body of one section.
+fn one_section(kind: FrameKind, data: &[u8]) -> Option<Vec<u8>> {
+    let (&[tag, coder, a, b, c, d], block) = data.split_first_chunk()?;
+    let section = SectionInfo {
+        tag: SectionTag(tag),
+        coder: CoderId(coder),
+        records: u16::from_le_bytes([a, b]).into(),
+        raw_bytes: u16::from_le_bytes([c, d]).into(),
+        wire_bytes: block.len() as u32,
+    };
+    let ids = (Profile::SURFACE, Packing::LATTICE, kind);
+    Some(assemble(&meta(kind, 9), ids, StateHash(1), vec![section], block).body)
+}
+
+/// Applies a body and its twin; they must agree, and a refused frame must leave the state alone.
+fn check_apply(state: &State, body: &[u8]) -> Option<FrameError> {
+    let mut after = state.clone();
+    let mut applier = Applier::new();
+    let applied = applier.apply(&mut after, body, &LIMITS);
+    let expected = apply_surface(state, body, &LIMITS);
+    match applied {
+        Ok(_) => {
+            assert_eq!(Ok(&after), expected.as_ref());
+            assert_eq!(after.hash(), after.full_hash());
+            // What one frame leaves in an applier is nothing to the next.
+            let mut again = state.clone();
+            assert!(applier.apply(&mut again, body, &LIMITS).is_ok());
+            assert_eq!(again, after);
+            None
+        }
+        Err(error) => {
+            assert!(expected.is_err(), "refused: {error}, the twin does not");
+            assert!(after == *state, "refused: {error}, but the state changed");
+            Some(error)
+        }
+    }
+}
+
+/// Looks at the beginning of a body, and at all of it: then there is as much as a whole frame makes.
+fn check_preview(state: &State, body: &[u8], cut: usize) {
+    let part = preview(state, &body[..cut % (body.len() + 1)], &LIMITS);
+    let whole = preview(state, body, &LIMITS);
+    if let (Ok(Some(part)), Ok(Some(whole))) = (&part, &whole) {
+        assert!(part.sections <= whole.sections);
+        assert!(part.state.present_points() <= whole.state.present_points());
+    }
+    let mut applied = state.clone();
+    if Applier::new().apply(&mut applied, body, &LIMITS).is_ok() {
+        assert!(whole.is_ok(), "{whole:?}");
+        assert!(whole.is_ok_and(|whole| whole.is_none_or(|whole| whole.state == applied)));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    #[test]
+    fn sound_frames_are_taken() {
+        let samples = samples().unwrap();
+        assert_eq!(samples.len(), 16);
+        for sample in samples {
+            assert_eq!(check_apply(&sample.before, &sample.body), None);
+        }
+        // The late keyframes carry what was learned.
+        let info = crate::frame::inspect(&samples[3].body, &LIMITS).unwrap();
+        assert!(info.section(SectionTag::CONTEXT).is_some());
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(150))]
+
+        #[test]
+        fn encoder_applier_and_twins_agree(data in prop::collection::vec(any::<u8>(), 0..200)) {
+            surface_round_trip(&data);
+        }
+
+        #[test]
+        fn damaged_frames_do_no_harm(data in prop::collection::vec(any::<u8>(), 0..300)) {
+            surface_decode(&data);
+        }
+
+        #[test]
+        fn frames_with_one_byte_changed_do_no_harm(mode in 0_u8..16, at in any::<u16>(), change in any::<u8>()) {
+            let [low, high] = at.to_le_bytes();
+            surface_decode(&[mode, low, high, change]);
+        }
+
+        #[test]
+        fn sections_of_noise_do_no_harm(
+            mode in 32_u8..48, tag in 4_u8..8, coder in 0_u8..4, sizes in prop::array::uniform2(1_u16..400),
+            noise in prop::collection::vec(any::<u8>(), 0..400),
+        ) {
+            let sizes = sizes.map(u16::to_le_bytes);
+            surface_decode(&[&[mode, tag, coder][..], sizes.as_flattened(), &noise].concat());
+        }
+    }
+}

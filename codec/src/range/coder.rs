@@ -1,0 +1,225 @@
+//! Binary range coder without carries: the interval is a pair of 32-bit bounds, bytes leave when both agree on them.
+
+/// Where decisions go to, or come from.
+pub(crate) trait Bits {
+    /// Codes one decision. `one` is the probability of `true` in 65,536ths, 1 to 65,535. A writer codes `wanted` and
+    /// gives it back; a reader does not look at it.
+    fn bit(&mut self, one: u32, wanted: bool) -> bool;
+
+    /// What the decisions from here on are about; of use to who counts bits only.
+    #[inline]
+    fn about(&mut self, _subject: Subject) {}
+
+    /// Codes the low `count` bits of `wanted`, high bit first, each as likely as not.
+    fn plain(&mut self, count: u32, wanted: u32) -> u32 {
+        (0..count).rev().fold(0, |value, at| value << 1 | u32::from(self.bit(1 << 15, wanted >> at & 1 == 1)))
+    }
+}
+
+/// What a decision of a frame of changes is about.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Subject {
+    /// The quantum, and which blocks have a change.
+    Blocks,
+    /// Which points of a block change.
+    Points,
+    /// Whether a point becomes darker.
+    Ways,
+    /// By how much.
+    Sizes,
+}
+
+/// Writes decisions.
+#[derive(Debug)]
+pub(crate) struct RangeEncoder<'a> {
+    low: u32,
+    high: u32,
+    out: &'a mut Vec<u8>,
+}
+
+impl<'a> RangeEncoder<'a> {
+    /// A writer that appends to `out`.
+    pub(crate) fn new(out: &'a mut Vec<u8>) -> RangeEncoder<'a> {
+        RangeEncoder { low: 0, high: u32::MAX, out }
+    }
+
+    /// Writes the shortest ending that, with zeros after it, lies in the interval.
+    pub(crate) fn finish(self) {
+        for kept in 0..4 {
+            // The smallest number at least `low` whose bytes after the first `kept` are zero.
+            let unit = 1_u64 << (32 - 8 * kept);
+            let value = u64::from(self.low).div_ceil(unit) * unit;
+            if value <= u64::from(self.high) {
+                self.out.extend_from_slice(&(value as u32).to_be_bytes()[..kept]);
+                return;
+            }
+        }
+        self.out.extend_from_slice(&self.low.to_be_bytes());
+    }
+}
+
+/// Where an interval is cut in two: the lower part, up to and including the cut, means `true`.
+#[inline]
+fn cut(low: u32, high: u32, one: u32) -> u32 {
+    debug_assert!((1..1 << 16).contains(&one), "probability {one}");
+    low + ((u64::from(high - low) * u64::from(one)) >> 16) as u32
+}
+
+impl Bits for RangeEncoder<'_> {
+    #[inline]
+    fn bit(&mut self, one: u32, wanted: bool) -> bool {
+        let cut = cut(self.low, self.high, one);
+        if wanted {
+            self.high = cut;
+        } else {
+            self.low = cut + 1;
+        }
+        while (self.low ^ self.high) >> 24 == 0 {
+            self.out.push((self.high >> 24) as u8);
+            self.low <<= 8;
+            self.high = self.high << 8 | 0xFF;
+        }
+        wanted
+    }
+}
+
+/// Reads decisions. It never fails while reading: what is missing counts as zeros, and [`RangeDecoder::finish`]
+/// says afterwards whether the bytes were those of a writer.
+#[derive(Debug)]
+pub(crate) struct RangeDecoder<'a> {
+    low: u32,
+    high: u32,
+    code: u32,
+    bytes: &'a [u8],
+    /// Bytes taken, those beyond the end included.
+    taken: usize,
+}
+
+/// How the bytes of a block do not fit what was read from them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Misfit {
+    /// The block ends too early.
+    Short,
+    /// Bytes are left over.
+    Long {
+        /// How many.
+        extra: usize,
+    },
+}
+
+impl<'a> RangeDecoder<'a> {
+    pub(crate) fn new(bytes: &'a [u8]) -> RangeDecoder<'a> {
+        let mut decoder = RangeDecoder { low: 0, high: u32::MAX, code: 0, bytes, taken: 0 };
+        for _ in 0..4 {
+            decoder.shift();
+        }
+        decoder
+    }
+
+    #[inline]
+    fn shift(&mut self) {
+        let byte = self.bytes.get(self.taken).copied().unwrap_or(0);
+        self.taken += 1;
+        self.code = self.code << 8 | u32::from(byte);
+    }
+
+    /// Whether the block can end here: a writer's ending is at most four bytes shorter than what a reader takes.
+    pub(crate) fn finish(self) -> Result<(), Misfit> {
+        let length = self.bytes.len();
+        if self.taken < length {
+            return Err(Misfit::Long { extra: length - self.taken });
+        }
+        if self.taken > length + 4 { Err(Misfit::Short) } else { Ok(()) }
+    }
+
+    /// Whether more was read than any writer leaves out: nothing sensible follows.
+    #[inline]
+    pub(crate) fn is_exhausted(&self) -> bool {
+        self.taken > self.bytes.len() + 4
+    }
+}
+
+impl Bits for RangeDecoder<'_> {
+    #[inline]
+    fn bit(&mut self, one: u32, _: bool) -> bool {
+        let cut = cut(self.low, self.high, one);
+        let bit = self.code <= cut;
+        if bit {
+            self.high = cut;
+        } else {
+            self.low = cut + 1;
+        }
+        while (self.low ^ self.high) >> 24 == 0 {
+            self.low <<= 8;
+            self.high = self.high << 8 | 0xFF;
+            self.shift();
+        }
+        bit
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn write(decisions: &[(u32, bool)]) -> Vec<u8> {
+        let mut out = Vec::new();
+        let mut encoder = RangeEncoder::new(&mut out);
+        for (one, bit) in decisions {
+            encoder.bit(*one, *bit);
+        }
+        encoder.finish();
+        out
+    }
+
+    fn read(bytes: &[u8], decisions: &[(u32, bool)]) -> (Vec<bool>, Result<(), Misfit>) {
+        let mut decoder = RangeDecoder::new(bytes);
+        let bits = decisions.iter().map(|(one, _)| decoder.bit(*one, false)).collect();
+        (bits, decoder.finish())
+    }
+
+    #[test]
+    fn nothing_takes_nothing() {
+        assert_eq!(write(&[]), []);
+        assert_eq!(RangeDecoder::new(&[]).finish(), Ok(()));
+        assert_eq!(RangeDecoder::new(&[0; 5]).finish(), Err(Misfit::Long { extra: 1 }));
+    }
+
+    #[test]
+    fn likely_decisions_cost_what_they_should() {
+        let likely = vec![(65_000, true); 10_000];
+        let bits = 10_000.0 * -(65_000.0_f64 / 65_536.0).log2();
+        let bytes = write(&likely).len() as f64;
+        assert!((bytes - bits / 8.0).abs() < 3.0, "{bytes} B for {bits} bits");
+    }
+
+    #[test]
+    fn golden_bytes() {
+        let mut out = Vec::new();
+        let mut encoder = RangeEncoder::new(&mut out);
+        encoder.plain(12, 0xABC);
+        encoder.bit(1, true);
+        encoder.bit(65_535, false);
+        encoder.plain(8, 0x5A);
+        encoder.finish();
+        assert_eq!(out, GOLDEN);
+    }
+
+    const GOLDEN: [u8; 7] = [84, 48, 0, 15, 255, 250, 80];
+
+    proptest! {
+        #[test]
+        fn what_is_written_is_read(decisions in prop::collection::vec((1_u32..65_536, any::<bool>()), 0..400)) {
+            let bytes = write(&decisions);
+            let (bits, end) = read(&bytes, &decisions);
+            prop_assert_eq!(bits, decisions.iter().map(|(_, bit)| *bit).collect::<Vec<_>>());
+            prop_assert_eq!(end, Ok(()));
+            let mut long = bytes;
+            long.extend_from_slice(&[0; 5]);
+            let refused = matches!(read(&long, &decisions).1, Err(Misfit::Long { .. }));
+            prop_assert!(refused);
+        }
+    }
+}

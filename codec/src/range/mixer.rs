@@ -1,0 +1,202 @@
+//! Several opinions on one decision, weighed by how right they were (logistic mixing; the PAQ
+//! family describe the principle: M. Mahoney, "Adaptive weighing of context models for lossless data compression",
+//! 2005).
+//!
+//! Probabilities are mixed in the logistic domain: `x = ln(p / (1 - p))`, here in 256ths, -2,047 to 2,047.
+
+use std::sync::LazyLock;
+
+use super::{Bits, Slot};
+
+/// The logistic function and its inverse as integer tables.
+pub(crate) struct Logistic {
+    /// By probability in 4,096ths.
+    stretch: [i16; 4096],
+    /// By logistic value and 2,048: what [`squash`] gives.
+    squash: [u16; 4096],
+}
+
+/// 65,536 / (1 + exp(-x)) for x = -8, -7.5 .. 8, rounded; the last one is as far from the end as the first.
+const SQUASH: [i32; 33] = [
+    22, 36, 60, 98, 162, 267, 439, 720, 1179, 1921, 3108, 4971, 7812, 11_955, 17_625, 24_743, 32_768, 40_793,
+    47_911, 53_581, 57_724, 60_565, 62_428, 63_615, 64_357, 64_816, 65_097, 65_269, 65_374, 65_438, 65_476,
+    65_500, 65_514,
+];
+
+/// The probability in 65,536ths of a logistic value in 256ths, interpolated between the knots of [`SQUASH`].
+fn squash(x: i32) -> i32 {
+    let x = x.clamp(-2047, 2047) + 2048;
+    let (knot, part) = ((x >> 7) as usize, x & 127);
+    (SQUASH[knot] * (128 - part) + SQUASH[knot + 1] * part + 64) >> 7
+}
+
+/// The tables, made once.
+pub(crate) fn logistic() -> &'static Logistic {
+    static TABLES: LazyLock<Logistic> = LazyLock::new(|| {
+        // For every probability the smallest logistic value that gives at least the middle of its step.
+        let mut x = -2047;
+        let stretch = std::array::from_fn(|step| {
+            let wanted = 16 * step as i32 + 8;
+            while x < 2047 && squash(x) < wanted {
+                x += 1;
+            }
+            x as i16
+        });
+        let squash = std::array::from_fn(|x| squash(x as i32 - 2048) as u16);
+        Logistic { stretch, squash }
+    });
+    &TABLES
+}
+
+/// Largest weight, either way.
+pub(crate) const MAX_WEIGHT: i32 = 1 << 20;
+
+/// Weights of `N` opinions, one set of weights for each of a few situations. Weights are in 65,536ths.
+#[derive(Debug, PartialEq)]
+pub(crate) struct Mixer<const N: usize> {
+    pub(crate) weights: Vec<[i32; N]>,
+}
+
+impl<const N: usize> Clone for Mixer<N> {
+    fn clone(&self) -> Mixer<N> {
+        Mixer { weights: self.weights.clone() }
+    }
+
+    fn clone_from(&mut self, other: &Mixer<N>) {
+        self.weights.clone_from(&other.weights);
+    }
+}
+
+impl<const N: usize> Mixer<N> {
+    /// Equal weights, in every of `situations` situations, that add up to a little more than one: opinions are seldom
+    /// sure enough alone.
+    pub(crate) fn new(situations: usize) -> Mixer<N> {
+        Mixer { weights: vec![[Self::FIRST_WEIGHT; N]; situations] }
+    }
+
+    const FIRST_WEIGHT: i32 = match N {
+        1 => 65_536,
+        2 => 46_341,
+        3 => 37_837,
+        _ => 32_768,
+    };
+
+    /// Codes a decision: the opinions of `slots` are weighed, and all learn from what it was.
+    pub(crate) fn code<B: Bits>(
+        &mut self,
+        logistic: &Logistic,
+        bits: &mut B,
+        situation: usize,
+        slots: [&mut Slot; N],
+        wanted: bool,
+    ) -> bool {
+        let opinions = std::array::from_fn(|n| logistic.stretch(*slots[n]));
+        let bit = self.code_opinions(logistic, bits, situation, opinions, wanted);
+        for slot in slots {
+            slot.learn(bit);
+        }
+        bit
+    }
+
+    /// Codes a decision by opinions in the logistic domain; the weights learn.
+    #[inline]
+    pub(crate) fn code_opinions<B: Bits>(
+        &mut self,
+        logistic: &Logistic,
+        bits: &mut B,
+        situation: usize,
+        opinions: [i32; N],
+        wanted: bool,
+    ) -> bool {
+        let weights = &mut self.weights[situation];
+        let sum: i64 = (0..N).map(|n| i64::from(weights[n]) * i64::from(opinions[n])).sum();
+        let place = ((sum >> 16).clamp(-2047, 2047) + 2048) as usize;
+        let mixed = i32::from(logistic.squash[place & 4095]);
+        let one = mixed.clamp(32, 65_536 - 32);
+        let bit = bits.bit(one as u32, wanted);
+        // Gradient of the coding cost, times 5/256: small enough to be steady, large enough to follow a scene.
+        let miss = (i32::from(bit) << 16) - mixed;
+        for (weight, opinion) in weights.iter_mut().zip(opinions) {
+            // Below 2^11 times 5 * 2^16.
+            let step = (opinion * (miss * 5) + 0x8000) >> 16;
+            *weight = (*weight + step).clamp(-MAX_WEIGHT, MAX_WEIGHT);
+        }
+        bit
+    }
+}
+
+impl Logistic {
+    /// The opinion of a slot.
+    #[inline]
+    pub(crate) fn stretch(&self, slot: Slot) -> i32 {
+        i32::from(self.stretch[slot.in_4096()])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::range::{RangeDecoder, RangeEncoder};
+
+    #[test]
+    fn the_tables_are_the_logistic_function() {
+        for (knot, value) in SQUASH.iter().enumerate() {
+            let x = (knot as f64 - 16.0) / 2.0;
+            let exact = 65_536.0 / (1.0 + (-x).exp());
+            assert!((f64::from(*value) - exact).abs() <= 0.51, "{x}: {value} {exact}");
+        }
+        let table = &logistic().stretch;
+        assert!(table.windows(2).all(|pair| pair[0] <= pair[1]));
+        for (step, x) in table.iter().enumerate().skip(8).take(4080) {
+            let p = (step as f64 + 0.5) / 4096.0;
+            let exact = 256.0 * (p / (1.0 - p)).ln();
+            assert!((f64::from(*x) - exact).abs() < 12.0, "{p}: {x} {exact}");
+        }
+    }
+
+    #[test]
+    fn mixing_beats_each_opinion_and_reads_back() {
+        // Two clues, each right most of the time; together they nearly decide.
+        let history: Vec<[bool; 3]> = (0..8000_u32)
+            .map(|n| {
+                let noise =
+                    |salt: u32, of: u32| n.wrapping_add(salt).wrapping_mul(0x9E37_79B9) >> 8 & 1023 < of;
+                let truth = noise(1, 512);
+                [truth, truth ^ noise(77, 150), truth ^ noise(991, 150)]
+            })
+            .collect();
+        let mut out = Vec::new();
+        let mut encoder = RangeEncoder::new(&mut out);
+        let mut clues = Clues::new();
+        for step in &history {
+            clues.code(&mut encoder, step, step[0]);
+        }
+        encoder.finish();
+        // One clue alone leaves H(150/1024) = 0.60 bits.
+        assert!(out.len() * 8 < history.len() * 45 / 100, "{} bits", out.len() * 8);
+        let mut decoder = RangeDecoder::new(&out);
+        let mut clues = Clues::new();
+        for step in &history {
+            assert_eq!(clues.code(&mut decoder, step, false), step[0]);
+        }
+        assert_eq!(decoder.finish(), Ok(()));
+    }
+
+    /// A slot for each answer of each clue.
+    struct Clues {
+        mixer: Mixer<2>,
+        slots: [[Slot; 2]; 2],
+    }
+
+    impl Clues {
+        fn new() -> Clues {
+            Clues { mixer: Mixer::new(1), slots: [[Slot::new(1 << 15); 2]; 2] }
+        }
+
+        fn code<B: Bits>(&mut self, bits: &mut B, step: &[bool; 3], wanted: bool) -> bool {
+            let [a, b] = &mut self.slots;
+            let slots = [&mut a[usize::from(step[1])], &mut b[usize::from(step[2])]];
+            self.mixer.code(logistic(), bits, 0, slots, wanted)
+        }
+    }
+}

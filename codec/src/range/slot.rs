@@ -1,0 +1,81 @@
+//! One probability that learns.
+
+/// A probability in 2^22nds (high 22 bits) and how often it was used, up to [`LIMIT`] (low 10 bits).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Slot(pub(crate) u32);
+
+/// Uses after which a slot learns no slower.
+const LIMIT: u32 = 255;
+
+/// Step towards what happened after `n` uses, in 65,536ths: 65536 / (n + 1.6), rounded down.
+const STEPS: [u16; LIMIT as usize + 1] = {
+    let mut steps = [0; LIMIT as usize + 1];
+    let mut n = 0;
+    while n < steps.len() {
+        steps[n] = (655_360 / (10 * n + 16)) as u16;
+        n += 1;
+    }
+    steps
+};
+
+impl Slot {
+    /// A slot that was never used; `one` is the probability of `true` in 65,536ths.
+    pub(crate) const fn new(one: u32) -> Slot {
+        Slot(one << 16)
+    }
+
+    /// A slot as [`Slot`] has its word; `None` where no slot learns that.
+    pub(crate) fn from_word(word: u32) -> Option<Slot> {
+        (word & 0x3FF <= LIMIT).then_some(Slot(word))
+    }
+
+    /// The probability of `true` in 4,096ths, 0 to 4,095.
+    #[inline]
+    pub(crate) fn in_4096(self) -> usize {
+        (self.0 >> 20) as usize
+    }
+
+    /// The probability of `true` in 65,536ths, kept off the ends.
+    #[inline]
+    pub(crate) fn one(self) -> u32 {
+        (self.0 >> 16).clamp(32, 65_536 - 32)
+    }
+
+    /// Learns what happened.
+    #[inline]
+    pub(crate) fn learn(&mut self, bit: bool) {
+        let count = self.0 & 0x3FF;
+        let value = (self.0 >> 10) as i32;
+        let target = if bit { (1 << 22) - 1 } else { 0 };
+        let step = i64::from(target - value) * i64::from(STEPS[count.min(LIMIT) as usize]);
+        let value = (value + (step >> 16) as i32) as u32;
+        self.0 = value << 10 | (count + 1).min(LIMIT);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_slot_comes_to_the_share_that_it_sees() {
+        for every in [2_u32, 5, 50] {
+            let mut slot = Slot::new(1 << 15);
+            for n in 0..20_000 {
+                slot.learn(n % every == 0);
+            }
+            let share = f64::from(slot.one()) / 65_536.0;
+            assert!((share - 1.0 / f64::from(every)).abs() < 0.02, "{share} of 1/{every}");
+        }
+    }
+
+    #[test]
+    fn certainty_stays_off_the_ends() {
+        for bit in [false, true] {
+            let mut slot = Slot::new(1 << 15);
+            (0..10_000).for_each(|_| slot.learn(bit));
+            assert!((32..=65_504).contains(&slot.one()));
+            assert_eq!(slot.in_4096(), if bit { 4095 } else { 0 });
+        }
+    }
+}

@@ -1,0 +1,84 @@
+//! Points of sets that come.
+
+use std::sync::Arc;
+
+use super::curve::place;
+use super::geometry_coder::Coder;
+use super::{Block, Bytes, Refused, rule};
+use crate::surface::{Geometry, SetLayout, State};
+use crate::wire::words;
+
+/// A node of a set's lattice and a normal's code.
+pub(super) type Point = ([u32; 3], u16);
+
+/// Reads a GEOMETRY section into `next`.
+pub(super) fn read(next: &mut State, block: Block<'_>, coder: &mut Coder) -> Result<(), Refused> {
+    let mut left = block.section.records;
+    let mut plain_bytes = 0;
+    if let Some(mut bits) = block.bits() {
+        let mut set = 0_i64;
+        for _ in 0..coder.numbers.code(&mut bits, 0) {
+            set += i64::from(coder.numbers.code_signed(&mut bits, 0));
+            let layout = announce(next, set, &mut left)?;
+            let points = coder.points(&mut bits, &layout).ok_or(Refused::Rule)?;
+            plain_bytes += 4 + 11 * points.len();
+            arrive(next, set, layout, points)?;
+            set += 1;
+        }
+        block.end(bits, plain_bytes)?;
+    } else {
+        let raw = block.raw()?;
+        let mut bytes = Bytes(&raw);
+        while bytes.end().is_err() {
+            let [set] = words(bytes.take(4)?);
+            let layout = announce(next, set.into(), &mut left)?;
+            let points = read_plain(&mut bytes, &layout)?;
+            rule(points.is_sorted_by_key(|(coord, normal)| (place(*coord, 21), *normal)))?;
+            arrive(next, set.into(), layout, points)?;
+        }
+    }
+    rule(left == 0)
+}
+
+/// A set is about to come, which must not be here yet and not have more points than are `left`.
+fn announce(next: &mut State, set: i64, left: &mut u32) -> Result<SetLayout, Refused> {
+    let set = usize::try_from(set).map_err(|_| Refused::Rule)?;
+    let layout = *next.layout().sets().get(set).ok_or(Refused::Rule)?;
+    rule(layout.points > 0 && !next.received[set])?;
+    *left = left.checked_sub(layout.points).ok_or(Refused::Rule)?;
+    Ok(layout)
+}
+
+fn arrive(next: &mut State, set: i64, layout: SetLayout, mut points: Vec<Point>) -> Result<(), Refused> {
+    points.sort_by_key(|(coord, normal)| (place(*coord, 21), *normal));
+    let (coords, normals) = points.into_iter().unzip();
+    let geometry = Geometry { layout, coords, normals };
+    rule(geometry.digest() == layout.digest)?;
+    next.received[set as usize] = true;
+    next.geometry[set as usize] = Some(Arc::new(geometry));
+    Ok(())
+}
+
+/// Reads one set of the plain layout: nine planes of coordinates, two of normals.
+fn read_plain(bytes: &mut Bytes<'_>, layout: &SetLayout) -> Result<Vec<Point>, Refused> {
+    let count = layout.points as usize;
+    let mut planes = Vec::new();
+    for _ in 0..11 {
+        planes.push(bytes.take(count)?);
+    }
+    let number = |planes: &[&[u8]], point: usize| {
+        planes.iter().rev().fold(0_u32, |sum, plane| 256 * sum + u32::from(plane[point]))
+    };
+    let mut points: Vec<Point> = Vec::new();
+    for point in 0..count {
+        let before = points.last().map_or([0; 3], |(coord, _)| *coord);
+        let coord: [u32; 3] = std::array::from_fn(|axis| {
+            (before[axis] + number(&planes[3 * axis..3 * axis + 3], point)) % (1 << 24)
+        });
+        let normal = number(&planes[9..11], point);
+        rule((0..3).all(|axis| coord[axis] <= layout.extent[axis]))?;
+        rule(normal < 1 << (2 * layout.normal_bits))?;
+        points.push((coord, normal as u16));
+    }
+    Ok(points)
+}

@@ -1,0 +1,204 @@
+//! The twin of [`crate::surface::Applier`]: the whole state after a frame, built from what the format says and nothing
+//! else. Of the fast path it shares the range coder's primitives, the readers of the wire and the block coders.
+
+mod changes;
+mod context;
+mod curve;
+mod encoder;
+mod geometry;
+mod geometry_coder;
+mod values;
+
+use std::sync::Arc;
+
+pub use encoder::NaiveSurfaceEncoder;
+
+use super::Refused;
+use crate::block::{CoderId, decompress};
+use crate::frame::{FrameInfo, FrameKind, Profile, SectionInfo, SectionTag, inspect};
+use crate::hash::{Kind, term};
+use crate::range::RangeDecoder;
+use crate::surface::{BLOCK_POINTS, Layout, State};
+use crate::wire::read_varint;
+use crate::{Limits, StateHash};
+
+/// The state after a frame body of profile `surface`, from scratch.
+///
+/// # Errors
+/// Refuses exactly what [`crate::surface::Applier::apply`] refuses.
+pub fn apply_surface(state: &State, body: &[u8], limits: &Limits) -> Result<State, Refused> {
+    let info = inspect(body, limits)?;
+    let follows = match (info.kind, state.frame()) {
+        (FrameKind::Key, _) => true,
+        (FrameKind::Delta, last) => last.is_some_and(|last| info.frame > last),
+    };
+    if info.profile != Profile::SURFACE || !follows {
+        return Err(Refused::Rule);
+    }
+    let mut next = match info.kind {
+        FrameKind::Key => blank(state),
+        FrameKind::Delta => state.clone(),
+    };
+    read_sections(state, &mut next, &info, body, limits)?;
+    next.hash = full_hash(&next);
+    next.frame = Some(info.frame);
+    if next.hash == info.hash { Ok(next) } else { Err(Refused::Hash) }
+}
+
+/// Brings `next` up to date, but for its hash.
+fn read_sections(
+    state: &State,
+    next: &mut State,
+    info: &FrameInfo,
+    body: &[u8],
+    limits: &Limits,
+) -> Result<(), Refused> {
+    let mut values = values::Coder::new();
+    let mut geometry = geometry_coder::Coder::new();
+    let mut changes = changes::Changes::none(state);
+    let mut at = info.header_bytes as usize;
+    for section in &info.sections {
+        let end = at + section.wire_bytes as usize;
+        let block = Block { section, stored: &body[at..end], limits };
+        at = end;
+        match section.tag {
+            SectionTag::GEOMETRY => geometry::read(next, block, &mut geometry)?,
+            SectionTag::VALUES => values::read(next, block, &mut values)?,
+            SectionTag::CHANGES => changes = changes::read(state, block)?,
+            _ => {
+                rule(section.records == 1)?;
+                context::read(next, &block.raw()?)?;
+            }
+        }
+    }
+    if info.kind == FrameKind::Delta {
+        changes.make(state, next);
+    }
+    Ok(())
+}
+
+/// A section and its block.
+#[derive(Clone, Copy)]
+struct Block<'a> {
+    section: &'a SectionInfo,
+    stored: &'a [u8],
+    limits: &'a Limits,
+}
+
+impl<'a> Block<'a> {
+    /// The plain layout, of a block that the range coder did not write.
+    fn raw(&self) -> Result<Vec<u8>, Refused> {
+        let SectionInfo { coder, raw_bytes, .. } = *self.section;
+        Ok(decompress(self.stored, coder, raw_bytes, self.limits.max_block_bytes)?)
+    }
+
+    /// The decisions, of one that it did.
+    fn bits(&self) -> Option<RangeDecoder<'a>> {
+        (self.section.coder == CoderId::RANGE).then(|| RangeDecoder::new(self.stored))
+    }
+
+    /// After the last decision: the block must end there, and its plain layout be as long as announced.
+    fn end(&self, bits: RangeDecoder<'_>, plain_bytes: usize) -> Result<(), Refused> {
+        rule(bits.finish().is_ok() && plain_bytes == self.section.raw_bytes as usize)
+    }
+}
+
+fn rule(kept: bool) -> Result<(), Refused> {
+    if kept { Ok(()) } else { Err(Refused::Rule) }
+}
+
+/// A block of points: 64 slots of an instance, of which the first `points` have one.
+#[derive(Clone, Copy, PartialEq)]
+struct Spot {
+    instance: usize,
+    /// Which block of its instance it is.
+    number: usize,
+    points: usize,
+}
+
+impl Spot {
+    /// The spots of all blocks of a stream, in order.
+    fn all(layout: &Layout) -> Vec<Spot> {
+        let mut spots = Vec::new();
+        for (instance, member) in layout.members().iter().enumerate() {
+            let points: Vec<u32> = (0..layout.sets()[member.set as usize].points).collect();
+            for (number, block) in points.chunks(BLOCK_POINTS).enumerate() {
+                spots.push(Spot { instance, number, points: block.len() });
+            }
+        }
+        spots
+    }
+}
+
+/// The empty state of the same stream, with the geometry that no frame brought.
+fn blank(state: &State) -> State {
+    let mut next = State::new(Arc::clone(state.layout()));
+    for set in 0..state.geometry.len() {
+        if !state.received[set] {
+            next.geometry[set] = state.geometry[set].clone();
+        }
+    }
+    next
+}
+
+/// The sum of the terms of all that came.
+fn full_hash(state: &State) -> StateHash {
+    let mut sum = 0_u64;
+    for (set, layout) in state.layout().sets().iter().enumerate() {
+        if state.received[set] {
+            let digest = layout.digest.0;
+            let words = [digest as u32, (digest >> 32) as u32, 1];
+            sum = sum.wrapping_add(term(Kind::Geometry, set as u32, &words));
+        }
+    }
+    for (block, spot) in Spot::all(state.layout()).into_iter().enumerate() {
+        for slot in block * BLOCK_POINTS..block * BLOCK_POINTS + spot.points {
+            if state.present[block] {
+                let words = [u32::from(state.values[slot]) + 1];
+                sum = sum.wrapping_add(term(Kind::Value, slot as u32, &words));
+            }
+        }
+    }
+    StateHash(sum)
+}
+
+/// Bytes that are taken from the front.
+struct Bytes<'a>(&'a [u8]);
+
+impl<'a> Bytes<'a> {
+    fn take(&mut self, count: usize) -> Result<&'a [u8], Refused> {
+        let (taken, rest) = self.0.split_at_checked(count).ok_or(Refused::Rule)?;
+        self.0 = rest;
+        Ok(taken)
+    }
+
+    fn varint(&mut self) -> Result<u32, Refused> {
+        let (value, length) = read_varint(self.0).map_err(|_| Refused::Rule)?;
+        self.take(length)?;
+        Ok(value)
+    }
+
+    fn end(&self) -> Result<(), Refused> {
+        rule(self.0.is_empty())
+    }
+}
+
+/// Bytes of a number as a varint.
+fn varint_bytes(value: u32) -> usize {
+    1 + [7, 14, 21, 28].into_iter().filter(|bits| value >> bits > 0).count()
+}
+
+/// Significant bits of a number.
+fn significant(value: u64) -> usize {
+    (0..64).filter(|bits| value >> bits > 0).count()
+}
+
+/// Where a context is in its table: a number of digits, each with its radix.
+fn index<const N: usize>(digits: [(usize, usize); N]) -> usize {
+    let mut index = 0;
+    for (digit, radix) in digits {
+        assert!(digit < radix, "a context of {digit} of {radix} would be taken for another");
+        index = index * radix + digit;
+    }
+    index
+}

@@ -1,0 +1,277 @@
+//! The server's side: which points are sent, and the frames that send them.
+
+use std::sync::Arc;
+
+use super::changes::{Changes, SetBits};
+use super::keyframe::Parcels;
+use super::state::{geometry_words, value_words};
+use super::writer::SectionWriter;
+use super::{BLOCK_POINTS, Geometry, GeometryError, Layout, State};
+use crate::StateHash;
+use crate::block::BlockCoder;
+use crate::frame::{EncodeError, EncodedFrame, FrameKind, FrameMeta, Packing, Profile, assemble};
+use crate::hash::Kind;
+
+/// How a stream is encoded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct EncoderSettings {
+    /// A point is sent when its AO byte differs by at least this much from the one that clients hold, 1 to 255; 0 counts
+    /// as 1.
+    pub threshold: u8,
+    /// Whether clients are sent the geometry, or make it themselves from the scene.
+    pub geometry: GeometrySource,
+}
+
+/// Where clients have the points from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum GeometrySource {
+    /// Keyframes carry it.
+    Sent,
+    /// Clients make it from the scene and give it to [`State::share_geometry`].
+    Shared,
+}
+
+impl EncoderSettings {
+    /// The step of the lattice on which changes lie: half as much again as the threshold, rounded down. It is what the
+    /// byte that clients hold moves by, so that a slow drift is overtaken by a third of the step and then takes longer to
+    /// add up again.
+    #[must_use]
+    pub fn quantum(&self) -> u8 {
+        self.threshold.saturating_add(self.threshold / 2).max(1)
+    }
+
+    /// Largest difference between a point's byte as last offered and the one that clients hold after the frame. Below the
+    /// threshold: what differs by that much is sent, and what is sent lands within half a [`quantum`](Self::quantum).
+    #[must_use]
+    pub fn max_error(&self) -> u8 {
+        self.threshold.saturating_sub(1)
+    }
+}
+
+/// Keeps what clients hold, and writes what changed.
+///
+/// All calls are deterministic: the same calls in the same order give the same bytes.
+#[derive(Debug)]
+pub struct Encoder {
+    sent: State,
+    settings: EncoderSettings,
+    geometry: Vec<Option<Arc<Geometry>>>,
+    /// Bytes as last offered, by slot.
+    offered: Vec<u8>,
+    /// Points of present blocks that differ by the threshold, by block.
+    dirty: Vec<u64>,
+    /// Blocks that were offered and not sent yet, in the order of their first offers.
+    arriving: Vec<u32>,
+    is_arriving: Vec<bool>,
+    /// Instance of the point last offered: the next one is of the same, mostly.
+    instance: usize,
+    changes: Changes,
+    writer: SectionWriter,
+}
+
+impl Encoder {
+    /// An encoder with nothing offered yet; one geometry a set, in their order.
+    ///
+    /// # Errors
+    /// [`GeometryError`] where the geometries are not those of the layout.
+    pub fn new(
+        layout: Arc<Layout>,
+        geometry: Vec<Arc<Geometry>>,
+        settings: EncoderSettings,
+    ) -> Result<Encoder, GeometryError> {
+        let settings = EncoderSettings { threshold: settings.threshold.max(1), ..settings };
+        let mut check = State::new(Arc::clone(&layout));
+        for (geometry, set) in geometry.iter().zip(0..) {
+            check.share_geometry(set, Arc::clone(geometry))?;
+        }
+        if geometry.len() < layout.sets().len() {
+            return Err(GeometryError::NoSet { set: geometry.len() as u32 });
+        }
+        let carried =
+            |geometry: Arc<Geometry>| (settings.geometry == GeometrySource::Sent).then_some(geometry);
+        let sent = match settings.geometry {
+            GeometrySource::Sent => State::new(layout),
+            GeometrySource::Shared => check,
+        };
+        Ok(Encoder {
+            offered: vec![255; sent.values.len()],
+            dirty: vec![0; sent.present.len()],
+            arriving: Vec::new(),
+            is_arriving: vec![false; sent.present.len()],
+            instance: 0,
+            geometry: geometry.into_iter().map(carried).collect(),
+            changes: Changes::default(),
+            writer: SectionWriter::default(),
+            settings,
+            sent,
+        })
+    }
+
+    /// Says what a point's AO is now; `None` where there is no such point. Otherwise whether the next frame sends it: it
+    /// does when its block was never sent, or when it differs by the threshold from what clients hold.
+    ///
+    /// All points of a block go out together the first time, blocks in the order of their first offers; points of it
+    /// that were not offered go out as open.
+    #[inline]
+    pub fn offer(&mut self, point: u32, ao: u8) -> Option<bool> {
+        let layout = &self.sent.layout;
+        if !layout.points_of(self.instance as u32).contains(&(point as usize)) {
+            self.instance = layout.instance_of(point)?;
+        }
+        let slot = layout.slot_in(self.instance, point);
+        let (block, bit) = (slot / BLOCK_POINTS, 1_u64 << (slot % BLOCK_POINTS));
+        self.offered[slot] = ao;
+        if !self.sent.present[block] {
+            if !std::mem::replace(&mut self.is_arriving[block], true) {
+                self.arriving.push(block as u32);
+            }
+            return Some(true);
+        }
+        let differs = ao.abs_diff(self.sent.values[slot]) >= self.settings.threshold;
+        self.dirty[block] = if differs { self.dirty[block] | bit } else { self.dirty[block] & !bit };
+        Some(differs)
+    }
+
+    /// What clients hold after the last finished frame.
+    #[must_use]
+    pub fn state(&self) -> &State {
+        &self.sent
+    }
+
+    /// The settings given.
+    #[must_use]
+    pub fn settings(&self) -> &EncoderSettings {
+        &self.settings
+    }
+
+    /// Writes the frame that brings clients from the last finished frame to now. A keyframe holds every block that was
+    /// ever offered, with the bytes last offered, and starts a group: what the coders learned is forgotten.
+    ///
+    /// # Errors
+    /// [`EncodeError`]; the encoder is then as before.
+    pub fn finish(&mut self, meta: FrameMeta, coder: BlockCoder) -> Result<EncodedFrame, EncodeError> {
+        let (frame, last) = (meta.frame, self.sent.frame);
+        if let Some(last) = last.filter(|last| *last >= frame) {
+            return Err(EncodeError::FrameOrder { frame, last });
+        }
+        self.writer.clear();
+        match meta.kind {
+            FrameKind::Delta if last.is_none() => return Err(EncodeError::NoKeyframe { frame }),
+            FrameKind::Delta => self.finish_delta(coder)?,
+            FrameKind::Key => self.finish_key(coder)?,
+        }
+        self.sent.frame = Some(frame);
+        let ids = (Profile::SURFACE, Packing::LATTICE, meta.kind);
+        let sections = std::mem::take(&mut self.writer.sections);
+        Ok(assemble(&meta, ids, self.sent.hash, sections, &self.writer.blocks))
+    }
+
+    fn finish_key(&mut self, coder: BlockCoder) -> Result<(), EncodeError> {
+        let layout = Arc::clone(&self.sent.layout);
+        let here = (0..layout.blocks() as u32).filter(|block| self.sent.present[*block as usize]);
+        let order: Vec<u32> = self.arriving.iter().copied().chain(here).collect();
+        let mut next = State::new(layout);
+        if self.settings.geometry == GeometrySource::Shared {
+            next.geometry.clone_from(&self.sent.geometry);
+        }
+        self.write_parcels(&mut next, &order, coder)?;
+        next.hash = next.full_hash();
+        self.sent = next;
+        self.dirty.fill(0);
+        self.arriving.clear();
+        self.is_arriving.fill(false);
+        Ok(())
+    }
+
+    fn finish_delta(&mut self, coder: BlockCoder) -> Result<(), EncodeError> {
+        let mut hash = self.sent.hash;
+        let mut next = None;
+        if !self.arriving.is_empty() {
+            let arriving = self.arriving.clone();
+            let mut with = self.sent.clone();
+            self.write_parcels(&mut with, &arriving, coder)?;
+            hash = arrived(&self.sent, &with);
+            next = Some(with);
+        }
+        self.gather();
+        if !self.changes.levels.is_empty() {
+            let (known, model) = self.sent.split();
+            self.writer.changes(known, model, &self.changes, coder)?;
+        }
+        // Nothing can fail from here on.
+        for block in &self.changes.blocks {
+            self.dirty[*block as usize] = 0;
+        }
+        self.sent.hash = self.sent.hash_after(hash, &self.changes);
+        self.sent.commit(&self.changes);
+        if let Some(next) = next {
+            // Changes were of what was there before; what arrived comes on top.
+            for block in self.arriving.drain(..) {
+                let slots = next.slots(block as usize);
+                self.sent.values[slots.clone()].copy_from_slice(&next.values[slots]);
+                self.sent.present[block as usize] = true;
+                self.is_arriving[block as usize] = false;
+            }
+            self.sent.geometry = next.geometry;
+            self.sent.received = next.received;
+        }
+        Ok(())
+    }
+
+    /// Writes blocks and what they need, and brings `next` up to date but for its hash.
+    fn write_parcels(
+        &mut self,
+        next: &mut State,
+        order: &[u32],
+        coder: BlockCoder,
+    ) -> Result<(), EncodeError> {
+        let layout = Arc::clone(&next.layout);
+        Parcels {
+            layout: &layout,
+            geometry: &self.geometry,
+            sent: &mut next.received,
+            bytes: &mut next.values,
+            present: &mut next.present,
+        }
+        .write(&mut self.writer, order, &self.offered, coder)?;
+        let own = self.geometry.iter().zip(&next.received);
+        for (held, (own, received)) in next.geometry.iter_mut().zip(own) {
+            if *received {
+                held.clone_from(own);
+            }
+        }
+        Ok(())
+    }
+
+    /// Collects the changes of the points that differ by the threshold.
+    fn gather(&mut self) {
+        let quantum = i32::from(self.settings.quantum());
+        self.changes.clear();
+        self.changes.quantum = quantum as u8;
+        for (block, dirty) in self.dirty.iter().enumerate() {
+            for bit in SetBits(*dirty) {
+                let slot = block * BLOCK_POINTS + bit as usize;
+                let difference = i32::from(self.offered[slot]) - i32::from(self.sent.values[slot]);
+                // The nearest of the lattice, but not where it is.
+                let size = ((difference.abs() + quantum / 2) / quantum).max(1);
+                self.changes.push(slot, (size * difference.signum()) as i16);
+            }
+        }
+    }
+}
+
+/// The hash of `before` with what arrived in `after`.
+pub(super) fn arrived(before: &State, after: &State) -> StateHash {
+    let mut hash = before.hash;
+    for (set, layout) in after.layout.sets().iter().enumerate() {
+        if after.received[set] && !before.received[set] {
+            hash = hash.insert(Kind::Geometry, set as u32, &geometry_words(layout.digest));
+        }
+    }
+    for block in (0..after.present.len()).filter(|block| after.present[*block] && !before.present[*block]) {
+        for slot in after.slots(block) {
+            hash = hash.insert(Kind::Value, slot as u32, &value_words(after.values[slot]));
+        }
+    }
+    hash
+}

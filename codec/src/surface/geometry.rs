@@ -1,0 +1,247 @@
+//! The points of a set at rest, rounded and in the order that the wire has them in.
+
+use super::{SetLayout, curve};
+use crate::hash::fold_words;
+use crate::quant::oct;
+
+/// A point of a mesh at rest, before it is rounded.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RestPoint {
+    /// Metres, rest space.
+    pub position: [f32; 3],
+    /// Direction of the normal at rest, on the point's side; its length does not matter.
+    pub normal: [f32; 3],
+}
+
+/// Digest of a geometry: the same digest, the same points in the same order. Catches mistakes, not forgery.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub struct GeometryDigest(pub u64);
+
+/// Why a geometry was not taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum GeometryError {
+    /// There is no such set.
+    #[error("the layout has no set {set}")]
+    NoSet {
+        /// The set named.
+        set: u32,
+    },
+    /// Other points than those that the stream was made with.
+    #[error("set {set}: other points than the stream's; is this the scene that it was made from?")]
+    Other {
+        /// The set.
+        set: u32,
+    },
+}
+
+/// The rounded points of a set, in order: by their place on a space-filling curve, then by their normal's code.
+///
+/// Positions are rounded to the nearest node of the set's lattice, normals to the best of the four octahedral codes
+/// around them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Geometry {
+    pub(crate) layout: SetLayout,
+    pub(crate) coords: Vec<[u32; 3]>,
+    pub(crate) normals: Vec<u16>,
+}
+
+/// What a [`Geometry`] is made of, and what was lost in making it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Rounded {
+    /// The points.
+    pub geometry: Geometry,
+    /// Which of the given points each one is.
+    pub order: Vec<u32>,
+    /// Points outside the lattice, which were moved onto its surface. NaN counts as outside.
+    pub outside: u32,
+}
+
+impl Geometry {
+    /// Rounds points to the lattice of `layout` and orders them. The geometry's own [`layout`](Geometry::layout) has
+    /// their number and digest, whatever stood there.
+    #[must_use]
+    pub fn round(layout: SetLayout, points: &[RestPoint]) -> Rounded {
+        let mut outside = 0;
+        let mut keyed: Vec<(u64, u16, u32, [u32; 3])> = Vec::with_capacity(points.len());
+        for (point, index) in points.iter().zip(0..) {
+            let (coord, inside) = layout.nearest(point.position);
+            outside += u32::from(!inside);
+            let normal = oct::encode_bits(layout.normal_bits.into(), point.normal);
+            keyed.push((curve::place(coord), normal, index, coord));
+        }
+        keyed.sort_unstable();
+        let mut geometry = Geometry {
+            layout,
+            coords: keyed.iter().map(|key| key.3).collect(),
+            normals: keyed.iter().map(|key| key.1).collect(),
+        };
+        geometry.layout.points = keyed.len() as u32;
+        geometry.layout.digest = geometry.digest();
+        Rounded { geometry, order: keyed.iter().map(|key| key.2).collect(), outside }
+    }
+
+    /// Puts points, in any order, into theirs.
+    pub(super) fn sorted(layout: SetLayout, points: &[([u32; 3], u16)]) -> Geometry {
+        let mut keyed: Vec<(u64, u16, [u32; 3])> =
+            points.iter().map(|(coord, normal)| (curve::place(*coord), *normal, *coord)).collect();
+        keyed.sort_unstable();
+        Geometry {
+            layout,
+            coords: keyed.iter().map(|key| key.2).collect(),
+            normals: keyed.iter().map(|key| key.1).collect(),
+        }
+    }
+
+    /// The set's layout.
+    #[must_use]
+    pub fn layout(&self) -> &SetLayout {
+        &self.layout
+    }
+
+    /// Points.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.coords.len()
+    }
+
+    /// Whether it has no points.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.coords.is_empty()
+    }
+
+    /// Position of a point, metres, rest space.
+    #[inline]
+    #[must_use]
+    pub fn position(&self, point: usize) -> [f32; 3] {
+        self.layout.position(self.coords[point])
+    }
+
+    /// Lattice node of a point: its coordinates, 0 to the layout's extent.
+    #[inline]
+    #[must_use]
+    pub fn node(&self, point: usize) -> [u32; 3] {
+        self.coords[point]
+    }
+
+    /// Octahedral code of a point's normal, twice the layout's `normal_bits` bits.
+    #[inline]
+    #[must_use]
+    pub fn normal_code(&self, point: usize) -> u16 {
+        self.normals[point]
+    }
+
+    /// Unit normal of a point, rest space.
+    #[inline]
+    #[must_use]
+    pub fn normal(&self, point: usize) -> [f32; 3] {
+        oct::decode_bits(self.layout.normal_bits.into(), self.normals[point])
+    }
+
+    /// What tells this geometry from others.
+    #[must_use]
+    pub fn digest(&self) -> GeometryDigest {
+        let bits = [self.layout.normal_bits.into(), self.layout.step.to_bits(), self.len() as u32];
+        let start = fold_words(0, &bits);
+        let start = fold_words(start, &self.layout.origin.map(f32::to_bits));
+        let points = self.coords.iter().zip(&self.normals);
+        GeometryDigest(
+            points.fold(start, |digest, (&[x, y, z], normal)| {
+                fold_words(digest, &[x, y, z, u32::from(*normal)])
+            }),
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn layout() -> SetLayout {
+        SetLayout {
+            origin: [-1.0, 0.5, 10.0],
+            step: 0.01,
+            extent: [200, 100, 50],
+            normal_bits: 6,
+            points: 0,
+            kernel_radius: 0.1,
+            digest: GeometryDigest::default(),
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn positions_and_normals_are_off_by_no_more_than_is_stated(
+            position in (-1.0_f32..=1.0, 0.5_f32..=1.5, 10.0_f32..=10.5).prop_map(<[f32; 3]>::from),
+            normal in prop::array::uniform3(-1.0_f32..1.0),
+        ) {
+            let length = normal.iter().map(|axis| axis * axis).sum::<f32>().sqrt();
+            prop_assume!(length > 1e-3);
+            let rounded = Geometry::round(layout(), &[RestPoint { position, normal }]);
+            prop_assert_eq!(rounded.outside, 0);
+            let found = rounded.geometry.position(0);
+            for axis in 0..3 {
+                prop_assert!((found[axis] - position[axis]).abs() <= layout().max_position_error());
+            }
+            let cosine: f32 = (0..3).map(|axis| rounded.geometry.normal(0)[axis] * normal[axis] / length).sum();
+            let angle = cosine.clamp(-1.0, 1.0).acos().to_degrees();
+            prop_assert!(angle <= oct::max_error_degrees(6) + 0.05, "{angle}");
+        }
+
+        #[test]
+        fn the_order_is_that_of_the_curve_and_says_where_points_came_from(
+            positions in prop::collection::vec(prop::array::uniform3(0.0_f32..0.5), 0..60),
+        ) {
+            let layout = SetLayout { origin: [0.0; 3], ..layout() };
+            let points: Vec<RestPoint> =
+                positions.iter().map(|&position| RestPoint { position, normal: [0.0, 0.0, 1.0] }).collect();
+            let Rounded { geometry, order, outside } = Geometry::round(layout, &points);
+            prop_assert_eq!(outside, 0);
+            for (at, index) in order.iter().enumerate() {
+                prop_assert_eq!(geometry.coords[at], layout.nearest(positions[*index as usize]).0);
+            }
+            prop_assert!(geometry.coords.windows(2).all(|pair| curve::place(pair[0]) <= curve::place(pair[1])));
+            let mut numbers = order.clone();
+            numbers.sort_unstable();
+            prop_assert!(numbers.into_iter().eq(0..points.len() as u32));
+            let parts: Vec<_> = geometry.coords.iter().copied().zip(geometry.normals.iter().copied()).rev().collect();
+            prop_assert_eq!(Geometry::sorted(*geometry.layout(), &parts), geometry);
+        }
+    }
+
+    #[test]
+    fn points_outside_are_moved_onto_the_lattice_and_counted() {
+        let at = |position| RestPoint { position, normal: [0.0, 1.0, 0.0] };
+        let points =
+            [at([-2.0, 0.6, 10.1]), at([f32::NAN, 0.6, 10.1]), at([0.0, 9.0, 10.1]), at([0.0, 0.6, 10.1])];
+        let rounded = Geometry::round(layout(), &points);
+        assert_eq!(rounded.outside, 3);
+        assert!(
+            rounded
+                .geometry
+                .coords
+                .iter()
+                .all(|coord| (0..3).all(|axis| coord[axis] <= layout().extent[axis]))
+        );
+    }
+
+    #[test]
+    fn digests_tell_geometries_apart() {
+        let at = |x: f32, normal| RestPoint { position: [x, 0.6, 10.1], normal };
+        let up = [0.0, 1.0, 0.0];
+        let digest = |layout, points: &[RestPoint]| Geometry::round(layout, points).geometry.digest();
+        let base = digest(layout(), &[at(0.1, up), at(0.2, up)]);
+        assert_eq!(base, digest(layout(), &[at(0.2, up), at(0.1, up)]), "the order given does not matter");
+        for other in [
+            digest(layout(), &[at(0.1, up)]),
+            digest(layout(), &[at(0.1, up), at(0.21, up)]),
+            digest(layout(), &[at(0.1, up), at(0.2, [1.0, 0.0, 0.0])]),
+            digest(SetLayout { step: 0.02, ..layout() }, &[at(0.1, up), at(0.2, up)]),
+        ] {
+            assert_ne!(base, other);
+        }
+    }
+}

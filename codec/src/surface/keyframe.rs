@@ -1,0 +1,113 @@
+//! Keyframes: the blocks of a state in parcels, what is wanted first before the rest.
+
+use std::sync::Arc;
+
+use super::geometry_section::Sets;
+use super::values::Values;
+use super::writer::{FrameModels, SectionWriter};
+use super::{Geometry, Layout, State};
+use crate::block::BlockCoder;
+use crate::frame::{EncodeError, FrameKind, FrameMeta, Packing, Profile, assemble};
+
+/// Fewest blocks of a parcel: a section costs some ten bytes.
+const PARCEL_BLOCKS: usize = 64;
+/// Most parcels, each of up to two sections: a frame has at most 255 sections.
+const PARCELS: usize = 100;
+
+/// Writes blocks in the given order, each parcel after the geometry of the sets that it needs.
+pub(super) struct Parcels<'a> {
+    pub(super) layout: &'a Layout,
+    /// Geometry of the sets that clients are to be sent.
+    pub(super) geometry: &'a [Option<Arc<Geometry>>],
+    /// By set, whether clients have it; brought up to date.
+    pub(super) sent: &'a mut [bool],
+    /// Bytes of all slots and whether blocks came, as clients have them; brought up to date.
+    pub(super) bytes: &'a mut [u8],
+    pub(super) present: &'a mut [bool],
+}
+
+impl Parcels<'_> {
+    /// Writes `blocks`, whose points are to get the bytes of `values`, by slot.
+    pub(super) fn write(
+        &mut self,
+        writer: &mut SectionWriter,
+        blocks: &[u32],
+        values: &[u8],
+        coder: BlockCoder,
+    ) -> Result<(), EncodeError> {
+        if blocks.is_empty() {
+            return Ok(());
+        }
+        let mut models = FrameModels::new();
+        let size = PARCEL_BLOCKS.max(blocks.len().div_ceil(PARCELS));
+        for parcel in blocks.chunks(size) {
+            let sets = self.sets(parcel);
+            writer.geometry(self.layout, &sets, &mut models, coder)?;
+            let mut arriving = Values::default();
+            for block in parcel {
+                let block = *block as usize;
+                let first = block * super::BLOCK_POINTS;
+                arriving.push(block, &values[first..first + self.layout.block_len(block)]);
+            }
+            let known = (&mut *self.bytes, &mut *self.present);
+            writer.values(self.layout, known, &arriving, &mut models, coder)?;
+        }
+        Ok(())
+    }
+
+    /// The sets that a parcel needs and clients have not, in the order in which it needs them.
+    fn sets(&mut self, parcel: &[u32]) -> Sets {
+        let mut sets = Sets::new();
+        for block in parcel {
+            let set = self.layout.members()[self.layout.owner(*block as usize)].set;
+            let at = set as usize;
+            if let Some(geometry) = self.geometry[at].as_ref().filter(|_| !self.sent[at]) {
+                self.sent[at] = true;
+                sets.push((set, Arc::clone(geometry)));
+            }
+        }
+        sets
+    }
+}
+
+/// Writes the whole of `state` as a keyframe body; `meta.kind` is taken as key. A client that applies it has the same
+/// state and hash, so the deltas that follow `state` fit.
+///
+/// `first` names blocks that go before all others, as (instance, block of the instance): those in view, so that a
+/// client can show them while the rest is on its way ([`super::preview`]).
+///
+/// # Errors
+/// [`EncodeError::Block`] for a level that the coder does not have, or where it finds no memory.
+pub fn keyframe(
+    state: &State,
+    meta: FrameMeta,
+    coder: BlockCoder,
+    first: &[(u32, u32)],
+) -> Result<Vec<u8>, EncodeError> {
+    let layout = &state.layout;
+    let named = first.iter().filter_map(|(instance, block)| {
+        layout.blocks_of(*instance).nth(*block as usize).map(|block| block as u32)
+    });
+    let mut wanted = state.present.clone();
+    let order: Vec<u32> = named
+        .chain(0..layout.blocks() as u32)
+        .filter(|block| std::mem::replace(&mut wanted[*block as usize], false))
+        .collect();
+    let received = |set: usize| state.geometry[set].clone().filter(|_| state.received[set]);
+    let geometry: Vec<_> = (0..state.geometry.len()).map(received).collect();
+    let mut writer = SectionWriter::default();
+    Parcels {
+        layout,
+        geometry: &geometry,
+        sent: &mut vec![false; geometry.len()],
+        bytes: &mut vec![0; state.values.len()],
+        present: &mut vec![false; state.present.len()],
+    }
+    .write(&mut writer, &order, &state.values, coder)?;
+    let fresh = State::new(Arc::clone(layout));
+    if state.history != fresh.history || state.model != fresh.model {
+        writer.context(&state.history, &state.model, coder)?;
+    }
+    let ids = (Profile::SURFACE, Packing::LATTICE, FrameKind::Key);
+    Ok(assemble(&meta, ids, state.hash, writer.sections, &writer.blocks).body)
+}

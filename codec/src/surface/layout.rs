@@ -1,0 +1,282 @@
+//! What both sides know of a stream before its first frame.
+
+use super::BLOCK_POINTS;
+use crate::Limits;
+use crate::cells::MAX_GRID_DIM;
+
+/// The points of one mesh at rest: how many, and the lattice that their positions are rounded to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SetLayout {
+    /// Position of the lattice's first node, metres, rest space.
+    pub origin: [f32; 3],
+    /// Distance of neighbouring nodes, metres.
+    pub step: f32,
+    /// Largest coordinate along x, y and z, below [`MAX_GRID_DIM`].
+    pub extent: [u32; 3],
+    /// Bits of one axis of a normal's octahedral code, 2 to 8.
+    pub normal_bits: u8,
+    /// Points of the set.
+    pub points: u32,
+    /// Kernel radius r of the paper's Eq. 2, metres.
+    pub kernel_radius: f32,
+    /// Digest of the set's geometry.
+    pub digest: super::GeometryDigest,
+}
+
+/// An instance: which set its points are of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Member {
+    /// Index of the set.
+    pub set: u32,
+}
+
+/// Sets and instances of a stream. Point ids run through the instances in order, and through a set in the order
+/// of its [`Geometry`](super::Geometry).
+#[derive(Debug, Clone, PartialEq)]
+pub struct Layout {
+    sets: Vec<SetLayout>,
+    members: Vec<Member>,
+    /// First point id of every instance, then the number of points.
+    firsts: Vec<u32>,
+    /// First block of every instance, then the number of blocks.
+    first_blocks: Vec<u32>,
+    /// Instance of every block.
+    owners: Vec<u32>,
+    /// The instance before every instance that has the same set.
+    twins: Vec<Option<u32>>,
+}
+
+/// Sets and instances that make no layout.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum LayoutError {
+    /// More instances than agreed on.
+    #[error("{found} instances, the agreed limit is {limit}")]
+    Instances {
+        /// Found.
+        found: usize,
+        /// Agreed on.
+        limit: u32,
+    },
+    /// More sets than instances are allowed to be.
+    #[error("{found} point sets, the agreed limit is {limit}")]
+    Sets {
+        /// Found.
+        found: usize,
+        /// Agreed on.
+        limit: u32,
+    },
+    /// More points than agreed on, of all instances or of all sets together.
+    #[error("{found} points, the agreed limit is {limit}")]
+    Points {
+        /// Found.
+        found: u64,
+        /// Agreed on.
+        limit: u32,
+    },
+    /// An instance of a set that is not there.
+    #[error("instance {instance} has points of set {set}, there are {sets} sets")]
+    NoSet {
+        /// The instance.
+        instance: u32,
+        /// The set it names.
+        set: u32,
+        /// Sets there are.
+        sets: usize,
+    },
+    /// A lattice, kernel or normal precision that makes no sense.
+    #[error("set {set}: {what} makes no sense")]
+    Lattice {
+        /// The set.
+        set: u32,
+        /// Which value.
+        what: &'static str,
+    },
+}
+
+impl Layout {
+    /// Checks sets and instances against each other and `limits`.
+    ///
+    /// # Errors
+    /// [`LayoutError`] names the first thing that is wrong.
+    pub fn new(sets: Vec<SetLayout>, members: Vec<Member>, limits: &Limits) -> Result<Layout, LayoutError> {
+        let limit = limits.max_instances;
+        if members.len() > limit as usize {
+            return Err(LayoutError::Instances { found: members.len(), limit });
+        }
+        if sets.len() > limit as usize {
+            return Err(LayoutError::Sets { found: sets.len(), limit });
+        }
+        let found = sets.iter().map(|set| u64::from(set.points)).sum();
+        if found > u64::from(limits.max_points) {
+            return Err(LayoutError::Points { found, limit: limits.max_points });
+        }
+        for (set, index) in sets.iter().zip(0_u32..) {
+            check_set(set).map_err(|what| LayoutError::Lattice { set: index, what })?;
+        }
+        let mut firsts = Vec::with_capacity(members.len() + 1);
+        let mut total = 0_u64;
+        for (member, instance) in members.iter().zip(0_u32..) {
+            let set = member.set;
+            let Some(found) = sets.get(set as usize) else {
+                return Err(LayoutError::NoSet { instance, set, sets: sets.len() });
+            };
+            firsts.push(total as u32);
+            total += u64::from(found.points);
+            if total > u64::from(limits.max_points) {
+                return Err(LayoutError::Points { found: total, limit: limits.max_points });
+            }
+        }
+        firsts.push(total as u32);
+        let mut first_blocks = vec![0];
+        let mut owners = Vec::new();
+        for (pair, instance) in firsts.windows(2).zip(0..) {
+            let blocks = ((pair[1] - pair[0]) as usize).div_ceil(BLOCK_POINTS);
+            owners.resize(owners.len() + blocks, instance);
+            first_blocks.push(owners.len() as u32);
+        }
+        let mut latest = vec![None; sets.len()];
+        let twins =
+            members.iter().zip(0_u32..).map(|(member, at)| latest[member.set as usize].replace(at)).collect();
+        Ok(Layout { sets, members, firsts, first_blocks, owners, twins })
+    }
+
+    /// Blocks of all instances together: each has its points in runs of [`BLOCK_POINTS`], the last one may be shorter.
+    #[must_use]
+    pub fn blocks(&self) -> usize {
+        self.owners.len()
+    }
+
+    /// Blocks of an instance; empty where there is no such instance.
+    #[must_use]
+    pub fn blocks_of(&self, instance: u32) -> std::ops::Range<usize> {
+        let at = instance as usize;
+        match self.first_blocks.get(at..at + 2) {
+            Some(&[first, end]) => first as usize..end as usize,
+            _ => 0..0,
+        }
+    }
+
+    /// The instance that a block is of. `block` is below [`Layout::blocks`].
+    pub(crate) fn owner(&self, block: usize) -> usize {
+        self.owners[block] as usize
+    }
+
+    /// The last instance before this one that has the same set.
+    pub(crate) fn twin(&self, instance: usize) -> Option<u32> {
+        self.twins[instance]
+    }
+
+    /// Slots of an instance: its points, counted from 64 times its first block.
+    pub(crate) fn slots_of(&self, instance: usize) -> std::ops::Range<usize> {
+        let first = self.first_blocks[instance] as usize * BLOCK_POINTS;
+        first..first + (self.firsts[instance + 1] - self.firsts[instance]) as usize
+    }
+
+    /// Points of a block.
+    pub(crate) fn block_len(&self, block: usize) -> usize {
+        let end = self.slots_of(self.owner(block)).end;
+        (end - block * BLOCK_POINTS).min(BLOCK_POINTS)
+    }
+
+    /// The instance of a point; `None` where there is no such point.
+    pub(crate) fn instance_of(&self, point: u32) -> Option<usize> {
+        (point < self.points()).then(|| self.firsts.partition_point(|first| *first <= point) - 1)
+    }
+
+    /// The slot of a point of an instance.
+    #[inline]
+    pub(crate) fn slot_in(&self, instance: usize, point: u32) -> usize {
+        self.first_blocks[instance] as usize * BLOCK_POINTS + (point - self.firsts[instance]) as usize
+    }
+
+    /// The slot of a point; `None` where there is no such point.
+    pub(crate) fn slot(&self, point: u32) -> Option<usize> {
+        Some(self.slot_in(self.instance_of(point)?, point))
+    }
+
+    /// The sets.
+    #[must_use]
+    pub fn sets(&self) -> &[SetLayout] {
+        &self.sets
+    }
+
+    /// The instances.
+    #[must_use]
+    pub fn members(&self) -> &[Member] {
+        &self.members
+    }
+
+    /// First point id of every instance in order, then the number of all points.
+    #[must_use]
+    pub fn firsts(&self) -> &[u32] {
+        &self.firsts
+    }
+
+    /// Points of all instances together.
+    #[must_use]
+    pub fn points(&self) -> u32 {
+        self.firsts.last().copied().unwrap_or(0)
+    }
+
+    /// Point ids of an instance; empty where there is no such instance.
+    #[must_use]
+    pub fn points_of(&self, instance: u32) -> std::ops::Range<usize> {
+        let at = instance as usize;
+        match self.firsts.get(at..at + 2) {
+            Some(&[first, end]) => first as usize..end as usize,
+            _ => 0..0,
+        }
+    }
+}
+
+impl SetLayout {
+    /// The position of a lattice node, metres, rest space.
+    #[inline]
+    #[must_use]
+    pub fn position(&self, coord: [u32; 3]) -> [f32; 3] {
+        std::array::from_fn(|axis| self.origin[axis] + coord[axis] as f32 * self.step)
+    }
+
+    /// The lattice node nearest to a position, and whether the position is inside the lattice; NaN is not.
+    pub(super) fn nearest(&self, position: [f32; 3]) -> ([u32; 3], bool) {
+        let mut inside = true;
+        let coord = std::array::from_fn(|axis| {
+            let at = (position[axis] - self.origin[axis]) / self.step;
+            let last = self.extent[axis] as f32;
+            inside &= at >= -0.5 && at <= last + 0.5;
+            // The cast makes 0 of NaN and truncates.
+            ((at.max(0.0) + 0.5) as u32).min(self.extent[axis])
+        });
+        (coord, inside)
+    }
+
+    /// Largest error of one axis of a position that lies inside the lattice, metres: half a step and the rounding
+    /// of `f32`.
+    #[must_use]
+    pub fn max_position_error(&self) -> f32 {
+        let far = (0..3).map(|axis| self.origin[axis].abs() + self.extent[axis] as f32 * self.step);
+        0.5 * self.step + 2.0 * f32::EPSILON * far.fold(0.0, f32::max)
+    }
+}
+
+fn check_set(set: &SetLayout) -> Result<(), &'static str> {
+    let positive = |value: f32| value.is_normal() && value > 0.0;
+    if !positive(set.step) {
+        return Err("the step of the lattice");
+    }
+    if !set.extent.iter().all(|axis| *axis < MAX_GRID_DIM) {
+        return Err("the extent of the lattice");
+    }
+    let ends = [set.origin, set.position(set.extent)];
+    if !ends.as_flattened().iter().all(|axis| axis.is_finite()) {
+        return Err("the place of the lattice");
+    }
+    if !(2..=8).contains(&set.normal_bits) {
+        return Err("the precision of normals");
+    }
+    if !positive(set.kernel_radius) {
+        return Err("the kernel radius");
+    }
+    Ok(())
+}

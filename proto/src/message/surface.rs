@@ -1,0 +1,200 @@
+//! The part of the scene table that streams of profile `surface` have: point sets, and which set an instance is of.
+
+use bincode::{Decode, Encode};
+use psao_codec::surface::{GeometryDigest, GeometrySource, SetLayout};
+
+use super::{Invalid, MAX_BATCH, Needs, finite, require};
+
+/// Where clients of a `surface` stream have the points from. Unknown values survive.
+#[derive(Clone, Copy, Default, PartialEq, Eq, Encode, Decode)]
+pub struct PointSource(pub u8);
+
+impl PointSource {
+    /// Keyframes carry them; also the value of streams of other profiles.
+    pub const SENT: Self = Self(0);
+    /// Clients spread them over the scene themselves, by the density, minimum and seed of the stream.
+    pub const SHARED: Self = Self(1);
+}
+
+impl From<GeometrySource> for PointSource {
+    fn from(source: GeometrySource) -> Self {
+        match source {
+            GeometrySource::Sent => Self::SENT,
+            GeometrySource::Shared => Self::SHARED,
+        }
+    }
+}
+
+impl std::fmt::Display for PointSource {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match *self {
+            Self::SENT => f.pad("sent"),
+            Self::SHARED => f.pad("shared"),
+            Self(other) => f.pad(&format!("geometry {other}")),
+        }
+    }
+}
+
+impl std::fmt::Debug for PointSource {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        std::fmt::Display::fmt(self, f)
+    }
+}
+
+/// The points of one mesh at rest.
+#[derive(Clone, Copy, Debug, PartialEq, Encode, Decode)]
+pub struct SetEntry {
+    /// First node of the lattice that positions are rounded to, metres, rest space.
+    pub origin: [f32; 3],
+    /// Distance of neighbouring nodes, metres, positive.
+    pub step: f32,
+    /// Largest coordinate along each axis.
+    pub extent: [u32; 3],
+    /// Bits of one axis of a normal's code, 2 to 8.
+    pub normal_bits: u8,
+    /// Points.
+    pub points: u32,
+    /// Kernel radius r of the paper's Eq. 2, metres, positive.
+    pub kernel_radius: f32,
+    /// Digest of the points, rounded and in their order.
+    pub digest: u64,
+}
+
+/// An instance of a `surface` stream.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Encode, Decode)]
+pub struct MemberEntry {
+    /// Index of the set that its points are.
+    pub set: u32,
+    /// What it needs.
+    pub needs: Needs,
+}
+
+/// A part of the sets.
+#[derive(Clone, Debug, PartialEq, Encode, Decode)]
+pub struct SetBatch {
+    /// Index of the first entry; the entries before it came in the batches before.
+    pub first: u32,
+    /// The entries, 1 to [`MAX_BATCH`].
+    pub entries: Vec<SetEntry>,
+}
+
+/// A part of the instances.
+#[derive(Clone, Debug, PartialEq, Eq, Encode, Decode)]
+pub struct MemberBatch {
+    /// Index of the first entry; the entries before it came in the batches before.
+    pub first: u32,
+    /// The entries, 1 to [`MAX_BATCH`].
+    pub entries: Vec<MemberEntry>,
+}
+
+impl From<&SetLayout> for SetEntry {
+    fn from(set: &SetLayout) -> Self {
+        let SetLayout { origin, step, extent, normal_bits, points, kernel_radius, digest } = *set;
+        Self { origin, step, extent, normal_bits, points, kernel_radius, digest: digest.0 }
+    }
+}
+
+impl From<&SetEntry> for SetLayout {
+    fn from(entry: &SetEntry) -> Self {
+        let SetEntry { origin, step, extent, normal_bits, points, kernel_radius, digest } = *entry;
+        let digest = GeometryDigest(digest);
+        Self { origin, step, extent, normal_bits, points, kernel_radius, digest }
+    }
+}
+
+impl SetBatch {
+    pub(super) fn check(&self) -> Result<(), Invalid> {
+        require((1..=MAX_BATCH).contains(&self.entries.len()), "entries", "has not 1 to 512 sets")?;
+        self.entries.iter().try_for_each(SetEntry::check)
+    }
+}
+
+impl MemberBatch {
+    pub(super) fn check(&self) -> Result<(), Invalid> {
+        require((1..=MAX_BATCH).contains(&self.entries.len()), "entries", "has not 1 to 512 instances")
+    }
+}
+
+impl SetEntry {
+    fn check(&self) -> Result<(), Invalid> {
+        let positive = |value: f32| value > 0.0 && value.is_finite();
+        finite(&self.origin, "origin")?;
+        require(positive(self.step), "step", "is not a positive number")?;
+        require((2..=8).contains(&self.normal_bits), "normal_bits", "is not 2 to 8")?;
+        require(positive(self.kernel_radius), "kernel_radius", "is not a positive number")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::golden;
+    use super::super::{Message, Scene};
+    use super::*;
+
+    const SET: SetEntry = SetEntry {
+        origin: [-1.0, 0.0, 1.0],
+        step: 0.5,
+        extent: [4, 5, 6],
+        normal_bits: 6,
+        points: 9,
+        kernel_radius: 0.25,
+        digest: 0x0102_0304_0506_0708,
+    };
+    const MEMBER: MemberEntry = MemberEntry { set: 7, needs: Needs(Needs::SKIN.0 | Needs::MASKED.0) };
+
+    #[test]
+    fn golden_bytes_of_sets() {
+        golden(
+            &Scene::Sets(SetBatch { first: 1, entries: vec![SET] }),
+            "02000000 01000000 0100000000000000 000080bf 00000000 0000803f 0000003f 04000000 05000000 06000000 \
+             06 09000000 0000803e 0807060504030201",
+        );
+    }
+
+    #[test]
+    fn golden_bytes_of_members() {
+        golden(
+            &Scene::Members(MemberBatch { first: 2, entries: vec![MEMBER] }),
+            "03000000 02000000 0100000000000000 07000000 11000000",
+        );
+    }
+
+    #[test]
+    fn full_batches_fit_a_message_and_longer_ones_do_not() {
+        let sets = |count| Scene::Sets(SetBatch { first: 0, entries: vec![SET; count] });
+        let members = |count| Scene::Members(MemberBatch { first: 0, entries: vec![MEMBER; count] });
+        for full in [sets(MAX_BATCH), members(MAX_BATCH)] {
+            assert_eq!(Scene::from_payload(&full.to_payload().unwrap()), Ok(full));
+        }
+        for bad in [sets(MAX_BATCH + 1), sets(0), members(MAX_BATCH + 1), members(0)] {
+            assert!(bad.to_payload().is_err());
+        }
+        for full in [sets(MAX_BATCH), members(MAX_BATCH)] {
+            let mut bytes = full.to_payload().unwrap();
+            // A count of 2^64 - 1 entries must be refused before anything is allocated for it.
+            bytes[8..16].copy_from_slice(&[0xff; 8]);
+            assert!(Scene::from_payload(&bytes).is_err());
+        }
+    }
+
+    #[test]
+    fn sets_that_make_no_sense_are_refused() {
+        for bad in [
+            SetEntry { origin: [0.0, f32::NAN, 0.0], ..SET },
+            SetEntry { step: 0.0, ..SET },
+            SetEntry { normal_bits: 1, ..SET },
+            SetEntry { normal_bits: 9, ..SET },
+            SetEntry { kernel_radius: f32::INFINITY, ..SET },
+        ] {
+            let batch = SetBatch { first: 0, entries: vec![SET, bad] };
+            assert!(Scene::Sets(batch).to_payload().is_err(), "{bad:?}");
+        }
+    }
+
+    #[test]
+    fn an_entry_and_the_codecs_layout_say_the_same() {
+        assert_eq!(SetEntry::from(&SetLayout::from(&SET)), SET);
+        assert_eq!(PointSource::from(GeometrySource::Sent), PointSource::SENT);
+        assert_eq!(PointSource::from(GeometrySource::Shared).to_string(), "shared");
+    }
+}

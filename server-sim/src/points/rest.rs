@@ -1,0 +1,198 @@
+//! Points at rest: what a stream of profile `surface` keeps of them, made alike by a server and by a client that is
+//! not sent them.
+
+use std::sync::Arc;
+
+use psao_codec::cells::MAX_GRID_DIM;
+use psao_codec::surface::{Geometry, GeometryDigest, GeometryError, RestPoint, Rounded, SetLayout, State};
+use psao_proto::message::SceneInfo;
+use rayon::prelude::*;
+use thiserror::Error;
+
+use super::{PointError, PointSet, PointSettings, PosedMesh, ScenePoints, generate};
+use crate::bvh::Bounds;
+use crate::scene::Scene;
+
+/// How finely the points of a `surface` stream are rounded.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fineness {
+    /// Lattice steps to a Poisson-disk radius of the points.
+    pub steps: f32,
+    /// Bits of one axis of a normal's octahedral code, 2 to 8.
+    pub normal_bits: u8,
+}
+
+impl Fineness {
+    /// The fineness that goes by the bits of the paper's packed points: 32, 24 or 16; `None` for others.
+    #[must_use]
+    pub const fn of_bits(bits: u8) -> Option<Self> {
+        match bits {
+            32 => Some(Self { steps: 8.0, normal_bits: 6 }),
+            24 => Some(Self { steps: 4.0, normal_bits: 5 }),
+            16 => Some(Self { steps: 2.0, normal_bits: 4 }),
+            _ => None,
+        }
+    }
+}
+
+/// Positions and normals of a set's points on its mesh at rest, in the order of the set. `set` is also the number of
+/// the mesh; empty where there is none.
+#[must_use]
+pub fn rest_points(scene: &Scene, points: &ScenePoints, set: usize) -> Vec<RestPoint> {
+    let (Some(rest), Some(set)) = (scene.rests().get(set), points.sets().get(set)) else { return Vec::new() };
+    let posed = PosedMesh::at_rest(scene, rest);
+    let place = |point| {
+        let placed = posed.place(point);
+        RestPoint { position: placed.position.to_array(), normal: placed.normal.to_array() }
+    };
+    set.points().iter().map(place).collect()
+}
+
+/// The geometry of every set, rounded as finely as said, with kernels of `kernel` Poisson-disk radii. The points of the
+/// scene are put into the order of their geometry, so that a point has the same number in both.
+#[must_use]
+pub fn order_at_rest(
+    scene: &Scene,
+    points: &mut ScenePoints,
+    fineness: Fineness,
+    kernel: f32,
+) -> Vec<Arc<Geometry>> {
+    let made: Vec<Rounded> = (0..points.sets().len())
+        .into_par_iter()
+        .map(|set| {
+            let at_rest = rest_points(scene, points, set);
+            Geometry::round(lattice(&points.sets()[set], &at_rest, fineness, kernel), &at_rest)
+        })
+        .collect();
+    let mut geometry = Vec::with_capacity(made.len());
+    for (set, made) in made.into_iter().enumerate() {
+        points.reorder(set, &made.order);
+        geometry.push(Arc::new(made.geometry));
+    }
+    geometry
+}
+
+/// Why a client could not make the points of a stream itself.
+#[derive(Clone, Debug, Error, PartialEq)]
+#[non_exhaustive]
+pub enum ShareError {
+    /// The stream's settings make no points.
+    #[error("the stream's points cannot be made: {0}")]
+    Points(#[from] PointError),
+    /// The scene has other meshes than the stream has sets.
+    #[error("the scene has {meshes} meshes, the stream {sets} point sets: it was made of another scene")]
+    Sets {
+        /// Meshes of the scene.
+        meshes: usize,
+        /// Sets of the stream.
+        sets: usize,
+    },
+    /// The points are not the stream's.
+    #[error(transparent)]
+    Geometry(#[from] GeometryError),
+}
+
+/// Gives `state` the points of a stream that does not carry them: spreads them over the scene as the server did, by the
+/// density, minimum and seed in `info`.
+///
+/// # Errors
+/// [`ShareError`] where the scene or the settings are not those of the stream; sets before the one named have their
+/// points then.
+pub fn share(scene: &Scene, info: &SceneInfo, state: &mut State) -> Result<(), ShareError> {
+    let layout = Arc::clone(state.layout());
+    let (meshes, sets) = (scene.rests().len(), layout.sets().len());
+    if meshes != sets {
+        return Err(ShareError::Sets { meshes, sets });
+    }
+    let settings = PointSettings { per_m2: info.points_per_m2, minimum: info.min_points, seed: info.seed };
+    let points = generate(scene, &settings, &|_, _| {})?;
+    let geometry: Vec<Geometry> = layout
+        .sets()
+        .par_iter()
+        .enumerate()
+        .map(|(set, layout)| Geometry::round(*layout, &rest_points(scene, &points, set)).geometry)
+        .collect();
+    for (set, geometry) in (0..).zip(geometry) {
+        state.share_geometry(set, Arc::new(geometry))?;
+    }
+    Ok(())
+}
+
+/// The lattice of a set: as fine as said, or as fine as it can be on a mesh that is very large for its points.
+fn lattice(set: &PointSet, points: &[RestPoint], fineness: Fineness, kernel: f32) -> SetLayout {
+    let bounds = Bounds::around(points.iter().map(|point| point.position.into()));
+    let (low, size) =
+        if points.is_empty() { (glam::Vec3::ZERO, glam::Vec3::ZERO) } else { (bounds.min(), bounds.size()) };
+    let most = (MAX_GRID_DIM - 2) as f32;
+    let step = (set.radius() / fineness.steps).max(size.max_element() / most);
+    SetLayout {
+        origin: low.to_array(),
+        step,
+        extent: size.to_array().map(|axis| ((axis / step).ceil() as u32).min(MAX_GRID_DIM - 1)),
+        normal_bits: fineness.normal_bits,
+        kernel_radius: kernel * set.radius(),
+        // Filled in when the points are rounded.
+        points: 0,
+        digest: GeometryDigest::default(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::points::{PointSettings, generate};
+
+    fn points(scene: &Scene) -> ScenePoints {
+        generate(scene, &PointSettings { per_m2: 4.0, minimum: 40, seed: 2 }, &|_, _| {}).unwrap()
+    }
+
+    #[test]
+    fn ordering_moves_points_and_their_numbers_together() {
+        let scene = Scene::load("colonnade").unwrap();
+        let before = points(&scene);
+        let mut after = before.clone();
+        let geometry = order_at_rest(&scene, &mut after, Fineness::of_bits(32).unwrap(), 2.5);
+        assert_eq!(after.firsts(), before.firsts());
+        for (set, geometry) in geometry.iter().enumerate() {
+            let (old, new) = (&before.sets()[set], &after.sets()[set]);
+            assert_eq!(geometry.len(), new.points().len());
+            let mut seen = vec![false; old.points().len()];
+            for (point, &number) in new.points().iter().zip(new.numbers()) {
+                assert_eq!(*point, old.points()[number as usize]);
+                assert!(!std::mem::replace(&mut seen[number as usize], true), "number {number} twice");
+            }
+        }
+    }
+
+    #[test]
+    fn a_geometry_holds_its_points_within_the_lattices_error() {
+        let scene = Scene::load("robot-lab").unwrap();
+        for bits in [16, 24, 32] {
+            let mut points = points(&scene);
+            let geometry = order_at_rest(&scene, &mut points, Fineness::of_bits(bits).unwrap(), 2.5);
+            for (set, geometry) in geometry.iter().enumerate() {
+                let error = geometry.layout().max_position_error();
+                for (index, point) in rest_points(&scene, &points, set).iter().enumerate() {
+                    let found = geometry.position(index);
+                    let off =
+                        (0..3).map(|axis| (found[axis] - point.position[axis]).abs()).fold(0.0, f32::max);
+                    assert!(off <= error, "{bits} bits, set {set}, point {index}: {off} over {error}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn lattices_of_meshes_without_points_or_of_any_size_make_sense() {
+        let fineness = Fineness::of_bits(32).unwrap();
+        let set = PointSet { radius: 1e-6, ..PointSet::default() };
+        let at = |x| RestPoint { position: [x, 0.0, 0.0], normal: [0.0, 1.0, 0.0] };
+        for points in [&[][..], &[at(5.0)], &[at(-1e6), at(1e6)]] {
+            let found = lattice(&set, points, fineness, 2.5);
+            let limits = psao_codec::Limits::default();
+            let members = vec![psao_codec::surface::Member { set: 0 }];
+            psao_codec::surface::Layout::new(vec![found], members, &limits).unwrap();
+        }
+        assert_eq!(Fineness::of_bits(31), None);
+    }
+}

@@ -1,0 +1,196 @@
+//! Both profiles at once, fed by one tracing: what they cost and how far off they are, on the same values.
+
+use std::sync::Arc;
+
+use psao_codec::block::BlockCoder;
+use psao_codec::cells::Placement;
+use psao_codec::frame::{FrameIndex, StreamTime};
+use psao_codec::surface;
+use psao_proto::message::CameraPose;
+use psao_proto::{Profile, SceneTable};
+
+use super::cells::CellsStream;
+use super::stats::Lap;
+use super::stream::{Frame, Stream};
+use super::tracing::Tracing;
+use super::{ProgressFn, Server, ServerError, ServerSettings, StepOutput};
+use crate::bvh::World;
+use crate::clock::Clock;
+use crate::scene::Scene;
+
+/// A value for each profile.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Each<T> {
+    /// Of profile `paper`.
+    pub paper: T,
+    /// Of profile `surface`.
+    pub surface: T,
+}
+
+/// A server of both profiles. The bytes of each are those that a [`Server`] of that profile alone writes.
+pub struct BothProfiles {
+    tracing: Tracing,
+    tables: Each<SceneTable>,
+    streams: Each<Stream>,
+}
+
+/// How far what clients hold is from the AO as it was traced: neither rounded nor held back by a threshold.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct AoError {
+    /// Points compared: those in view that the client holds.
+    pub points: u64,
+    /// Points in view that the client does not hold, left out of the rest.
+    pub lost: u64,
+    /// Sum of the differences, in 255ths.
+    pub sum: f64,
+    /// Sum of their squares.
+    pub squares: f64,
+    /// The largest of them.
+    pub max: f64,
+}
+
+impl AoError {
+    /// Adds a point: what the client holds, if anything, and what was traced, 0 to 1.
+    fn add(&mut self, held: Option<u8>, exact: f32) {
+        let Some(held) = held else {
+            self.lost += 1;
+            return;
+        };
+        let off = (f64::from(held) - f64::from(exact) * 255.0).abs();
+        self.points += 1;
+        self.sum += off;
+        self.squares += off * off;
+        self.max = self.max.max(off);
+    }
+
+    /// Adds the points of another frame.
+    pub fn merge(&mut self, other: &Self) {
+        self.points += other.points;
+        self.lost += other.lost;
+        self.sum += other.sum;
+        self.squares += other.squares;
+        self.max = self.max.max(other.max);
+    }
+
+    /// Mean difference, in 255ths; 0 without points.
+    #[must_use]
+    pub fn mean(&self) -> f64 {
+        self.sum / self.points.max(1) as f64
+    }
+
+    /// Root of the mean squared difference, in 255ths; 0 without points.
+    #[must_use]
+    pub fn rms(&self) -> f64 {
+        (self.squares / self.points.max(1) as f64).sqrt()
+    }
+}
+
+impl BothProfiles {
+    /// As [`Server::new`], for both profiles; `settings.profile` counts for nothing, `settings.coder` for `paper`.
+    ///
+    /// # Errors
+    /// As [`Server::new`].
+    pub fn new(
+        scene: Arc<Scene>,
+        settings: &ServerSettings,
+        surface_coder: BlockCoder,
+        progress: Arc<ProgressFn>,
+    ) -> Result<Self, ServerError> {
+        let surface = ServerSettings { profile: Profile::SURFACE, coder: surface_coder, ..*settings };
+        let Server { tracing, table, stream } = Server::build(scene, surface, progress, true)?;
+        let paper = ServerSettings { profile: Profile::PAPER, ..*settings };
+        paper.validate()?;
+        let limits = psao_proto::Limits::default();
+        let paper_table = super::grids::table(&tracing.scene, &tracing.points, &paper, &limits)?;
+        let Some(layout) = paper_table.layout().as_cells() else {
+            return Err(ServerError::Table(psao_proto::SceneError::Profile { found: Profile::PAPER }));
+        };
+        let cells = CellsStream::new(&tracing, layout, &paper)?;
+        Ok(Self {
+            tracing,
+            tables: Each { paper: paper_table, surface: table },
+            streams: Each { paper: Stream::Cells(Box::new(cells)), surface: stream },
+        })
+    }
+
+    /// What clients are told first.
+    #[must_use]
+    pub fn tables(&self) -> &Each<SceneTable> {
+        &self.tables
+    }
+
+    /// The scene as of the last step.
+    #[must_use]
+    pub fn world(&self) -> &World {
+        &self.tracing.world
+    }
+
+    /// Computes one frame as [`Server::step`] does: traces once, then writes it in both profiles.
+    ///
+    /// # Errors
+    /// As [`Server::step`].
+    pub fn step(
+        &mut self,
+        index: FrameIndex,
+        time: StreamTime,
+        cameras: &[CameraPose],
+        clock: &dyn Clock,
+    ) -> Result<Each<StepOutput>, ServerError> {
+        let mut lap = Lap::new(clock);
+        let first = self.streams.paper.last().is_none();
+        let traced = self.tracing.advance(time, cameras, first, &mut lap);
+        let frame = Frame { index, time, cameras };
+        let paper = self.streams.paper.write(&self.tracing, frame, traced, &mut lap)?;
+        let surface = self.streams.surface.write(&self.tracing, frame, traced, &mut lap)?;
+        Ok(Each { paper, surface })
+    }
+
+    /// Keyframes of the last step's state, as [`Server::keyframe`].
+    ///
+    /// # Errors
+    /// As [`Server::keyframe`].
+    pub fn keyframes(
+        &self,
+        frame: FrameIndex,
+        time: StreamTime,
+        coders: Each<BlockCoder>,
+    ) -> Result<Each<Vec<u8>>, ServerError> {
+        Ok(Each {
+            paper: self.streams.paper.keyframe(&self.tracing, frame, time, coders.paper)?,
+            surface: self.streams.surface.keyframe(&self.tracing, frame, time, coders.surface)?,
+        })
+    }
+
+    /// Error of what clients hold after the last step, over the points in view. For `surface` that is what `client`
+    /// says; for `paper`, what the points were sent as that have a slot in the client's tables.
+    #[must_use]
+    pub fn errors(&self, client: &surface::State) -> Each<AoError> {
+        let mut errors = Each::<AoError>::default();
+        let Tracing { field, points, .. } = &self.tracing;
+        for chunk in field.chunks() {
+            let numbers = self.tracing.numbers(chunk.instance);
+            let held = client.values(chunk.instance as u32);
+            for (place, point, _) in field.visible(chunk) {
+                let Some(exact) = field.exact(point) else { continue };
+                let here = client.is_present(chunk.instance as u32, place / surface::BLOCK_POINTS);
+                errors.surface.add(held.get(place).copied().filter(|_| here), exact);
+                if let Stream::Cells(stream) = &self.streams.paper {
+                    let id = points.firsts()[chunk.instance] + numbers[place];
+                    let stored = stream.encoder.placement(id) == Some(Placement::Stored);
+                    errors.paper.add(stream.sent.ao(id).filter(|_| stored), exact);
+                }
+            }
+        }
+        errors
+    }
+}
+
+impl std::fmt::Debug for BothProfiles {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { tracing, .. } = self;
+        f.debug_struct("BothProfiles")
+            .field("scene", &tracing.scene.name())
+            .field("points", &tracing.points.total())
+            .finish_non_exhaustive()
+    }
+}

@@ -1,0 +1,37 @@
+//! A state of either profile.
+
+use psao_codec::Limits;
+use psao_codec::frame::{self, FrameError, FrameInfo};
+use psao_codec::surface;
+
+use super::scenes::Stream;
+
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Stand {
+    Paper(Box<frame::State>),
+    Surface(Box<surface::State>),
+}
+
+impl Stand {
+    /// The empty state of a stream, with the geometry that is shared.
+    pub(super) fn new(stream: &Stream) -> Stand {
+        match stream {
+            Stream::Paper { layout, .. } => Stand::Paper(Box::new(frame::State::new(layout.clone()))),
+            Stream::Surface { layout, geometry, shared, .. } => {
+                let mut state = surface::State::new(layout.clone());
+                for (geometry, set) in geometry.iter().zip(0..).filter(|_| *shared) {
+                    state.share_geometry(set, geometry.clone()).unwrap();
+                }
+                Stand::Surface(Box::new(state))
+            }
+        }
+    }
+
+    pub(super) fn apply(&mut self, body: &[u8]) -> Result<FrameInfo, FrameError> {
+        let limits = Limits::default();
+        match self {
+            Stand::Paper(state) => frame::apply(state, body, &limits).map(|applied| applied.info),
+            Stand::Surface(state) => surface::Applier::new().apply(state, body, &limits),
+        }
+    }
+}

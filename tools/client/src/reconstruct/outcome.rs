@@ -1,0 +1,68 @@
+//! What a reconstruction gives, and why there is none.
+
+use crate::AoImage;
+
+/// Ambient occlusion of a view, and how well the points supported it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Reconstruction {
+    /// Accessibility of each pixel; 1 where there is background or no point counts.
+    pub image: AoImage,
+    /// What went into it.
+    pub statistics: Statistics,
+}
+
+/// Counts over the fragments of one reconstruction.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Statistics {
+    /// Pixels that show a surface.
+    pub fragments: u64,
+    /// Fragments for which no point had a weight above 0; Eq. 4 calls them open.
+    pub unsupported: u64,
+    /// Points with a weight above 0, summed over all fragments.
+    pub blended: u64,
+}
+
+impl Statistics {
+    /// Mean number of points blended for a fragment (of cells at most 56); 0 when there is no fragment.
+    pub fn mean_blended(&self) -> f64 {
+        if self.fragments == 0 { 0.0 } else { self.blended as f64 / self.fragments as f64 }
+    }
+
+    /// Share of the fragments that no point supports, 0 to 1; 0 when there is no fragment.
+    pub fn unsupported_share(&self) -> f64 {
+        if self.fragments == 0 { 0.0 } else { self.unsupported as f64 / self.fragments as f64 }
+    }
+
+    pub(super) fn plus(self, other: Self) -> Self {
+        Self {
+            fragments: self.fragments + other.fragments,
+            unsupported: self.unsupported + other.unsupported,
+            blended: self.blended + other.blended,
+        }
+    }
+}
+
+/// A view that does not belong to the state.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ReconstructError {
+    /// A fragment shows an instance that the stream does not have.
+    #[error(
+        "pixel {pixel} shows instance {instance}, but the stream has {instances} instances; draw the scene that the stream was made of"
+    )]
+    Instance {
+        /// Number of the first such pixel: row times width plus column.
+        pixel: usize,
+        /// The instance it shows.
+        instance: u32,
+        /// Number of instances of the stream's layout.
+        instances: usize,
+    },
+    /// A fragment does not say where it is on its mesh at rest, which profile `surface` goes by.
+    #[error(
+        "pixel {pixel} does not say where its surface is at rest, and a stream of profile surface is looked up there; fill in Surface::rest with the unskinned, unmorphed position and normal"
+    )]
+    NoRest {
+        /// Number of the first such pixel: row times width plus column.
+        pixel: usize,
+    },
+}

@@ -173,12 +173,6 @@ impl Applier {
         body: &[u8],
         limits: &Limits,
     ) -> Result<FrameInfo, FrameError> {
-        let (expected, found) = (state.profile(), body.first().copied().map(Profile));
-        if let Some(found @ (Profile::PAPER | Profile::SURFACE)) = found
-            && found != expected
-        {
-            return Err(FrameError::ProfileOther { offset: 0, found, expected });
-        }
         match state {
             State::Cells(state) => Ok(self.cells.apply(state, body, limits)?.info),
             State::Surface(state) => self.surface.apply(state, body, limits),
@@ -214,7 +208,7 @@ pub fn keyframe(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::{reseal, story};
+    use crate::testing::story;
 
     fn surface_layout() -> Layout {
         let layout = surface::Layout::new(Vec::new(), Vec::new(), &Limits::default()).unwrap();
@@ -248,9 +242,8 @@ mod tests {
         let refused = apply(&mut state, &story.key.body, &Limits::default());
         assert_eq!(refused, Err(FrameError::ProfileOther { offset, found, expected }));
         assert_eq!(state, before);
-        let mut body = story.key.body;
-        body[0] = Profile::SURFACE.0;
-        reseal(&mut body);
+        let meta = crate::testing::meta(frame::FrameKind::Key, 4);
+        let body = keyframe(&state, meta, BlockCoder::Stored, &[]).unwrap();
         let mut state = State::Cells(story.empty.clone());
         let refused = apply(&mut state, &body, &Limits::default());
         assert_eq!(refused, Err(FrameError::ProfileOther { offset, found: expected, expected: found }));

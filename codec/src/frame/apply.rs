@@ -4,7 +4,9 @@
 //! server's does a second pass write. Both are linear in the records.
 
 use super::header::{FRAME_OFFSET, HASH_OFFSET, KIND_OFFSET, PACKING_OFFSET};
-use super::{FrameError, FrameInfo, FrameKind, Pose, SectionInfo, SectionTag, State, inspect};
+use super::{
+    FrameError, FrameIndex, FrameInfo, FrameKind, Pose, Profile, SectionInfo, SectionTag, State, inspect,
+};
 use crate::block::Decompressor;
 use crate::cells::{Bucket, Cell, Layout, POINTS_PER_CELL};
 use crate::hash::Kind;
@@ -57,8 +59,8 @@ impl Applier {
     /// [`FrameError`] says what is wrong and where; `state` is then exactly as before.
     pub fn apply(&mut self, state: &mut State, body: &[u8], limits: &Limits) -> Result<Applied, FrameError> {
         let info = inspect(body, limits)?;
+        check_follows(&info, Profile::PAPER, state.frame())?;
         check_packing(state, &info)?;
-        check_order(state, &info)?;
         self.decompress(state.layout(), &info, body, limits)?;
         let computed = self.check(state, info.kind)?;
         if computed != info.hash {
@@ -218,9 +220,17 @@ fn check_packing(state: &State, info: &FrameInfo) -> Result<(), FrameError> {
     Err(FrameError::Packing { offset: PACKING_OFFSET, found, expected })
 }
 
-/// Checks that a frame can follow the state: any keyframe can, a delta only a state that is older.
-fn check_order(state: &State, info: &FrameInfo) -> Result<(), FrameError> {
-    match (info.kind, state.frame()) {
+/// Checks that a frame can follow a state of `profile` whose last frame was `last`: any keyframe of that profile can, a
+/// delta only a state that is older.
+pub(crate) fn check_follows(
+    info: &FrameInfo,
+    profile: Profile,
+    last: Option<FrameIndex>,
+) -> Result<(), FrameError> {
+    if info.profile != profile {
+        return Err(FrameError::ProfileOther { offset: 0, found: info.profile, expected: profile });
+    }
+    match (info.kind, last) {
         (FrameKind::Key, _) => Ok(()),
         (FrameKind::Delta, None) => Err(FrameError::NoKeyframe { offset: KIND_OFFSET }),
         (FrameKind::Delta, Some(last)) if info.frame > last => Ok(()),

@@ -22,8 +22,8 @@ use crate::wire::{Reader, varint_bytes, write_varint};
 use crate::{Limits, StateHash};
 
 pub(super) const PACKING_OFFSET: usize = 1;
-pub(crate) const KIND_OFFSET: usize = 2;
-pub(crate) const FRAME_OFFSET: usize = 4;
+pub(super) const KIND_OFFSET: usize = 2;
+pub(super) const FRAME_OFFSET: usize = 4;
 pub(crate) const HASH_OFFSET: usize = 16;
 /// Where the checksum is.
 pub(crate) const CRC_OFFSET: usize = 24;

@@ -15,8 +15,8 @@ use super::writer::FrameModels;
 use super::{Layout, State};
 use crate::block::{CoderId, Decompressor};
 use crate::frame::{
-    FRAME_OFFSET, FrameError, FrameInfo, FrameKind, HASH_OFFSET, KIND_OFFSET, Profile, SectionInfo,
-    SectionTag, inspect, read_header,
+    FrameError, FrameInfo, FrameKind, HASH_OFFSET, Profile, SectionInfo, SectionTag, check_follows, inspect,
+    read_header,
 };
 use crate::range::{Misfit, RangeDecoder};
 use crate::{Limits, StateHash};
@@ -59,7 +59,7 @@ impl Applier {
         limits: &Limits,
     ) -> Result<FrameInfo, FrameError> {
         let info = inspect(body, limits)?;
-        check_order(state, &info)?;
+        check_follows(&info, Profile::SURFACE, state.frame)?;
         let computed = match info.kind {
             FrameKind::Key => {
                 let mut next = self.keyframe(state, blocks(&info, body), limits)?;
@@ -288,7 +288,7 @@ pub fn preview(state: &State, bytes: &[u8], limits: &Limits) -> Result<Option<Pr
         Err(FrameError::Truncated { .. }) => return Ok(None),
         header => header?.0,
     };
-    check_order(state, &info)?;
+    check_follows(&info, Profile::SURFACE, state.frame)?;
     if info.kind != FrameKind::Key {
         return Ok(None);
     }
@@ -318,22 +318,6 @@ fn empty(state: &State) -> State {
         }
     }
     next
-}
-
-/// Checks that a frame can follow the state: any keyframe can, a delta only a state that is older.
-fn check_order(state: &State, info: &FrameInfo) -> Result<(), FrameError> {
-    if info.profile != Profile::SURFACE {
-        let (found, expected) = (info.profile, Profile::SURFACE);
-        return Err(FrameError::ProfileOther { offset: 0, found, expected });
-    }
-    match (info.kind, state.frame) {
-        (FrameKind::Key, _) => Ok(()),
-        (FrameKind::Delta, None) => Err(FrameError::NoKeyframe { offset: KIND_OFFSET }),
-        (FrameKind::Delta, Some(last)) if info.frame > last => Ok(()),
-        (FrameKind::Delta, Some(last)) => {
-            Err(FrameError::FrameOrder { offset: FRAME_OFFSET, found: info.frame, last })
-        }
-    }
 }
 
 /// Checks that a section whose content is one whole says so.

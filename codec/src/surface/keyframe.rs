@@ -2,7 +2,9 @@
 
 use std::sync::Arc;
 
+use super::change_model::ChangeModel;
 use super::geometry_section::Sets;
+use super::history::History;
 use super::values::Values;
 use super::writer::{FrameModels, SectionWriter};
 use super::{Geometry, Layout, State};
@@ -104,8 +106,7 @@ pub fn keyframe(
         present: &mut vec![false; state.present.len()],
     }
     .write(&mut writer, &order, &state.values, coder)?;
-    let fresh = State::new(Arc::clone(layout));
-    if state.history != fresh.history || state.model != fresh.model {
+    if state.history != History::new(layout.blocks()) || state.model != ChangeModel::new() {
         writer.context(&state.history, &state.model, coder)?;
     }
     let ids = (Profile::SURFACE, Packing::LATTICE, FrameKind::Key);

@@ -1,5 +1,7 @@
 //! What the bits of a range-coded frame of changes are spent on.
 
+use std::ops::AddAssign;
+
 use super::State;
 use super::change_model::ChangeModel;
 use super::changes::Changes;
@@ -19,6 +21,15 @@ pub struct Spent {
     pub ways: f64,
     /// By how much.
     pub sizes: f64,
+}
+
+impl AddAssign for Spent {
+    fn add_assign(&mut self, more: Spent) {
+        self.blocks += more.blocks;
+        self.points += more.points;
+        self.ways += more.ways;
+        self.sizes += more.sizes;
+    }
 }
 
 /// A reader that adds up what each decision cost: the logarithm of the probability that it was given.

@@ -121,7 +121,7 @@ pub(super) fn measure(
         sides.paper.frames.push(paper.follow(&outputs.paper)?);
         if let Some(before) = surface.state.as_surface() {
             let spent = spent(before, &outputs.surface.body, &Limits::default().codec);
-            add(&mut sides.surface.spent, spent.map_err(Failure::input)?.unwrap_or_default());
+            sides.surface.spent += spent.map_err(Failure::input)?.unwrap_or_default();
         }
         sides.surface.frames.push(surface.follow(&outputs.surface)?);
         if let (Some(state), true) = (surface.state.as_surface(), number > 0) {
@@ -148,13 +148,6 @@ pub(super) fn measure(
     sides.paper.join_bytes = (HEADER_BYTES + joins.paper.len()) as u64;
     sides.surface.join_bytes = (HEADER_BYTES + joins.surface.len()) as u64;
     Ok(sides)
-}
-
-fn add(sum: &mut Spent, more: Spent) {
-    sum.blocks += more.blocks;
-    sum.points += more.points;
-    sum.ways += more.ways;
-    sum.sizes += more.sizes;
 }
 
 fn begin(table: &SceneTable) -> Outcome<Side> {

@@ -46,7 +46,7 @@
 //! let layout = Arc::new(Layout::new(vec![*geometry.layout()], members, &limits)?);
 //!
 //! // The server says what every point's AO is; the encoder knows what clients hold and sends what moved by 8 or more.
-//! let settings = EncoderSettings { threshold: 8, geometry: GeometrySource::Sent };
+//! let settings = EncoderSettings { threshold: 8, geometry: GeometrySource::Sent, budget: None };
 //! let mut encoder = Encoder::new(Arc::clone(&layout), vec![geometry], settings)?;
 //! let meta = |kind, frame| FrameMeta { kind, frame: FrameIndex(frame), time: StreamTime(0), changed_points: 0 };
 //! for point in 0..200 {
@@ -66,6 +66,42 @@
 //! applier.apply(&mut state, &delta.body, &limits)?;
 //! assert_eq!(&state, encoder.state());
 //! assert!(state.values(1)[20..60].iter().all(|ao| ao.abs_diff(90) < 8));
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! # Bring a client up to date that missed frames
+//!
+//! ```
+//! # use std::sync::Arc;
+//! # use psao_codec::{Limits, block::BlockCoder, frame::{FrameIndex, FrameKind, FrameMeta, StreamTime}, surface::*};
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! # let set = SetLayout { origin: [0.0; 3], step: 1.0 / 128.0, extent: [128; 3], normal_bits: 6, kernel_radius: 0.1,
+//! #     points: 0, digest: GeometryDigest::default() };
+//! # let along = |n: u8| RestPoint { position: [f32::from(n) / 100.0, 0.0, 0.5], normal: [0.0, 1.0, 0.0] };
+//! # let geometry = Arc::new(Geometry::round(set, &(0..100).map(along).collect::<Vec<_>>()).geometry);
+//! # let limits = Limits::default();
+//! # let layout = Arc::new(Layout::new(vec![*geometry.layout()], vec![Member { set: 0 }], &limits)?);
+//! # let settings = EncoderSettings { threshold: 8, geometry: GeometrySource::Sent, budget: None };
+//! # let mut encoder = Encoder::new(Arc::clone(&layout), vec![geometry], settings)?;
+//! # let meta = |kind, frame| FrameMeta { kind, frame: FrameIndex(frame), time: StreamTime(0), changed_points: 0 };
+//! # (0..100).for_each(|point| { encoder.offer(point, 255); });
+//! // One ledger for all clients follows the encoder from frame to frame.
+//! let key = encoder.finish(meta(FrameKind::Key, 0), BlockCoder::Range)?;
+//! let mut ledger = Ledger::new(encoder.state());
+//! for frame in 1..30 {
+//!     encoder.offer(frame, 90);
+//!     encoder.finish(meta(FrameKind::Delta, frame), BlockCoder::Range)?;
+//!     ledger.follow(encoder.state());
+//! }
+//! // This client got the keyframe and nothing since; the patch has the newest value of what changed.
+//! let mut state = State::new(layout);
+//! let mut applier = Applier::new();
+//! applier.apply(&mut state, &key.body, &limits)?;
+//! let (base, newest) = (FrameIndex(0), meta(FrameKind::Delta, 29));
+//! let body = patch(encoder.state(), &ledger, base, newest, BlockCoder::Range, false)?;
+//! applier.apply(&mut state, &body.ok_or("only a keyframe helps")?, &limits)?;
+//! assert_eq!((state.frame(), state.hash()), (encoder.state().frame(), encoder.state().hash()));
 //! # Ok(())
 //! # }
 //! ```

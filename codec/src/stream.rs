@@ -148,6 +148,104 @@ impl State {
     }
 }
 
+/// A state of either profile that someone else owns.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum StateRef<'a> {
+    /// Of profile `paper`.
+    Cells(&'a frame::State),
+    /// Of profile `surface`.
+    Surface(&'a surface::State),
+}
+
+impl StateRef<'_> {
+    /// The hash of everything in it; kept up by every frame.
+    #[must_use]
+    pub fn hash(self) -> StateHash {
+        match self {
+            StateRef::Cells(state) => state.hash(),
+            StateRef::Surface(state) => state.hash(),
+        }
+    }
+
+    /// The last frame applied; `None` before the first.
+    #[must_use]
+    pub fn frame(self) -> Option<FrameIndex> {
+        match self {
+            StateRef::Cells(state) => state.frame(),
+            StateRef::Surface(state) => state.frame(),
+        }
+    }
+}
+
+impl<'a> From<&'a State> for StateRef<'a> {
+    fn from(state: &'a State) -> StateRef<'a> {
+        match state {
+            State::Cells(state) => StateRef::Cells(state),
+            State::Surface(state) => StateRef::Surface(state),
+        }
+    }
+}
+
+impl<'a> From<&'a frame::State> for StateRef<'a> {
+    fn from(state: &'a frame::State) -> StateRef<'a> {
+        StateRef::Cells(state)
+    }
+}
+
+impl<'a> From<&'a surface::State> for StateRef<'a> {
+    fn from(state: &'a surface::State) -> StateRef<'a> {
+        StateRef::Surface(state)
+    }
+}
+
+/// Which points changed in which frame of a stream, see [`surface::Ledger`]. Of profile `paper` nothing is known.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Ledger(Option<Box<surface::Ledger>>);
+
+impl Ledger {
+    /// A ledger that begins with `state`.
+    #[must_use]
+    pub fn new<'a>(state: impl Into<StateRef<'a>>) -> Ledger {
+        Ledger(match state.into() {
+            StateRef::Cells(_) => None,
+            StateRef::Surface(state) => Some(Box::new(surface::Ledger::new(state))),
+        })
+    }
+
+    /// Whether a client of frame `base` can be told what it missed.
+    #[must_use]
+    pub fn reaches(&self, base: FrameIndex) -> bool {
+        self.0.as_ref().is_some_and(|ledger| ledger.missed(base).is_some())
+    }
+
+    /// Notes what the last frame changed; to be called after every frame, as [`surface::Ledger::follow`].
+    pub fn follow<'a>(&mut self, state: impl Into<StateRef<'a>>) {
+        match (&mut self.0, state.into()) {
+            (Some(ledger), StateRef::Surface(state)) => ledger.follow(state),
+            (_, state) => *self = Ledger::new(state),
+        }
+    }
+}
+
+/// Writes the body of a delta that brings any client whose last frame is `base` or later to `state`, as
+/// [`surface::patch`]; `None` when only a keyframe helps, which in profile `paper` is always.
+///
+/// # Errors
+/// Those of [`surface::patch`].
+pub fn patch<'a>(
+    state: impl Into<StateRef<'a>>,
+    ledger: &Ledger,
+    base: FrameIndex,
+    meta: FrameMeta,
+    coder: BlockCoder,
+    context: bool,
+) -> Result<Option<Vec<u8>>, EncodeError> {
+    match (state.into(), &ledger.0) {
+        (StateRef::Surface(state), Some(ledger)) => surface::patch(state, ledger, base, meta, coder, context),
+        _ => Ok(None),
+    }
+}
+
 /// Applies frame bodies to states of either profile; keeps its buffers between them.
 #[derive(Debug, Default)]
 pub struct Applier {
@@ -193,15 +291,15 @@ pub fn apply(state: &mut State, body: &[u8], limits: &Limits) -> Result<FrameInf
 ///
 /// # Errors
 /// Those of [`EncodeError`].
-pub fn keyframe(
-    state: &State,
+pub fn keyframe<'a>(
+    state: impl Into<StateRef<'a>>,
     meta: FrameMeta,
     coder: BlockCoder,
     first: &[(u32, u32)],
 ) -> Result<Vec<u8>, EncodeError> {
-    match state {
-        State::Cells(state) => frame::keyframe(state, meta, coder),
-        State::Surface(state) => surface::keyframe(state, meta, coder, first),
+    match state.into() {
+        StateRef::Cells(state) => frame::keyframe(state, meta, coder),
+        StateRef::Surface(state) => surface::keyframe(state, meta, coder, first),
     }
 }
 
@@ -248,6 +346,41 @@ mod tests {
         let refused = apply(&mut state, &body, &Limits::default());
         assert_eq!(refused, Err(FrameError::ProfileOther { offset, found: expected, expected: found }));
         assert_eq!(state.as_cells(), Some(&story.empty));
+    }
+
+    #[test]
+    fn a_paper_stream_is_never_patched() {
+        let story = story(BlockCoder::Stored);
+        let (key, delta) = (State::Cells(story.after_key), State::Cells(story.after_delta));
+        let mut ledger = Ledger::new(&key);
+        ledger.follow(&delta);
+        let base = key.frame().unwrap();
+        let meta = crate::testing::meta(frame::FrameKind::Delta, 4);
+        assert_eq!(patch(&delta, &ledger, base, meta, BlockCoder::Stored, true), Ok(None));
+        let borrowed = StateRef::from(&delta);
+        assert_eq!((borrowed.hash(), borrowed.frame()), (delta.hash(), delta.frame()));
+    }
+
+    #[test]
+    fn a_surface_stream_has_its_own_ledger() {
+        let mut state = surface::State::new(Arc::clone(surface_layout().as_surface().unwrap()));
+        let mut own = surface::Ledger::new(&state);
+        let mut ledger = Ledger::new(StateRef::Surface(&state));
+        assert_eq!(ledger, Ledger(Some(Box::new(own.clone()))));
+        let meta = crate::testing::meta(frame::FrameKind::Key, 4);
+        let body = keyframe(&state, meta, BlockCoder::Stored, &[]).unwrap();
+        surface::Applier::new().apply(&mut state, &body, &Limits::default()).unwrap();
+        own.follow(&state);
+        ledger.follow(&state);
+        assert_eq!(ledger, Ledger(Some(Box::new(own.clone()))));
+        let borrowed = StateRef::from(&state);
+        assert_eq!((borrowed.hash(), borrowed.frame()), (state.hash(), state.frame()));
+        // A ledger of the other profile begins anew.
+        let cells = frame::State::new(crate::testing::layout());
+        ledger.follow(&cells);
+        assert_eq!(ledger, Ledger::new(&cells));
+        ledger.follow(&state);
+        assert_eq!(ledger, Ledger::new(&state));
     }
 
     #[test]

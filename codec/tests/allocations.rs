@@ -8,8 +8,8 @@ use psao_codec::Limits;
 use psao_codec::block::BlockCoder;
 use psao_codec::frame::{EncodedFrame, FrameIndex, FrameKind, FrameMeta, StreamTime};
 use psao_codec::surface::{
-    Applier, Encoder, EncoderSettings, Geometry, GeometryDigest, GeometrySource, Layout, Member, RestPoint,
-    SetLayout, State,
+    Applier, Budget, Encoder, EncoderSettings, Geometry, GeometryDigest, GeometrySource, Layout, Member,
+    RestPoint, SetLayout, State,
 };
 
 const POINTS: u32 = 2000;
@@ -17,7 +17,7 @@ const CODERS: [BlockCoder; 4] =
     [BlockCoder::Range, BlockCoder::Stored, BlockCoder::Lz4, BlockCoder::Zstd { level: 15 }];
 
 /// One floor.
-fn encoder() -> Encoder {
+fn encoder(budget: Option<Budget>) -> Encoder {
     let layout = SetLayout {
         origin: [0.0; 3],
         step: 0.01,
@@ -35,7 +35,7 @@ fn encoder() -> Encoder {
     let geometry = Geometry::round(layout, &points).geometry;
     let sets = vec![*geometry.layout()];
     let layout = Arc::new(Layout::new(sets, vec![Member { set: 0 }], &Limits::default()).unwrap());
-    let settings = EncoderSettings { threshold: 8, geometry: GeometrySource::Sent };
+    let settings = EncoderSettings { threshold: 8, geometry: GeometrySource::Sent, budget };
     Encoder::new(layout, vec![Arc::new(geometry)], settings).unwrap()
 }
 
@@ -54,10 +54,12 @@ fn frame(encoder: &mut Encoder, number: u32, coder: BlockCoder) -> EncodedFrame 
 #[test]
 fn frames_of_changes_take_no_memory_but_for_what_they_return() {
     let limits = Limits::default();
-    for coder in CODERS {
-        let mut encoder = encoder();
+    let budgets = [None, Some(Budget { bytes: 150, longest_age: 9 })];
+    for (coder, budget) in CODERS.into_iter().flat_map(|coder| budgets.map(|budget| (coder, budget))) {
+        let mut encoder = encoder(budget);
         let mut state = State::new(Arc::clone(encoder.state().layout()));
         let mut applier = Applier::new();
+        let mut waited = 0;
         for number in 0..40 {
             let mut made = None;
             let encoded = allocation_counter::measure(|| made = Some(frame(&mut encoder, number, coder)));
@@ -70,10 +72,13 @@ fn frames_of_changes_take_no_memory_but_for_what_they_return() {
             if number < 20 {
                 continue;
             }
-            assert!(info.sections[0].records > 100, "frame {number} is no test: {info:?}");
+            let waits = encoder.postponed().map_or(0, |postponed| postponed.points);
+            assert!(info.sections[0].records + waits > 100, "frame {number} is no test: {info:?}");
+            waited += waits;
             // The body and its section table; the section table.
             assert_eq!(encoded.count_total, 2, "{coder:?}, frame {number}: {encoded:?}");
             assert_eq!(applied.count_total, 1, "{coder:?}, frame {number}: {applied:?}");
         }
+        assert_eq!(budget.is_some(), waited > 1000, "{coder:?}: {waited}");
     }
 }

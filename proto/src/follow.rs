@@ -92,6 +92,36 @@ impl Follower {
         Ok(info)
     }
 
+    /// Applies a patch that came beside the frames in order, as datagrams do; gives the place in those as well. Whatever
+    /// is wrong with it, the state stays current.
+    pub(crate) fn patch(
+        &mut self,
+        body: &[u8],
+        limits: &Limits,
+    ) -> Result<(FrameInfo, (Group, Sequence)), Unusable> {
+        let place = self.place.ok_or(Unusable::Waiting)?;
+        let kind = psao_codec::frame::inspect(body, &limits.codec)?.kind;
+        if kind != FrameKind::Delta {
+            return Err(Unusable::Kind { frame: FrameType::UPDATE });
+        }
+        Ok((self.applier.apply(&mut self.state, body, &limits.codec)?, place))
+    }
+
+    /// Whether an UPDATE is no newer than a patch that came beside the frames in order and made it superfluous. Its place is
+    /// taken as that of a frame applied.
+    pub(crate) fn passes_over(&mut self, header: FrameHeader, body: &[u8], limits: &Limits) -> bool {
+        let follows = |(group, sequence): (Group, Sequence)| {
+            header.kind == FrameType::UPDATE && (group, sequence.next()) == (header.group, header.sequence)
+        };
+        let old = self.place.is_some_and(follows)
+            && psao_codec::frame::inspect(body, &limits.codec)
+                .is_ok_and(|info| info.kind == FrameKind::Delta && Some(info.frame) <= self.state.frame());
+        if old {
+            self.place = Some((header.group, header.sequence));
+        }
+        old
+    }
+
     fn check_place(&mut self, header: FrameHeader) -> Result<(), Unusable> {
         let Some((expected_group, last)) = self.place else {
             return Err(Unusable::Waiting);

@@ -35,7 +35,7 @@ impl FrameType {
     pub const SCENE: Self = Self(4);
     /// Client to server: [`View`](crate::message::View).
     pub const VIEW: Self = Self(5);
-    /// Client to server: [`Edit`](crate::message::Edit).
+    /// Both ways: [`Edit`](crate::message::Edit); from a server it says what is done.
     pub const EDIT: Self = Self(6);
     /// Server to client: a frame body of `psao-codec` that replaces the whole state.
     pub const KEYFRAME: Self = Self(7);
@@ -49,8 +49,20 @@ impl FrameType {
     pub const CLOSE: Self = Self(11);
     /// Client to server: [`Ack`](crate::message::Ack).
     pub const ACK: Self = Self(12);
+    /// Client to server: [`Auth`](crate::message::Auth), before the hello.
+    pub const AUTH: Self = Self(13);
+    /// Both ways: [`Ping`](crate::message::Ping).
+    pub const PING: Self = Self(14);
+    /// Both ways: [`Pong`](crate::message::Pong).
+    pub const PONG: Self = Self(15);
+    /// Server to client: [`Stamp`](crate::message::Stamp).
+    pub const STAMP: Self = Self(16);
+    /// Server to client: [`Budget`](crate::message::Budget).
+    pub const BUDGET: Self = Self(17);
     /// In files only: the index of a recording.
     pub const INDEX: Self = Self(0x40);
+    /// In files only: [`Gap`](crate::message::Gap), frames that were not recorded.
+    pub const GAP: Self = Self(0x41);
 
     /// The name in the specification, or `None` for a type that this version does not know.
     #[must_use]
@@ -68,7 +80,13 @@ impl FrameType {
             Self::REPORT => "REPORT",
             Self::CLOSE => "CLOSE",
             Self::ACK => "ACK",
+            Self::AUTH => "AUTH",
+            Self::PING => "PING",
+            Self::PONG => "PONG",
+            Self::STAMP => "STAMP",
+            Self::BUDGET => "BUDGET",
             Self::INDEX => "INDEX",
+            Self::GAP => "GAP",
             _ => return None,
         })
     }
@@ -198,6 +216,20 @@ pub fn write_frame(
     sequence: Sequence,
     payload: &[u8],
 ) -> Result<(), FrameFault> {
+    let head = frame_head(kind, group, sequence, payload)?;
+    out.reserve(HEADER_BYTES + payload.len());
+    out.extend_from_slice(&head);
+    out.extend_from_slice(payload);
+    Ok(())
+}
+
+/// The header that goes before a payload.
+pub(crate) fn frame_head(
+    kind: FrameType,
+    group: Group,
+    sequence: Sequence,
+    payload: &[u8],
+) -> Result<[u8; HEADER_BYTES], FrameFault> {
     let length = u32::try_from(payload.len()).map_err(|_| FrameFault::TooLong {
         kind,
         length: u32::MAX,
@@ -211,10 +243,7 @@ pub fn write_frame(
     head[12..16].copy_from_slice(&sequence.0.to_le_bytes());
     let crc = crc32c::crc32c_append(crc32c::crc32c(&head[..16]), payload);
     head[16..20].copy_from_slice(&crc.to_le_bytes());
-    out.reserve(HEADER_BYTES + payload.len());
-    out.extend_from_slice(&head);
-    out.extend_from_slice(payload);
-    Ok(())
+    Ok(head)
 }
 
 /// What [`split_frame`] found at the start of some bytes.

@@ -4,12 +4,12 @@
 //! assertions holding. The targets under `fuzz/` only call these; `cargo test` runs them over the committed corpora.
 
 use crate::message::{
-    Accept, Ack, CameraPose, Close, CloseCode, Edit, EditAction, Hello, KeyframeReason, Message, Reject,
-    RejectCode, Report, Request, Scene, View,
+    Accept, Ack, Auth, Budget, CameraPose, Close, CloseCode, Edit, EditAction, Gap, Hello, KeyframeReason,
+    Message, Ping, Pong, Reject, RejectCode, Report, Request, Scene, Stamp, Token, View,
 };
-use crate::recording::{Player, PlayerEvent, Reader, Summary, Writer, load_index};
+use crate::recording::{Bounds, Player, PlayerEvent, Reader, Summary, Writer, cut, load_index, recover};
 use crate::sample::{Error, SampleServer, recording as sample_recording, recording_of};
-use crate::session::{ClientSession, ServerSession};
+use crate::session::{Access, ClientSession, ServerSession, SharedBody};
 use crate::{
     FrameIndex, FrameType, Framer, Group, Limits, Micros, Numbering, Profile, Sequence, StateHash,
     write_frame,
@@ -111,6 +111,12 @@ fn message(kind: FrameType, payload: &[u8]) {
         FrameType::REPORT => check::<Report>(payload),
         FrameType::CLOSE => check::<Close>(payload),
         FrameType::ACK => check::<Ack>(payload),
+        FrameType::AUTH => check::<Auth>(payload),
+        FrameType::PING => check::<Ping>(payload),
+        FrameType::PONG => check::<Pong>(payload),
+        FrameType::STAMP => check::<Stamp>(payload),
+        FrameType::BUDGET => check::<Budget>(payload),
+        FrameType::GAP => check::<Gap>(payload),
         _ => {}
     }
 }
@@ -152,6 +158,35 @@ fn read_and_play(data: &[u8]) {
             assert_eq!((state.hash(), state.full_hash()), (frame.info.hash, frame.info.hash));
         }
     }
+    rewritten(data, player.stats().applied);
+}
+
+/// What is recovered of a file, and what is cut out of it, plays without a fault; recovering loses no frame that can be
+/// played.
+fn rewritten(data: &[u8], playable: u64) {
+    let frames = |file: &[u8]| {
+        let mut player = Player::new(file, limits()).ok()?;
+        while player.next_event().is_some() {}
+        let stats = player.stats();
+        assert_eq!((stats.damages, stats.unusable, stats.bad_messages), (0, 0, 0));
+        Some(stats.applied)
+    };
+    let mut file = Vec::new();
+    let mut put = |bytes: &[u8]| {
+        file.extend_from_slice(bytes);
+        Ok::<(), std::convert::Infallible>(())
+    };
+    assert!(recover(data, false, limits(), &mut put).is_ok(), "a file that can be read cannot be recovered");
+    assert_eq!(frames(&file), Some(playable));
+    file.clear();
+    let bounds = Bounds::Frames(FrameIndex(1), FrameIndex(u32::MAX));
+    let put = |bytes: &[u8]| {
+        file.extend_from_slice(bytes);
+        Ok::<(), std::convert::Infallible>(())
+    };
+    if let Ok(done) = cut(data, &bounds, limits(), put) {
+        assert_eq!(frames(&file), Some(done.frames));
+    }
 }
 
 /// Either end of a session, given the bytes in chunks. The first byte's bits choose: 0, the server's end; 1, behind a good
@@ -160,7 +195,7 @@ pub fn session(data: &[u8]) {
     let Some((&mode, data)) = data.split_first() else { return };
     let profile = if mode & 8 == 0 { Profile::PAPER } else { Profile::SURFACE };
     let Ok(source) = SampleServer::of(profile) else { return };
-    let mut server = ServerSession::new(source.scene().clone(), limits());
+    let mut server = ServerSession::new(source.scene().clone(), Access::Open, limits());
     let mut client = ClientSession::new(limits());
     if mode & 2 != 0 {
         let events = server.handle(&client.take_output(), Micros(0));
@@ -176,6 +211,9 @@ pub fn session(data: &[u8]) {
         } else {
             server.handle(chunk, Micros(0)).is_err()
         };
+        // The same bytes as a datagram do no harm either.
+        client.handle_datagram(chunk, Micros(0));
+        server.handle_datagram(chunk, Micros(0));
         if over {
             break;
         }
@@ -241,6 +279,10 @@ pub fn seeds() -> Result<Vec<Seed>, Error> {
         seed("surface_decode", "changed-delta-plain", vec![6, 50, 0, 2]),
         seed("surface_decode", "changed-late-lz4", vec![11, 90, 0, 3]),
         seed("surface_decode", "changed-arrivals-zstd", vec![13, 90, 0, 3]),
+        seed("surface_decode", "changed-patch-range", vec![0x80, 40, 0, 1]),
+        seed("surface_decode", "changed-patch-stored", vec![0x85, 36, 0, 2]),
+        seed("surface_decode", "changed-patch-context", vec![0x82, 90, 1, 3]),
+        seed("surface_decode", "section-of-patch", [&[0xA0, 8, 3, 20, 0, 60, 0][..], &mixed(5, 40)].concat()),
         seed("surface_decode", "section-of-changes", [&[34, 6, 3, 20, 0, 60, 0][..], &mixed(3, 40)].concat()),
         seed(
             "surface_decode",
@@ -250,6 +292,7 @@ pub fn seeds() -> Result<Vec<Seed>, Error> {
         seed("surface_decode", "frame", behind(0x30, &key)),
         seed("surface_round_trip", "short", surface_operations(8, 0)),
         seed("surface_round_trip", "shared", surface_operations(3, 1)),
+        seed("surface_round_trip", "budget", surface_operations(2, 0x6A)),
         seed("surface_round_trip", "noise", [&[2, 0][..], &mixed(9, 120)].concat()),
         seed("framer", "client", up.clone()),
         seed("framer", "server", down.clone()),
@@ -304,11 +347,12 @@ fn surface_operations(threshold: u8, source: u8) -> Vec<u8> {
 fn conversation(profile: Profile) -> Result<(Vec<u8>, Vec<u8>), Error> {
     let mut source = SampleServer::of(profile)?;
     let mut client = ClientSession::new(Limits::default());
-    let mut server = ServerSession::new(source.scene().clone(), Limits::default());
+    let mut server = ServerSession::new(source.scene().clone(), Access::Open, Limits::default());
     let mut up = client.take_output();
     server.handle(&up, Micros(0))?;
-    server.send_keyframe(&source.step()?.body)?;
-    server.send_update(&source.step()?.body)?;
+    let mut next = || source.step().map(|frame| SharedBody::new(&frame.info, frame.body, Micros(0)));
+    server.send_keyframe(&next()?)?;
+    server.send_update(&next()?, FrameIndex(0))?;
     server.send_report(&source.report(FrameIndex(1)))?;
     server.close(CloseCode::DONE, "");
     let mut down = server.take_output();
@@ -328,6 +372,21 @@ fn conversation(profile: Profile) -> Result<(Vec<u8>, Vec<u8>), Error> {
     up.extend(plain.message(&Edit { instance: 1, action })?);
     up.extend(plain.message(&Request::Keyframe { reason: KeyframeReason::ASKED })?);
     up.extend(plain.message(&Ack { frame: FrameIndex(1), hash: StateHash(2) })?);
+    up.extend(plain.message(&Request::Stamps)?);
+    up.extend(plain.message(&Request::Datagrams { bytes: 1200 })?);
+    let (sent, frame) = (Micros(5), FrameIndex(1));
+    let answer = Pong { sent, received: Micros(6), replied: Micros(7) };
+    let edit = Edit { instance: 0, action: EditAction::Hide };
+    for (both, ways) in [(&mut up, "up"), (&mut down, "down")] {
+        both.extend(plain.message(&Ping { sent })?);
+        both.extend(plain.message(&answer)?);
+        if ways == "down" {
+            both.extend(plain.message(&Stamp { frame, captured: sent, sent })?);
+            both.extend(plain.message(&Budget { frame, budget: 99, postponed: 1, ..Budget::default() })?);
+            both.extend(plain.message(&edit)?);
+        }
+    }
+    up.extend(plain.message(&Auth { token: Token::new(*b"a token of a seed")? })?);
     up.extend(plain.message(&Close::new(CloseCode::STOPPED, "bye"))?);
     Ok((up, down))
 }
@@ -363,7 +422,7 @@ mod tests {
         let recorded: Vec<u8> =
             Reader::new(&file).unwrap().flat_map(|r| r.unwrap().frame.bytes.to_vec()).collect();
         assert_eq!(frames, recorded);
-        assert_eq!(types, (1..=12).chain([99]).collect(), "a type of frame has no seed");
+        assert_eq!(types, (1..=17).chain([99]).collect(), "a type of frame has no seed");
     }
 
     proptest! {

@@ -9,6 +9,7 @@
 //! | [`Framer`], [`write_frame`] | the one framing of sockets and files |
 //! | [`message`] | the control messages, one type each |
 //! | [`session`] | [`ClientSession`](session::ClientSession) and [`ServerSession`](session::ServerSession), without I/O |
+//! | [`Fanout`] | one stream for many sessions: shared updates, patches for whoever fell behind |
 //! | [`recording`] | a file of the same frames: writer, reader, index, player |
 //! | `net` | TCP around the sessions, behind the feature `tokio` |
 //! | [`sample`], [`fuzzing`] | a tiny stream to try things with; bodies of the fuzz targets |
@@ -18,30 +19,35 @@
 //!
 //! # Connect a client and a server
 //!
-//! The whole drive loop, with two byte vectors for a network:
+//! The whole drive loop, with two byte vectors for a network. Time goes in with every call; what each end has to do by
+//! itself, it says with `next_deadline`:
 //!
 //! ```
 //! use psao_proto::sample::SampleServer;
-//! use psao_proto::session::{ClientEvent, ClientSession, ServerSession};
-//! use psao_proto::{Limits, Micros};
+//! use psao_proto::session::{Access, ClientEvent, ClientSession, ServerEvent, ServerSession};
+//! use psao_proto::{Fanout, Limits, Micros, Profile};
 //!
-//! let mut source = SampleServer::new()?; // stands for the thing that traces
-//! let mut server = ServerSession::new(source.scene().clone(), Limits::default());
+//! let mut source = SampleServer::of(Profile::SURFACE)?; // stands for the thing that traces
+//! let mut fanout = Fanout::new(source.coder());
+//! let mut server = ServerSession::new(source.scene().clone(), Access::Open, Limits::default());
 //! let mut client = ClientSession::new(Limits::default());
 //!
-//! let mut frames = Vec::new();
+//! let (mut frames, mut held) = (Vec::new(), Vec::new());
 //! for turn in 0..6 {
 //!     let now = Micros(turn * 16_667);
-//!     // Client to server: the handshake, acknowledgements, requests.
+//!     // Client to server: the handshake, acknowledgements, requests, edits of the scene.
 //!     let upstream: Vec<u8> = client.take_output();
-//!     server.handle(&upstream, now)?;
-//!     // The server's frame. Whoever joins, falls behind or asks gets a keyframe of the same state.
-//!     let update = source.step()?;
-//!     if server.wants_keyframe() {
-//!         server.send_keyframe(&source.keyframe()?)?;
-//!     } else {
-//!         server.send_update(&update.body)?; // dropped while nobody has joined
+//!     for event in server.handle(&upstream, now)? {
+//!         match event {
+//!             ServerEvent::Acked(ack) => held.push(ack.frame.0),
+//!             ServerEvent::Edit(edit) => fanout.edit(&edit), // and into the scene that is traced
+//!             _ => {}
+//!         }
 //!     }
+//!     // The server's frame. Whoever joins gets a keyframe, whoever fell behind what it missed.
+//!     let frame = source.step()?;
+//!     fanout.advance(&frame.info, frame.body, source.state().into(), now);
+//!     fanout.give(&mut server, source.state().into())?;
 //!     // Server to client: the scene, then frames.
 //!     let downstream: Vec<u8> = server.take_output();
 //!     for event in client.handle(&downstream, now)? {
@@ -49,8 +55,13 @@
 //!             frames.push(frame.info.frame.0);
 //!         }
 //!     }
+//!     // Without bytes for a while: keep-alives, and the end of a peer that says nothing.
+//!     for deadline in [server.next_deadline(), client.next_deadline()].into_iter().flatten() {
+//!         assert!(deadline > now);
+//!     }
+//!     (server.tick(now)?, client.tick(now)?);
 //! }
-//! assert_eq!(frames, [0, 1, 2, 3, 4, 5]);
+//! assert_eq!((frames, held), (vec![0, 1, 2, 3, 4, 5], vec![0, 1, 2, 3, 4]));
 //! let state = client.state().expect("the scene has arrived");
 //! assert_eq!(state.hash(), source.state().hash());
 //! # Ok::<(), Box<dyn std::error::Error + Send + Sync>>(())
@@ -90,6 +101,7 @@
 //! # Ok::<(), Box<dyn std::error::Error + Send + Sync>>(())
 //! ```
 
+mod fanout;
 mod follow;
 mod framer;
 pub mod fuzzing;
@@ -104,6 +116,7 @@ mod scene;
 pub mod session;
 mod units;
 
+pub use fanout::{Fanout, FanoutError, Need, Offer};
 pub use follow::Unusable;
 pub use framer::{
     FRAME_MAGIC, FrameFault, FrameHeader, FrameType, Framer, FramerError, HEADER_BYTES, WireFrame,

@@ -18,12 +18,28 @@ pub struct Limits {
     /// Bounds of frame bodies and of the state.
     pub codec: psao_codec::Limits,
     /// Server: bytes that wait for one client (default 8 MiB). When an update would go over it, the updates that wait
-    /// are dropped and the client gets a keyframe once the rest is gone. A keyframe may be larger; it waits alone.
+    /// are dropped, and once the rest is gone the client gets the newest values of what it missed. A keyframe may be
+    /// larger; it waits alone.
     pub max_queue_bytes: u32,
-    /// Server: clients at a time (default 64).
+    /// Server: frames that one client may have been sent and not acknowledged (default 64, a second at 60 Hz). Beyond
+    /// it the client counts as behind, until it has caught up with half of them. Above 256 it never does.
+    pub max_unacked: u32,
+    /// Server: clients at a time (default 256).
     pub max_clients: u32,
+    /// Server: frames that one client may send a second (default 2,000; four times as many at once).
+    pub max_frames_per_s: u32,
+    /// Server: bytes that one client may send a second (default 1 MiB; four times as many at once).
+    pub max_bytes_per_s: u32,
+    /// Largest frame body that goes as datagrams (default 1 MiB); a larger one goes over the connection.
+    pub max_datagram_body: u32,
     /// Time that a handshake may take, from the connection to the whole scene table (default 10 s).
     pub handshake: Micros,
+    /// How often a PING goes out, unless bytes wait then (default 2 s).
+    pub keep_alive: Micros,
+    /// The other end is given up when nothing came from it for so long (default 30 s).
+    pub silence: Micros,
+    /// Server: a client is given up when it takes no byte of what waits for it for so long (default 60 s).
+    pub stall: Micros,
 }
 
 impl Default for Limits {
@@ -31,8 +47,15 @@ impl Default for Limits {
         Self {
             codec: psao_codec::Limits::default(),
             max_queue_bytes: 8 << 20,
-            max_clients: 64,
+            max_unacked: 64,
+            max_clients: 256,
+            max_frames_per_s: 2_000,
+            max_bytes_per_s: 1 << 20,
+            max_datagram_body: 1 << 20,
             handshake: Micros::from_secs(10),
+            keep_alive: Micros::from_secs(2),
+            silence: Micros::from_secs(30),
+            stall: Micros::from_secs(60),
         }
     }
 }

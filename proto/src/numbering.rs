@@ -1,7 +1,8 @@
 //! Groups and sequences: numbering the frames of one connection or recording.
 
+use crate::framer::frame_head;
 use crate::message::{Message, MessageError};
-use crate::{FrameFault, FrameType, Group, SceneTable, Sequence, write_frame};
+use crate::{FrameFault, FrameType, Group, HEADER_BYTES, SceneTable, Sequence, write_frame};
 
 /// Turns frame bodies and messages into the frames of one stream, numbered.
 ///
@@ -35,8 +36,7 @@ impl Numbering {
     /// # Errors
     /// [`FrameFault::TooLong`] over 2^32 - 1 bytes.
     pub fn keyframe(&mut self, body: &[u8]) -> Result<Vec<u8>, FrameFault> {
-        self.group = self.group.next();
-        self.sequence = Sequence(0);
+        self.open_group();
         self.frame(FrameType::KEYFRAME, body)
     }
 
@@ -45,8 +45,20 @@ impl Numbering {
     /// # Errors
     /// As [`keyframe`](Self::keyframe).
     pub fn update(&mut self, body: &[u8]) -> Result<Vec<u8>, FrameFault> {
-        self.sequence = self.sequence.next();
+        self.next_place();
         self.frame(FrameType::UPDATE, body)
+    }
+
+    /// The header of a KEYFRAME frame, for a body that is not copied.
+    pub(crate) fn keyframe_head(&mut self, body: &[u8]) -> Result<[u8; HEADER_BYTES], FrameFault> {
+        self.open_group();
+        frame_head(FrameType::KEYFRAME, self.group, self.sequence, body)
+    }
+
+    /// The header of an UPDATE frame, likewise.
+    pub(crate) fn update_head(&mut self, body: &[u8]) -> Result<[u8; HEADER_BYTES], FrameFault> {
+        self.next_place();
+        frame_head(FrameType::UPDATE, self.group, self.sequence, body)
     }
 
     /// The frame of a message. It repeats the place of the keyframe or update before it.
@@ -65,14 +77,24 @@ impl Numbering {
         Ok(scene.payloads()?.iter().map(|payload| self.control(FrameType::SCENE, payload)).collect())
     }
 
+    const fn open_group(&mut self) {
+        self.group = self.group.next();
+        self.sequence = Sequence(0);
+    }
+
+    const fn next_place(&mut self) {
+        self.sequence = self.sequence.next();
+    }
+
     fn frame(self, kind: FrameType, payload: &[u8]) -> Result<Vec<u8>, FrameFault> {
         let mut out = Vec::new();
         write_frame(&mut out, kind, self.group, self.sequence, payload)?;
         Ok(out)
     }
 
-    /// A control message is at most 64 KiB, so its length always fits.
-    fn control(self, kind: FrameType, payload: &[u8]) -> Vec<u8> {
+    /// A frame that is neither keyframe nor update, of a payload as it is. A control message is at most 64 KiB, so its
+    /// length always fits.
+    pub(crate) fn control(self, kind: FrameType, payload: &[u8]) -> Vec<u8> {
         self.frame(kind, payload).unwrap_or_default()
     }
 }

@@ -67,7 +67,8 @@ impl SampleServer {
                 Source::Paper(Box::new(PaperEncoder::new(layout.clone(), &[POINTS; 2])?))
             }
             Layout::Surface(layout) => {
-                let settings = EncoderSettings { threshold: THRESHOLD, geometry: GeometrySource::Sent };
+                let settings =
+                    EncoderSettings { threshold: THRESHOLD, geometry: GeometrySource::Sent, budget: None };
                 Source::Surface(Box::new(Encoder::new(layout.clone(), vec![geometry], settings)?))
             }
         };
@@ -79,6 +80,12 @@ impl SampleServer {
     #[must_use]
     pub const fn scene(&self) -> &Arc<SceneTable> {
         &self.scene
+    }
+
+    /// The block coder of its frames.
+    #[must_use]
+    pub fn coder(&self) -> BlockCoder {
+        BlockCoder::default()
     }
 
     /// The next frame: the first is a keyframe, the others are updates.

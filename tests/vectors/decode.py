@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Decodes every vector beside this file and compares what comes out with its .json.
 
-The decoder in `decoder/` was written from docs/spec/codec.md alone. Needs the packages `zstandard` and `lz4`.
+The decoder in `decoder/` was written from docs/spec alone. Needs the packages `zstandard` and `lz4`.
 Exit code 0: all agree; 1: something differs.
 """
 
@@ -16,6 +16,8 @@ from decoder.numbers import Refused
 from decoder.octahedral import octahedral
 from decoder.paper import PaperState
 from decoder.surface import SurfaceLayout, SurfaceState
+
+import wire
 
 
 def same(expected, found, tolerance=1e-6):
@@ -112,9 +114,13 @@ def main():
         problem = vectors.check(name)
         print(f"{name}: {problem or 'ok'}")
         bad += problem is not None
-    count = len(vectors.told)
-    print(f"{count} vectors, {len(vectors.layouts)} layouts, {bad} differ")
-    return 1 if bad or not count else 0
+    around = dict(wire.check(here / "v1" / "wire"))
+    for name, problem in around.items():
+        print(f"wire {name}: {problem or 'ok'}")
+        bad += problem is not None
+    bodies = len(vectors.told)
+    print(f"{bodies} bodies, {len(vectors.layouts)} layouts, {len(around)} around them, {bad} differ")
+    return 1 if bad or not bodies or not around else 0
 
 
 if __name__ == "__main__":

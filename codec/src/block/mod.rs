@@ -37,6 +37,25 @@ impl Default for BlockCoder {
 }
 
 impl BlockCoder {
+    /// A coder that writes what has this wire id; one that is not known, and Zstandard, as [`BlockCoder::default`].
+    ///
+    /// ```
+    /// use psao_codec::block::{BlockCoder, CoderId};
+    ///
+    /// for id in [CoderId::STORED, CoderId::LZ4, CoderId::ZSTD, CoderId::RANGE] {
+    ///     assert_eq!(BlockCoder::of(id).id(), id);
+    /// }
+    /// ```
+    #[must_use]
+    pub const fn of(id: CoderId) -> BlockCoder {
+        match id {
+            CoderId::STORED => BlockCoder::Stored,
+            CoderId::LZ4 => BlockCoder::Lz4,
+            CoderId::RANGE => BlockCoder::Range,
+            _ => BlockCoder::Zstd { level: 15 },
+        }
+    }
+
     /// The wire id of what this coder writes.
     #[must_use]
     pub const fn id(self) -> CoderId {

@@ -104,6 +104,16 @@ pub enum FrameError {
         /// Kind of the frame.
         kind: FrameKind,
     },
+    /// Two sections that cannot be in one frame.
+    #[error("section {found} at byte {offset} cannot follow section {previous} in one frame")]
+    SectionBeside {
+        /// Where its line is.
+        offset: usize,
+        /// Its tag.
+        found: SectionTag,
+        /// The tag before it.
+        previous: SectionTag,
+    },
     /// The frame is of another profile than the state.
     #[error("profile at byte {offset} is {found}, the stream's is {expected}")]
     ProfileOther {
@@ -292,6 +302,27 @@ pub enum FrameError {
         offset: usize,
         /// What is wrong.
         problem: ChangeProblem,
+    },
+    /// A patch is not sound, or does not suit the state.
+    #[error("section patch at byte {offset}: {problem}")]
+    Patch {
+        /// Where the block starts.
+        offset: usize,
+        /// What is wrong.
+        problem: ChangeProblem,
+    },
+    /// A patch does not reach back to the frame of the state.
+    #[error(
+        "the patch at byte {offset} suits states at most {back} frames before it, this one is of frame {last}: ask for a \
+         keyframe, or for a patch that reaches back to it"
+    )]
+    PatchBase {
+        /// Where the block starts.
+        offset: usize,
+        /// How many frames it reaches back.
+        back: u32,
+        /// The frame of the state.
+        last: FrameIndex,
     },
     /// What the coder has learned is not sound.
     #[error("section context at byte {offset}: {problem}")]

@@ -70,12 +70,18 @@ pub(crate) fn read_header(body: &[u8], limits: &Limits) -> Result<(FrameInfo, u3
     let stored = reader.u32("checksum")?;
     let changed_points = reader.varint("changed points")?;
     let mut sections = Vec::new();
+    // Where the line is of what was learned in a delta, while no patch follows it.
+    let mut alone = None;
     for _ in 0..section_count {
         let previous = sections.last().map(|section: &SectionInfo| section.tag);
         let start = reader.offset();
         let section = read_section(&mut reader, limits)?;
         check_section(start, profile, packing, kind, previous, &section)?;
+        alone = (kind == FrameKind::Delta && section.tag == SectionTag::CONTEXT).then_some(start);
         sections.push(section);
+    }
+    if let Some(offset) = alone {
+        return Err(FrameError::SectionMisplaced { offset, found: SectionTag::CONTEXT, profile, kind });
     }
     let header_bytes = reader.offset() as u32;
     Ok((
@@ -144,6 +150,9 @@ fn check_section(
     if let Some(previous) = previous.filter(|previous| !previous.may_precede(found)) {
         return Err(FrameError::SectionOrder { offset: start, found, previous });
     }
+    if let Some(previous) = previous.filter(|previous| !found.may_be_beside(*previous, kind)) {
+        return Err(FrameError::SectionBeside { offset: start, found, previous });
+    }
     let size = PointFormat::from_packing(packing).and_then(|format| found.record_bytes(format));
     if let Some(size) = size {
         let expected = u64::from(section.records) * u64::from(size);
@@ -170,6 +179,15 @@ pub(super) fn write_header(out: &mut Vec<u8>, info: &FrameInfo) {
         write_varint(out, section.raw_bytes);
         write_varint(out, section.wire_bytes);
     }
+}
+
+/// Bytes of the header that [`write_header`] writes.
+pub(crate) fn header_bytes(sections: &[SectionInfo], changed_points: u32) -> usize {
+    let line = |section: &SectionInfo| {
+        let SectionInfo { records, raw_bytes, wire_bytes, .. } = *section;
+        2 + [records, raw_bytes, wire_bytes].map(varint_bytes).iter().sum::<usize>()
+    };
+    CRC_OFFSET + 4 + varint_bytes(changed_points) + sections.iter().map(line).sum::<usize>()
 }
 
 /// CRC32C of the body with its checksum bytes taken as zero. `body` holds the fixed header at least.

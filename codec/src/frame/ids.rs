@@ -109,9 +109,11 @@ impl SectionTag {
     pub const CHANGES: SectionTag = SectionTag(6);
     /// Profile `surface`: what the coders have learned so far.
     pub const CONTEXT: SectionTag = SectionTag(7);
+    /// Profile `surface`: the newest AO of points, for clients that missed frames.
+    pub const PATCH: SectionTag = SectionTag(8);
 
     /// Every known tag.
-    pub const ALL: [SectionTag; 7] = [
+    pub const ALL: [SectionTag; 8] = [
         SectionTag::POSES,
         SectionTag::BUCKETS,
         SectionTag::CELLS,
@@ -119,6 +121,7 @@ impl SectionTag {
         SectionTag::VALUES,
         SectionTag::CHANGES,
         SectionTag::CONTEXT,
+        SectionTag::PATCH,
     ];
 
     pub(crate) fn is_known(self) -> bool {
@@ -131,11 +134,16 @@ impl SectionTag {
         (self <= SectionTag::CELLS) == (profile == Profile::PAPER)
     }
 
-    /// Changes suit deltas only, what was learned keyframes only.
+    /// Changes and patches suit deltas only.
     pub(crate) fn may_be_in(self, kind: FrameKind) -> bool {
+        kind == FrameKind::Delta || !matches!(self, SectionTag::CHANGES | SectionTag::PATCH)
+    }
+
+    /// A patch is all that its delta does; what was learned may go before it.
+    pub(crate) fn may_be_beside(self, previous: SectionTag, kind: FrameKind) -> bool {
         match self {
-            SectionTag::CHANGES => kind == FrameKind::Delta,
             SectionTag::CONTEXT => kind == FrameKind::Key,
+            SectionTag::PATCH => previous == SectionTag::CONTEXT,
             _ => true,
         }
     }
@@ -150,7 +158,7 @@ impl SectionTag {
     pub(crate) fn may_use(self, coder: CoderId) -> bool {
         match coder {
             CoderId::STORED | CoderId::LZ4 | CoderId::ZSTD => true,
-            CoderId::RANGE => SectionTag::GEOMETRY <= self && self < SectionTag::CONTEXT,
+            CoderId::RANGE => SectionTag::GEOMETRY <= self && self != SectionTag::CONTEXT,
             _ => false,
         }
     }
@@ -177,6 +185,7 @@ impl fmt::Display for SectionTag {
             SectionTag::VALUES => out.write_str("values"),
             SectionTag::CHANGES => out.write_str("changes"),
             SectionTag::CONTEXT => out.write_str("context"),
+            SectionTag::PATCH => out.write_str("patch"),
             SectionTag(other) => write!(out, "section {other}"),
         }
     }

@@ -20,7 +20,7 @@ pub use apply::{Applied, Applier, apply};
 pub(crate) use body::{Records, assemble, write_body};
 pub use error::{EncodeError, FrameError};
 pub use header::inspect;
-pub(crate) use header::{CRC_OFFSET, HASH_OFFSET, body_crc, read_header};
+pub(crate) use header::{CRC_OFFSET, HASH_OFFSET, body_crc, header_bytes, read_header};
 pub use ids::{FrameIndex, FrameKind, Packing, Profile, SectionTag, StreamTime};
 pub use info::{EncodedFrame, FrameInfo, FrameMeta, SectionInfo};
 pub use keyframe::keyframe;

@@ -1,17 +1,19 @@
 //! Fuzz bodies of profile `surface`.
 
+use std::collections::VecDeque;
 use std::sync::{Arc, OnceLock};
 
 use super::{HASH_BYTES, LIMITS, damage, make_checksum_right, meta};
 use crate::StateHash;
 use crate::block::{BlockCoder, CoderId};
 use crate::frame::{
-    EncodedFrame, FrameError, FrameKind, Packing, Profile, SectionInfo, SectionTag, assemble,
+    EncodedFrame, FrameError, FrameIndex, FrameInfo, FrameKind, Packing, Profile, SectionInfo, SectionTag,
+    assemble,
 };
 use crate::reference::{NaiveSurfaceEncoder, apply_surface};
 use crate::surface::{
-    Applier, Encoder, EncoderSettings, Geometry, GeometryDigest, GeometrySource, Layout, Member, RestPoint,
-    SetLayout, State, keyframe, preview,
+    Applier, Budget, Encoder, EncoderSettings, Geometry, GeometryDigest, GeometrySource, Layout, Ledger,
+    Member, RestPoint, SetLayout, State, keyframe, patch, preview,
 };
 
 const CODERS: [BlockCoder; 4] =
@@ -20,13 +22,17 @@ const CODERS: [BlockCoder; 4] =
 /// Applies frame bodies of profile `surface` made of `data` to a state of a small stream.
 ///
 /// The low four bits of the first byte choose one of 16 sound frames: a keyframe, a delta in which points arrive, one of
-/// changes alone, a keyframe for a late client, each with every coder. Its other bits choose what the other bytes are: 0 or 1,
-/// changes to that frame (exclusive or from an offset on); 2, one section for the state before it, made of tag, coder, u16
-/// records, u16 raw bytes and the block; 3, a body as it is. But for the last, the checksum is then made right; and a body that
+/// changes alone, a keyframe for a late client, each with every coder; with the high bit, one of 16 patches: without and with
+/// what was learned, for the state of the last frame and for an earlier one. Bits 4 and 5 choose what the other bytes are: 0
+/// or 1, changes to that frame (exclusive or from an offset on); 2, one section for the state before it, made of tag, coder,
+/// u16 records, u16 raw bytes and the block; 3, a body as it is. But for the last, the checksum is then made right; and a body that
 /// fails for its state hash only is given the right one and must pass.
 pub fn surface_decode(data: &[u8]) {
     let Some((mode, rest)) = data.split_first() else { return };
-    let Some(sample) = samples().and_then(|samples| samples.get(usize::from(mode & 15))) else { return };
+    let Some(sample) = samples().and_then(|samples| samples.get(usize::from(mode & 15 | mode >> 7 << 4)))
+    else {
+        return;
+    };
     let mut body = sample.body.clone();
     match mode >> 4 & 3 {
         0 | 1 => damage(&mut body, rest),
@@ -49,12 +55,16 @@ pub fn surface_decode(data: &[u8]) {
 }
 
 /// Drives encoder, applier and their twins with operations read from `data`, and a client that joins late, and checks after
-/// every frame that all hold the same and that nobody is off by the threshold. The first byte is the threshold; the second
-/// says whether clients are sent the geometry.
+/// every frame that all hold the same and that nobody is off by the threshold, or was not some frames before where there is a
+/// byte budget. The first byte is the threshold; the second says whether clients are sent the geometry (lowest bit), whether
+/// there is a budget (next bit), how much it is (the next three) and how long points may wait (the others).
 pub fn surface_round_trip(data: &[u8]) {
     let [threshold, source, operations @ ..] = data else { return };
+    let (step, longest_age) = (source >> 2 & 7, u16::from(source >> 5));
+    let budget = Budget { bytes: 28 + 12 * u32::from(step), longest_age };
+    let budget = (source & 2 != 0).then_some(budget);
     let source = if source & 1 == 0 { GeometrySource::Sent } else { GeometrySource::Shared };
-    let settings = EncoderSettings { threshold: (*threshold).max(1), geometry: source };
+    let settings = EncoderSettings { threshold: (*threshold).max(1), geometry: source, budget };
     let Some(mut pair) = Pair::new(settings) else { return };
     let mut bytes = operations.iter().copied();
     while let Some(operation) = bytes.next() {
@@ -70,6 +80,8 @@ pub fn surface_round_trip(data: &[u8]) {
             }
             7 => pair.join_late(coder, &[(u32::from(byte()), 0), (1, 1)]),
             8 => pair.fail(),
+            9 => pair.catch_up(coder, byte(), operation & 0x80 != 0),
+            14 => pair.weigh(u32::from(byte()), usize::from(byte()), u16::from_le_bytes([byte(), byte()])),
             15 => pair.finish(FrameKind::Key, coder),
             _ => pair.finish(FrameKind::Delta, coder),
         }
@@ -134,14 +146,33 @@ struct Pair {
     applier: Applier,
     client: State,
     late: Option<State>,
+    ledger: Ledger,
+    /// What clients held after the last frames, the oldest first.
+    earlier: VecDeque<State>,
     frames: u32,
+    /// What was offered before the last frames were finished, the newest first; as many as a point may be late.
+    offered: VecDeque<Vec<Option<u8>>>,
 }
+
+/// Frames after which a client is thought to be gone for good.
+const EARLIER: usize = 6;
 
 impl Pair {
     fn new(settings: EncoderSettings) -> Option<Pair> {
         let (encoder, client) = small_stream(settings)?;
         let naive = NaiveSurfaceEncoder::new(Arc::clone(client.layout()), settings);
-        Some(Pair { encoder, naive, applier: Applier::new(), client, late: None, frames: 0 })
+        let ledger = Ledger::new(encoder.state());
+        Some(Pair {
+            encoder,
+            naive,
+            applier: Applier::new(),
+            client,
+            late: None,
+            ledger,
+            earlier: VecDeque::new(),
+            frames: 0,
+            offered: VecDeque::new(),
+        })
     }
 
     fn offer(&mut self, point: u32, ao: u8) {
@@ -150,14 +181,17 @@ impl Pair {
 
     fn finish(&mut self, kind: FrameKind, coder: BlockCoder) {
         let kind = if self.frames == 0 { FrameKind::Key } else { kind };
-        let due = if kind == FrameKind::Delta { self.naive.due().len() } else { 0 };
+        let (mut due, forced) =
+            if kind == FrameKind::Delta { self.naive.ranked() } else { Default::default() };
         let finished = self.encoder.finish(meta(kind, self.frames), coder);
         assert!(finished.is_ok(), "{finished:?}");
         let Ok(EncodedFrame { body, info }) = finished else { return };
         self.frames += 1;
-        self.naive.finish(kind);
-        let changed: u32 = info.section(SectionTag::CHANGES).map_or(0, |section| section.records);
-        assert_eq!(changed as usize, due);
+        let changed = info.section(SectionTag::CHANGES).map_or(0, |section| section.records as usize);
+        self.check_budget(&info, body.len(), (changed, due.len(), forced));
+        due.truncate(changed);
+        self.remember();
+        self.naive.finish(kind, &due);
         let twin = apply_surface(&self.client, &body, &LIMITS);
         assert_eq!(self.applier.apply(&mut self.client, &body, &LIMITS), Ok(info));
         assert_eq!(Ok(&self.client), twin.as_ref());
@@ -167,10 +201,58 @@ impl Pair {
             assert!(self.applier.apply(late, &body, &LIMITS).is_ok());
             assert_eq!(late, &self.client);
         }
+        self.note_frame();
         self.check_values();
     }
 
-    /// Clients hold what the twin says, and are not off by the threshold.
+    fn note_frame(&mut self) {
+        self.ledger.follow(&self.client);
+        if self.earlier.len() == EARLIER {
+            self.earlier.pop_front();
+        }
+        self.earlier.push_back(self.client.clone());
+    }
+
+    fn weigh(&mut self, instance: u32, block: usize, weight: u16) {
+        self.encoder.weigh(instance % 6, block % 4, weight);
+        self.naive.weigh(instance % 6, block % 4, weight);
+    }
+
+    /// Everything due is sent, unless it does not fit; then as much as does, at least what cannot wait.
+    fn check_budget(&self, info: &FrameInfo, bytes: usize, (changed, due, forced): (usize, usize, usize)) {
+        let Some(Budget { bytes: most, longest_age }) = self.encoder.settings().budget else {
+            assert_eq!(changed, due);
+            assert_eq!(self.encoder.postponed(), None);
+            return;
+        };
+        assert!((forced..=due).contains(&changed), "{changed} of {due}, {forced} forced");
+        let arrives = info.section(SectionTag::VALUES).is_some();
+        let fits = bytes <= most as usize;
+        assert!(
+            fits || changed == forced || info.kind == FrameKind::Key,
+            "{changed}, {forced} forced: {bytes} B of {most}"
+        );
+        assert!(arrives || fits || changed > 0 || bytes == 29);
+        let found = self.encoder.postponed().copied().unwrap_or_default();
+        let (points, late) = ((due - changed) as u32, found.oldest > longest_age);
+        assert_eq!((found.points, found.forced, found.used), (points, forced as u32, bytes as u32));
+        assert!(!late && (found.oldest > 0) == (points > 0), "{found:?}");
+        if info.kind == FrameKind::Delta && points > 0 {
+            let values = info.section(SectionTag::VALUES).map_or(0, |section| section.records);
+            assert_eq!(info.changed_points, values + changed as u32);
+        }
+    }
+
+    /// Notes what is offered now, as of the frame just finished.
+    fn remember(&mut self) {
+        let points = 0..self.client.layout().points();
+        self.offered.push_front(points.map(|point| self.naive.offered(point)).collect());
+        let late = self.encoder.settings().budget.map_or(0, |budget| usize::from(budget.longest_age));
+        self.offered.truncate(late + 1);
+    }
+
+    /// Clients hold what the twin says, and are not off by the threshold, or were not in one of the frames before that a
+    /// point may be late.
     fn check_values(&self) {
         let layout = self.client.layout();
         let most = self.encoder.settings().max_error();
@@ -180,8 +262,11 @@ impl Pair {
                 let here = self.client.is_present(instance, at / crate::surface::BLOCK_POINTS);
                 let point = point as u32;
                 assert_eq!(here.then_some(*value), self.naive.held(point), "point {point}");
-                let offered = self.naive.offered(point).filter(|_| here);
-                assert!(offered.is_none_or(|offered| offered.abs_diff(*value) <= most), "point {point}");
+                let near = |offered: &Vec<Option<u8>>| {
+                    let offered = offered[point as usize];
+                    offered.is_none_or(|offered| offered.abs_diff(*value) <= most)
+                };
+                assert!(!here || self.offered.iter().any(near), "point {point}");
             }
         }
     }
@@ -201,6 +286,39 @@ impl Pair {
         self.late = Some(late);
     }
 
+    /// Clients that missed frames are brought to the newest, those from the `base`-th that is remembered on; before it the
+    /// patch is refused. A client with what was learned goes on with the others.
+    fn catch_up(&mut self, coder: BlockCoder, base: u8, context: bool) {
+        let Some((last, behind)) = self.earlier.make_contiguous().split_last() else { return };
+        let Some(frame) = last.frame() else { return };
+        let base = usize::from(base) % (behind.len() + 1);
+        let Some(from) = behind.get(base).and_then(State::frame) else { return };
+        let body = patch(&self.client, &self.ledger, from, meta(FrameKind::Delta, frame.0), coder, context);
+        let Ok(body) = body else { return assert!(body.is_ok(), "{body:?}") };
+        let here = last.present_points();
+        let Some(body) = body else {
+            let same = |state: &State| state.present == last.present && state.received == last.received;
+            return assert!(here == 0 || !behind[base..].iter().all(same), "a patch would do");
+        };
+        for (at, state) in behind.iter().enumerate() {
+            let mut client = state.clone();
+            let twin = apply_surface(state, &body, &LIMITS);
+            let applied = self.applier.apply(&mut client, &body, &LIMITS);
+            assert_eq!(applied.is_ok(), at >= base, "{applied:?}");
+            assert_eq!(twin.is_ok(), at >= base, "{twin:?}");
+            if at < base {
+                assert_eq!(&client, state);
+                continue;
+            }
+            assert_eq!(Ok(&client), twin.as_ref());
+            assert_eq!((client.hash(), client.full_hash()), (last.hash(), last.hash()));
+            if context {
+                assert_eq!(&client, last);
+                self.late = Some(client);
+            }
+        }
+    }
+
     /// Asks for a frame with a level that no coder has: nothing may change.
     fn fail(&mut self) {
         let before = self.encoder.state().clone();
@@ -208,9 +326,11 @@ impl Pair {
         if self.encoder.finish(meta(kind, self.frames), BlockCoder::Zstd { level: 99 }).is_ok() {
             // It had nothing to compress; clients are told of it so that indices stay in order.
             self.client.clone_from(self.encoder.state());
-            self.naive.finish(kind);
+            self.remember();
+            self.naive.finish(kind, &[]);
             self.late = None;
             self.frames += 1;
+            self.note_frame();
         } else {
             assert_eq!(&before, self.encoder.state());
         }
@@ -233,7 +353,7 @@ fn make_samples() -> Option<Vec<Sample>> {
     let mut samples = Vec::new();
     for coder in CODERS {
         let (mut encoder, empty) =
-            small_stream(EncoderSettings { threshold: 4, geometry: GeometrySource::Sent })?;
+            small_stream(EncoderSettings { threshold: 4, geometry: GeometrySource::Sent, budget: None })?;
         for (frame, offered) in [(0_u32, 200_u32), (1, 295), (2, 295)] {
             for point in 0..offered {
                 let shadow = (point % 90).abs_diff(10 + frame * 8).min(30) as u8;
@@ -247,7 +367,35 @@ fn make_samples() -> Option<Vec<Sample>> {
         let body = keyframe(encoder.state(), meta(FrameKind::Key, 2), coder, &[(1, 1)]).ok()?;
         samples.push(Sample { before: empty, kind: FrameKind::Key, body });
     }
+    for coder in CODERS {
+        make_patches(coder, &mut samples)?;
+    }
     Some(samples)
+}
+
+/// Patches of a short stream without and with what was learned, for the state before the last and for an earlier one.
+fn make_patches(coder: BlockCoder, samples: &mut Vec<Sample>) -> Option<()> {
+    let (mut encoder, _) =
+        small_stream(EncoderSettings { threshold: 4, geometry: GeometrySource::Sent, budget: None })?;
+    let mut ledger = Ledger::new(encoder.state());
+    let mut states = Vec::new();
+    for frame in 0_u32..5 {
+        for point in 0_u32..260 {
+            let shadow = (point % 90).abs_diff(20 + frame * 8).min(30) as u8;
+            encoder.offer(point, 150 + 3 * shadow)?;
+        }
+        let kind = if frame == 0 { FrameKind::Key } else { FrameKind::Delta };
+        encoder.finish(meta(kind, frame), BlockCoder::Range).ok()?;
+        ledger.follow(encoder.state());
+        states.push(encoder.state().clone());
+    }
+    for (base, at, context) in [(3, 3, false), (1, 2, false), (3, 3, true), (0, 1, true)] {
+        let state = encoder.state();
+        let (base, meta) = (FrameIndex(base), meta(FrameKind::Delta, 4));
+        let body = patch(state, &ledger, base, meta, coder, context).ok()??;
+        samples.push(Sample { before: states.get(at)?.clone(), kind: FrameKind::Delta, body });
+    }
+    Some(())
 }
 
 /// A body of one section.
@@ -312,13 +460,21 @@ mod tests {
     #[test]
     fn sound_frames_are_taken() {
         let samples = samples().unwrap();
-        assert_eq!(samples.len(), 16);
+        assert_eq!(samples.len(), 32);
         for sample in samples {
             assert_eq!(check_apply(&sample.before, &sample.body), None);
         }
         // The late keyframes carry what was learned.
         let info = crate::frame::inspect(&samples[3].body, &LIMITS).unwrap();
         assert!(info.section(SectionTag::CONTEXT).is_some());
+        for patches in samples[16..].chunks(4) {
+            let tags = |sample: &Sample| {
+                let info = crate::frame::inspect(&sample.body, &LIMITS).unwrap();
+                info.sections.iter().map(|section| section.tag).collect::<Vec<_>>()
+            };
+            let both = [SectionTag::CONTEXT, SectionTag::PATCH];
+            assert_eq!([0, 1, 2, 3].map(|at| tags(&patches[at])), [&both[1..], &both[1..], &both, &both]);
+        }
     }
 
     proptest! {
@@ -335,17 +491,18 @@ mod tests {
         }
 
         #[test]
-        fn frames_with_one_byte_changed_do_no_harm(mode in 0_u8..16, at in any::<u16>(), change in any::<u8>()) {
+        fn frames_with_one_byte_changed_do_no_harm(mode in any::<u8>(), at in any::<u16>(), change in any::<u8>()) {
             let [low, high] = at.to_le_bytes();
-            surface_decode(&[mode, low, high, change]);
+            surface_decode(&[mode & 0x8F, low, high, change]);
         }
 
         #[test]
         fn sections_of_noise_do_no_harm(
-            mode in 32_u8..48, tag in 4_u8..8, coder in 0_u8..4, sizes in prop::array::uniform2(1_u16..400),
+            mode in 32_u8..48, tag in 4_u8..9, coder in 0_u8..4, sizes in prop::array::uniform2(1_u16..400),
             noise in prop::collection::vec(any::<u8>(), 0..400),
         ) {
             let sizes = sizes.map(u16::to_le_bytes);
+            let mode = if tag == 8 { mode | 0x80 } else { mode };
             surface_decode(&[&[mode, tag, coder][..], sizes.as_flattened(), &noise].concat());
         }
     }

@@ -43,6 +43,11 @@ impl<'a> RangeEncoder<'a> {
         RangeEncoder { low: 0, high: u32::MAX, out }
     }
 
+    /// Bytes in `out` so far.
+    pub(crate) fn len(&self) -> usize {
+        self.out.len()
+    }
+
     /// Writes the shortest ending that, with zeros after it, lies in the interval.
     pub(crate) fn finish(self) {
         for kept in 0..4 {

@@ -5,19 +5,24 @@
 
 use std::sync::Arc;
 
+use super::State;
 use super::change_model::ChangeModel;
 use super::changes::{ChangeProblem, Changes};
 use super::context;
 use super::encoder::arrived;
 use super::geometry_section::{self, GeometryProblem};
+use super::history::History;
+use super::patch_model::PatchModel;
+use super::patch_section::Patch;
+use super::state::value_words;
 use super::values::Values;
 use super::writer::FrameModels;
-use super::{Layout, State};
 use crate::block::{CoderId, Decompressor};
 use crate::frame::{
     FrameError, FrameInfo, FrameKind, HASH_OFFSET, Profile, SectionInfo, SectionTag, check_follows, inspect,
     read_header,
 };
+use crate::hash::Kind;
 use crate::range::{Misfit, RangeDecoder};
 use crate::{Limits, StateHash};
 
@@ -28,6 +33,8 @@ pub struct Applier {
     plain: Vec<u8>,
     changes: Changes,
     model: Option<ChangeModel>,
+    patch: Patch,
+    values: Vec<u8>,
 }
 
 /// A section and where its block is in the body.
@@ -68,6 +75,9 @@ impl Applier {
                 *state = next;
                 computed
             }
+            FrameKind::Delta if info.section(SectionTag::PATCH).is_some() => {
+                self.patch(state, &info, blocks(&info, body), limits)?
+            }
             FrameKind::Delta => self.delta(state, &info, blocks(&info, body), limits)?,
         };
         state.hash = computed;
@@ -86,10 +96,7 @@ impl Applier {
         let mut models = None;
         for block in blocks {
             if block.section.tag == SectionTag::CONTEXT {
-                check_single(&block)?;
-                self.decompress(&block, limits)?;
-                context::read(&self.plain, &mut next.history, &mut next.model)
-                    .map_err(|problem| FrameError::Context { offset: block.offset, problem })?;
+                (next.history, next.model) = self.read_context(state, &block, limits)?;
             } else {
                 self.parcel(&mut next, &block, models.get_or_insert_with(FrameModels::new), limits)?;
             }
@@ -136,6 +143,84 @@ impl Applier {
             state.received = next.received;
         }
         Ok(computed)
+    }
+
+    /// Patches `state`; gives the hash after it.
+    fn patch<'a>(
+        &mut self,
+        state: &mut State,
+        info: &FrameInfo,
+        blocks: impl Iterator<Item = Block<'a>>,
+        limits: &Limits,
+    ) -> Result<StateHash, FrameError> {
+        let mut learned = None;
+        for block in blocks {
+            if block.section.tag == SectionTag::CONTEXT {
+                learned = Some(self.read_context(state, &block, limits)?);
+            } else {
+                self.read_patch(state, info, &block, limits)?;
+            }
+        }
+        let hash = self.patch.iter().fold(state.hash, |hash, (slot, byte)| {
+            let (old, new) = (value_words(state.values[slot]), value_words(byte));
+            hash.replace(Kind::Value, slot as u32, &old, &new)
+        });
+        let computed = check_hash(hash, info)?;
+        for (slot, byte) in self.patch.iter() {
+            state.values[slot] = byte;
+        }
+        (state.history, state.model) =
+            learned.unwrap_or_else(|| (History::new(state.present.len()), ChangeModel::new()));
+        Ok(computed)
+    }
+
+    /// Reads a PATCH section into `self.patch` and checks that it suits the state.
+    fn read_patch(
+        &mut self,
+        state: &State,
+        info: &FrameInfo,
+        block: &Block<'_>,
+        limits: &Limits,
+    ) -> Result<(), FrameError> {
+        let SectionInfo { records, coder, .. } = block.section;
+        let (offset, blocks) = (block.offset, state.layout.blocks());
+        let refuse = |problem| FrameError::Patch { offset, problem };
+        if coder != CoderId::RANGE {
+            self.decompress(block, limits)?;
+            self.patch.read_plain(&self.plain, blocks, records).map_err(refuse)?;
+            check_base(self.patch.back, state, info, offset)?;
+            return self.patch.marks.check(state).map_err(refuse);
+        }
+        let mut bits = RangeDecoder::new(block.bytes);
+        let mut model = PatchModel::new();
+        self.patch.back = model.back(&mut bits, 0);
+        check_base(self.patch.back, state, info, offset)?;
+        self.values.clone_from(&state.values);
+        let known = (&*state.layout, state.present.as_slice());
+        let (most, none) = (records as usize, Patch::default());
+        let pair = (&none, &mut self.patch);
+        model.code(&mut bits, known, &mut self.values, pair, most, RangeDecoder::is_exhausted);
+        check_end(bits, block)?;
+        let found = self.patch.bytes.len();
+        if found != most {
+            return Err(refuse(ChangeProblem::Count { expected: records, found }));
+        }
+        check_plain(self.patch.plain_bytes(blocks), block)
+    }
+
+    /// Reads a CONTEXT section for a client of `state`.
+    fn read_context(
+        &mut self,
+        state: &State,
+        block: &Block<'_>,
+        limits: &Limits,
+    ) -> Result<(History, ChangeModel), FrameError> {
+        check_single(block)?;
+        self.decompress(block, limits)?;
+        let mut learned = (History::new(state.present.len()), ChangeModel::new());
+        context::read(&self.plain, &mut learned.0, &mut learned.1)
+            .map_err(|problem| FrameError::Context { offset: block.offset, problem })?;
+        Ok(learned)
     }
 
     /// Reads a GEOMETRY or VALUES section into `next`.
@@ -329,6 +414,15 @@ fn check_single(block: &Block<'_>) -> Result<(), FrameError> {
     Err(FrameError::TooManyRecords { offset: block.offset, section: tag, records, places: 1 })
 }
 
+/// Checks that a patch that reaches so far back from its frame suits the state, which is of an earlier one.
+fn check_base(back: u32, state: &State, info: &FrameInfo, offset: usize) -> Result<(), FrameError> {
+    let last = state.frame.unwrap_or_default();
+    match info.frame.0.checked_sub(back) {
+        Some(base) if base <= last.0 => Ok(()),
+        _ => Err(FrameError::PatchBase { offset, back, last }),
+    }
+}
+
 fn check_hash(computed: StateHash, info: &FrameInfo) -> Result<StateHash, FrameError> {
     if computed == info.hash {
         Ok(computed)
@@ -339,19 +433,10 @@ fn check_hash(computed: StateHash, info: &FrameInfo) -> Result<StateHash, FrameE
 
 /// Checks that changes suit the state: blocks that are here, points that there are, levels that change something.
 fn check_changes(state: &State, changes: &Changes) -> Result<(), ChangeProblem> {
-    let layout: &Layout = &state.layout;
     if changes.quantum == 0 {
         return Err(ChangeProblem::Quantum);
     }
-    for (&block, &mask) in changes.blocks.iter().zip(&changes.masks) {
-        if !state.present.get(block as usize).is_some_and(|here| *here) {
-            return Err(ChangeProblem::Absent { block });
-        }
-        let points = layout.block_len(block as usize);
-        if points < 64 && mask >> points != 0 {
-            return Err(ChangeProblem::Mask { block, mask });
-        }
-    }
+    changes.marks.check(state)?;
     for (slot, level) in changes.iter() {
         if level.unsigned_abs() > 255 || state.changed(slot, level, changes.quantum) == state.values[slot] {
             return Err(ChangeProblem::Level { slot: slot as u32, level: level.into() });

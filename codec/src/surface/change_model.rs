@@ -206,16 +206,16 @@ impl<'a> Wanted<'a> {
 
     /// Whether a block from the next one on, before `end`, changes.
     fn any_before(&self, end: usize) -> bool {
-        self.changes.blocks.get(self.block).is_some_and(|block| (*block as usize) < end)
+        self.changes.marks.blocks.get(self.block).is_some_and(|block| (*block as usize) < end)
     }
 
     /// The points of this block that change.
     fn mask(&mut self, block: usize) -> u64 {
-        if self.changes.blocks.get(self.block) != Some(&(block as u32)) {
+        if self.changes.marks.blocks.get(self.block) != Some(&(block as u32)) {
             return 0;
         }
         self.block += 1;
-        self.changes.masks[self.block - 1]
+        self.changes.marks.masks[self.block - 1]
     }
 
     fn level(&mut self) -> i16 {
@@ -293,7 +293,7 @@ impl<B: Bits> Walk<'_, B> {
         let count = |mask: u64| significant(mask.count_ones() as usize);
         let own = recent[block].count_ones() as usize;
         let next = recent.get(block + 1).map_or(0, |mask| count(*mask));
-        let found = self.found.blocks.last().zip(self.found.masks.last());
+        let found = self.found.marks.blocks.last().zip(self.found.marks.masks.last());
         let before = match found {
             Some((last, mask)) if *last as usize + 1 == block => count(*mask),
             _ => 0,

@@ -10,18 +10,16 @@
 //! | 8 for each such block | one bit a point, lowest first |
 //! | 1 or 2 for each such point | the level as a varint: 0, -1, 1, -2 .. as 0, 1, 2, 3 ..; never 0 |
 
-use super::BLOCK_POINTS;
-use crate::wire::{VarintFault, read_varint, write_varint};
+use super::marks::{Marks, Rest};
+use crate::wire::write_varint;
 
 /// Changes of one frame, in the order of the points.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub(crate) struct Changes {
     /// By how much one level changes a byte.
     pub(crate) quantum: u8,
-    /// Blocks with a change, ascending.
-    pub(crate) blocks: Vec<u32>,
-    /// Which of its points change, block by block.
-    pub(crate) masks: Vec<u64>,
+    /// Which points change.
+    pub(crate) marks: Marks,
     /// By how many quanta, point by point.
     pub(crate) levels: Vec<i16>,
 }
@@ -95,51 +93,32 @@ pub enum ChangeProblem {
 impl Changes {
     /// No changes, with buffers kept.
     pub(crate) fn clear(&mut self) {
-        self.blocks.clear();
-        self.masks.clear();
+        self.marks.clear();
         self.levels.clear();
     }
 
     /// Adds a change; `slot` is above that of the one before.
     pub(crate) fn push(&mut self, slot: usize, level: i16) {
-        let block = (slot / BLOCK_POINTS) as u32;
-        if self.blocks.last() != Some(&block) {
-            self.blocks.push(block);
-            self.masks.push(0);
-        }
-        if let Some(mask) = self.masks.last_mut() {
-            *mask |= 1 << (slot % BLOCK_POINTS);
-        }
+        self.marks.push(slot);
         self.levels.push(level);
     }
 
     /// Every change with its slot.
     #[inline]
     pub(crate) fn iter(&self) -> impl Iterator<Item = (usize, i16)> + '_ {
-        let slots = self.blocks.iter().zip(&self.masks).flat_map(|(block, mask)| {
-            let first = *block as usize * BLOCK_POINTS;
-            SetBits(*mask).map(move |bit| first + bit as usize)
-        });
-        slots.zip(self.levels.iter().copied())
+        self.marks.slots().zip(self.levels.iter().copied())
     }
 
     /// Bytes of the plain layout for a stream of `blocks` blocks.
     pub(crate) fn plain_bytes(&self, blocks: usize) -> usize {
         let long = self.levels.iter().filter(|level| fold(**level) > 127).count();
-        1 + blocks.div_ceil(8) + 8 * self.masks.len() + self.levels.len() + long
+        1 + self.marks.plain_bytes(blocks) + self.levels.len() + long
     }
 
     /// Appends the plain layout.
     pub(crate) fn write_plain(&self, blocks: usize, out: &mut Vec<u8>) {
         out.push(self.quantum);
-        let bitmap = out.len();
-        out.resize(bitmap + blocks.div_ceil(8), 0);
-        for block in &self.blocks {
-            out[bitmap + *block as usize / 8] |= 1 << (block % 8);
-        }
-        for mask in &self.masks {
-            out.extend_from_slice(&mask.to_le_bytes());
-        }
+        self.marks.write_plain(blocks, out);
         for level in &self.levels {
             write_varint(out, fold(*level));
         }
@@ -154,30 +133,14 @@ impl Changes {
         records: u32,
     ) -> Result<(), ChangeProblem> {
         self.clear();
-        let mut rest = Rest { raw, offset: 0 };
+        let mut rest = Rest::new(raw);
         self.quantum = rest.take("the quantum", 1)?[0];
         if self.quantum == 0 {
             return Err(ChangeProblem::Quantum);
         }
-        let bitmap = rest.take("the bitmap of blocks", blocks.div_ceil(8))?;
-        for (at, byte) in bitmap.iter().enumerate() {
-            self.blocks.extend(SetBits(u64::from(*byte)).map(|bit| at as u32 * 8 + bit));
-        }
-        let masks = rest.take("the bitmaps of points", 8 * self.blocks.len())?;
-        let mut found = 0;
-        for (mask, block) in masks.chunks_exact(8).zip(&self.blocks) {
-            let mask = mask.iter().rev().fold(0, |mask, byte| mask << 8 | u64::from(*byte));
-            if mask == 0 {
-                return Err(ChangeProblem::Mask { block: *block, mask });
-            }
-            found += mask.count_ones() as usize;
-            self.masks.push(mask);
-        }
-        if found != records as usize {
-            return Err(ChangeProblem::Count { expected: records, found });
-        }
+        self.marks.read_plain(&mut rest, blocks, records)?;
         for _ in 0..records {
-            self.levels.push(rest.level()?);
+            self.levels.push(level(&mut rest)?);
         }
         rest.end()
     }
@@ -188,57 +151,12 @@ fn fold(level: i16) -> u32 {
     ((i32::from(level) << 1) ^ (i32::from(level) >> 31)) as u32
 }
 
-/// The numbers of the set bits, ascending.
-pub(crate) struct SetBits(pub(crate) u64);
-
-impl Iterator for SetBits {
-    type Item = u32;
-
-    #[inline]
-    fn next(&mut self) -> Option<u32> {
-        let bit = self.0.trailing_zeros();
-        (self.0 != 0).then(|| {
-            self.0 &= self.0 - 1;
-            bit
-        })
-    }
-}
-
-/// What is left of a plain layout.
-struct Rest<'a> {
-    raw: &'a [u8],
-    offset: usize,
-}
-
-impl<'a> Rest<'a> {
-    fn take(&mut self, field: &'static str, count: usize) -> Result<&'a [u8], ChangeProblem> {
-        let Some((taken, rest)) = self.raw.split_at_checked(count) else {
-            return Err(ChangeProblem::Ends { field, offset: self.offset });
-        };
-        self.raw = rest;
-        self.offset += count;
-        Ok(taken)
-    }
-
-    fn level(&mut self) -> Result<i16, ChangeProblem> {
-        let field = "a level";
-        let offset = self.offset;
-        match read_varint(self.raw) {
-            Ok((value, length)) if value <= fold(MAX_LEVEL) => {
-                self.take(field, length)?;
-                let level = (value >> 1) as i32 ^ -((value & 1) as i32);
-                Ok(level as i16)
-            }
-            Ok((found, _)) => Err(ChangeProblem::LevelRange { offset, found }),
-            Err(VarintFault::Ends | VarintFault::Malformed(_)) => Err(ChangeProblem::Ends { field, offset }),
-        }
-    }
-
-    fn end(&self) -> Result<(), ChangeProblem> {
-        match self.raw.len() {
-            0 => Ok(()),
-            extra => Err(ChangeProblem::Trailing { offset: self.offset, extra }),
-        }
+/// Reads the level that comes next.
+fn level(rest: &mut Rest<'_>) -> Result<i16, ChangeProblem> {
+    let (field, offset) = ("a level", rest.offset());
+    match rest.varint(field)? {
+        folded if folded <= fold(MAX_LEVEL) => Ok(((folded >> 1) as i32 ^ -((folded & 1) as i32)) as i16),
+        found => Err(ChangeProblem::LevelRange { offset, found }),
     }
 }
 

@@ -2,8 +2,10 @@
 
 use std::sync::Arc;
 
-use super::changes::{Changes, SetBits};
+use super::budget::{Budget, Postponed, Queue, Unfinished};
+use super::changes::Changes;
 use super::keyframe::Parcels;
+use super::marks::SetBits;
 use super::state::{geometry_words, value_words};
 use super::writer::SectionWriter;
 use super::{BLOCK_POINTS, Geometry, GeometryError, Layout, State};
@@ -20,6 +22,8 @@ pub struct EncoderSettings {
     pub threshold: u8,
     /// Whether clients are sent the geometry, or make it themselves from the scene.
     pub geometry: GeometrySource,
+    /// How many bytes deltas may take; without it every point is sent as soon as it differs by the threshold.
+    pub budget: Option<Budget>,
 }
 
 /// Where clients have the points from.
@@ -41,7 +45,8 @@ impl EncoderSettings {
     }
 
     /// Largest difference between a point's byte as last offered and the one that clients hold after the frame. Below the
-    /// threshold: what differs by that much is sent, and what is sent lands within half a [`quantum`](Self::quantum).
+    /// threshold: what differs by that much is sent, and what is sent lands within half a [`quantum`](Self::quantum). With a
+    /// [`Budget`] it holds for the byte offered up to [`Budget::longest_age`] frames before.
     #[must_use]
     pub fn max_error(&self) -> u8 {
         self.threshold.saturating_sub(1)
@@ -67,6 +72,8 @@ pub struct Encoder {
     instance: usize,
     changes: Changes,
     writer: SectionWriter,
+    /// The points that wait, where there is a budget.
+    queue: Option<Box<Queue>>,
 }
 
 impl Encoder {
@@ -102,13 +109,15 @@ impl Encoder {
             geometry: geometry.into_iter().map(carried).collect(),
             changes: Changes::default(),
             writer: SectionWriter::default(),
+            queue: settings.budget.map(|budget| Box::new(Queue::new(budget, sent.present.len()))),
             settings,
             sent,
         })
     }
 
     /// Says what a point's AO is now; `None` where there is no such point. Otherwise whether the next frame sends it: it
-    /// does when its block was never sent, or when it differs by the threshold from what clients hold.
+    /// does when its block was never sent, or when it differs by the threshold from what clients hold; with a [`Budget`] it may
+    /// then have to wait.
     ///
     /// All points of a block go out together the first time, blocks in the order of their first offers; points of it
     /// that were not offered go out as open.
@@ -132,6 +141,40 @@ impl Encoder {
         Some(differs)
     }
 
+    /// Says how much the points of an instance's block `block` count when not all fit a [`Budget`]: with twice the weight a
+    /// difference counts twice. 1 until said otherwise; 0 counts as 1. Nothing comes of it where there is no such block, or no
+    /// budget.
+    pub fn weigh(&mut self, instance: u32, block: usize, weight: u16) {
+        let blocks = self.sent.layout.blocks_of(instance);
+        let weights = self.queue.as_mut().and_then(|queue| queue.weights_mut().get_mut(blocks));
+        if let Some(found) = weights.and_then(|weights| weights.get_mut(block)) {
+            *found = weight.max(1);
+        }
+    }
+
+    /// Weight of an instance's block, see [`Encoder::weigh`]; `None` where there is no such block, or no budget.
+    #[must_use]
+    pub fn weight(&self, instance: u32, block: usize) -> Option<u16> {
+        let blocks = self.sent.layout.blocks_of(instance);
+        self.queue.as_ref()?.weights().get(blocks)?.get(block).copied()
+    }
+
+    /// What the last finished frame left for later; `None` without a [`Budget`].
+    #[must_use]
+    pub fn postponed(&self) -> Option<&Postponed> {
+        self.queue.as_ref().map(|queue| queue.postponed())
+    }
+
+    /// AO bytes of an instance's points as last offered, in the order of its set's geometry; 255 where none was. Clients hold
+    /// [`State::values`] of [`Encoder::state`].
+    #[must_use]
+    pub fn offered(&self, instance: u32) -> &[u8] {
+        if instance as usize >= self.sent.layout.members().len() {
+            return &[];
+        }
+        &self.offered[self.sent.layout.slots_of(instance as usize)]
+    }
+
     /// What clients hold after the last finished frame.
     #[must_use]
     pub fn state(&self) -> &State {
@@ -147,9 +190,12 @@ impl Encoder {
     /// Writes the frame that brings clients from the last finished frame to now. A keyframe holds every block that was
     /// ever offered, with the bytes last offered, and starts a group: what the coders learned is forgotten.
     ///
+    /// In a delta with a [`Budget`] points may be left for later frames. While any wait, `meta.changed_points` is not what the
+    /// frame has, and the header says how many points it has instead.
+    ///
     /// # Errors
     /// [`EncodeError`]; the encoder is then as before.
-    pub fn finish(&mut self, meta: FrameMeta, coder: BlockCoder) -> Result<EncodedFrame, EncodeError> {
+    pub fn finish(&mut self, mut meta: FrameMeta, coder: BlockCoder) -> Result<EncodedFrame, EncodeError> {
         let (frame, last) = (meta.frame, self.sent.frame);
         if let Some(last) = last.filter(|last| *last >= frame) {
             return Err(EncodeError::FrameOrder { frame, last });
@@ -157,13 +203,17 @@ impl Encoder {
         self.writer.clear();
         match meta.kind {
             FrameKind::Delta if last.is_none() => return Err(EncodeError::NoKeyframe { frame }),
-            FrameKind::Delta => self.finish_delta(coder)?,
+            FrameKind::Delta => meta.changed_points = self.finish_delta(meta, coder)?,
             FrameKind::Key => self.finish_key(coder)?,
         }
         self.sent.frame = Some(frame);
         let ids = (Profile::SURFACE, Packing::LATTICE, meta.kind);
         let sections = std::mem::take(&mut self.writer.sections);
-        Ok(assemble(&meta, ids, self.sent.hash, sections, &self.writer.blocks))
+        let frame = assemble(&meta, ids, self.sent.hash, sections, &self.writer.blocks);
+        if let Some(queue) = &mut self.queue {
+            queue.took(frame.body.len());
+        }
+        Ok(frame)
     }
 
     fn finish_key(&mut self, coder: BlockCoder) -> Result<(), EncodeError> {
@@ -180,10 +230,14 @@ impl Encoder {
         self.dirty.fill(0);
         self.arriving.clear();
         self.is_arriving.fill(false);
+        if let Some(queue) = &mut self.queue {
+            queue.clear();
+        }
         Ok(())
     }
 
-    fn finish_delta(&mut self, coder: BlockCoder) -> Result<(), EncodeError> {
+    /// Writes the sections of a delta; how many points its header says that it changes.
+    fn finish_delta(&mut self, meta: FrameMeta, coder: BlockCoder) -> Result<u32, EncodeError> {
         let mut hash = self.sent.hash;
         let mut next = None;
         if !self.arriving.is_empty() {
@@ -193,14 +247,10 @@ impl Encoder {
             hash = arrived(&self.sent, &with);
             next = Some(with);
         }
-        self.gather();
-        if !self.changes.levels.is_empty() {
-            let (known, model) = self.sent.split();
-            self.writer.changes(known, model, &self.changes, coder)?;
-        }
+        let changed_points = self.write_changes(meta, coder)?;
         // Nothing can fail from here on.
-        for block in &self.changes.blocks {
-            self.dirty[*block as usize] = 0;
+        for (block, mask) in self.changes.marks.iter() {
+            self.dirty[block as usize] &= !mask;
         }
         self.sent.hash = self.sent.hash_after(hash, &self.changes);
         self.sent.commit(&self.changes);
@@ -215,7 +265,22 @@ impl Encoder {
             self.sent.geometry = next.geometry;
             self.sent.received = next.received;
         }
-        Ok(())
+        Ok(changed_points)
+    }
+
+    /// Writes what changed, or what of it fits the budget and is then left in `changes`; how many points the header says that
+    /// the frame changes.
+    fn write_changes(&mut self, meta: FrameMeta, coder: BlockCoder) -> Result<u32, EncodeError> {
+        self.gather();
+        let Encoder { sent, changes, writer, offered, queue, .. } = self;
+        if let Some(queue) = queue {
+            return queue.write(Unfinished { writer, sent, offered, meta, coder }, changes);
+        }
+        if !changes.levels.is_empty() {
+            let (known, model) = sent.split();
+            writer.changes(known, model, changes, coder, usize::MAX)?;
+        }
+        Ok(meta.changed_points)
     }
 
     /// Writes blocks and what they need, and brings `next` up to date but for its hash.

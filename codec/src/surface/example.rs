@@ -27,7 +27,7 @@ fn encoder() -> Encoder {
         .map(|position| RestPoint { position, normal: [0.0, 1.0, 0.0] });
     let geometry = Arc::new(Geometry::round(layout, &floor).geometry);
     let layout = Layout::new(vec![*geometry.layout()], vec![Member { set: 0 }], &Limits::default()).unwrap();
-    let settings = EncoderSettings { threshold: 8, geometry: GeometrySource::Sent };
+    let settings = EncoderSettings { threshold: 8, geometry: GeometrySource::Sent, budget: None };
     Encoder::new(Arc::new(layout), vec![geometry], settings).unwrap()
 }
 

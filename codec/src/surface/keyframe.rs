@@ -2,9 +2,7 @@
 
 use std::sync::Arc;
 
-use super::change_model::ChangeModel;
 use super::geometry_section::Sets;
-use super::history::History;
 use super::values::Values;
 use super::writer::{FrameModels, SectionWriter};
 use super::{Geometry, Layout, State};
@@ -106,9 +104,7 @@ pub fn keyframe(
         present: &mut vec![false; state.present.len()],
     }
     .write(&mut writer, &order, &state.values, coder)?;
-    if state.history != History::new(layout.blocks()) || state.model != ChangeModel::new() {
-        writer.context(&state.history, &state.model, coder)?;
-    }
+    writer.context(state, coder)?;
     let ids = (Profile::SURFACE, Packing::LATTICE, FrameKind::Key);
     Ok(assemble(&meta, ids, state.hash, writer.sections, &writer.blocks).body)
 }

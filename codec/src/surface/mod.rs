@@ -5,6 +5,9 @@
 //! later frame holds AO changes only.
 
 mod apply;
+mod budget;
+#[cfg(test)]
+mod budget_tests;
 mod change_model;
 mod changes;
 mod context;
@@ -18,6 +21,13 @@ mod geometry_section;
 mod history;
 mod keyframe;
 mod layout;
+mod ledger;
+mod marks;
+mod patch;
+mod patch_model;
+mod patch_section;
+#[cfg(test)]
+mod patch_tests;
 mod spent;
 mod state;
 #[cfg(test)]
@@ -26,6 +36,7 @@ mod values;
 mod writer;
 
 pub use apply::{Applier, Preview, preview};
+pub use budget::{Budget, Postponed};
 pub(crate) use change_model::{ChangeModel, Opinions};
 pub use changes::ChangeProblem;
 pub use context::ContextProblem;
@@ -35,6 +46,8 @@ pub use geometry_section::GeometryProblem;
 pub(crate) use history::{History, NEVER};
 pub use keyframe::keyframe;
 pub use layout::{Layout, LayoutError, Member, SetLayout};
+pub use ledger::Ledger;
+pub use patch::patch;
 pub use spent::{Spent, spent};
 pub use state::State;
 pub use values::ValueProblem;

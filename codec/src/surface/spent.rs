@@ -1,23 +1,24 @@
-//! What the bits of a range-coded frame of changes are spent on.
+//! What the bits of a range-coded frame of changes, or of a patch, are spent on.
 
 use std::ops::AddAssign;
 
 use super::State;
-use super::change_model::ChangeModel;
 use super::changes::Changes;
+use super::patch_model::PatchModel;
+use super::patch_section::Patch;
 use crate::Limits;
 use crate::block::CoderId;
-use crate::frame::{FrameError, SectionTag, inspect};
+use crate::frame::{FrameError, SectionInfo, SectionTag, inspect};
 use crate::range::{Bits, RangeDecoder, Subject};
 
-/// Bits of the decisions of a CHANGES section, by what they decide; together the length of its block, but for rounding.
+/// Bits of the decisions of a CHANGES or PATCH section, by what they decide; together the length of its block, but for rounding.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Spent {
     /// Which blocks have a change.
     pub blocks: f64,
     /// Which points of those blocks change.
     pub points: f64,
-    /// Whether they become darker or lighter.
+    /// Whether they become darker or lighter; in a patch, than their neighbours are.
     pub ways: f64,
     /// By how much.
     pub sizes: f64,
@@ -58,7 +59,7 @@ impl Bits for Meter<'_> {
     }
 }
 
-/// What the bits of a frame's changes are spent on, `state` being that before the frame; `None` where it has none that
+/// What the bits of a frame's changes or patch are spent on, `state` being that before the frame; `None` where it has none that
 /// are range-coded. For figures: it is slower than applying the frame, checks less, and is no part of what both sides
 /// must agree on.
 ///
@@ -69,17 +70,29 @@ pub fn spent(state: &State, body: &[u8], limits: &Limits) -> Result<Option<Spent
     let mut offset = info.header_bytes as usize;
     for section in &info.sections {
         let end = offset + section.wire_bytes as usize;
-        if section.tag == SectionTag::CHANGES && section.coder == CoderId::RANGE {
+        let is_points = matches!(section.tag, SectionTag::CHANGES | SectionTag::PATCH);
+        if is_points && section.coder == CoderId::RANGE {
             let decoder = RangeDecoder::new(&body[offset..end]);
             let mut meter = Meter { decoder, subject: Subject::Blocks, spent: Spent::default() };
-            let mut model: ChangeModel = state.model.clone();
-            let (wanted, mut found) = (Changes::default(), Changes::default());
-            let most = section.records as usize;
-            let stop = |meter: &Meter<'_>| meter.decoder.is_exhausted();
-            model.code(&mut meter, state.known(), &wanted, &mut found, most, stop);
+            read(state, section, &mut meter);
             return Ok(Some(meter.spent));
         }
         offset = end;
     }
     Ok(None)
+}
+
+fn read(state: &State, section: &SectionInfo, meter: &mut Meter<'_>) {
+    let most = section.records as usize;
+    let stop = |meter: &Meter<'_>| meter.decoder.is_exhausted();
+    if section.tag == SectionTag::CHANGES {
+        let (wanted, mut found) = (Changes::default(), Changes::default());
+        state.model.clone().code(meter, state.known(), &wanted, &mut found, most, stop);
+    } else {
+        let mut model = PatchModel::new();
+        let (wanted, mut found) = (Patch::default(), Patch::default());
+        model.back(meter, 0);
+        let known = (&*state.layout, state.present.as_slice());
+        model.code(meter, known, &mut state.values.clone(), (&wanted, &mut found), most, stop);
+    }
 }

@@ -48,7 +48,7 @@ pub(super) fn stream(source: GeometrySource, threshold: u8) -> Encoder {
     let sets = geometry.iter().map(|geometry| *geometry.layout()).collect();
     let members = [0, 1, 2, 1].map(|set| Member { set }).to_vec();
     let layout = Arc::new(Layout::new(sets, members, &Limits::default()).unwrap());
-    Encoder::new(layout, geometry, EncoderSettings { threshold, geometry: source }).unwrap()
+    Encoder::new(layout, geometry, EncoderSettings { threshold, geometry: source, budget: None }).unwrap()
 }
 
 /// A client of the stream with nothing received.
@@ -62,18 +62,18 @@ pub(super) fn client(encoder: &Encoder) -> State {
     state
 }
 
-fn meta(kind: FrameKind, frame: u32) -> FrameMeta {
+pub(super) fn meta(kind: FrameKind, frame: u32) -> FrameMeta {
     FrameMeta { kind, frame: FrameIndex(frame), time: StreamTime(u64::from(frame) * 1000), changed_points: 0 }
 }
 
 /// AO of a point at a time: a shadow that passes over open ground, and a little noise.
-fn ao(point: u32, frame: u32) -> u8 {
+pub(super) fn ao(point: u32, frame: u32) -> u8 {
     let distance = (f64::from(point % 130) - 5.0 * f64::from(frame)).abs();
     let noise = (point.wrapping_mul(0x9E37_79B9).wrapping_add(frame * 77) >> 20) % 5;
     (255.0 - 160.0 * (-distance * distance / 300.0).exp()) as u8 - noise as u8
 }
 
-fn offer(encoder: &mut Encoder, frame: u32, points: std::ops::Range<u32>) {
+pub(super) fn offer(encoder: &mut Encoder, frame: u32, points: std::ops::Range<u32>) {
     for point in points {
         encoder.offer(point, ao(point, frame)).unwrap();
     }
@@ -209,7 +209,7 @@ fn part_of_a_keyframe_can_be_shown() {
 }
 
 /// Applies a body that must be refused; `state` must not change.
-fn refuse(applier: &mut Applier, state: &State, body: &[u8], limits: &Limits) -> FrameError {
+pub(super) fn refuse(applier: &mut Applier, state: &State, body: &[u8], limits: &Limits) -> FrameError {
     let mut found = state.clone();
     let error = applier.apply(&mut found, body, limits).unwrap_err();
     assert_eq!(&found, state);
@@ -421,7 +421,7 @@ proptest! {
 
     #[test]
     fn noise_is_refused_or_has_the_right_hash(
-        noise in prop::collection::vec(any::<u8>(), 0..200), tag in 4_u8..8, coder in 0_u8..4, records in 1_u32..600,
+        noise in prop::collection::vec(any::<u8>(), 0..200), tag in 4_u8..9, coder in 0_u8..4, records in 1_u32..600,
         key in any::<bool>(),
     ) {
         let (state, ..) = &samples(BlockCoder::Range)[usize::from(!key) * 3];

@@ -1,11 +1,14 @@
 //! Writes sections: plain layouts through a block coder, or through the range coder and its models.
 
+use super::State;
 use super::change_model::{ChangeModel, Known};
 use super::changes::Changes;
 use super::context;
 use super::geometry_model::GeometryModel;
 use super::geometry_section::{self, Sets};
 use super::history::History;
+use super::patch_model::PatchModel;
+use super::patch_section::Patch;
 use super::values::{ValueModel, Values};
 use crate::block::{BlockCoder, BlockError, CoderId, Compressor};
 use crate::frame::{EncodeError, SectionInfo, SectionTag};
@@ -128,38 +131,70 @@ impl SectionWriter {
         self.block(SectionTag::VALUES, coder, points)
     }
 
-    /// Writes changes of what is `known`, from which `model` learns.
+    /// Writes changes of what is `known`, from which `model` learns. The range coder stops where they take more than `most`
+    /// bytes; then there is no section, and the answer is how many came before that.
     pub(super) fn changes(
         &mut self,
         known: Known<'_>,
         model: &mut ChangeModel,
         changes: &Changes,
         coder: BlockCoder,
-    ) -> Result<(), EncodeError> {
+        most: usize,
+    ) -> Result<Option<usize>, EncodeError> {
         let (points, blocks) = (changes.levels.len(), known.layout.blocks());
         if coder == BlockCoder::Range {
             let start = self.blocks.len();
+            let most = start.saturating_add(most);
             let mut bits = RangeEncoder::new(&mut self.blocks);
-            model.code(&mut bits, known, changes, &mut self.found, points, |_| false);
+            model.code(&mut bits, known, changes, &mut self.found, points, |bits| bits.len() > most);
             bits.finish();
+            if self.blocks.len() > most {
+                self.blocks.truncate(start);
+                return Ok(Some(self.found.levels.len()));
+            }
             debug_assert_eq!(&self.found, changes);
             self.section(SectionTag::CHANGES, CoderId::RANGE, points, changes.plain_bytes(blocks), start);
-            return Ok(());
+            return Ok(None);
         }
         self.plain.clear();
         changes.write_plain(blocks, &mut self.plain);
-        self.block(SectionTag::CHANGES, coder, points)
+        self.block(SectionTag::CHANGES, coder, points)?;
+        Ok(None)
     }
 
-    /// Writes what was learned. It is no data of points, so the range coder has no model for it.
-    pub(super) fn context(
+    /// Writes a patch that leads to `state`.
+    pub(super) fn patch(
         &mut self,
-        history: &History,
-        model: &ChangeModel,
+        state: &State,
+        patch: &Patch,
         coder: BlockCoder,
     ) -> Result<(), EncodeError> {
+        let (points, blocks) = (patch.bytes.len(), state.layout.blocks());
+        if coder == BlockCoder::Range {
+            let start = self.blocks.len();
+            let mut bits = RangeEncoder::new(&mut self.blocks);
+            let mut model = PatchModel::new();
+            let mut found = Patch { back: model.back(&mut bits, patch.back), ..Patch::default() };
+            let known = (&*state.layout, state.present.as_slice());
+            let mut values = state.values.clone();
+            model.code(&mut bits, known, &mut values, (patch, &mut found), points, |_| false);
+            bits.finish();
+            debug_assert_eq!(&found, patch);
+            self.section(SectionTag::PATCH, CoderId::RANGE, points, patch.plain_bytes(blocks), start);
+            return Ok(());
+        }
         self.plain.clear();
-        context::write(history, model, &mut self.plain);
+        patch.write_plain(blocks, &mut self.plain);
+        self.block(SectionTag::PATCH, coder, points)
+    }
+
+    /// Writes what was learned, if anything was. It is no data of points, so the range coder has no model for it.
+    pub(super) fn context(&mut self, state: &State, coder: BlockCoder) -> Result<(), EncodeError> {
+        if state.history == History::new(state.layout.blocks()) && state.model == ChangeModel::new() {
+            return Ok(());
+        }
+        self.plain.clear();
+        context::write(&state.history, &state.model, &mut self.plain);
         let coder = if coder == BlockCoder::Range { BlockCoder::default() } else { coder };
         self.block(SectionTag::CONTEXT, coder, 1)
     }

@@ -21,6 +21,10 @@ impl CloseCode {
     pub const TIMEOUT: Self = Self(3);
     /// This end failed; the text says how.
     pub const FAILED: Self = Self(4);
+    /// The stream is of another scene than the one that this client draws.
+    pub const SCENE: Self = Self(5);
+    /// The other end said more than it may in the time.
+    pub const FLOOD: Self = Self(6);
 }
 
 impl std::fmt::Debug for CloseCode {
@@ -31,6 +35,8 @@ impl std::fmt::Debug for CloseCode {
             Self::PROTOCOL => "PROTOCOL",
             Self::TIMEOUT => "TIMEOUT",
             Self::FAILED => "FAILED",
+            Self::SCENE => "SCENE",
+            Self::FLOOD => "FLOOD",
             Self(other) => return write!(f, "code {other}"),
         })
     }

@@ -34,13 +34,18 @@ macro_rules! fields {
 
 mod accept;
 mod ack;
+mod auth;
+mod budget;
 mod close;
 mod edit;
+mod gap;
 mod hello;
+mod ping;
 mod reject;
 mod report;
 mod request;
 mod scene;
+mod stamp;
 mod surface;
 #[cfg(test)]
 mod tests;
@@ -49,13 +54,18 @@ mod view;
 
 pub use accept::Accept;
 pub use ack::Ack;
+pub use auth::{Auth, BadToken, MAX_TOKEN_BYTES, MIN_TOKEN_BYTES, Token};
+pub use budget::Budget;
 pub use close::{Close, CloseCode};
 pub use edit::{Edit, EditAction};
+pub use gap::{Gap, GapReason};
 pub use hello::{CoderSet, Hello, PeerLimits, ProfileSet};
+pub use ping::{Ping, Pong};
 pub use reject::{Reject, RejectCode};
 pub use report::{MAX_STAGES, Report, StageId, StageTime};
 pub use request::{KeyframeReason, Request};
 pub use scene::{InstanceBatch, InstanceEntry, MAX_BATCH, Needs, Occlusion, Scene, SceneInfo};
+pub use stamp::Stamp;
 pub use surface::{MemberBatch, MemberEntry, PointSource, SetBatch, SetEntry};
 pub use text::{Text, TextTooLong};
 pub use view::{CameraPose, View};

@@ -23,6 +23,8 @@ impl RejectCode {
     pub const BUSY: Self = Self(5);
     /// The first frame was not a HELLO that can be read.
     pub const BAD_HELLO: Self = Self(6);
+    /// The server wants a token, and none or a wrong one came before the HELLO.
+    pub const CREDENTIAL: Self = Self(7);
 }
 
 impl std::fmt::Debug for RejectCode {
@@ -34,6 +36,7 @@ impl std::fmt::Debug for RejectCode {
             Self::LIMITS => "LIMITS",
             Self::BUSY => "BUSY",
             Self::BAD_HELLO => "BAD_HELLO",
+            Self::CREDENTIAL => "CREDENTIAL",
             Self(other) => return write!(f, "code {other}"),
         })
     }

@@ -3,8 +3,9 @@
 use bincode::{Decode, Encode};
 
 use super::body::Body;
-use super::{Invalid, Message};
+use super::{Invalid, Message, require};
 use crate::FrameType;
+use crate::session::MIN_DATAGRAM_BYTES;
 
 /// Why a client needs a keyframe. Unknown values survive and are served all the same.
 #[derive(Clone, Copy, PartialEq, Eq, Encode, Decode)]
@@ -41,11 +42,19 @@ pub enum Request {
         /// What made it necessary.
         reason: KeyframeReason,
     },
+    /// A STAMP before every keyframe and update from here on.
+    Stamps,
+    /// Updates as datagrams from here on, where the connection has some.
+    Datagrams {
+        /// Most bytes of one, at least [`MIN_DATAGRAM_BYTES`](crate::session::MIN_DATAGRAM_BYTES).
+        bytes: u16,
+    },
 }
 
 impl Body for Request {
     fn check(&self) -> Result<(), Invalid> {
-        Ok(())
+        let Self::Datagrams { bytes } = self else { return Ok(()) };
+        require(*bytes >= MIN_DATAGRAM_BYTES, "bytes", "is less than a datagram has")
     }
 }
 
@@ -63,8 +72,11 @@ mod tests {
     #[test]
     fn golden_bytes() {
         golden(&Request::Keyframe { reason: KeyframeReason::GAP }, "00000000 02");
-        let unknown = Request::from_payload(&[1, 0, 0, 0, 2]);
-        let reason = Malformed::Variant(1);
+        golden(&Request::Stamps, "01000000");
+        golden(&Request::Datagrams { bytes: 1200 }, "02000000 b004");
+        assert!(Request::Datagrams { bytes: MIN_DATAGRAM_BYTES - 1 }.to_payload().is_err());
+        let unknown = Request::from_payload(&[3, 0, 0, 0, 2]);
+        let reason = Malformed::Variant(3);
         assert_eq!(unknown, Err(MessageError::Malformed { message: "REQUEST", length: 5, reason }));
     }
 }

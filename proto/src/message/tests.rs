@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::{CoderId, FrameIndex, Profile, StateHash};
+use crate::{CoderId, FrameIndex, Micros, Profile, StateHash};
 
 fn text<const MAX: usize>() -> impl Strategy<Value = Text<MAX>> {
     ".{0,80}".prop_map(|text: String| Text::cut(&text))
@@ -157,6 +157,16 @@ proptest! {
         check(&Close { code: CloseCode(code), text: words }, place, xor)?;
         check(&Request::Keyframe { reason: KeyframeReason(id) }, place, xor)?;
         check(&Ack { frame: FrameIndex(ack.0), hash: StateHash(ack.1) }, place, xor)?;
+        check(&Request::Datagrams { bytes: 64 | code }, place, xor)?;
+        check(&Auth { token: Token::new(vec![id; 16 + usize::from(id % 241)]).unwrap() }, place, xor)?;
+        let times = [ack.1, u64::from(sets.0), u64::from(sets.1)].map(Micros);
+        check(&Ping { sent: times[0] }, place, xor)?;
+        check(&Pong { sent: times[0], received: times[1], replied: times[2] }, place, xor)?;
+        let captured = times[1].min(times[2]);
+        check(&Stamp { frame: FrameIndex(ack.0), captured, sent: times[1].max(times[2]) }, place, xor)?;
+        let [budget, used] = [limits.points, limits.cells];
+        let (postponed, oldest, forced) = (sets.0 | 1, sets.1, limits.buckets);
+        check(&Budget { frame: FrameIndex(ack.0), budget, used, postponed, oldest, forced }, place, xor)?;
         check(&scene, place, xor)?;
         check(&report, place, xor)?;
         check(&edit, place, xor)?;

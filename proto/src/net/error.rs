@@ -2,6 +2,9 @@
 
 use std::io;
 
+#[cfg(feature = "tls")]
+use super::TlsFault;
+use super::{Address, AddressError};
 use crate::Micros;
 use crate::session::SessionError;
 
@@ -9,8 +12,76 @@ use crate::session::SessionError;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum NetError {
+    /// The address cannot be read.
+    #[error(transparent)]
+    Address(#[from] AddressError),
+    /// Other machines could reach the address, and what guards it is not enough.
+    #[error(
+        "{address} can be reached from other machines, but {lacks}: listen at 127.0.0.1 or a unix: socket, or at a tls: address with a token or client certificates, or open it to everyone on purpose"
+    )]
+    Exposed {
+        /// The address as it was given.
+        address: String,
+        /// What is missing.
+        lacks: &'static str,
+    },
+    /// The address asks for TLS, and what that takes was not given.
+    #[error("{address} needs {needs}")]
+    TlsNeeds {
+        /// The address as it was given.
+        address: String,
+        /// What is missing.
+        needs: &'static str,
+    },
+    /// Certificates were given for an address that has no use for them.
+    #[error(
+        "certificates were given, but {address} does not use TLS: write tls:host:port, or leave them out"
+    )]
+    TlsUnused {
+        /// The address as it was given.
+        address: String,
+    },
+    /// TLS could not be set up, or broke.
+    #[cfg(feature = "tls")]
+    #[error("{address}: {source}")]
+    Tls {
+        /// The other end.
+        address: String,
+        /// What was wrong.
+        source: TlsFault,
+    },
+    /// The server speaks TLS, and the address does not say so.
+    #[error(
+        "the server at {address} speaks TLS: connect to tls:{address}, with the certificate of its authority"
+    )]
+    SpeaksTls {
+        /// The address as it was given.
+        address: String,
+    },
+    /// A token would leave this machine without TLS.
+    #[error(
+        "the token would go to {address} in the clear, for everyone on the way to read: use a tls: address, leave the token out, or allow it on purpose"
+    )]
+    TokenInClear {
+        /// The address as it was given.
+        address: String,
+    },
+    /// The path of a Unix socket is taken by something else.
+    #[error("{} exists and is no socket: choose another path, or remove it", path.display())]
+    NotASocket {
+        /// The path.
+        path: std::path::PathBuf,
+    },
+    /// The server takes nothing of what this client says.
+    #[error("{address} took nothing of what this client had to say for {:.1} s", waited.as_secs_f64())]
+    Stalled {
+        /// The other end.
+        address: String,
+        /// How long.
+        waited: Micros,
+    },
     /// Nothing listens at the address.
-    #[error("nothing answers at {address}: is the server running there, and is the port the right one?")]
+    #[error("nothing answers at {address}: is the server running, and is the address the right one?")]
     Refused {
         /// The address as it was given.
         address: String,
@@ -33,7 +104,7 @@ pub enum NetError {
     },
     /// Another program listens at the address already.
     #[error(
-        "{address} is in use: another program, or another server of this kind, listens there. Stop it, or choose another port"
+        "{address} is in use: another program, or another server of this kind, listens there. Stop it, or choose another address"
     )]
     InUse {
         /// The address as it was given.
@@ -76,16 +147,24 @@ pub enum NetError {
 }
 
 impl NetError {
-    pub(super) fn connect(address: &str, source: io::Error) -> Self {
-        let address = address.to_owned();
+    /// `needs` is what is missing in a program that has TLS.
+    pub(super) fn tls_needs(address: &Address, needs: &'static str) -> Self {
+        let needs = if cfg!(feature = "tls") { needs } else { "a program that is built with TLS" };
+        Self::TlsNeeds { address: address.to_string(), needs }
+    }
+
+    pub(super) fn connect(address: &Address, source: io::Error) -> Self {
+        let address = address.to_string();
         match source.kind() {
             io::ErrorKind::ConnectionRefused => Self::Refused { address },
+            // The file of a Unix socket; names of hosts that are not found are of another kind.
+            io::ErrorKind::NotFound => Self::Refused { address },
             _ => Self::Connect { address, source },
         }
     }
 
-    pub(super) fn bind(address: &str, source: io::Error) -> Self {
-        let address = address.to_owned();
+    pub(super) fn bind(address: &Address, source: io::Error) -> Self {
+        let address = address.to_string();
         match source.kind() {
             io::ErrorKind::AddrInUse => Self::InUse { address },
             _ => Self::Bind { address, source },

@@ -1,20 +1,24 @@
 //! The clients of a server, shared by their connections and the frame loop.
 
-use std::collections::{BTreeMap, VecDeque};
-use std::net::SocketAddr;
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use psao_codec::frame::{FrameInfo, FrameKind};
+use psao_codec::block::BlockCoder;
+use psao_codec::frame::{EncodeError, FrameInfo};
+use psao_codec::stream::StateRef;
 use tokio::sync::Notify;
-use tokio::time::timeout;
+use tokio::time::{Instant, timeout};
 
-use crate::message::{CameraPose, CloseCode, Edit, Report};
-use crate::session::{SendError, Sent, ServerEvent, ServerSession, SessionError};
-use crate::{FrameIndex, Limits, Micros, SceneTable};
+use super::{Peer, PeerFault, since};
+use crate::message::{Budget, CameraPose, CloseCode, Edit, Report, Token};
+use crate::session::{Access, SendError, Sent, ServerEvent, ServerSession, SessionError};
+use crate::{Fanout, FrameIndex, Limits, Micros, Offer, SceneTable};
 
-/// Most events that wait for the frame loop; beyond it the oldest are forgotten.
+/// Most events that wait for the frame loop; beyond it the oldest are forgotten, and counted.
 const MAX_EVENTS: usize = 1024;
+/// Connections over the limit of clients that are told so; further ones are dropped without a word.
+const MAX_TOLD: usize = 64;
 
 /// Number of a client: 1 for the first that connected, never used again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -28,7 +32,7 @@ pub enum HubEvent {
         /// The client.
         client: ClientId,
         /// Where it is.
-        peer: SocketAddr,
+        peer: Peer,
         /// What it calls itself.
         name: String,
     },
@@ -44,9 +48,24 @@ pub enum HubEvent {
         /// The client.
         client: ClientId,
         /// Where it was.
-        peer: SocketAddr,
-        /// Why, when it did not simply close.
-        error: Option<SessionError>,
+        peer: Peer,
+        /// Why, when it was not by a CLOSE of either end.
+        error: Option<PeerFault>,
+    },
+    /// Connections cannot be accepted, as when the process has no file descriptor left. Told once until one can again.
+    AcceptFailed {
+        /// What the system says.
+        what: String,
+    },
+    /// Connections that were dropped without a word, since so many were being turned away already.
+    Dropped {
+        /// How many since this was told last.
+        connections: u64,
+    },
+    /// Events that are missing before the next, since nobody took them.
+    Missed {
+        /// How many.
+        events: u64,
     },
 }
 
@@ -55,9 +74,11 @@ pub enum HubEvent {
 pub struct Broadcast {
     /// Clients that get it as an update.
     pub updates: u32,
-    /// Clients that get a keyframe instead.
+    /// Clients that get a keyframe.
     pub keyframes: u32,
-    /// Clients that are behind and get a keyframe later.
+    /// Clients that fell behind and get the newest values of what they missed.
+    pub patches: u32,
+    /// Clients that are behind and get what they missed later.
     pub behind: u32,
 }
 
@@ -72,7 +93,11 @@ pub struct Hub {
 #[derive(Debug)]
 struct Shared {
     scene: Arc<SceneTable>,
+    access: Access,
     limits: Limits,
+    started: Instant,
+    /// Taken before `inner` where both are.
+    fanout: Mutex<Fanout>,
     inner: Mutex<Inner>,
     /// Something changed that a waiting frame loop may care about.
     changed: Notify,
@@ -82,20 +107,23 @@ struct Shared {
 struct Inner {
     clients: BTreeMap<ClientId, Slot>,
     events: VecDeque<HubEvent>,
+    /// Events that were forgotten, connections that were dropped, since the last time that events were taken.
+    missed: u64,
+    dropped: u64,
     last_id: u64,
     closing: bool,
 }
 
 #[derive(Debug)]
 struct Slot {
-    peer: SocketAddr,
+    peer: Peer,
     session: ServerSession,
     /// Wakes the connection's writer.
     wake: Arc<Notify>,
     view: Option<CameraPose>,
     /// The newest frame that was sent and not acknowledged.
     owes: Option<FrameIndex>,
-    error: Option<SessionError>,
+    error: Option<PeerFault>,
 }
 
 impl Slot {
@@ -106,7 +134,9 @@ impl Slot {
             ServerEvent::View(view) => self.view = Some(view),
             ServerEvent::Acked(ack) => self.owes = self.owes.filter(|&frame| frame > ack.frame),
             // It will acknowledge the keyframe instead.
-            ServerEvent::KeyframeWanted(_) | ServerEvent::Closed(_) => self.owes = None,
+            ServerEvent::KeyframeWanted(_) | ServerEvent::Diverged(_) | ServerEvent::Closed(_) => {
+                self.owes = None;
+            }
         }
         None
     }
@@ -119,59 +149,87 @@ enum HubEventKind {
 }
 
 impl Hub {
-    /// A hub without clients.
+    /// A hub without clients, for a stream before its first frame. `coder` is the stream's, for keyframes and patches.
     #[must_use]
-    pub fn new(scene: Arc<SceneTable>, limits: Limits) -> Self {
-        let shared = Shared { scene, limits, inner: Mutex::default(), changed: Notify::new() };
+    pub fn new(scene: Arc<SceneTable>, coder: BlockCoder, access: Access, limits: Limits) -> Self {
+        let shared = Shared {
+            scene,
+            access,
+            limits,
+            started: Instant::now(),
+            fanout: Mutex::new(Fanout::new(coder)),
+            inner: Mutex::default(),
+            changed: Notify::new(),
+        };
         Self { shared: Arc::new(shared) }
     }
 
-    /// Gives a frame to every client. `body` goes to those that follow; whoever needs a keyframe gets what `keyframe`
-    /// makes of the state after the frame. It is asked once, and only if some client needs it. A frame that is a
-    /// keyframe itself goes to all.
+    /// Gives a frame to every client: `body` to those that follow, and to the others what brings them to it, made once
+    /// for all who stand in the same place. `state` is the server's after the frame, `captured` when the scene was as the
+    /// frame has it, as [`now`](Self::now) had it then.
     ///
     /// # Errors
-    /// What `keyframe` fails with; the clients that need none have their update.
-    pub fn broadcast<E>(
+    /// [`EncodeError`] when a keyframe or patch cannot be made; the clients that need none have their update.
+    pub fn broadcast(
         &self,
         info: &FrameInfo,
-        body: &[u8],
-        keyframe: impl FnOnce() -> Result<Vec<u8>, E>,
-    ) -> Result<Broadcast, E> {
-        let is_key = info.kind == FrameKind::Key;
+        body: impl Into<Arc<[u8]>>,
+        state: StateRef<'_>,
+        captured: Micros,
+    ) -> Result<Broadcast, EncodeError> {
+        let mut fanout = self.shared.fanout.lock().unwrap_or_else(PoisonError::into_inner);
+        fanout.advance(info, body, state, captured);
         let mut counts = Broadcast::default();
-        let mut waiting = Vec::new();
-        for (&id, slot) in &mut self.lock().clients {
-            if !slot.session.is_joined() {
-            } else if is_key {
-                counts.keyframes += slot.give(info.frame, |session| session.send_keyframe(body));
-            } else if slot.session.wants_keyframe() {
-                waiting.push(id);
-            } else {
-                let sent = slot.give(info.frame, |session| session.send_update(body));
-                counts.updates += sent;
-                counts.behind += 1 - sent;
-            }
-        }
-        if waiting.is_empty() {
-            return Ok(counts);
-        }
-        // Made without the lock: it takes a while, and the connections go on meanwhile.
-        let body = keyframe()?;
-        let mut inner = self.lock();
-        for id in waiting {
-            if let Some(slot) = inner.clients.get_mut(&id) {
-                counts.keyframes += slot.give(info.frame, |session| session.send_keyframe(&body));
+        let mut waiting: Vec<ClientId> = self.lock().clients.keys().copied().collect();
+        while !waiting.is_empty() {
+            let mut needs = BTreeSet::new();
+            let now = self.now();
+            let mut inner = self.lock();
+            waiting.retain(|id| {
+                let Some(slot) = inner.clients.get_mut(id) else { return false };
+                slot.tick(now);
+                let offer = slot.offer(&mut fanout, info.frame);
+                counts.count(offer, slot.session.is_joined());
+                needs.extend(match offer {
+                    Offer::Needs(need) => Some(need),
+                    _ => None,
+                });
+                matches!(offer, Offer::Needs(_))
+            });
+            // Made without the lock: it takes a while, and the connections go on meanwhile.
+            drop(inner);
+            for need in needs {
+                fanout.make(need, state)?;
             }
         }
         Ok(counts)
     }
 
+    /// Takes an edit that is part of the frames from the next on; every client hears of it.
+    pub fn edit(&self, edit: &Edit) {
+        self.shared.fanout.lock().unwrap_or_else(PoisonError::into_inner).edit(edit);
+    }
+
+    /// The time by the hub's clock: microseconds since it was made. Clients learn it from STAMPs and PONGs.
+    #[must_use]
+    pub fn now(&self) -> Micros {
+        since(self.shared.started)
+    }
+
     /// Gives a report to every client that is not behind.
     pub fn report(&self, report: &Report) {
+        self.note(|session| session.send_report(report));
+    }
+
+    /// Tells every client that is not behind what a frame did with its byte budget.
+    pub fn budget(&self, budget: &Budget) {
+        self.note(|session| session.send_budget(budget));
+    }
+
+    fn note(&self, send: impl Fn(&mut ServerSession) -> Result<Sent, SendError>) {
         for slot in self.lock().clients.values_mut() {
-            // A report that a client does not get is nobody's loss.
-            let _ = slot.session.send_report(report);
+            // A note that a client does not get is nobody's loss.
+            let _ = send(&mut slot.session);
             slot.wake.notify_one();
         }
     }
@@ -179,7 +237,11 @@ impl Hub {
     /// What happened since the last call.
     #[must_use]
     pub fn take_events(&self) -> Vec<HubEvent> {
-        self.lock().events.drain(..).collect()
+        let mut inner = self.lock();
+        let (missed, dropped) = (std::mem::take(&mut inner.missed), std::mem::take(&mut inner.dropped));
+        let missed = (missed > 0).then_some(HubEvent::Missed { events: missed });
+        let dropped = (dropped > 0).then_some(HubEvent::Dropped { connections: dropped });
+        missed.into_iter().chain(inner.events.drain(..)).chain(dropped).collect()
     }
 
     /// Where the clients look from: one camera for each that said so.
@@ -222,23 +284,25 @@ impl Hub {
                 slot.wake.notify_one();
             }
         }
+        self.shared.changed.notify_waiters();
         self.wait_until(|hub| hub.lock().clients.is_empty(), patience).await;
     }
 
     async fn wait_until(&self, done: impl Fn(&Self) -> bool, patience: Duration) -> bool {
-        let waiting = async {
-            loop {
-                let changed = self.shared.changed.notified();
-                tokio::pin!(changed);
-                // Listening starts before looking, so that no change in between is missed.
-                changed.as_mut().enable();
-                if done(self) {
-                    return;
-                }
-                changed.await;
+        timeout(patience, self.until(&done)).await.is_ok() || done(self)
+    }
+
+    async fn until(&self, done: impl Fn(&Self) -> bool) {
+        loop {
+            let changed = self.shared.changed.notified();
+            tokio::pin!(changed);
+            // Listening starts before looking, so that no change in between is missed.
+            changed.as_mut().enable();
+            if done(self) {
+                return;
             }
-        };
-        timeout(patience, waiting).await.is_ok() || done(self)
+            changed.await;
+        }
     }
 
     fn lock(&self) -> MutexGuard<'_, Inner> {
@@ -249,36 +313,44 @@ impl Hub {
     // What follows is for the connections.
 
     /// Takes a connection in; the notify wakes its writer. Beyond the limit, or when the hub is closing, the client is
-    /// told so.
-    pub(super) fn add(&self, peer: SocketAddr) -> (ClientId, Arc<Notify>) {
+    /// told so; nothing is given when too many are being told already.
+    pub(super) fn add(&self, peer: Peer) -> Option<(ClientId, Arc<Notify>)> {
         let mut inner = self.lock();
+        let limit = self.shared.limits.max_clients as usize;
+        if inner.clients.len() >= limit.saturating_add(MAX_TOLD) {
+            inner.dropped += 1;
+            return None;
+        }
         inner.last_id += 1;
         let id = ClientId(inner.last_id);
-        let mut session = ServerSession::new(self.shared.scene.clone(), self.shared.limits);
-        let full = inner.clients.len() >= self.shared.limits.max_clients as usize;
-        if full || inner.closing {
-            let text = if full {
-                "the server has as many clients as it takes; try later"
-            } else {
-                "the stream is over"
-            };
+        let mut session =
+            ServerSession::new(self.shared.scene.clone(), self.shared.access.clone(), self.shared.limits);
+        let full = inner.clients.len() >= limit;
+        let turned_away = if full {
+            Some("the server has as many clients as it takes; try later")
+        } else {
+            inner.closing.then_some("the stream is over")
+        };
+        if let Some(text) = turned_away {
             session.close(CloseCode::STOPPED, text);
         }
+        let error = full.then_some(PeerFault::TurnedAway { limit: self.shared.limits.max_clients });
         let wake = Arc::new(Notify::new());
-        let slot = Slot { peer, session, wake: wake.clone(), view: None, owes: None, error: None };
+        let slot = Slot { peer, session, wake: wake.clone(), view: None, owes: None, error };
         inner.clients.insert(id, slot);
-        (id, wake)
+        Some((id, wake))
     }
 
     /// Bytes from a client; gives whether the session goes on.
-    pub(super) fn received(&self, id: ClientId, bytes: &[u8], now: Micros) -> bool {
+    pub(super) fn received(&self, id: ClientId, bytes: &[u8]) -> bool {
+        let now = self.now();
         let mut inner = self.lock();
         let Some(slot) = inner.clients.get_mut(&id) else { return false };
         let peer = slot.peer;
         let heard = match slot.session.handle(bytes, now) {
             Ok(events) => events.into_iter().filter_map(|event| slot.heard(event)).collect(),
             Err(error) => {
-                slot.error.get_or_insert(error);
+                slot.error.get_or_insert(PeerFault::session(error));
                 Vec::new()
             }
         };
@@ -309,9 +381,54 @@ impl Hub {
         (out, slot.session.is_closed() && slot.session.output().is_empty())
     }
 
-    /// Whether the client has joined, so its handshake has no deadline any more.
-    pub(super) fn is_joined(&self, id: ClientId) -> bool {
-        self.lock().clients.get(&id).is_some_and(|slot| slot.session.is_joined())
+    /// Tells the client's session the time alone; gives whether it goes on.
+    pub(super) fn tick(&self, id: ClientId) -> bool {
+        let now = self.now();
+        let mut inner = self.lock();
+        let Some(slot) = inner.clients.get_mut(&id) else { return false };
+        slot.tick(now);
+        slot.wake.notify_one();
+        !slot.session.is_closed()
+    }
+
+    /// How long until the client's session wants to be told the time, if ever.
+    pub(super) fn patience(&self, id: ClientId) -> Option<Duration> {
+        let inner = self.lock();
+        let deadline = inner.clients.get(&id)?.session.next_deadline()?;
+        Some(Duration::from_micros(deadline.since(self.now()).0))
+    }
+
+    /// The connection ended or broke. Nothing goes on after it.
+    pub(super) fn fault(&self, id: ClientId, fault: PeerFault) {
+        if let Some(slot) = self.lock().clients.get_mut(&id) {
+            slot.session.close(CloseCode::FAILED, "the connection broke");
+            slot.error.get_or_insert(fault);
+        }
+    }
+
+    /// Nothing more comes from the client; that is in order when either end has said goodbye.
+    pub(super) fn disconnected(&self, id: ClientId) {
+        let mut inner = self.lock();
+        let Some(slot) = inner.clients.get_mut(&id) else { return };
+        if !slot.session.is_closed() {
+            let unfinished = slot.session.unfinished_bytes();
+            drop(inner);
+            self.fault(id, PeerFault::Disconnected { unfinished });
+        }
+    }
+
+    /// The client has taken nothing for [`Limits::stall`]: it is told so, should it wake.
+    pub(super) fn stalled(&self, id: ClientId) {
+        if let Some(slot) = self.lock().clients.get_mut(&id) {
+            let error = SessionError::Stalled { waited: self.shared.limits.stall };
+            slot.session.close(CloseCode::TIMEOUT, &error.to_string());
+            slot.error.get_or_insert(PeerFault::Session(error));
+        }
+    }
+
+    /// A connection could not be accepted.
+    pub(super) fn accept_failed(&self, error: &std::io::Error) {
+        self.lock().tell(HubEvent::AcceptFailed { what: error.to_string() });
     }
 
     /// The connection is gone.
@@ -328,30 +445,59 @@ impl Hub {
         self.shared.limits
     }
 
-    pub(super) fn is_closing(&self) -> bool {
-        self.lock().closing
+    /// The token that clients must show, if any.
+    pub(super) fn token(&self) -> Option<&Token> {
+        match &self.shared.access {
+            Access::Token(token) => Some(token),
+            Access::Open => None,
+        }
+    }
+
+    /// Waits until the hub takes no more clients.
+    pub(super) async fn closing(&self) {
+        self.until(|hub| hub.lock().closing).await;
     }
 }
 
 impl Slot {
-    /// Sends something of `frame`; 1 if the client will get it, 0 if not. A client that cannot take it at all is closed.
-    fn give(
-        &mut self,
-        frame: FrameIndex,
-        send: impl FnOnce(&mut ServerSession) -> Result<Sent, SendError>,
-    ) -> u32 {
-        let result = send(&mut self.session);
-        self.wake.notify_one();
-        match result {
-            Ok(Sent::Queued) => {
-                self.owes = Some(frame);
-                return 1;
-            }
-            Ok(Sent::Dropped) => {}
-            Err(error) => self.session.close(CloseCode::FAILED, &error.to_string()),
+    /// Tells the session the time.
+    fn tick(&mut self, now: Micros) {
+        if let Err(error) = self.session.tick(now) {
+            self.error.get_or_insert(PeerFault::session(error));
         }
-        self.owes = None;
-        0
+    }
+
+    /// Gives the client the newest frame. One that cannot take it at all is closed.
+    fn offer(&mut self, fanout: &mut Fanout, frame: FrameIndex) -> Offer {
+        let offer = match fanout.offer(&mut self.session) {
+            Ok(offer) => offer,
+            Err(error) => {
+                if !self.session.is_closed() {
+                    self.session.close(CloseCode::FAILED, &error.to_string());
+                    self.error.get_or_insert(PeerFault::Unservable(error));
+                }
+                Offer::Nothing
+            }
+        };
+        match offer {
+            Offer::Update | Offer::Keyframe | Offer::Patch => self.owes = Some(frame),
+            Offer::Nothing => self.owes = None,
+            Offer::Current | Offer::Needs(_) => {}
+        }
+        self.wake.notify_one();
+        offer
+    }
+}
+
+impl Broadcast {
+    fn count(&mut self, offer: Offer, joined: bool) {
+        match offer {
+            Offer::Update => self.updates += 1,
+            Offer::Keyframe => self.keyframes += 1,
+            Offer::Patch => self.patches += 1,
+            Offer::Nothing => self.behind += u32::from(joined),
+            Offer::Current | Offer::Needs(_) => {}
+        }
     }
 }
 
@@ -359,6 +505,7 @@ impl Inner {
     fn tell(&mut self, event: HubEvent) {
         if self.events.len() >= MAX_EVENTS {
             self.events.pop_front();
+            self.missed += 1;
         }
         self.events.push_back(event);
     }

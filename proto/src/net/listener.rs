@@ -1,128 +1,220 @@
-//! Accepting clients and carrying their bytes.
+//! Listening for clients.
 
 use std::net::SocketAddr;
 use std::time::Duration;
 
-use tokio::io::{AsyncReadExt, AsyncWriteExt};
-use tokio::net::tcp::{OwnedReadHalf, OwnedWriteHalf};
 use tokio::net::{TcpListener, TcpStream};
-use tokio::sync::Notify;
-use tokio::time::{Instant, sleep, timeout};
+use tokio::time::sleep;
 
-use super::{CHUNK, ClientId, Hub, NetError, since};
+#[cfg(feature = "tls")]
+use super::ServerTls;
+use super::serve::serve;
+use super::stream::{is_local, resolve};
+#[cfg(unix)]
+use super::unix::UnixSocketListener;
+use super::{Address, HostPort, Hub, NetError, Peer};
 
-/// How long the last frames of a session may take to leave, and the other end to take them.
-const LINGER: Duration = Duration::from_secs(2);
 /// Pause after a failed accept, as when the process has no file descriptor left.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
+
+/// Who may reach a server.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Exposure {
+    /// An address that other machines can reach needs TLS and a credential: a token, or certificates of clients.
+    #[default]
+    Guarded,
+    /// Any address will do, and whoever reaches it is served. For networks that are closed in themselves.
+    OpenToEveryone,
+}
+
+/// How a server listens. The default: without TLS, and guarded.
+#[derive(Clone, Debug, Default)]
+pub struct ListenOptions {
+    exposure: Exposure,
+    #[cfg(feature = "tls")]
+    tls: Option<ServerTls>,
+}
+
+impl ListenOptions {
+    /// The same, for these peers.
+    #[must_use]
+    pub const fn exposure(mut self, exposure: Exposure) -> Self {
+        self.exposure = exposure;
+        self
+    }
+
+    /// The same, with a certificate, for addresses `tls:host:port`.
+    #[cfg(feature = "tls")]
+    #[must_use]
+    pub fn tls(mut self, tls: ServerTls) -> Self {
+        self.tls = Some(tls);
+        self
+    }
+
+    const fn has_tls(&self) -> bool {
+        #[cfg(feature = "tls")]
+        return self.tls.is_some();
+        #[cfg(not(feature = "tls"))]
+        return false;
+    }
+
+    /// Whether clients must show certificates.
+    fn asks_clients(&self) -> bool {
+        #[cfg(feature = "tls")]
+        return self.tls.as_ref().is_some_and(ServerTls::asks_clients);
+        #[cfg(not(feature = "tls"))]
+        return false;
+    }
+
+    /// Refuses what would let in whom nobody asked for.
+    fn check_exposure(
+        &self,
+        address: &Address,
+        places: &[SocketAddr],
+        has_token: bool,
+    ) -> Result<(), NetError> {
+        if self.exposure == Exposure::OpenToEveryone || places.iter().all(is_local) {
+            return Ok(());
+        }
+        let lacks = match (matches!(address, Address::Tls(_)), has_token || self.asks_clients()) {
+            (true, true) => return Ok(()),
+            (true, false) => "asks nobody for a token or a certificate",
+            (false, true) => "has no TLS",
+            (false, false) => "has no TLS and asks nobody for a token or a certificate",
+        };
+        Err(NetError::Exposed { address: address.to_string(), lacks })
+    }
+}
 
 /// A bound address that clients connect to.
 #[derive(Debug)]
 pub struct Listener {
-    listener: TcpListener,
+    hub: Hub,
+    address: Address,
+    socket: Socket,
+    #[cfg(feature = "tls")]
+    tls: Option<ServerTls>,
+}
+
+#[derive(Debug)]
+enum Socket {
+    Tcp(TcpListener),
+    #[cfg(unix)]
+    Unix(UnixSocketListener),
 }
 
 impl Listener {
-    /// Listens at `address` (`host:port`; port 0 lets the system choose).
+    /// Listens at `address` for clients of `hub`; port 0 lets the system choose. A Unix socket that nothing answers at is
+    /// replaced; the new one is its owner's alone (mode 0600) and removed when the listener is dropped.
     ///
     /// # Errors
-    /// [`NetError::InUse`], [`NetError::Bind`].
-    pub async fn bind(address: &str) -> Result<Self, NetError> {
-        let listener = TcpListener::bind(address).await.map_err(|source| NetError::bind(address, source))?;
-        Ok(Self { listener })
+    /// [`NetError::Exposed`] for an address that other machines can reach, unless it has TLS and a credential or the
+    /// options allow everyone; [`NetError::TlsNeeds`] and [`NetError::TlsUnused`] when address and options disagree;
+    /// [`NetError::InUse`], [`NetError::NotASocket`], [`NetError::Bind`].
+    pub async fn bind(hub: &Hub, address: &Address, options: &ListenOptions) -> Result<Self, NetError> {
+        check_tls(address, options)?;
+        let (address, socket) = match address {
+            Address::Tcp(place) => {
+                let (port, socket) = bind_tcp(hub, address, place, options).await?;
+                (Address::Tcp(HostPort { port, ..place.clone() }), socket)
+            }
+            Address::Tls(place) => {
+                let (port, socket) = bind_tcp(hub, address, place, options).await?;
+                (Address::Tls(HostPort { port, ..place.clone() }), socket)
+            }
+            #[cfg(unix)]
+            Address::Unix(path) => (address.clone(), Socket::Unix(UnixSocketListener::bind(path).await?)),
+            #[cfg(not(unix))]
+            Address::Unix(_) => {
+                return Err(NetError::bind(address, std::io::ErrorKind::Unsupported.into()));
+            }
+        };
+        Ok(Self {
+            hub: hub.clone(),
+            address,
+            socket,
+            #[cfg(feature = "tls")]
+            tls: options.tls.clone(),
+        })
     }
 
     /// The address that it listens at, with the port that was chosen.
-    ///
-    /// # Errors
-    /// What the system says.
-    pub fn local_addr(&self) -> std::io::Result<SocketAddr> {
-        self.listener.local_addr()
+    #[must_use]
+    pub const fn address(&self) -> &Address {
+        &self.address
     }
 
     /// Serves every client that connects, each in a task of its own, until the hub is closed or this is dropped.
-    pub async fn run(self, hub: Hub) {
-        while !hub.is_closing() {
-            match self.listener.accept().await {
-                Ok((stream, peer)) => drop(tokio::spawn(serve(hub.clone(), stream, peer))),
-                // One client that could not be accepted must not end the others.
-                Err(_) => sleep(ACCEPT_PAUSE).await,
-            }
-        }
-    }
-}
-
-/// One client, from accept to the end.
-async fn serve(hub: Hub, stream: TcpStream, peer: SocketAddr) {
-    // Frames must not wait for company. Where this fails they are late, no more.
-    let _ = stream.set_nodelay(true);
-    let (id, wake) = hub.add(peer);
-    let (mut from, mut to) = stream.into_split();
-    {
-        let reading = read_all(&hub, id, &mut from);
-        let writing = write_all(&hub, id, &wake, &mut to);
-        tokio::pin!(reading, writing);
-        tokio::select! {
-            // The client is gone, or said something that ends the session: what waits may still go out.
-            () = &mut reading => { let _ = timeout(LINGER, writing).await; }
-            () = &mut writing => {}
-        }
-    }
-    let _ = to.shutdown().await;
-    // A socket closed with bytes unread is reset, and the last frames may be lost with it.
-    let _ = timeout(LINGER, discard(&mut from)).await;
-    hub.remove(id);
-}
-
-/// Reads until the connection or the session ends.
-async fn read_all(hub: &Hub, id: ClientId, from: &mut OwnedReadHalf) {
-    let started = Instant::now();
-    let mut buffer = vec![0; CHUNK];
-    loop {
-        let read = from.read(&mut buffer);
-        let result = if hub.is_joined(id) {
-            read.await
-        } else {
-            let left = hub.limits().handshake.since(since(started)).0;
-            match timeout(Duration::from_micros(left + 1), read).await {
-                Ok(result) => result,
-                Err(_) => {
-                    // Says whether the deadline has passed, and to the client that it has.
-                    if hub.received(id, &[], since(started)) {
-                        continue;
+    pub async fn run(self) {
+        let mut failing = false;
+        loop {
+            let accepted = tokio::select! {
+                accepted = self.accept() => accepted,
+                () = self.hub.closing() => return,
+            };
+            match accepted {
+                Ok(()) => failing = false,
+                // One client that could not be accepted must not end the others. A row of failures is told once.
+                Err(error) => {
+                    if !std::mem::replace(&mut failing, true) {
+                        self.hub.accept_failed(&error);
                     }
-                    return;
-                }
-            }
-        };
-        match result {
-            Ok(0) | Err(_) => return,
-            Ok(count) => {
-                if !hub.received(id, buffer.get(..count).unwrap_or_default(), since(started)) {
-                    return;
+                    sleep(ACCEPT_PAUSE).await;
                 }
             }
         }
     }
-}
 
-/// Writes whatever waits, until the session is over or the connection is.
-async fn write_all(hub: &Hub, id: ClientId, wake: &Notify, to: &mut OwnedWriteHalf) {
-    loop {
-        let (bytes, over) = hub.take_output(id, CHUNK);
-        if !bytes.is_empty() && to.write_all(&bytes).await.is_err() {
+    /// Waits for one connection and starts its task.
+    async fn accept(&self) -> std::io::Result<()> {
+        let hub = self.hub.clone();
+        match &self.socket {
+            Socket::Tcp(listener) => {
+                let (stream, from) = listener.accept().await?;
+                // Frames must not wait for company. Where this fails they are late, no more.
+                let _ = stream.set_nodelay(true);
+                self.start_tcp(hub, stream, from);
+            }
+            #[cfg(unix)]
+            Socket::Unix(listener) => {
+                let (stream, peer) = listener.accept().await?;
+                tokio::spawn(serve(hub, peer, Box::new(stream)));
+            }
+        }
+        Ok(())
+    }
+
+    fn start_tcp(&self, hub: Hub, stream: TcpStream, from: SocketAddr) {
+        #[cfg(feature = "tls")]
+        if let (Address::Tls(_), Some(tls)) = (&self.address, &self.tls) {
+            tokio::spawn(super::serve::serve_tls(hub, from, stream, tls.clone()));
             return;
         }
-        if over {
-            return;
-        }
-        if bytes.is_empty() {
-            wake.notified().await;
-        }
+        tokio::spawn(serve(hub, Peer::Tcp(from), Box::new(stream)));
     }
 }
 
-async fn discard(from: &mut OwnedReadHalf) {
-    let mut buffer = vec![0; CHUNK];
-    while matches!(from.read(&mut buffer).await, Ok(count) if count > 0) {}
+async fn bind_tcp(
+    hub: &Hub,
+    address: &Address,
+    place: &HostPort,
+    options: &ListenOptions,
+) -> Result<(u16, Socket), NetError> {
+    let refused = |source| NetError::bind(address, source);
+    let places = resolve(place).await.map_err(refused)?;
+    options.check_exposure(address, &places, hub.token().is_some())?;
+    let listener = TcpListener::bind(&places[..]).await.map_err(refused)?;
+    let port = listener.local_addr().map_err(refused)?.port();
+    Ok((port, Socket::Tcp(listener)))
+}
+
+/// Whether address and options agree about TLS.
+fn check_tls(address: &Address, options: &ListenOptions) -> Result<(), NetError> {
+    match (address, options.has_tls()) {
+        (Address::Tls(_), false) => {
+            Err(NetError::tls_needs(address, "the server's certificate and its private key"))
+        }
+        (Address::Tls(_), true) | (_, false) => Ok(()),
+        (_, true) => Err(NetError::TlsUnused { address: address.to_string() }),
+    }
 }

@@ -1,30 +1,35 @@
-//! Sockets around the sessions: the only part of this crate that does I/O. Behind the feature `tokio`.
+//! Sockets around the sessions: the only part of this crate that does I/O. Behind the feature `tokio`, TLS behind `tls`.
 //!
 //! A server binds a [`Listener`], which serves every client that connects and shares a [`Hub`] with the frame loop; the
-//! frame loop gives the hub one frame after the other. A client [`connect`]s and takes events.
+//! frame loop gives the hub one frame after the other. A client [`connect`]s and takes events. Both take any
+//! [`Address`]: TCP, TLS over TCP, or a Unix socket; [`connect_in_process`] needs none.
+//!
+//! An address that other machines can reach must have TLS and ask for a credential, or be opened to everyone on purpose
+//! ([`Exposure`]). What a bad peer does ends its own connection and is told once, as [`HubEvent::Left`] with a
+//! [`PeerFault`].
 //!
 //! ```
 //! use std::time::Duration;
 //!
 //! use psao_proto::message::CloseCode;
-//! use psao_proto::net::{Hub, Listener, connect};
+//! use psao_proto::net::{ConnectOptions, Hub, ListenOptions, Listener, connect};
 //! use psao_proto::sample::SampleServer;
-//! use psao_proto::session::ClientEvent;
+//! use psao_proto::session::{Access, ClientEvent};
 //! use psao_proto::Limits;
 //!
 //! # #[tokio::main(flavor = "current_thread")]
 //! # async fn main() -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
 //! // The server: accept in the background, send frames from a loop.
 //! let mut source = SampleServer::new()?;
-//! let hub = Hub::new(source.scene().clone(), Limits::default());
-//! let listener = Listener::bind("127.0.0.1:0").await?;
-//! let address = listener.local_addr()?.to_string();
-//! tokio::spawn(listener.run(hub.clone()));
+//! let hub = Hub::new(source.scene().clone(), source.coder(), Access::Open, Limits::default());
+//! let listener = Listener::bind(&hub, &"127.0.0.1:0".parse()?, &ListenOptions::default()).await?;
+//! let address = listener.address().clone();
+//! tokio::spawn(listener.run());
 //! let server = tokio::spawn(async move {
 //!     hub.wait_joined(1, Duration::from_secs(10)).await;
 //!     for _ in 0..3 {
 //!         let frame = source.step()?;
-//!         hub.broadcast(&frame.info, &frame.body, || source.keyframe())?;
+//!         hub.broadcast(&frame.info, frame.body, source.state().into(), hub.now())?;
 //!         // In step: the next frame only when every client holds this one.
 //!         hub.wait_acked(frame.info.frame, Duration::from_secs(10)).await;
 //!     }
@@ -33,7 +38,7 @@
 //! });
 //!
 //! // The client.
-//! let mut connection = connect(&address, Limits::default()).await?;
+//! let mut connection = connect(&address, &ConnectOptions::default(), Limits::default()).await?;
 //! let mut frames = Vec::new();
 //! while !connection.session().is_closed() {
 //!     for event in connection.next_events().await? {
@@ -48,17 +53,29 @@
 //! # }
 //! ```
 
+mod address;
 mod client;
 mod error;
 mod hub;
 mod listener;
+mod peer;
+mod serve;
+mod stream;
 #[cfg(test)]
 mod tests;
+#[cfg(feature = "tls")]
+mod tls;
+#[cfg(unix)]
+mod unix;
 
-pub use client::{Connection, connect};
+pub use address::{Address, AddressError, HostPort};
+pub use client::{ConnectOptions, Connection, connect, connect_in_process};
 pub use error::NetError;
 pub use hub::{Broadcast, ClientId, Hub, HubEvent};
-pub use listener::Listener;
+pub use listener::{Exposure, ListenOptions, Listener};
+pub use peer::{Peer, PeerFault};
+#[cfg(feature = "tls")]
+pub use tls::{CertificateProblem, ClientTls, ServerTls, TlsConfigError, TlsFault};
 
 use tokio::time::Instant;
 

@@ -9,20 +9,32 @@
 //!
 //! A file only grows, and is a valid recording after every record: what a killed recorder leaves behind is read up to
 //! its last whole record. [`Writer`] says which bytes to append, [`Reader`] gives records and damages without copying,
-//! [`Summary`] scans a file and knows its groups, [`Player`] turns it back into states. The format is written down in
-//! `docs/spec/recording.md`.
+//! [`Summary`] scans a file and knows its groups, [`Player`] turns it back into states. [`cut()`], [`Concatenation`] and
+//! [`recover()`] make recordings of recordings. The format is written down in `docs/spec/recording.md`.
 
+mod cat;
+mod cut;
+mod edits;
 mod index;
 mod player;
 mod reader;
+mod recover;
+mod rewrite;
+#[cfg(test)]
+mod rewrite_tests;
 mod summary;
 #[cfg(test)]
 mod tests;
 mod writer;
 
+pub use cat::Concatenation;
+pub use cut::{Bounds, RangeError, cut};
+pub use edits::EditsInForce;
 pub use index::{INDEX_ENTRY_BYTES, IndexEntry};
 pub use player::{PlayedFrame, Player, PlayerError, PlayerEvent, PlayerStats};
 pub use reader::{Damage, DamageKind, Reader, ReaderError, Record};
+pub use recover::recover;
+pub use rewrite::{Loss, RewriteError, Rewritten};
 pub use summary::{StoredIndex, Summary, TypeCount, load_index};
 pub use writer::{Writer, WriterError};
 

@@ -2,12 +2,13 @@
 
 use std::sync::Arc;
 
-use psao_codec::frame::{FrameInfo, inspect};
-use psao_codec::stream::State;
+use psao_codec::block::BlockCoder;
+use psao_codec::frame::{EncodeError, FrameInfo, FrameKind, FrameMeta, inspect};
+use psao_codec::stream::{State, keyframe};
 
-use super::{Damage, IndexEntry, RECORD_HEAD_BYTES, Reader, ReaderError, Record};
+use super::{Damage, EditsInForce, IndexEntry, RECORD_HEAD_BYTES, Reader, ReaderError, Record, Summary};
 use crate::follow::{Follower, Unusable};
-use crate::message::{Close, Message, MessageError, Report, Scene};
+use crate::message::{Budget, Close, Edit, Gap, Message, MessageError, Report, Scene};
 use crate::scene::SceneAssembler;
 use crate::{
     FrameHeader, FrameIndex, FrameType, Group, HEADER_BYTES, Limits, Micros, SceneError, SceneTable, Sequence,
@@ -69,6 +70,12 @@ pub enum PlayerEvent {
     },
     /// What a frame cost the server.
     Report(Report),
+    /// What a frame left for later.
+    Budget(Budget),
+    /// The scene was changed: every later frame is of the scene as this leaves it.
+    Edit(Edit),
+    /// Frames that the recorder did not write.
+    Gap(Gap),
     /// The stream ended here.
     Closed(Close),
     /// A stretch of the file that could not be read.
@@ -84,6 +91,23 @@ pub enum PlayerError {
     /// After those before it.
     #[error(transparent)]
     Scene(#[from] SceneError),
+    /// It changes an instance that the scene does not have.
+    #[error("EDIT of instance {instance}: the scene has {instances} instances")]
+    NoInstance {
+        /// The instance.
+        instance: u32,
+        /// Instances of the scene; 0 before the scene table.
+        instances: usize,
+    },
+}
+
+/// What the player read, and what it made of it.
+#[derive(Debug)]
+pub(super) struct Step<'a> {
+    /// The record; `None` for a damaged stretch.
+    pub(super) record: Option<Record<'a>>,
+    /// What it means; `None` for what a player has no use for.
+    pub(super) event: Option<PlayerEvent>,
 }
 
 /// Counts of a player.
@@ -102,13 +126,29 @@ pub struct PlayerStats {
     pub damaged_bytes: u64,
     /// Whole frames whose message is bad.
     pub bad_messages: u64,
+    /// Places where the recorder says that it wrote nothing.
+    pub gaps: u64,
+    /// Keyframes and updates that are missing there, as far as it knew.
+    pub gap_frames: u64,
 }
 
 impl PlayerStats {
-    /// Whether everything that was recorded was there and could be used.
+    /// Whether everything that was recorded was there and could be used. What a recorder says it did not record is no
+    /// damage; `gaps` counts it.
     #[must_use]
     pub const fn is_clean(&self) -> bool {
         self.unusable == 0 && self.lost == 0 && self.damages == 0 && self.bad_messages == 0
+    }
+}
+
+impl Step<'_> {
+    /// Bytes from the start of the file to the record or the damage.
+    pub(super) fn offset(&self) -> u64 {
+        match (&self.record, &self.event) {
+            (Some(record), _) => record.offset(),
+            (None, Some(PlayerEvent::Damage(damage))) => damage.offset,
+            (None, _) => 0,
+        }
     }
 }
 
@@ -139,6 +179,9 @@ pub struct Player<'a> {
     assembler: SceneAssembler,
     scene: Option<Arc<SceneTable>>,
     follower: Option<Follower>,
+    edits: EditsInForce,
+    /// Header of the last frame applied of this scene.
+    current: Option<FrameMeta>,
     /// The last keyframe or update whose body said its number, applied or not.
     last: Option<(Group, Sequence, FrameIndex)>,
     /// Whether something was damaged since.
@@ -158,6 +201,8 @@ impl<'a> Player<'a> {
             assembler: SceneAssembler::default(),
             scene: None,
             follower: None,
+            edits: EditsInForce::default(),
+            current: None,
             last: None,
             damaged: false,
             stats: PlayerStats::default(),
@@ -167,23 +212,48 @@ impl<'a> Player<'a> {
     /// Goes on to whatever comes next; `None` at the end of the file.
     pub fn next_event(&mut self) -> Option<PlayerEvent> {
         loop {
-            let event = match self.reader.next()? {
-                Ok(record) => self.record(&record),
-                Err(damage) => {
-                    self.damaged = true;
-                    self.stats.damages += 1;
-                    self.stats.damaged_bytes += damage.lost_bytes;
-                    Some(PlayerEvent::Damage(damage))
-                }
-            };
-            if event.is_some() {
-                return event;
+            if let Some(event) = self.next_step()?.event {
+                return Some(event);
             }
         }
     }
 
+    /// As [`next_event`](Self::next_event), record by record.
+    pub(super) fn next_step(&mut self) -> Option<Step<'a>> {
+        match self.reader.next()? {
+            Ok(record) => Some(Step { record: Some(record), event: self.record(&record) }),
+            Err(damage) => {
+                self.damaged = true;
+                self.stats.damages += 1;
+                self.stats.damaged_bytes += damage.lost_bytes;
+                Some(Step { record: None, event: Some(PlayerEvent::Damage(damage)) })
+            }
+        }
+    }
+
+    /// Goes to the last keyframe that is not behind entry `entry` of the summary's index, with the scene and the edits
+    /// that hold there, and without playing what lies before. The frames up to `entry` come next. Without such a
+    /// keyframe it goes to the start of the file.
+    ///
+    /// The summary must be that of this file.
+    pub fn jump(&mut self, summary: &Summary, entry: usize) {
+        let before = summary.index().get(..=entry).unwrap_or(summary.index());
+        let Some(key) = before.iter().rfind(|entry| entry.keyframe) else {
+            self.reader.rewind();
+            return;
+        };
+        for offset in summary.on_the_way(key.offset) {
+            self.reader.seek(offset);
+            // What is bad in it shows when the keyframe cannot be applied.
+            if let Some(Ok(record)) = self.reader.next() {
+                let _ = self.record(&record);
+            }
+        }
+        self.seek(key);
+    }
+
     /// Goes to a keyframe of an index; the next frame applied is that one. The scene must have been played before, or
-    /// the keyframe will be [`Unusable::NoScene`].
+    /// the keyframe will be [`Unusable::NoScene`]; [`jump`](Self::jump) sees to that.
     pub fn seek(&mut self, keyframe: &IndexEntry) {
         self.reader.seek(keyframe.offset);
         self.last = None;
@@ -205,6 +275,28 @@ impl<'a> Player<'a> {
         self.scene.as_ref()
     }
 
+    /// Number of the last frame applied of this scene.
+    pub(super) fn last_applied(&self) -> Option<FrameIndex> {
+        self.current.map(|meta| meta.frame)
+    }
+
+    /// The edits that hold for the next frame.
+    #[must_use]
+    pub const fn edits(&self) -> &EditsInForce {
+        &self.edits
+    }
+
+    /// A keyframe body of the state after the last frame applied, by the stream's own coder: what a client needs that
+    /// joins here. Number, time and statistics are that frame's. `None` before the first frame of a scene.
+    ///
+    /// # Errors
+    /// [`EncodeError`], from the coder.
+    pub fn keyframe(&self) -> Option<Result<Vec<u8>, EncodeError>> {
+        let (state, meta) = (self.state()?, self.current?);
+        let coder = BlockCoder::of(self.scene.as_ref()?.info().coder);
+        Some(keyframe(state, meta, coder, &[]))
+    }
+
     /// Counts so far.
     #[must_use]
     pub const fn stats(&self) -> PlayerStats {
@@ -217,7 +309,10 @@ impl<'a> Player<'a> {
             FrameType::SCENE => self.scene_message(payload).transpose()?,
             FrameType::KEYFRAME | FrameType::UPDATE => return Some(self.state_frame(record)),
             FrameType::REPORT => Report::from_payload(payload).map(PlayerEvent::Report).map_err(Into::into),
+            FrameType::BUDGET => Budget::from_payload(payload).map(PlayerEvent::Budget).map_err(Into::into),
             FrameType::CLOSE => Close::from_payload(payload).map(PlayerEvent::Closed).map_err(Into::into),
+            FrameType::EDIT => self.edit(payload),
+            FrameType::GAP => self.gap(payload),
             // Handshakes, an index, and types of later versions: nothing to play.
             _ => return None,
         };
@@ -233,7 +328,26 @@ impl<'a> Player<'a> {
         let table = Arc::new(table);
         self.follower = Some(Follower::new(table.layout()));
         self.scene = Some(table.clone());
+        self.edits = EditsInForce::default();
+        self.current = None;
         Ok(Some(PlayerEvent::Scene(table)))
+    }
+
+    fn edit(&mut self, payload: &[u8]) -> Result<PlayerEvent, PlayerError> {
+        let edit = Edit::from_payload(payload)?;
+        let instances = self.scene.as_ref().map_or(0, |scene| scene.layout().instances());
+        if edit.instance as usize >= instances {
+            return Err(PlayerError::NoInstance { instance: edit.instance, instances });
+        }
+        self.edits.note(&edit);
+        Ok(PlayerEvent::Edit(edit))
+    }
+
+    fn gap(&mut self, payload: &[u8]) -> Result<PlayerEvent, PlayerError> {
+        let gap = Gap::from_payload(payload)?;
+        self.stats.gaps += 1;
+        self.stats.gap_frames += u64::from(gap.frames);
+        Ok(PlayerEvent::Gap(gap))
     }
 
     fn state_frame(&mut self, record: &Record<'_>) -> PlayerEvent {
@@ -250,6 +364,8 @@ impl<'a> Player<'a> {
         match result {
             Ok(info) => {
                 self.stats.applied += 1;
+                let &FrameInfo { frame, time, changed_points, .. } = &info;
+                self.current = Some(FrameMeta { kind: FrameKind::Key, frame, time, changed_points });
                 PlayerEvent::Frame(PlayedFrame {
                     info,
                     header,

@@ -116,6 +116,11 @@ pub struct Reader<'a> {
     patience: u64,
 }
 
+/// Whether bytes are a file header with a good checksum.
+fn is_file_header(head: &[u8; FILE_HEADER_BYTES]) -> bool {
+    head.starts_with(&FILE_MAGIC) && sealed(head)
+}
+
 impl<'a> Reader<'a> {
     /// A reader of a whole file with the default limits.
     ///
@@ -133,7 +138,7 @@ impl<'a> Reader<'a> {
         let patience = FALSE_RECORD_FACTOR.saturating_mul(bytes.len() as u64);
         let mut reader = Self { bytes, limits, at: 0, patience };
         match bytes.first_chunk::<FILE_HEADER_BYTES>() {
-            Some(head) if head.starts_with(&FILE_MAGIC) && sealed(head) => {
+            Some(head) if is_file_header(head) => {
                 let version = u16::from_le_bytes([head[8], head[9]]);
                 let flags = u16::from_le_bytes([head[10], head[11]]);
                 if version != FILE_VERSION {
@@ -160,6 +165,12 @@ impl<'a> Reader<'a> {
     /// checked like any other record.
     pub fn seek(&mut self, offset: u64) {
         self.at = usize::try_from(offset).map_or(self.bytes.len(), |at| at.min(self.bytes.len()));
+    }
+
+    /// Goes back to the start of the file.
+    pub(super) fn rewind(&mut self) {
+        let head = self.bytes.first_chunk::<FILE_HEADER_BYTES>();
+        self.at = if head.is_some_and(is_file_header) { FILE_HEADER_BYTES } else { 0 };
     }
 
     /// Bytes from the start of the file to where the next item is looked for.

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::index::read_index;
 use super::{Damage, FOOTER_BYTES, IndexEntry, Reader, ReaderError, parse_footer};
-use crate::message::{Close, Message};
+use crate::message::{Close, Gap, Message, Scene};
 use crate::{FrameIndex, FrameType, Limits, Micros};
 
 /// Frames of one type.
@@ -41,6 +41,16 @@ pub struct Summary {
     last_arrival: Option<Micros>,
     close: Option<Close>,
     damages: Vec<Damage>,
+    gaps: Vec<Gap>,
+    marks: Vec<Mark>,
+}
+
+/// A record that whoever jumps over it needs all the same: part of a scene table, or an edit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Mark {
+    offset: u64,
+    /// Whether a scene table begins here: nothing before it matters any more.
+    begins: bool,
 }
 
 impl Summary {
@@ -59,6 +69,8 @@ impl Summary {
             last_arrival: None,
             close: None,
             damages: Vec::new(),
+            gaps: Vec::new(),
+            marks: Vec::new(),
         };
         let mut stored = None;
         let mut group = None;
@@ -86,8 +98,15 @@ impl Summary {
                 group = Some(header.group);
                 summary.groups += 1;
             }
-            if header.kind == FrameType::CLOSE {
-                summary.close = Close::from_payload(payload).ok();
+            match header.kind {
+                FrameType::CLOSE => summary.close = Close::from_payload(payload).ok(),
+                FrameType::GAP => summary.gaps.extend(Gap::from_payload(payload).ok()),
+                FrameType::SCENE | FrameType::EDIT => {
+                    let scene = (header.kind == FrameType::SCENE).then(|| Scene::from_payload(payload));
+                    let begins = matches!(scene, Some(Ok(Scene::Info(_))));
+                    summary.marks.push(Mark { offset: record.offset(), begins });
+                }
+                _ => {}
             }
         }
         summary.stored_index = match stored {
@@ -150,6 +169,21 @@ impl Summary {
     #[must_use]
     pub fn damages(&self) -> &[Damage] {
         &self.damages
+    }
+
+    /// Every stretch of the stream that the recorder says it did not write.
+    #[must_use]
+    pub fn gaps(&self) -> &[Gap] {
+        &self.gaps
+    }
+
+    /// Offsets of the records that must be played before the one at `offset`, in order: the last scene table that begins
+    /// before it, and the edits since.
+    pub(super) fn on_the_way(&self, offset: u64) -> impl Iterator<Item = u64> + '_ {
+        let end = self.marks.partition_point(|mark| mark.offset < offset);
+        let marks = self.marks.get(..end).unwrap_or_default();
+        let begin = marks.iter().rposition(|mark| mark.begins).unwrap_or(0);
+        marks.get(begin..).unwrap_or_default().iter().map(|mark| mark.offset)
     }
 
     /// Bytes of the recorded frames on the wire, headers included, an index left out.

@@ -1,7 +1,7 @@
 //! Recordings of the sample stream: played whole, cut, damaged and indexed.
 
 use super::*;
-use crate::message::{Close, CloseCode};
+use crate::message::{Close, CloseCode, Edit, EditAction};
 use crate::sample::{SampleServer, recording};
 use crate::{FrameIndex, FrameType, Limits, Micros, Numbering, StateHash, Unusable};
 
@@ -47,6 +47,37 @@ fn a_whole_recording_plays_to_the_servers_hashes() {
     assert_eq!(records + (FILE_HEADER_BYTES + FOOTER_BYTES) as u64, summary.file_bytes());
     let heads = 12 * summary.types().values().map(|c| c.frames).sum::<u64>();
     assert_eq!(records - heads - summary.count(FrameType::INDEX).wire_bytes, summary.wire_bytes());
+}
+
+#[test]
+fn edits_are_played_in_their_place() {
+    let edit = Edit { instance: 1, action: EditAction::Hide };
+    let mut server = SampleServer::new().unwrap();
+    let mut numbering = Numbering::default();
+    let (mut writer, mut file) = Writer::new(Limits::default());
+    let mut frames = numbering.scene(server.scene()).unwrap();
+    server.step().unwrap();
+    frames.push(numbering.keyframe(&server.keyframe().unwrap()).unwrap());
+    frames.push(numbering.message(&edit).unwrap());
+    // One that no program of this version writes: it is named, and playing goes on.
+    let mut bad = Vec::new();
+    crate::write_frame(&mut bad, FrameType::EDIT, crate::Group(1), crate::Sequence(0), &[1; 5]).unwrap();
+    frames.push(bad);
+    frames.push(numbering.update(&server.step().unwrap().body).unwrap());
+    for frame in frames {
+        file.extend(writer.append(Micros(0), &frame).unwrap());
+    }
+    let mut player = Player::new(&file, Limits::default()).unwrap();
+    let events: Vec<_> = std::iter::from_fn(|| player.next_event()).collect();
+    let number = |event: &PlayerEvent| match event {
+        PlayerEvent::Frame(frame) => Some(frame.info.frame.0),
+        _ => None,
+    };
+    let [PlayerEvent::Scene(_), first, heard, PlayerEvent::BadMessage { .. }, second] = &events[..] else {
+        panic!("{events:?}");
+    };
+    assert_eq!((number(first), heard, number(second)), (Some(0), &PlayerEvent::Edit(edit), Some(1)));
+    assert_eq!(player.stats().bad_messages, 1);
 }
 
 #[test]
@@ -170,6 +201,27 @@ fn a_writer_that_failed_or_finished_writes_no_more() {
     let (mut writer, _) = Writer::new(Limits::default());
     writer.finish().unwrap();
     assert_eq!(writer.append(Micros(1), &frame), Err(WriterError::Finished));
+}
+
+#[test]
+fn a_record_that_was_not_written_is_taken_back() {
+    let (file, frames) = (recording(5, 9).unwrap(), |file| -> Vec<Vec<u8>> {
+        Reader::new(file).unwrap().map(|record| record.unwrap().frame.bytes.to_vec()).collect()
+    });
+    let all = frames(&file);
+    let (mut writer, mut again) = Writer::new(Limits::default());
+    for (number, frame) in all.iter().enumerate().take(all.len() - 1) {
+        if number % 3 == 1 {
+            writer.append(Micros(7), frame).unwrap();
+            writer.take_back();
+            writer.take_back();
+        }
+        again.extend(writer.append(Micros(7), frame).unwrap());
+        assert_eq!(writer.file_bytes(), again.len() as u64);
+    }
+    again.extend(writer.finish().unwrap());
+    assert_eq!(Summary::scan(&again, Limits::default()).unwrap().stored_index(), StoredIndex::Agrees);
+    assert_eq!(frames(&again)[..all.len() - 1], all[..all.len() - 1]);
 }
 
 #[test]

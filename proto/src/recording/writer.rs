@@ -55,6 +55,8 @@ pub struct Writer {
     limits: Limits,
     /// Bytes of the file so far.
     length: u64,
+    /// Bytes of the file before the last record.
+    before: u64,
     index: Vec<IndexEntry>,
     last_arrival: Micros,
     state: Status,
@@ -73,8 +75,14 @@ impl Writer {
     pub fn new(limits: Limits) -> (Self, Vec<u8>) {
         let head = file_header().to_vec();
         let length = head.len() as u64;
-        let writer =
-            Self { limits, length, index: Vec::new(), last_arrival: Micros::default(), state: Status::Open };
+        let writer = Self {
+            limits,
+            length,
+            before: length,
+            index: Vec::new(),
+            last_arrival: Micros::default(),
+            state: Status::Open,
+        };
         (writer, head)
     }
 
@@ -113,6 +121,15 @@ impl Writer {
         Ok(out)
     }
 
+    /// Forgets the record given last, which could not be written: the caller has cut the file back to what was there
+    /// before, or will before the next write. Does nothing twice, and nothing after [`finish`](Self::finish).
+    pub fn take_back(&mut self) {
+        if self.state == Status::Open {
+            self.length = self.before;
+            self.index.pop_if(|entry| entry.offset >= self.before);
+        }
+    }
+
     /// Tells the writer that bytes it gave could not be written. Everything after this is refused: it would follow a
     /// record cut in the middle.
     pub fn fail(&mut self) {
@@ -145,6 +162,7 @@ impl Writer {
         out.extend_from_slice(&time);
         out.extend_from_slice(&crc32c::crc32c(&time).to_le_bytes());
         out.extend_from_slice(frame);
+        self.before = self.length;
         self.length += out.len() as u64;
         self.last_arrival = arrival;
         out

@@ -5,17 +5,23 @@ use std::sync::Arc;
 use psao_codec::frame::{FrameError, FrameInfo};
 use psao_codec::stream::State;
 
-use super::outbox::Outbox;
-use super::{Deadline, NEWEST_VERSION, OLDEST_VERSION, PEER_NAME, SendError, SessionError, farewell, read};
+use super::clock::Clock;
+use super::datagram::{Joined, Joiner, write_ack};
+use super::outbox::{Fate, Outbox};
+use super::timers::{Due, Timers};
+use super::{
+    ClockEstimate, MIN_DATAGRAM_BYTES, NEWEST_VERSION, OLDEST_VERSION, PEER_NAME, SendError, SessionError,
+    farewell, read,
+};
 use crate::follow::{Follower, Unusable};
 use crate::message::{
-    Accept, Ack, CameraPose, Close, CloseCode, CoderSet, Edit, Hello, KeyframeReason, Message, ProfileSet,
-    Reject, Report, Request, Scene, Text, View,
+    Accept, Ack, Auth, Budget, CameraPose, Close, CloseCode, CoderSet, Edit, Hello, KeyframeReason, Message,
+    Ping, Pong, ProfileSet, Reject, Report, Request, Scene, Stamp, Text, Token, View,
 };
 use crate::scene::SceneAssembler;
 use crate::{
-    CoderId, FrameHeader, FrameIndex, FrameType, Framer, Group, Limits, Micros, Profile, SceneTable,
-    Sequence, StateHash, WireFrame, write_frame,
+    CoderId, FrameHeader, FrameIndex, FrameType, Framer, Group, Limits, Micros, Profile, SceneError,
+    SceneTable, Sequence, StateHash, WireFrame, write_frame,
 };
 
 /// Profiles that this crate's codec applies.
@@ -33,8 +39,27 @@ pub struct AppliedFrame {
     pub group: Group,
     /// Its place in the group.
     pub sequence: Sequence,
-    /// Bytes that it took on the wire, the wire header included.
+    /// Bytes that it took on the wire, the headers of frames or datagrams included.
     pub wire_bytes: u64,
+    /// When its last byte was given to the session.
+    pub received: Micros,
+    /// When it was made and sent, by the server's clock ([`ClientSession::clock`]), for a client that asked.
+    pub stamp: Option<Stamp>,
+}
+
+/// What a client is, wants and gives when it connects.
+#[derive(Clone, Debug, Default)]
+pub struct ClientOptions {
+    /// What it calls itself (cut to 64 bytes); this crate's name and version by default.
+    pub name: Option<String>,
+    /// The token that the server wants, if it wants one.
+    pub token: Option<Token>,
+    /// Digest of the scene that it draws: a stream of another scene is refused.
+    pub scene: Option<[u8; 32]>,
+    /// Ask for a STAMP before every frame.
+    pub stamps: bool,
+    /// Ask for updates as datagrams of at most so many bytes; what carries the session must carry them.
+    pub datagrams: Option<u16>,
 }
 
 /// What happened at a client.
@@ -65,6 +90,10 @@ pub enum ClientEvent {
     },
     /// What a frame cost the server.
     Report(Report),
+    /// What a frame had to leave for later.
+    Budget(Budget),
+    /// This edit of the scene is part of every frame from here on.
+    Edited(Edit),
     /// The server ended the stream. Nothing follows.
     Closed(Close),
 }
@@ -84,6 +113,13 @@ pub struct ClientStats {
     pub requests: u64,
     /// Frames of a type that this version does not know.
     pub unknown: u64,
+    /// Datagrams that came.
+    pub datagrams: u64,
+    /// Those that were none of this protocol.
+    pub bad_datagrams: u64,
+    /// Bodies in datagrams that came too late, or build on a frame that is not here; updates on the connection that
+    /// datagrams made superfluous.
+    pub late_datagram_frames: u64,
 }
 
 #[derive(Debug)]
@@ -91,7 +127,7 @@ enum Phase {
     /// HELLO is out.
     Greeting,
     /// ACCEPT came; the scene table is coming.
-    Loading(SceneAssembler),
+    Loading(Profile, SceneAssembler),
     /// The scene table is whole.
     Running(Box<Follower>),
     /// A CLOSE went or came. What was received stays.
@@ -101,15 +137,21 @@ enum Phase {
 /// A client: from the first byte to a state that follows the server's.
 ///
 /// Give it what comes from the server with [`handle`](Self::handle), send what [`take_output`](Self::take_output)
-/// gives, call [`tick`](Self::tick) now and then.
+/// gives, and call [`tick`](Self::tick) at the time that [`next_deadline`](Self::next_deadline) says.
 #[derive(Debug)]
 pub struct ClientSession {
     limits: Limits,
     framer: Framer,
     outbox: Outbox,
     phase: Phase,
-    deadline: Deadline,
+    timers: Timers,
+    clock: Clock,
+    options: ClientOptions,
     failed: Option<SessionError>,
+    /// The STAMP of the frame that follows.
+    stamp: Option<Stamp>,
+    joiner: Joiner,
+    datagrams: Vec<Vec<u8>>,
     /// A keyframe was asked for and did not come yet.
     asked: bool,
     stats: ClientStats,
@@ -119,30 +161,39 @@ impl ClientSession {
     /// A client that has just connected. Its HELLO waits in the output.
     #[must_use]
     pub fn new(limits: Limits) -> Self {
-        Self::with_name(limits, PEER_NAME)
+        Self::with(limits, ClientOptions::default())
     }
 
-    /// A client that calls itself `name` (cut to 64 bytes).
+    /// A client with options.
     #[must_use]
-    pub fn with_name(limits: Limits, name: &str) -> Self {
+    pub fn with(limits: Limits, options: ClientOptions) -> Self {
         let hello = Hello {
             oldest: OLDEST_VERSION,
             newest: NEWEST_VERSION,
             profiles: PROFILES,
             coders: CODERS,
             limits: (&limits).into(),
-            name: Text::cut(name),
+            name: Text::cut(options.name.as_deref().unwrap_or(PEER_NAME)),
         };
+        let auth = options.token.clone().map(|token| Auth { token });
         let mut session = Self {
             limits,
             framer: Framer::new(limits),
             outbox: Outbox::default(),
             phase: Phase::Greeting,
-            deadline: Deadline::default(),
+            timers: Timers::default(),
+            clock: Clock::default(),
+            options,
             failed: None,
+            stamp: None,
+            joiner: Joiner::default(),
+            datagrams: Vec::new(),
             asked: false,
             stats: ClientStats::default(),
         };
+        if let Some(auth) = auth {
+            session.queue(&auth);
+        }
         session.queue(&hello);
         session
     }
@@ -168,6 +219,9 @@ impl ClientSession {
         tap: &mut dyn FnMut(&WireFrame<'_>),
     ) -> Result<Vec<ClientEvent>, SessionError> {
         self.tick(now)?;
+        if !bytes.is_empty() {
+            self.timers.heard();
+        }
         self.stats.wire_bytes += bytes.len() as u64;
         // The framer is lent out, since its frames are borrowed from it while the session uses them.
         let mut framer = std::mem::replace(&mut self.framer, Framer::new(self.limits));
@@ -195,20 +249,86 @@ impl ClientSession {
         }
     }
 
-    /// Checks the handshake's deadline. The first call starts it.
+    /// Takes a datagram from the server: a piece of a frame body. One that is of no use is counted and dropped; a body
+    /// that is whole is applied like an update, but to any state from the one that it builds on.
+    pub fn handle_datagram(&mut self, bytes: &[u8], now: Micros) -> Vec<ClientEvent> {
+        self.timers.tell(now);
+        let mut events = Vec::new();
+        let Phase::Running(follower) = &mut self.phase else { return events };
+        (self.stats.datagrams, self.stats.wire_bytes) =
+            (self.stats.datagrams + 1, self.stats.wire_bytes + bytes.len() as u64);
+        match self.joiner.take(bytes, follower.state().frame(), &self.limits) {
+            Joined::Bad => self.stats.bad_datagrams += 1,
+            Joined::Waiting => self.timers.heard(),
+            Joined::Whole(frame, body) => {
+                self.timers.heard();
+                let wire_bytes = body.len() as u64;
+                match follower.patch(body, &self.limits) {
+                    Ok((info, (group, sequence))) => {
+                        let ack = Ack { frame: info.frame, hash: info.hash };
+                        // The newest acknowledgement says all.
+                        self.datagrams = vec![write_ack(&ack)];
+                        self.stats.applied += 1;
+                        let stamp = self.stamp.take().filter(|stamp| stamp.frame == info.frame);
+                        let frame = AppliedFrame { info, group, sequence, wire_bytes, received: now, stamp };
+                        events.push(ClientEvent::Applied(frame));
+                    }
+                    Err(Unusable::Body(FrameError::Hash { stored, computed, .. })) => {
+                        self.mismatch(frame, stored, computed, &mut events);
+                    }
+                    Err(_) => self.stats.late_datagram_frames += 1,
+                }
+            }
+        }
+        events
+    }
+
+    /// The next datagram to send to the server.
+    #[must_use]
+    pub fn take_datagram(&mut self) -> Option<Vec<u8>> {
+        self.datagrams.pop()
+    }
+
+    /// Does what the time asks for: ends a handshake that takes too long, sends keep-alives, gives up a server that is
+    /// silent. The first call starts the handshake's time.
     ///
     /// # Errors
-    /// [`SessionError::HandshakeTimeout`], or the error that ended the session before.
+    /// [`SessionError::HandshakeTimeout`], [`SessionError::Silent`], or the error that ended the session before.
     pub fn tick(&mut self, now: Micros) -> Result<(), SessionError> {
         if let Some(error) = &self.failed {
             return Err(error.clone());
         }
-        match &self.phase {
-            Phase::Greeting | Phase::Loading(_) => {
-                self.deadline.check(now, &self.limits).map_err(|error| self.fail(error))
+        self.timers.tell(now);
+        let due = match &self.phase {
+            Phase::Greeting | Phase::Loading(..) => {
+                self.timers.handshake(&self.limits).map(|()| Due::Nothing)
             }
-            Phase::Running(_) | Phase::Closed(_) => Ok(()),
+            Phase::Running(_) => self.timers.open(&self.limits, !self.outbox.is_empty(), false),
+            Phase::Closed(_) => Ok(Due::Nothing),
+        };
+        match due {
+            Ok(Due::Ping) => self.queue(&Ping { sent: self.timers.now() }),
+            Ok(Due::Nothing) => {}
+            Err(error) => return Err(self.fail(error)),
         }
+        Ok(())
+    }
+
+    /// The next time at which [`tick`](Self::tick) has something to do; `None` before the first time it was told, and
+    /// after the end.
+    #[must_use]
+    pub fn next_deadline(&self) -> Option<Micros> {
+        match &self.phase {
+            Phase::Greeting | Phase::Loading(..) => self.timers.next_in_handshake(&self.limits),
+            Phase::Running(_) => self.timers.next_when_open(&self.limits, !self.outbox.is_empty(), false),
+            Phase::Closed(_) => None,
+        }
+    }
+
+    /// What the server's clock says, once it has answered a PING.
+    #[must_use]
+    pub fn clock(&self) -> Option<ClockEstimate> {
+        self.clock.estimate()
     }
 
     /// The next bytes to send to the server; empty when nothing waits.
@@ -314,7 +434,18 @@ impl ClientSession {
         if let Ok(payload) = message.to_payload()
             && write_frame(&mut out, M::KIND, Group(0), Sequence(0), &payload).is_ok()
         {
-            self.outbox.push(out, false);
+            self.outbox.push(out, None, Fate::Sure);
+        }
+    }
+
+    /// Acknowledges a frame; one that waits to be acknowledged needs it no more.
+    fn acknowledge(&mut self, ack: &Ack) {
+        self.outbox.drop_stale(false);
+        let mut out = Vec::new();
+        if let Ok(payload) = ack.to_payload()
+            && write_frame(&mut out, FrameType::ACK, Group(0), Sequence(0), &payload).is_ok()
+        {
+            self.outbox.push(out, None, Fate::Droppable);
         }
     }
 
@@ -331,7 +462,7 @@ impl ClientSession {
         self.phase = match std::mem::replace(&mut self.phase, Phase::Closed(None)) {
             Phase::Running(follower) => Phase::Closed(Some(follower)),
             Phase::Closed(follower) => Phase::Closed(follower),
-            Phase::Greeting | Phase::Loading(_) => Phase::Closed(None),
+            Phase::Greeting | Phase::Loading(..) => Phase::Closed(None),
         };
     }
 
@@ -342,14 +473,26 @@ impl ClientSession {
             (FrameType::REJECT, Phase::Greeting) => {
                 return Err(SessionError::Rejected(read::<Reject>(payload)?));
             }
-            (FrameType::SCENE, Phase::Loading(assembler)) => {
+            (FrameType::SCENE, Phase::Loading(profile, assembler)) => {
+                let accepted = *profile;
                 let scene: Scene = read(payload)?;
                 if let Some(table) = assembler.push(scene, &self.limits)? {
-                    events.push(self.scene_ready(table)?);
+                    events.push(self.scene_ready(table, accepted)?);
                 }
             }
             (FrameType::KEYFRAME | FrameType::UPDATE, Phase::Running(_)) => self.state_frame(frame, events),
             (FrameType::REPORT, Phase::Running(_)) => events.push(ClientEvent::Report(read(payload)?)),
+            (FrameType::BUDGET, Phase::Running(_)) => events.push(ClientEvent::Budget(read(payload)?)),
+            (FrameType::EDIT, Phase::Running(_)) => events.push(ClientEvent::Edited(read(payload)?)),
+            (FrameType::STAMP, Phase::Running(_)) => self.stamp = Some(read(payload)?),
+            (FrameType::PING, Phase::Loading(..) | Phase::Running(_)) => {
+                let Ping { sent } = read(payload)?;
+                let now = self.timers.now();
+                self.queue(&Pong { sent, received: now, replied: now });
+            }
+            (FrameType::PONG, Phase::Loading(..) | Phase::Running(_)) => {
+                self.clock.take(&read(payload)?, self.timers.now());
+            }
             (FrameType::CLOSE, _) => {
                 events.push(ClientEvent::Closed(read(payload)?));
                 self.enter_closed();
@@ -371,16 +514,29 @@ impl ClientSession {
         if !PROFILES.has(accept.profile) {
             return Err(SessionError::NotOffered { what: "a profile" });
         }
-        self.phase = Phase::Loading(SceneAssembler::default());
+        self.phase = Phase::Loading(accept.profile, SceneAssembler::default());
+        self.queue(&Ping { sent: self.timers.now() });
+        if self.options.stamps {
+            self.queue(&Request::Stamps);
+        }
+        if let Some(bytes) = self.options.datagrams {
+            self.queue(&Request::Datagrams { bytes: bytes.max(MIN_DATAGRAM_BYTES) });
+        }
         Ok(ClientEvent::Accepted(accept))
     }
 
-    fn scene_ready(&mut self, table: SceneTable) -> Result<ClientEvent, SessionError> {
-        if !PROFILES.has(table.info().profile) {
-            return Err(SessionError::NotOffered { what: "a profile" });
+    fn scene_ready(&mut self, table: SceneTable, accepted: Profile) -> Result<ClientEvent, SessionError> {
+        let found = table.info().profile;
+        if found != accepted {
+            return Err(SceneError::Profile { found }.into());
         }
         if !CODERS.has(table.info().coder) {
             return Err(SessionError::NotOffered { what: "a block coder" });
+        }
+        let found = table.info().digest;
+        if let Some(expected) = self.options.scene.filter(|expected| *expected != found) {
+            let name = table.info().name.to_string();
+            return Err(SessionError::OtherScene { name, expected, found });
         }
         self.phase = Phase::Running(Box::new(Follower::new(table.layout())));
         Ok(ClientEvent::SceneReady(Arc::new(table)))
@@ -392,38 +548,55 @@ impl ClientSession {
         if header.kind == FrameType::KEYFRAME {
             self.asked = false;
         }
+        if self.options.datagrams.is_some() && follower.passes_over(header, frame.payload(), &self.limits) {
+            self.stats.late_datagram_frames += 1;
+            return;
+        }
         let reason = match follower.follow(header, frame.payload(), &self.limits) {
             Ok(info) => {
                 self.stats.applied += 1;
-                self.queue(&Ack { frame: info.frame, hash: info.hash });
+                self.acknowledge(&Ack { frame: info.frame, hash: info.hash });
                 let (group, sequence, wire_bytes) = (header.group, header.sequence, header.wire_bytes());
-                events.push(ClientEvent::Applied(AppliedFrame { info, group, sequence, wire_bytes }));
+                let stamp = self.stamp.take().filter(|stamp| stamp.frame == info.frame);
+                let received = self.timers.now();
+                let frame = AppliedFrame { info, group, sequence, wire_bytes, received, stamp };
+                events.push(ClientEvent::Applied(frame));
                 return;
             }
             Err(reason) => reason,
         };
-        self.stats.unusable += 1;
-        let why = match &reason {
-            Unusable::Gap { .. } | Unusable::Waiting | Unusable::NoScene => KeyframeReason::GAP,
-            Unusable::Body(FrameError::Hash { .. }) => KeyframeReason::HASH,
-            Unusable::Body(_) | Unusable::Kind { .. } => KeyframeReason::BODY,
-        };
-        self.request_keyframe(why);
         if let Unusable::Body(FrameError::Hash { stored, computed, .. }) = reason {
-            self.stats.hash_mismatches += 1;
             let frame = psao_codec::frame::inspect(frame.payload(), &self.limits.codec)
                 .map_or_else(|_| FrameIndex::default(), |info| info.frame);
-            events.push(ClientEvent::HashMismatch { frame, expected: stored, found: computed });
-        } else {
-            events.push(ClientEvent::Unusable { header, reason });
+            return self.mismatch(frame, stored, computed, events);
         }
+        self.stats.unusable += 1;
+        self.request_keyframe(match &reason {
+            Unusable::Gap { .. } | Unusable::Waiting | Unusable::NoScene => KeyframeReason::GAP,
+            Unusable::Body(_) | Unusable::Kind { .. } => KeyframeReason::BODY,
+        });
+        events.push(ClientEvent::Unusable { header, reason });
+    }
+
+    /// The state after a frame would not have been the server's.
+    fn mismatch(
+        &mut self,
+        frame: FrameIndex,
+        expected: StateHash,
+        found: StateHash,
+        events: &mut Vec<ClientEvent>,
+    ) {
+        self.stats.unusable += 1;
+        self.stats.hash_mismatches += 1;
+        self.request_keyframe(KeyframeReason::HASH);
+        events.push(ClientEvent::HashMismatch { frame, expected, found });
     }
 }
 
 const fn describe(phase: &Phase) -> &'static str {
     match phase {
         Phase::Greeting => "waiting for the server to accept",
-        Phase::Loading(_) => "waiting for the scene",
+        Phase::Loading(..) => "waiting for the scene",
         Phase::Running(_) => "following the stream",
         Phase::Closed(_) => "closed",
     }

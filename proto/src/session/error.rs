@@ -56,12 +56,51 @@ pub enum SessionError {
         /// How long it took.
         waited: Micros,
     },
+    /// Nothing came from the other end.
+    #[error("nothing came from the other end for {:.1} s: it hangs, or the network between is gone", waited.as_secs_f64())]
+    Silent {
+        /// For how long.
+        waited: Micros,
+    },
+    /// The client takes nothing of what waits for it.
+    #[error("the client took nothing of what was sent for {:.1} s: it hangs, or the network between is gone", waited.as_secs_f64())]
+    Stalled {
+        /// For how long.
+        waited: Micros,
+    },
+    /// The client says too much.
+    #[error("the client sent more than {limit} {what} a second")]
+    Flood {
+        /// Frames or bytes.
+        what: &'static str,
+        /// How many a second it may send.
+        limit: u32,
+    },
+    /// The stream is of another scene than the one that this client has.
+    #[error(
+        "the server streams \"{name}\", whose digest {} is not that of the scene here, {}: its AO would be drawn on the wrong surfaces",
+        hex(found),
+        hex(expected)
+    )]
+    OtherScene {
+        /// What the server calls its scene.
+        name: String,
+        /// Digest of the scene that the client has.
+        expected: [u8; 32],
+        /// Digest in the stream.
+        found: [u8; 32],
+    },
     /// The stream has a profile or coder that this client did not offer.
     #[error("the server chose {what}, which this client did not offer")]
     NotOffered {
         /// What it chose.
         what: &'static str,
     },
+}
+
+/// The first bytes of a digest: enough for people to tell two apart.
+fn hex(digest: &[u8; 32]) -> String {
+    digest.iter().take(8).map(|byte| format!("{byte:02x}")).collect()
 }
 
 fn own_versions() -> String {
@@ -96,6 +135,9 @@ pub enum SendError {
         /// What the client takes.
         limit: u32,
     },
+    /// A keyframe was given as an update, or an update as a keyframe.
+    #[error("the body is of the other kind")]
+    Kind,
     /// The frame does not fit the wire's 32-bit length.
     #[error(transparent)]
     Frame(#[from] FrameFault),

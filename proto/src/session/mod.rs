@@ -4,20 +4,33 @@
 //! the protocol knows; a socket, a file or a test only carries bytes between them. The drive loop is shown, compiled
 //! and run in the head of this crate.
 
+mod access;
+mod body;
 mod client;
+mod clock;
+mod datagram;
 mod error;
+mod flight;
 mod outbox;
+mod served;
 mod server;
+mod timers;
+mod welcome;
 
 #[cfg(test)]
 mod tests;
 
-pub use client::{AppliedFrame, ClientEvent, ClientSession, ClientStats};
+pub use access::Access;
+pub use body::SharedBody;
+pub use client::{AppliedFrame, ClientEvent, ClientOptions, ClientSession, ClientStats};
+pub use clock::ClockEstimate;
+pub use datagram::MIN_DATAGRAM_BYTES;
 pub use error::{SendError, SessionError};
-pub use server::{Sent, ServerEvent, ServerSession, ServerStats};
+pub use served::{Sent, ServerEvent, ServerStats, Wants};
+pub use server::ServerSession;
 
 use crate::message::{Close, CloseCode, Message, MessageError};
-use crate::{FrameFault, FramerError, Limits, Micros};
+use crate::{FrameFault, FramerError};
 
 /// Oldest protocol version that this crate speaks.
 pub const OLDEST_VERSION: u16 = 1;
@@ -27,22 +40,6 @@ pub const NEWEST_VERSION: u16 = 1;
 /// What this crate calls itself in a handshake unless told otherwise.
 pub(crate) const PEER_NAME: &str = concat!("psao-proto ", env!("CARGO_PKG_VERSION"));
 
-/// The handshake's deadline. It starts with the first time that the session is told.
-#[derive(Clone, Copy, Debug, Default)]
-struct Deadline {
-    started: Option<Micros>,
-}
-
-impl Deadline {
-    fn check(&mut self, now: Micros, limits: &Limits) -> Result<(), SessionError> {
-        let started = *self.started.get_or_insert(now);
-        if now.since(started) > limits.handshake {
-            return Err(SessionError::HandshakeTimeout { waited: now.since(started) });
-        }
-        Ok(())
-    }
-}
-
 /// What a session that met `error` says to the other end; `None` when the other end knows, or would not understand.
 fn farewell(error: &SessionError) -> Option<Close> {
     let code = match error {
@@ -50,7 +47,11 @@ fn farewell(error: &SessionError) -> Option<Close> {
         | SessionError::NotPsao { .. }
         | SessionError::Rejected(_)
         | SessionError::BadHello(_) => return None,
-        SessionError::HandshakeTimeout { .. } => CloseCode::TIMEOUT,
+        SessionError::HandshakeTimeout { .. }
+        | SessionError::Silent { .. }
+        | SessionError::Stalled { .. } => CloseCode::TIMEOUT,
+        SessionError::Flood { .. } => CloseCode::FLOOD,
+        SessionError::OtherScene { .. } => CloseCode::SCENE,
         _ => CloseCode::PROTOCOL,
     };
     Some(Close::new(code, &error.to_string()))

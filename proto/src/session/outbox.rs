@@ -1,6 +1,18 @@
 //! The bytes that wait to be sent, as whole frames, so that those nobody needs any more can be dropped.
 
 use std::collections::VecDeque;
+use std::sync::Arc;
+
+use crate::{FrameIndex, Numbering};
+
+/// Where a client stands once everything queued so far has arrived: what the next frame may build on.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Place {
+    /// Group and sequence of its last keyframe or update.
+    pub(super) numbering: Numbering,
+    /// That frame; nothing while it needs a keyframe.
+    pub(super) holds: Option<FrameIndex>,
+}
 
 /// Frames that wait, oldest first.
 #[derive(Clone, Debug, Default)]
@@ -12,17 +24,36 @@ pub(super) struct Outbox {
     bytes: usize,
 }
 
+/// What may become of a frame that waits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Fate {
+    /// It goes out in any case.
+    Sure,
+    /// A later one makes it superfluous.
+    Droppable,
+    /// Likewise; it is a keyframe or update, and without it the client stands where it stood before.
+    State(Place),
+}
+
 #[derive(Clone, Debug)]
 struct Frame {
-    bytes: Vec<u8>,
-    /// Whether a later keyframe makes it superfluous.
-    droppable: bool,
+    head: Vec<u8>,
+    /// The payload, where it is shared and not part of `head`.
+    body: Option<Arc<[u8]>>,
+    fate: Fate,
+}
+
+impl Frame {
+    fn len(&self) -> usize {
+        self.head.len() + self.body.as_ref().map_or(0, |body| body.len())
+    }
 }
 
 impl Outbox {
-    pub(super) fn push(&mut self, bytes: Vec<u8>, droppable: bool) {
-        self.bytes += bytes.len();
-        self.frames.push_back(Frame { bytes, droppable });
+    pub(super) fn push(&mut self, head: Vec<u8>, body: Option<Arc<[u8]>>, fate: Fate) {
+        let frame = Frame { head, body, fate };
+        self.bytes += frame.len();
+        self.frames.push_back(frame);
     }
 
     /// Bytes that wait.
@@ -34,9 +65,14 @@ impl Outbox {
         self.frames.is_empty()
     }
 
-    /// The rest of the first frame.
+    /// The next bytes: some of the first frame, never none while something waits.
     pub(super) fn front(&self) -> &[u8] {
-        self.frames.front().and_then(|frame| frame.bytes.get(self.taken..)).unwrap_or_default()
+        let Some(frame) = self.frames.front() else { return &[] };
+        match (frame.head.get(self.taken..), &frame.body) {
+            (Some(head), _) if !head.is_empty() => head,
+            (_, Some(body)) => body.get(self.taken - frame.head.len()..).unwrap_or_default(),
+            (_, None) => &[],
+        }
     }
 
     /// Marks `count` bytes of [`front`](Self::front) as sent.
@@ -44,7 +80,7 @@ impl Outbox {
         let count = count.min(self.front().len());
         self.bytes -= count;
         self.taken += count;
-        if self.front().is_empty() {
+        if self.frames.front().is_some_and(|frame| self.taken >= frame.len()) {
             self.frames.pop_front();
             self.taken = 0;
         }
@@ -62,18 +98,26 @@ impl Outbox {
         out
     }
 
-    /// Drops the droppable frames of which nothing was sent yet, and says how many. With `keep_first` the first frame
-    /// stays in any case: that it is taken later shows that the other end takes bytes again.
-    pub(super) fn drop_stale(&mut self, keep_first: bool) -> u64 {
+    /// Drops the droppable frames of which nothing was sent yet. Says how many, and where the client stands without
+    /// them when a keyframe or update was among them. With `keep_first` the first frame stays in any case: that it is
+    /// taken later shows that the other end takes bytes again.
+    pub(super) fn drop_stale(&mut self, keep_first: bool) -> (u64, Option<Place>) {
         let before = self.frames.len();
         let begun = usize::from(keep_first || self.taken > 0);
-        let mut place = 0;
+        let mut back_to = None;
+        let mut number = 0;
         self.frames.retain(|frame| {
-            place += 1;
-            place <= begun || !frame.droppable
+            number += 1;
+            if number <= begun || frame.fate == Fate::Sure {
+                return true;
+            }
+            if let Fate::State(before) = frame.fate {
+                back_to.get_or_insert(before);
+            }
+            false
         });
-        self.bytes = self.frames.iter().map(|frame| frame.bytes.len()).sum::<usize>() - self.taken;
-        (before - self.frames.len()) as u64
+        self.bytes = self.frames.iter().map(Frame::len).sum::<usize>() - self.taken;
+        ((before - self.frames.len()) as u64, back_to)
     }
 }
 
@@ -84,20 +128,40 @@ mod tests {
     #[test]
     fn stale_frames_go_but_never_one_that_was_begun() {
         let mut outbox = Outbox::default();
-        outbox.push(vec![1; 4], true);
-        outbox.push(vec![2; 3], false);
-        outbox.push(vec![3; 2], true);
+        let place = |frame| Place { holds: Some(FrameIndex(frame)), ..Place::default() };
+        outbox.push(vec![1; 4], None, Fate::State(place(1)));
+        outbox.push(vec![2; 3], None, Fate::Sure);
+        outbox.push(vec![3; 1], Some([3].into()), Fate::State(place(2)));
+        outbox.push(vec![4; 1], None, Fate::State(place(3)));
+        outbox.push(vec![5; 1], None, Fate::Droppable);
         outbox.advance(1);
-        assert_eq!(outbox.len(), 8);
-        assert_eq!(outbox.drop_stale(false), 1);
+        assert_eq!(outbox.len(), 10);
+        assert_eq!(outbox.drop_stale(false), (3, Some(place(2))), "the first of those that went tells");
         assert_eq!(outbox.len(), 6);
         assert_eq!(outbox.take(), [1, 1, 1, 2, 2, 2]);
         assert_eq!((outbox.len(), outbox.is_empty()), (0, true));
-        outbox.push(vec![4; 2], true);
-        outbox.push(vec![5; 2], true);
-        assert_eq!((outbox.drop_stale(true), outbox.len()), (1, 2));
-        assert_eq!((outbox.drop_stale(false), outbox.len()), (1, 0));
+        outbox.push(vec![4; 2], None, Fate::Droppable);
+        outbox.push(vec![5; 2], None, Fate::Droppable);
+        assert_eq!((outbox.drop_stale(true), outbox.len()), ((1, None), 2));
+        assert_eq!((outbox.drop_stale(false), outbox.len()), ((1, None), 0));
         outbox.advance(5);
         assert_eq!(outbox.front(), b"");
+    }
+
+    #[test]
+    fn a_shared_body_follows_its_head_in_any_pieces() {
+        for step in 1..6 {
+            let mut outbox = Outbox::default();
+            outbox.push(vec![1, 2], Some([3, 4, 5].into()), Fate::Sure);
+            outbox.push(vec![6], Some([].into()), Fate::Sure);
+            let mut out = Vec::new();
+            while !outbox.is_empty() {
+                let count = outbox.front().len().min(step);
+                assert!(count > 0);
+                out.extend_from_slice(&outbox.front()[..count]);
+                outbox.advance(count);
+            }
+            assert_eq!(out, [1, 2, 3, 4, 5, 6]);
+        }
     }
 }

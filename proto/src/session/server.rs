@@ -1,65 +1,29 @@
 //! The server's end: one session a client.
 
+use std::collections::VecDeque;
 use std::sync::Arc;
 
-use psao_codec::stream::Layout;
+use psao_codec::frame::FrameKind;
 
-use super::outbox::Outbox;
-use super::{Deadline, NEWEST_VERSION, OLDEST_VERSION, PEER_NAME, SendError, SessionError, farewell, read};
-use crate::message::{
-    Accept, Ack, CameraPose, Close, CloseCode, Edit, Hello, KeyframeReason, Message, MessageError,
-    PeerLimits, Reject, RejectCode, Report, Request, Text, View,
+use super::datagram::{read_ack, split};
+use super::flight::{Flight, Way};
+use super::outbox::{Fate, Outbox, Place};
+use super::timers::{Allowance, Due, Timers};
+use super::welcome::welcome;
+use super::{
+    Access, NEWEST_VERSION, PEER_NAME, SendError, Sent, ServerEvent, ServerStats, SessionError, SharedBody,
+    Wants, farewell, read,
 };
-use crate::{CoderId, FrameType, Framer, HEADER_BYTES, Limits, Micros, Numbering, SceneTable, WireFrame};
-
-/// What a client did.
-#[derive(Clone, Debug, PartialEq)]
-pub enum ServerEvent {
-    /// It was accepted; the scene is on its way and it waits for a keyframe.
-    Joined(Hello),
-    /// It looks from here now.
-    View(CameraPose),
-    /// It wants the scene changed. A server may ignore it.
-    Edit(Edit),
-    /// It holds a frame.
-    Acked(Ack),
-    /// It cannot go on without a keyframe; [`ServerSession::wants_keyframe`] says so until it got one.
-    KeyframeWanted(KeyframeReason),
-    /// It left. Nothing follows.
-    Closed(Close),
-}
-
-/// What became of a frame that was given to a session.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Sent {
-    /// It waits in the output.
-    Queued,
-    /// It was dropped: the client has not joined, or needs a keyframe first. Nothing is owed for it; the keyframe will
-    /// hold what it held.
-    Dropped,
-}
-
-/// Counts of a server session.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct ServerStats {
-    /// Bytes queued for the client, dropped ones left out.
-    pub wire_bytes: u64,
-    /// Keyframes queued.
-    pub keyframes: u64,
-    /// Updates queued.
-    pub updates: u64,
-    /// Updates and other frames dropped, before or after they were queued.
-    pub dropped: u64,
-    /// How often the client fell behind.
-    pub lags: u64,
-    /// Frames of a type that this version does not know.
-    pub unknown: u64,
-}
+use crate::message::{
+    Accept, Ack, Auth, Budget, Close, CloseCode, Edit, Hello, Message, PeerLimits, Ping, Pong, Reject,
+    RejectCode, Report, Request, Stamp, Text, View,
+};
+use crate::{FrameIndex, FrameType, Framer, HEADER_BYTES, Limits, Micros, SceneTable, WireFrame};
 
 #[derive(Debug)]
 enum Phase {
-    /// Nothing came yet.
-    Waiting,
+    /// No HELLO came yet.
+    Waiting(Option<Auth>),
     /// HELLO came and was accepted.
     Joined(Hello),
     /// A CLOSE or REJECT went, or a CLOSE came.
@@ -68,43 +32,64 @@ enum Phase {
 
 /// A server's view of one client.
 ///
-/// Give it what comes from the client with [`handle`](Self::handle); send what [`output`](Self::output) gives and say
-/// how much of it went with [`advance`](Self::advance). Before each update look at
-/// [`wants_keyframe`](Self::wants_keyframe): a client that joins, asks or fell behind needs a keyframe and takes no
-/// updates until it has one. What waits for a client is bounded by [`Limits::max_queue_bytes`].
+/// Give it what comes from the client with [`handle`](Self::handle) and, at the time that
+/// [`next_deadline`](Self::next_deadline) says, the time alone with [`tick`](Self::tick); send what
+/// [`output`](Self::output) gives and say how much of it went with [`advance`](Self::advance). Before each frame look at
+/// what it [`wants`](Self::wants): that depends on what it holds, whether it takes what is sent, and what it asked for.
+/// [`Fanout`](crate::Fanout) does that for many clients. What waits for a client is bounded by
+/// [`Limits::max_queue_bytes`].
 #[derive(Debug)]
 pub struct ServerSession {
     limits: Limits,
     scene: Arc<SceneTable>,
+    access: Access,
     name: Text<64>,
     framer: Framer,
     outbox: Outbox,
-    numbering: Numbering,
+    place: Place,
     phase: Phase,
-    deadline: Deadline,
+    timers: Timers,
+    frames_left: Allowance,
+    bytes_left: Allowance,
     failed: Option<SessionError>,
-    needs_keyframe: bool,
     /// The client fell behind: what it needs waits until the rest is gone.
     lagging: bool,
+    flight: Flight,
+    stamps: bool,
+    /// Most bytes of a datagram, when the client wants updates as such.
+    datagram_bytes: Option<u16>,
+    datagrams: VecDeque<Vec<u8>>,
+    /// Number of the last edit that it was told of; [`Fanout`](crate::Fanout) counts them.
+    pub(crate) edits_heard: u64,
+    /// Round of frame numbers that what it holds is of; [`Fanout`](crate::Fanout) counts them.
+    pub(crate) round: u32,
     stats: ServerStats,
 }
 
 impl ServerSession {
     /// A client has connected.
     #[must_use]
-    pub fn new(scene: Arc<SceneTable>, limits: Limits) -> Self {
+    pub fn new(scene: Arc<SceneTable>, access: Access, limits: Limits) -> Self {
         Self {
             limits,
             scene,
+            access,
             name: Text::cut(PEER_NAME),
             framer: Framer::new(limits),
             outbox: Outbox::default(),
-            numbering: Numbering::default(),
-            phase: Phase::Waiting,
-            deadline: Deadline::default(),
+            place: Place::default(),
+            phase: Phase::Waiting(None),
+            timers: Timers::default(),
+            frames_left: Allowance::new(limits.max_frames_per_s),
+            bytes_left: Allowance::new(limits.max_bytes_per_s),
             failed: None,
-            needs_keyframe: false,
             lagging: false,
+            flight: Flight::default(),
+            stamps: false,
+            datagram_bytes: None,
+            datagrams: VecDeque::new(),
+            edits_heard: 0,
+            round: 0,
             stats: ServerStats::default(),
         }
     }
@@ -116,6 +101,13 @@ impl ServerSession {
     /// hold a REJECT or CLOSE for the client.
     pub fn handle(&mut self, bytes: &[u8], now: Micros) -> Result<Vec<ServerEvent>, SessionError> {
         self.tick(now)?;
+        if !bytes.is_empty() {
+            self.timers.heard();
+        }
+        if !self.is_closed() && !self.bytes_left.take(bytes.len(), now) {
+            let limit = self.bytes_left.rate();
+            return Err(self.fail(SessionError::Flood { what: "bytes", limit }));
+        }
         let mut framer = std::mem::replace(&mut self.framer, Framer::new(self.limits));
         framer.push(bytes);
         let mut events = Vec::new();
@@ -139,65 +131,174 @@ impl ServerSession {
         }
     }
 
-    /// Checks the handshake's deadline. The first call starts it.
+    /// Takes a datagram from the client: an acknowledgement. Anything else is counted and dropped.
+    pub fn handle_datagram(&mut self, bytes: &[u8], now: Micros) -> Option<ServerEvent> {
+        self.timers.tell(now);
+        if !self.is_joined() {
+            return None;
+        }
+        // What comes too often or is too much is dropped: on a network that carries datagrams anybody may send one.
+        let allowed = self.frames_left.take(1, now) && self.bytes_left.take(bytes.len(), now);
+        let Some(ack) = read_ack(bytes).filter(|_| allowed) else {
+            self.stats.bad_datagrams += 1;
+            return None;
+        };
+        self.timers.heard();
+        Some(self.acked(ack))
+    }
+
+    /// Does what the time asks for: ends a handshake that takes too long, sends keep-alives, gives up a client that is
+    /// silent or takes nothing. The first call starts the handshake's time.
     ///
     /// # Errors
-    /// [`SessionError::HandshakeTimeout`], or the error that ended the session before.
+    /// [`SessionError::HandshakeTimeout`], [`SessionError::Silent`], [`SessionError::Stalled`], or the error that ended
+    /// the session before.
     pub fn tick(&mut self, now: Micros) -> Result<(), SessionError> {
         if let Some(error) = &self.failed {
             return Err(error.clone());
         }
+        self.timers.tell(now);
+        let due = match self.phase {
+            Phase::Waiting(_) => self.timers.handshake(&self.limits).map(|()| Due::Nothing),
+            Phase::Joined(_) => self.timers.open(&self.limits, !self.outbox.is_empty(), true),
+            Phase::Closed => Ok(Due::Nothing),
+        };
+        match due {
+            Ok(Due::Ping) => self.queue(&Ping { sent: self.timers.now() }),
+            Ok(Due::Nothing) => {}
+            Err(error) => return Err(self.fail(error)),
+        }
+        Ok(())
+    }
+
+    /// The next time at which [`tick`](Self::tick) has something to do; `None` before the first time it was told, and
+    /// after the end.
+    #[must_use]
+    pub fn next_deadline(&self) -> Option<Micros> {
         match self.phase {
-            Phase::Waiting => self.deadline.check(now, &self.limits).map_err(|error| self.fail(error)),
-            Phase::Joined(_) | Phase::Closed => Ok(()),
+            Phase::Waiting(_) => self.timers.next_in_handshake(&self.limits),
+            Phase::Joined(_) => self.timers.next_when_open(&self.limits, !self.outbox.is_empty(), true),
+            Phase::Closed => None,
         }
     }
 
-    /// Whether the client needs a keyframe now. A client that fell behind says so once its queue is empty.
+    /// What brings the client to the newest frame. A client that fell behind wants nothing until it has taken what
+    /// waits.
     #[must_use]
-    pub fn wants_keyframe(&self) -> bool {
-        let ready = !self.lagging || self.outbox.is_empty();
-        matches!(self.phase, Phase::Joined(_)) && self.needs_keyframe && ready
+    pub fn wants(&self) -> Wants {
+        let caught_up =
+            || self.outbox.is_empty() && self.flight.len() <= self.limits.max_unacked as usize / 2;
+        if !self.is_joined() || (self.lagging && !caught_up()) {
+            return Wants::Nothing;
+        }
+        let now = self.timers.now();
+        match (self.place.holds, self.datagram_bytes, self.flight.acked()) {
+            (None, _, _) => Wants::Keyframe,
+            (Some(holds), Some(_), acked) if self.flight.is_large(now) => {
+                Wants::Update { base: acked.map_or(holds, |acked| holds.max(acked)) }
+            }
+            (Some(_), Some(_), Some(base)) if self.flight.has_room(now) => Wants::Datagrams { base },
+            // The keyframe that datagrams build on is on its way, or the network is full.
+            (Some(_), Some(_), _) => Wants::Nothing,
+            (Some(base), None, _) => Wants::Update { base },
+        }
     }
 
-    /// Sends the body of a keyframe, as of `psao_codec::stream::keyframe` or the first frame of an encoder. Updates that
-    /// still wait are dropped: the keyframe holds them.
+    /// Sends a keyframe. Updates that still wait are dropped: the keyframe holds them.
     ///
     /// # Errors
     /// [`SendError::NotOpen`] after the session ended; [`SendError::OverPeerLimit`] when it does not take so long
-    /// a frame, which it then can never follow: close it.
-    pub fn send_keyframe(&mut self, body: &[u8]) -> Result<Sent, SendError> {
+    /// a frame, which it then can never follow: close it. [`SendError::Kind`] for an update.
+    pub fn send_keyframe(&mut self, body: &SharedBody) -> Result<Sent, SendError> {
+        if body.kind != FrameKind::Key {
+            return Err(SendError::Kind);
+        }
         if !self.check_body(body)? {
             return Ok(Sent::Dropped);
         }
-        let frame = self.numbering.keyframe(body)?;
         self.drop_stale(false);
-        self.push(frame, true);
+        self.flight.clear();
+        let before = self.place;
+        let head = self.place.numbering.keyframe_head(&body.bytes)?;
+        self.push_state(&head, body, before);
         self.stats.keyframes += 1;
-        self.needs_keyframe = false;
-        self.lagging = false;
         Ok(Sent::Queued)
     }
 
-    /// Sends the body of an update, unless the client needs a keyframe first. An update that does not fit the queue
+    /// Sends an update that builds on the frame `base`. It is dropped unless that is what the client
+    /// [`wants`](Self::wants). One that does not fit the queue, or comes on top of too many that were not acknowledged,
     /// makes the client lag: all updates that wait are dropped with it.
     ///
     /// # Errors
-    /// As [`send_keyframe`](Self::send_keyframe).
-    pub fn send_update(&mut self, body: &[u8]) -> Result<Sent, SendError> {
-        if !self.check_body(body)? || self.needs_keyframe {
+    /// As [`send_keyframe`](Self::send_keyframe); [`SendError::Kind`] for a keyframe.
+    pub fn send_update(&mut self, body: &SharedBody, base: FrameIndex) -> Result<Sent, SendError> {
+        if body.kind != FrameKind::Delta {
+            return Err(SendError::Kind);
+        }
+        if !self.check_body(body)? || self.wants() != (Wants::Update { base }) {
             self.stats.dropped += 1;
             return Ok(Sent::Dropped);
         }
-        if !self.outbox.is_empty() && !self.fits(HEADER_BYTES + body.len()) {
+        let waits = !self.outbox.is_empty() && !self.fits(HEADER_BYTES + body.bytes.len());
+        if waits || self.flight.len() >= self.limits.max_unacked as usize {
             self.lag();
             self.stats.dropped += 1;
             return Ok(Sent::Dropped);
         }
-        let frame = self.numbering.update(body)?;
-        self.push(frame, true);
+        let before = self.place;
+        let head = self.place.numbering.update_head(&body.bytes)?;
+        self.push_state(&head, body, before);
         self.stats.updates += 1;
         Ok(Sent::Queued)
+    }
+
+    /// Sends an update that builds on the frame `base`, or any later one, as datagrams; those of an older frame that were
+    /// not taken are dropped. When acknowledgements are overdue it goes over the connection as well. One of many datagrams is
+    /// dropped, and the client wants updates over the connection for a while; one over the limit for datagrams makes it
+    /// want a keyframe.
+    ///
+    /// # Errors
+    /// As [`send_update`](Self::send_update).
+    pub fn send_datagrams(&mut self, body: &SharedBody, base: FrameIndex) -> Result<Sent, SendError> {
+        if body.kind != FrameKind::Delta {
+            return Err(SendError::Kind);
+        }
+        let wanted = self.wants() == (Wants::Datagrams { base });
+        let (Some(bytes), true, true) = (self.datagram_bytes, wanted, self.check_body(body)?) else {
+            self.stats.dropped += 1;
+            return Ok(Sent::Dropped);
+        };
+        let small = body.bytes.len() <= self.limits.max_datagram_body as usize;
+        let Some(datagrams) = split(body.frame, &body.bytes, bytes).filter(|_| small) else {
+            self.place.holds = None;
+            self.stats.dropped += 1;
+            return Ok(Sent::Dropped);
+        };
+        let now = self.timers.now();
+        let way = self.flight.choose(body.frame, datagrams.len(), self.outbox.is_empty(), now);
+        if way == Way::Connection {
+            return Ok(Sent::Dropped);
+        }
+        self.lagging = false;
+        let bytes = datagrams.iter().map(|datagram| datagram.len() as u64).sum();
+        self.stats.wire_bytes += bytes;
+        self.stats.datagram_frames += 1;
+        self.datagrams = datagrams;
+        if way == Way::Both {
+            let before = self.place;
+            let head = self.place.numbering.update_head(&body.bytes)?;
+            self.push_state(&head, body, before);
+            self.stats.updates += 1;
+        } else {
+            self.flight.expect((body.frame, body.hash), now, bytes, true);
+        }
+        Ok(Sent::Queued)
+    }
+
+    /// The next datagram to send.
+    #[must_use]
+    pub fn take_datagram(&mut self) -> Option<Vec<u8>> {
+        self.datagrams.pop_front()
     }
 
     /// Sends a report, unless the client is behind.
@@ -205,15 +306,28 @@ impl ServerSession {
     /// # Errors
     /// [`SendError::NotOpen`], or [`SendError::Message`] when the report makes no sense.
     pub fn send_report(&mut self, report: &Report) -> Result<Sent, SendError> {
-        if self.is_closed() {
-            return Err(SendError::NotOpen);
-        }
-        let frame = self.numbering.message(report)?;
-        if !self.is_joined() || self.needs_keyframe || !self.fits(frame.len()) {
-            self.stats.dropped += 1;
+        self.send_note(report)
+    }
+
+    /// Sends what a frame did with its byte budget, unless the client is behind.
+    ///
+    /// # Errors
+    /// As [`send_report`](Self::send_report).
+    pub fn send_budget(&mut self, budget: &Budget) -> Result<Sent, SendError> {
+        self.send_note(budget)
+    }
+
+    /// Tells the client of an edit that is part of every frame sent from here on.
+    ///
+    /// # Errors
+    /// As [`send_report`](Self::send_report).
+    pub fn send_edit(&mut self, edit: &Edit) -> Result<Sent, SendError> {
+        self.check_open()?;
+        let frame = self.place.numbering.message(edit)?;
+        if !self.is_joined() {
             return Ok(Sent::Dropped);
         }
-        self.push(frame, true);
+        self.push(frame, None, Fate::Sure);
         Ok(Sent::Queued)
     }
 
@@ -221,7 +335,7 @@ impl ServerSession {
     /// with the code BUSY.
     pub fn close(&mut self, code: CloseCode, text: &str) {
         match self.phase {
-            Phase::Waiting => self.queue(&Reject::new(RejectCode::BUSY, text)),
+            Phase::Waiting(_) => self.queue(&Reject::new(RejectCode::BUSY, text)),
             Phase::Joined(_) => self.queue(&Close::new(code, text)),
             Phase::Closed => {}
         }
@@ -236,12 +350,16 @@ impl ServerSession {
 
     /// Marks the first `count` bytes of [`output`](Self::output) as sent.
     pub fn advance(&mut self, count: usize) {
+        if count > 0 {
+            self.timers.moved();
+        }
         self.outbox.advance(count);
     }
 
     /// All bytes that wait, marked as sent.
     #[must_use]
     pub fn take_output(&mut self) -> Vec<u8> {
+        self.timers.moved();
         self.outbox.take()
     }
 
@@ -249,6 +367,12 @@ impl ServerSession {
     #[must_use]
     pub const fn queued_bytes(&self) -> usize {
         self.outbox.len()
+    }
+
+    /// Bytes that came in of a frame that is not whole yet.
+    #[must_use]
+    pub fn unfinished_bytes(&self) -> usize {
+        self.framer.pending()
     }
 
     /// Whether the client has joined and not left.
@@ -263,7 +387,13 @@ impl ServerSession {
         matches!(self.phase, Phase::Closed)
     }
 
-    /// Whether the client fell behind and has not got its keyframe yet.
+    /// Whether the client asked for updates as datagrams.
+    #[must_use]
+    pub const fn takes_datagrams(&self) -> bool {
+        self.datagram_bytes.is_some()
+    }
+
+    /// Whether the client fell behind and has not got what it missed yet.
     #[must_use]
     pub const fn is_lagging(&self) -> bool {
         self.lagging
@@ -275,16 +405,31 @@ impl ServerSession {
         self.stats
     }
 
+    fn send_note<M: Message>(&mut self, message: &M) -> Result<Sent, SendError> {
+        self.check_open()?;
+        let frame = self.place.numbering.message(message)?;
+        if !self.is_joined() || self.lagging || self.place.holds.is_none() || !self.fits(frame.len()) {
+            self.stats.dropped += 1;
+            return Ok(Sent::Dropped);
+        }
+        self.push(frame, None, Fate::Droppable);
+        Ok(Sent::Queued)
+    }
+
+    const fn check_open(&self) -> Result<(), SendError> {
+        if self.is_closed() { Err(SendError::NotOpen) } else { Ok(()) }
+    }
+
     /// Whether the client has joined, and the body is one that it takes.
-    fn check_body(&self, body: &[u8]) -> Result<bool, SendError> {
+    fn check_body(&self, body: &SharedBody) -> Result<bool, SendError> {
         let hello = match &self.phase {
-            Phase::Waiting => return Ok(false),
+            Phase::Waiting(_) => return Ok(false),
             Phase::Joined(hello) => hello,
             Phase::Closed => return Err(SendError::NotOpen),
         };
-        let limit = hello.limits.frame_bytes;
-        if body.len() > limit as usize {
-            return Err(SendError::OverPeerLimit { bytes: body.len(), limit });
+        let (bytes, limit) = (body.bytes.len(), hello.limits.frame_bytes);
+        if bytes > limit as usize {
+            return Err(SendError::OverPeerLimit { bytes, limit });
         }
         Ok(true)
     }
@@ -297,34 +442,61 @@ impl ServerSession {
         self.drop_stale(true);
         self.stats.lags += 1;
         self.lagging = true;
-        self.needs_keyframe = true;
     }
 
+    /// Drops what waits and can be dropped; the client then stands where it stood before that.
     fn drop_stale(&mut self, keep_first: bool) {
         let before = self.outbox.len();
-        self.stats.dropped += self.outbox.drop_stale(keep_first);
+        let (dropped, place) = self.outbox.drop_stale(keep_first);
+        self.stats.dropped += dropped;
         self.stats.wire_bytes -= (before - self.outbox.len()) as u64;
+        if let Some(place) = place {
+            self.place = place;
+            self.flight.forget_after(place.holds);
+        }
     }
 
-    fn push(&mut self, frame: Vec<u8>, droppable: bool) {
-        self.stats.wire_bytes += frame.len() as u64;
-        self.outbox.push(frame, droppable);
+    /// Queues a keyframe or update, its STAMP before it.
+    fn push_state(&mut self, head: &[u8], body: &SharedBody, before: Place) {
+        if self.stamps {
+            let sent = self.timers.now();
+            let stamp = Stamp { frame: body.frame, captured: body.captured.min(sent), sent };
+            if let Ok(stamp) = before.numbering.message(&stamp) {
+                self.push(stamp, None, Fate::Droppable);
+            }
+        }
+        self.push(head.to_vec(), Some(Arc::clone(&body.bytes)), Fate::State(before));
+        self.place.holds = Some(body.frame);
+        self.lagging = false;
+        // How long a keyframe takes says how large it is.
+        let bytes = if body.kind == FrameKind::Key { 0 } else { body.bytes.len() as u64 };
+        self.flight.expect((body.frame, body.hash), self.timers.now(), bytes, false);
+    }
+
+    fn push(&mut self, head: Vec<u8>, body: Option<Arc<[u8]>>, fate: Fate) {
+        if self.outbox.is_empty() {
+            self.timers.moved();
+        }
+        self.stats.wire_bytes += (head.len() + body.as_ref().map_or(0, |body| body.len())) as u64;
+        self.outbox.push(head, body, fate);
     }
 
     /// Queues a message that is known to be good.
     fn queue<M: Message>(&mut self, message: &M) {
-        if let Ok(frame) = self.numbering.message(message) {
-            self.push(frame, false);
+        if let Ok(frame) = self.place.numbering.message(message) {
+            self.push(frame, None, Fate::Sure);
         }
     }
 
     fn fail(&mut self, error: SessionError) -> SessionError {
+        self.drop_stale(false);
+        self.datagrams.clear();
         match (&self.phase, &error) {
             (Phase::Closed, _) => {}
             (_, SessionError::BadHello(reject)) => self.queue(&reject.clone()),
             // Whoever has not said HELLO in time or in order is told why in the words of the handshake.
-            (Phase::Waiting, SessionError::NotPsao { .. }) => {}
-            (Phase::Waiting, _) => self.queue(&Reject::new(RejectCode::BAD_HELLO, &error.to_string())),
+            (Phase::Waiting(_), SessionError::NotPsao { .. }) => {}
+            (Phase::Waiting(_), _) => self.queue(&Reject::new(RejectCode::BAD_HELLO, &error.to_string())),
             (Phase::Joined(_), _) => {
                 if let Some(close) = farewell(&error) {
                     self.queue(&close);
@@ -338,24 +510,36 @@ impl ServerSession {
 
     fn frame(&mut self, frame: &WireFrame<'_>, events: &mut Vec<ServerEvent>) -> Result<(), SessionError> {
         let (kind, payload) = (frame.header.kind, frame.payload());
-        match (kind, &self.phase) {
-            (FrameType::HELLO, Phase::Waiting) => events.push(self.hello(payload)?),
+        if !self.frames_left.take(1, self.timers.now()) {
+            return Err(SessionError::Flood { what: "frames", limit: self.frames_left.rate() });
+        }
+        match (kind, &mut self.phase) {
+            (FrameType::HELLO, Phase::Waiting(_)) => events.push(self.hello(payload)?),
+            (FrameType::AUTH, Phase::Waiting(auth @ None)) => *auth = Some(read(payload)?),
             (FrameType::CLOSE, _) => {
                 events.push(ServerEvent::Closed(read(payload)?));
                 self.phase = Phase::Closed;
             }
-            (kind, Phase::Waiting) => {
+            (kind, Phase::Waiting(_)) => {
                 return Err(SessionError::Unexpected { kind, state: "waiting for HELLO" });
             }
             (FrameType::VIEW, _) => events.push(ServerEvent::View(read::<View>(payload)?.camera)),
             (FrameType::EDIT, _) => events.push(ServerEvent::Edit(read(payload)?)),
-            (FrameType::ACK, _) => events.push(ServerEvent::Acked(read(payload)?)),
-            (FrameType::REQUEST, _) => {
-                let Request::Keyframe { reason } = read(payload)?;
-                self.needs_keyframe = true;
-                self.drop_stale(false);
-                events.push(ServerEvent::KeyframeWanted(reason));
+            (FrameType::ACK, _) => {
+                let ack = read(payload)?;
+                events.push(self.acked(ack));
             }
+            (FrameType::REQUEST, _) => events.extend(self.request(read(payload)?)),
+            (FrameType::PING, _) => {
+                let Ping { sent } = read(payload)?;
+                let now = self.timers.now();
+                // Whoever asks and takes no answers gets no more of them.
+                if self.fits(0) {
+                    self.queue(&Pong { sent, received: now, replied: now });
+                }
+            }
+            // That it came is all there is to know.
+            (FrameType::PONG, _) => drop(read::<Pong>(payload)?),
             (kind, _) if kind.name().is_some() => {
                 return Err(SessionError::Unexpected { kind, state: "serving the client" });
             }
@@ -365,67 +549,62 @@ impl ServerSession {
         Ok(())
     }
 
-    fn hello(&mut self, payload: &[u8]) -> Result<ServerEvent, SessionError> {
-        let reject = |code, text: &str| SessionError::BadHello(Reject::new(code, text));
-        let hello: Hello = match versions(payload) {
-            Some((oldest, newest)) if oldest > NEWEST_VERSION || newest < OLDEST_VERSION => {
-                let error = SessionError::Version { peer: "client", oldest, newest };
-                return Err(reject(RejectCode::VERSION, &error.to_string()));
+    fn request(&mut self, request: Request) -> Option<ServerEvent> {
+        match request {
+            Request::Keyframe { reason } => {
+                self.need_keyframe();
+                return Some(ServerEvent::KeyframeWanted(reason));
             }
-            _ => read(payload).map_err(|e: MessageError| reject(RejectCode::BAD_HELLO, &e.to_string()))?,
+            Request::Stamps => self.stamps = true,
+            Request::Datagrams { bytes } => self.datagram_bytes = Some(bytes),
+        }
+        None
+    }
+
+    /// Tells the time of what is sent next.
+    pub(crate) fn tell(&mut self, now: Micros) {
+        self.timers.tell(now);
+    }
+
+    /// What the client holds is of no use to it any more.
+    pub(crate) fn need_keyframe(&mut self) {
+        self.drop_stale(false);
+        self.place.holds = None;
+        self.lagging = false;
+        self.flight.clear();
+        self.datagrams.clear();
+    }
+
+    fn acked(&mut self, ack: Ack) -> ServerEvent {
+        let before = self.flight.len();
+        let right = self.flight.acknowledge(&ack, self.timers.now());
+        // However fast frames go, a client that acknowledges each does not say too much.
+        self.frames_left.give_back(before - self.flight.len());
+        if right {
+            return ServerEvent::Acked(ack);
+        }
+        self.stats.diverged += 1;
+        self.need_keyframe();
+        ServerEvent::Diverged(ack)
+    }
+
+    fn hello(&mut self, payload: &[u8]) -> Result<ServerEvent, SessionError> {
+        let Phase::Waiting(auth) = &self.phase else {
+            return Err(SessionError::Unexpected { kind: FrameType::HELLO, state: "serving the client" });
         };
-        let info = self.scene.info();
-        if !hello.profiles.has(info.profile) {
-            return Err(reject(RejectCode::PROFILE, "the client cannot apply the stream's profile"));
-        }
-        if !hello.coders.has(info.coder) || !hello.coders.has(CoderId::STORED) {
-            return Err(reject(RejectCode::CODER, "the client cannot undo the stream's block coder"));
-        }
-        if let Some(text) = over_limits(self.scene.layout(), &hello.limits) {
-            return Err(reject(RejectCode::LIMITS, &text));
-        }
-        let scene = self.numbering.scene(&self.scene)?;
-        let limits = PeerLimits::from(&self.limits);
-        let accept = Accept {
+        self.access.check(auth.as_ref()).map_err(SessionError::BadHello)?;
+        let hello = welcome(payload, &self.scene)?;
+        let scene = self.place.numbering.scene(&self.scene)?;
+        self.queue(&Accept {
             version: hello.newest.min(NEWEST_VERSION),
-            profile: info.profile,
-            limits,
+            profile: self.scene.info().profile,
+            limits: PeerLimits::from(&self.limits),
             name: self.name.clone(),
-        };
-        self.queue(&accept);
+        });
         for frame in scene {
-            self.push(frame, false);
+            self.push(frame, None, Fate::Sure);
         }
-        self.needs_keyframe = true;
         self.phase = Phase::Joined(hello.clone());
         Ok(ServerEvent::Joined(hello))
     }
-}
-
-/// What the client would have to raise before it can hold the scene; nothing when it can.
-fn over_limits(layout: &Layout, takes: &PeerLimits) -> Option<String> {
-    let instances = layout.instances() as u32;
-    let needs = match layout {
-        Layout::Cells(layout) => [
-            ("instances", instances, takes.instances),
-            ("buckets", layout.bucket_total(), takes.buckets),
-            ("cells", layout.cell_capacity(), takes.cells),
-        ],
-        Layout::Surface(layout) => [
-            ("instances", instances, takes.instances),
-            ("point sets", layout.sets().len() as u32, takes.instances),
-            ("points", layout.points(), takes.points),
-        ],
-    };
-    let over = |(what, need, take): &(&str, u32, u32)| {
-        (need > take)
-            .then(|| format!("the scene has {need} {what}; the client takes {take}: raise its limits"))
-    };
-    needs.iter().find_map(over)
-}
-
-/// The versions at the start of any HELLO, however much the rest of it has changed.
-fn versions(payload: &[u8]) -> Option<(u16, u16)> {
-    let &[o0, o1, n0, n1] = payload.first_chunk()?;
-    Some((u16::from_le_bytes([o0, o1]), u16::from_le_bytes([n0, n1])))
 }

@@ -218,6 +218,8 @@ impl<const ANY: bool> Trace<'_, ANY> {
     /// The triangles `lanes` of a block, none of them masked.
     #[inline(always)]
     fn plain(&mut self, prepared: &Prepared, lanes: u32, node: &Node, groups: u32) {
+        // The eight at once include those that may be looked through: they are put out of reach.
+        let shut = Lanes::from_fn(|lane| if lanes >> lane & 1 == 1 { 0.0 } else { f32::INFINITY });
         let slack = 1e-5 * self.bundle.radius;
         let low = node.bounds.min() - self.start.origin - slack;
         let high = node.bounds.max() - self.start.origin + slack;
@@ -227,21 +229,21 @@ impl<const ANY: bool> Trace<'_, ANY> {
             left &= left - 1;
             let rays = self.crossing_rays(low, high, group);
             if rays.count_ones() <= FEW_RAYS {
-                self.by_ray(prepared, rays, group);
+                self.by_ray(prepared, &shut, rays, group);
             } else {
                 self.by_triangle(prepared, lanes, group);
             }
         }
     }
 
-    /// Some rays of a group, one by one, against eight triangles at once.
+    /// Some rays of a group, one by one, against eight triangles at once; those that count are not `shut` at infinity.
     #[inline(always)]
-    fn by_ray(&mut self, prepared: &Prepared, mut rays: u32, group: usize) {
+    fn by_ray(&mut self, prepared: &Prepared, shut: &Lanes, mut rays: u32, group: usize) {
         let bundle = &mut *self.bundle;
         while rays != 0 {
             let ray = rays.trailing_zeros() as usize % LANES;
             rays &= rays - 1;
-            let t = prepared.distances(bundle.directions[group].at(ray)).smallest();
+            let t = prepared.distances(bundle.directions[group].at(ray)).larger(*shut).smallest();
             let best = &mut bundle.best[group];
             if t < best.array()[ray] {
                 best.array_mut()[ray] = if ANY { DONE } else { t };

@@ -302,18 +302,24 @@ mod tests {
     #[test]
     fn refused_texels_let_rays_through() {
         let mut triangles = floor(2.0);
+        triangles.push([[0.3, 0.1, 0.0], [0.3, 0.3, 0.1], [0.3, 0.3, -0.1]].map(Vec3::from));
+        let plain = Bodies::new(vec![body(&triangles, Placement::IDENTITY)]);
         triangles.extend(floor(2.0).iter().map(|t| t.map(|c| c + Vec3::Y * 0.3)));
-        let blas = Blas::build(&triangles, Effort::Best).with_masks(|triangle| triangle >= 2);
+        let whole = Bodies::new(vec![body(&triangles, Placement::IDENTITY)]);
+        // Masked and plain triangles in one leaf.
+        let blas = Blas::build(&triangles, Effort::Best).with_masks(|triangle| triangle >= 3);
         let bodies = Bodies::new(vec![Body::new(Arc::new(blas), Placement::IDENTITY)]);
-        for kind in [Occlusion::Obscurance, Occlusion::Binary] {
-            let tracer = tracer(64, kind);
-            let mut scratch = Scratch::default();
-            let shut = tracer.trace(&bodies, 1, &on_floor(0), &|_, _| true, &mut scratch);
-            let open = tracer.trace(&bodies, 1, &on_floor(0), &|_, _| false, &mut scratch);
-            assert!(shut.ao < 0.8);
-            assert_eq!(open.ao, 1.0);
-            let plain = Bodies::new(vec![body(&triangles, Placement::IDENTITY)]);
-            assert_eq!(trace(&tracer, &plain, 1, &on_floor(0)), shut);
+        // Few rays meet a leaf one by one, many in groups.
+        for rays in [3, 64] {
+            for kind in [Occlusion::Obscurance, Occlusion::Binary] {
+                let tracer = tracer(rays, kind);
+                let mut scratch = Scratch::default();
+                let shut = tracer.trace(&bodies, 1, &on_floor(0), &|_, _| true, &mut scratch);
+                let open = tracer.trace(&bodies, 1, &on_floor(0), &|_, _| false, &mut scratch);
+                assert!(shut.ao < 0.8 && open.ao > shut.ao);
+                assert_eq!(open, trace(&tracer, &plain, 1, &on_floor(0)));
+                assert_eq!(shut, trace(&tracer, &whole, 1, &on_floor(0)));
+            }
         }
     }
 

@@ -57,7 +57,8 @@ impl Blas {
         self.masked.get(first as usize / LANES).copied().unwrap_or(0)
     }
 
-    /// Moves the corners; `triangles` is as long as at the build. Which triangles share a leaf stays.
+    /// Moves the corners; `triangles` is as long as at the build. Which triangles share a leaf stays. One with a corner
+    /// that is not finite is left out from now on.
     pub(crate) fn refit(&mut self, triangles: &[[Vec3; 3]]) {
         for (block, members) in self.blocks.iter_mut().zip(self.tree.order().chunks(LANES)) {
             for (lane, &member) in members.iter().enumerate().take_while(|&(_, &member)| member != VACANT) {
@@ -252,6 +253,10 @@ pub(crate) mod tests {
             let moved: Vec<_> = triangles.iter().map(|t| t.map(|c| Vec3::new(c.y, c.z, c.x) * 1.25 + 0.1)).collect();
             blas.refit(&moved);
             check(&blas, &moved, origin.into(), direction, tmax);
+            let kept: Vec<_> = moved.iter().copied().step_by(2).collect();
+            let without = |i: usize, t: &[Vec3; 3]| if i.is_multiple_of(2) { *t } else { [Vec3::NAN; 3] };
+            blas.refit(&moved.iter().enumerate().map(|(i, t)| without(i, t)).collect::<Vec<_>>());
+            check(&blas, &kept, origin.into(), direction, tmax);
         }
     }
 

@@ -55,6 +55,12 @@ impl Bounds {
         Self { min: self.min.min(other.min), max: self.max.max(other.max) }
     }
 
+    /// Whether the two boxes have a point in common; the empty box has none.
+    #[must_use]
+    pub fn touches(&self, other: &Self) -> bool {
+        self.min.cmple(other.max).all() && other.min.cmple(self.max).all()
+    }
+
     /// The box grown by `margin` metres on every side.
     #[must_use]
     pub fn grown(self, margin: f32) -> Self {

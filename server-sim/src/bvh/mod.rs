@@ -5,6 +5,7 @@ mod block;
 mod bodies;
 mod bounds;
 mod lanes;
+mod mover;
 #[cfg(test)]
 mod tests;
 mod tree;
@@ -20,8 +21,8 @@ pub(crate) use bodies::Body;
 pub use bodies::Placement;
 pub use bounds::Bounds;
 pub(crate) use lanes::{LANES, Lanes, Lanes3, larger};
+pub(crate) use mover::{Stir, Swept};
 #[cfg(test)]
 pub(crate) use tree::Effort;
 pub(crate) use tree::Node;
 pub use world::{Hit, SurfaceAt, World};
-pub(crate) use world::{Stir, Swept};

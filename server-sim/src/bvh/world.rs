@@ -8,10 +8,11 @@ use rayon::prelude::*;
 use super::blas::{Blas, BlasHit};
 use super::bodies::{Bodies, Body, Placement};
 use super::bounds::Bounds;
+use super::mover::{Mover, Stir};
 use super::tree::Effort;
 use crate::ao::Seat;
 use crate::points::PosedMesh;
-use crate::scene::{Geometry, InstanceId, Motion, Scene, ScenePose};
+use crate::scene::{InstanceId, Motion, Scene, ScenePose};
 
 /// Where a ray hit.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -39,72 +40,24 @@ pub struct SurfaceAt {
     pub normal: Vec3,
 }
 
-/// What happened to an instance from one moment to the next.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) enum Stir {
-    /// Nothing: every bit is the same.
-    Still,
-    /// It moved as a rigid body, or came or went.
-    Moved(Swept),
-    /// Its local geometry changed too.
-    Deformed(Swept),
-}
-
-/// Where an instance was before and is now.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Swept {
-    /// All of it.
-    pub(crate) bounds: Bounds,
-    /// The same in parts: every triangle, before and after, is in one of them.
-    pub(crate) parts: Vec<Bounds>,
-}
-
-impl Stir {
-    /// Where the world may have changed.
-    pub(crate) fn swept(&self) -> Option<&Swept> {
-        match self {
-            Self::Still => None,
-            Self::Moved(swept) | Self::Deformed(swept) => Some(swept),
-        }
-    }
-}
-
-/// An instance that moves, and what it is made of now.
-#[derive(Clone, Debug)]
-struct Mover {
-    instance: usize,
-    placement: Placement,
-    visible: bool,
-    bounds: Bounds,
-    /// World bounds of the nodes `cut` of the tree.
-    parts: Vec<Bounds>,
-    cut: Vec<u32>,
-    blas: Arc<Blas>,
-    /// Geometry of a deforming instance and the work its tree took when it was built.
-    shape: Option<Shape>,
-}
-
-#[derive(Clone, Debug)]
-struct Shape {
-    geometry: Geometry,
-    spare: Geometry,
-    built_cost: f32,
-}
-
-/// Parts that a moving instance is cut into, to tell what it comes near.
-const PARTS: usize = 32;
-
-/// A refitted tree that costs this many times as much as when it was built is built anew.
-const WORN: f32 = 1.6;
-
-/// A scene at one moment: all static instances together in one body in world space, every other one a body of its own
+/// A scene at one moment: all still instances together in one body in world space, every other one a body of its own
 /// that is placed rigidly. Moving rigidly rebuilds nothing but the small tree over the bodies.
+///
+/// A static instance is still until a pose has it elsewhere or out of sight, which its animation never does, only an
+/// edit ([`ScenePose::apply`]). Then it is taken out of the shared body and has one of its own for good: what was moved
+/// by hand will be moved again, and every change of body costs the AO of all points near it.
 #[derive(Clone, Debug)]
 pub struct World {
     scene: Arc<Scene>,
-    /// The static instances' triangles; the numbers of each instance's first triangle there.
+    /// Whether each instance is in the body of the still ones.
+    shared: Vec<bool>,
+    /// Triangles of the instances that were still when it was built, but of those that have left; the numbers of each
+    /// one's first triangle there.
     still: Arc<Blas>,
     still_starts: Vec<(u32, u32)>,
+    /// Meshes at rest of what does not deform, as far as movers need them.
+    rests: Vec<Option<Arc<Blas>>>,
+    /// By instance.
     movers: Vec<Mover>,
     bodies: Bodies,
     /// Instance of each body; the static one has none.
@@ -119,31 +72,42 @@ impl World {
     /// Builds the structures of the scene at a pose of it.
     #[must_use]
     pub fn new(scene: &Arc<Scene>, pose: &ScenePose) -> Self {
-        let (still, still_starts) = build_still(scene, pose);
-        let rigid: Vec<bool> = (0..scene.rests().len())
-            .map(|rest| {
-                scene.instances().iter().any(|i| i.motion() == Motion::Rigid && i.rest().index() == rest)
+        let count = scene.instances().len();
+        let placements: Vec<Placement> = pose.instances().iter().map(|at| placement(at.frame())).collect();
+        let shared: Vec<bool> = (0..count)
+            .map(|index| {
+                let instance = &scene.instances()[index];
+                let fixed = instance.fixed.filter(|_| instance.motion() == Motion::Static);
+                fixed.is_some_and(|fixed| stands(pose, index, &placement(&fixed)))
             })
             .collect();
-        let shared: Vec<Option<Arc<Blas>>> = scene
-            .rests()
-            .par_iter()
-            .zip(&rigid)
-            .map(|(rest, &used)| used.then(|| Arc::new(build(&PosedMesh::at_rest(scene, rest)))))
-            .collect();
-        let moving = |&index: &usize| scene.instances()[index].motion() != Motion::Static;
-        let movers: Vec<usize> = (0..scene.instances().len()).filter(moving).collect();
-        let movers = movers.par_iter().map(|&index| Mover::new(scene, pose, index, &shared)).collect();
-        let count = scene.instances().len();
+        let (still, still_starts) = build_still(scene, &shared, &placements);
+        let rigid = |&index: &usize| !shared[index] && scene.instances()[index].motion() != Motion::Deforming;
+        let mut rests = vec![None; scene.rests().len()];
+        let mut used: Vec<usize> =
+            (0..count).filter(rigid).map(|index| scene.instances()[index].rest().index()).collect();
+        used.sort_unstable();
+        used.dedup();
+        let built: Vec<Arc<Blas>> = used.par_iter().map(|&rest| build_rest(scene, rest)).collect();
+        for (rest, blas) in used.into_iter().zip(built) {
+            rests[rest] = Some(blas);
+        }
+        let movers: Vec<usize> = (0..count).filter(|&index| !shared[index]).collect();
+        let mover = |&index: &usize| {
+            Mover::posed(scene, pose, index, rests[scene.instances()[index].rest().index()].as_ref())
+        };
+        let movers = movers.par_iter().map(mover).collect();
         let mut world = Self {
             scene: Arc::clone(scene),
+            shared,
             still: Arc::new(still),
             still_starts,
+            rests,
             movers,
             bodies: Bodies::default(),
             body_instances: Vec::new(),
             instance_bodies: vec![Seat::WORLD; count],
-            placements: pose.instances().iter().map(|at| placement(at.frame())).collect(),
+            placements,
             stirs: vec![Stir::Still; count],
         };
         world.assemble();
@@ -152,11 +116,15 @@ impl World {
 
     /// Moves on to another pose of the same scene.
     pub fn update(&mut self, pose: &ScenePose) {
+        let left = self.part(pose);
         let scene = &self.scene;
         let stirs: Vec<(usize, Stir)> =
             self.movers.par_iter_mut().map(|mover| (mover.instance, mover.update(scene, pose))).collect();
         for (instance, stir) in stirs {
-            self.stirs[instance] = stir;
+            self.stirs[instance] = match stir {
+                Stir::Moved(swept) if left.binary_search(&instance).is_ok() => Stir::Left(swept),
+                stir => stir,
+            };
         }
         for mover in &self.movers {
             self.placements[mover.instance] = mover.placement;
@@ -166,6 +134,26 @@ impl World {
         }
     }
 
+    /// Gives bodies of their own to the still instances that a pose has elsewhere or out of sight: where they stood, so
+    /// that their first move is seen as one. Gives those instances, ascending.
+    fn part(&mut self, pose: &ScenePose) -> Vec<usize> {
+        let gone = |&index: &usize| self.shared[index] && !stands(pose, index, &self.placements[index]);
+        let gone: Vec<usize> = (0..self.shared.len()).filter(gone).collect();
+        if gone.is_empty() {
+            return gone;
+        }
+        for &index in &gone {
+            self.shared[index] = false;
+            let rest = self.scene.instances()[index].rest().index();
+            let blas = self.rests[rest].get_or_insert_with(|| build_rest(&self.scene, rest));
+            self.movers.push(Mover::rigid(index, Arc::clone(blas), self.placements[index]));
+        }
+        self.movers.sort_unstable_by_key(|mover| mover.instance);
+        let triangles = still_triangles(&self.scene, &self.still_starts, &self.shared, &self.placements);
+        Arc::make_mut(&mut self.still).refit(&triangles);
+        gone
+    }
+
     fn assemble(&mut self) {
         self.instance_bodies.fill(Seat::WORLD);
         let mut list = Vec::with_capacity(self.movers.len() + 1);
@@ -173,8 +161,9 @@ impl World {
         if !self.still.bounds().is_empty() {
             list.push(Body::new(Arc::clone(&self.still), Placement::IDENTITY));
             self.body_instances.push(None);
-            for &(_, instance) in &self.still_starts {
-                self.instance_bodies[instance as usize] = 0;
+            for (body, _) in self.instance_bodies.iter_mut().zip(&self.shared).filter(|(_, shared)| **shared)
+            {
+                *body = 0;
             }
         }
         for mover in self.movers.iter().filter(|mover| mover.visible && !mover.bounds.is_empty()) {
@@ -203,13 +192,14 @@ impl World {
         self.placements.get(instance.index()).copied().unwrap_or(Placement::IDENTITY)
     }
 
-    /// An instance's mesh in its local space as it is now; `None` for one that is not in the scene.
+    /// An instance's mesh in its local space as it is now, or was when it was last in sight; `None` for one that is not
+    /// in the scene.
     #[must_use]
     pub fn posed(&self, instance: InstanceId) -> Option<PosedMesh<'_>> {
         let rest = self.scene.rest(self.scene.instances().get(instance.index())?);
-        let deformed = self.movers.binary_search_by_key(&instance.index(), |mover| mover.instance).ok();
-        let shape = deformed.and_then(|mover| self.movers[mover].shape.as_ref());
-        Some(PosedMesh::posed(&self.scene, rest, shape.map_or(rest.geometry(), |shape| &shape.geometry)))
+        let mover = self.movers.binary_search_by_key(&instance.index(), |mover| mover.instance).ok();
+        let deformed = mover.and_then(|mover| self.movers[mover].geometry());
+        Some(PosedMesh::posed(&self.scene, rest, deformed.unwrap_or(rest.geometry())))
     }
 
     /// The nearest hit nearer than `tmax` metres along a unit direction. Both sides of a triangle are hit; masked-out
@@ -258,7 +248,7 @@ impl World {
 
     /// Whether the space of an instance's body is the world, not its own.
     pub(crate) fn is_still(&self, instance: usize) -> bool {
-        self.scene.instances()[instance].motion() == Motion::Static
+        self.shared[instance]
     }
 
     /// Whether an instance can be seen and hit now.
@@ -298,71 +288,6 @@ impl World {
     }
 }
 
-impl Mover {
-    fn new(scene: &Arc<Scene>, pose: &ScenePose, index: usize, shared: &[Option<Arc<Blas>>]) -> Self {
-        let instance = &scene.instances()[index];
-        let at = &pose.instances()[index];
-        let (blas, shape) = match &shared[instance.rest().index()] {
-            Some(blas) if instance.motion() == Motion::Rigid => (Arc::clone(blas), None),
-            _ => {
-                let mut geometry = Geometry::default();
-                scene.local_geometry(InstanceId(index as u32), pose, &mut geometry);
-                let blas = build(&PosedMesh::posed(scene, scene.rest(instance), &geometry));
-                let built_cost = blas.cost();
-                (Arc::new(blas), Some(Shape { geometry, spare: Geometry::default(), built_cost }))
-            }
-        };
-        let placement = placement(at.frame());
-        let bounds = Body::new(Arc::clone(&blas), placement).bounds();
-        let cut = blas.tree().cut(PARTS);
-        let parts = parts(&blas, &cut, &placement);
-        Self { instance: index, placement, visible: at.visible(), bounds, parts, cut, blas, shape }
-    }
-
-    fn update(&mut self, scene: &Arc<Scene>, pose: &ScenePose) -> Stir {
-        let at = &pose.instances()[self.instance];
-        let now = placement(at.frame());
-        let moved = now != self.placement || at.visible() != self.visible;
-        (self.placement, self.visible) = (now, at.visible());
-        let (deformed, rebuilt) = self.deform(scene, pose);
-        if !moved && !deformed {
-            return Stir::Still;
-        }
-        let bounds = Body::new(Arc::clone(&self.blas), now).bounds();
-        let parts = parts(&self.blas, &self.cut, &now);
-        let before = std::mem::replace(&mut self.parts, parts.clone());
-        let joined = if before.len() == parts.len() && !rebuilt {
-            before.iter().zip(&parts).map(|(before, after)| before.union(*after)).collect()
-        } else {
-            [before, parts].concat()
-        };
-        let swept =
-            Swept { bounds: std::mem::replace(&mut self.bounds, bounds).union(bounds), parts: joined };
-        if deformed { Stir::Deformed(swept) } else { Stir::Moved(swept) }
-    }
-
-    /// Brings a deforming instance's geometry up to date; says whether any bit of it changed, and whether its tree is a
-    /// new one.
-    fn deform(&mut self, scene: &Arc<Scene>, pose: &ScenePose) -> (bool, bool) {
-        let Some(shape) = &mut self.shape else { return (false, false) };
-        scene.local_geometry(InstanceId(self.instance as u32), pose, &mut shape.spare);
-        if shape.spare == shape.geometry {
-            return (false, false);
-        }
-        std::mem::swap(&mut shape.spare, &mut shape.geometry);
-        let posed = PosedMesh::posed(scene, scene.rest(&scene.instances()[self.instance]), &shape.geometry);
-        let blas = Arc::make_mut(&mut self.blas);
-        blas.refit(&corners(&posed));
-        let worn = blas.cost() > WORN * shape.built_cost;
-        if worn {
-            *blas = build(&posed);
-            shape.built_cost = blas.cost();
-            self.cut = blas.tree().cut(PARTS);
-        }
-        (true, worn)
-    }
-}
-
 /// The surface of a mesh where a hit's triangle and weights say, in the mesh's space.
 fn surface(posed: &PosedMesh<'_>, hit: &Hit) -> Option<SurfaceAt> {
     if hit.triangle as usize >= posed.triangles.len() {
@@ -376,38 +301,56 @@ fn surface(posed: &PosedMesh<'_>, hit: &Hit) -> Option<SurfaceAt> {
     })
 }
 
-/// World bounds of some nodes of a body's tree.
-fn parts(blas: &Blas, cut: &[u32], at: &Placement) -> Vec<Bounds> {
-    let nodes = blas.tree().nodes();
-    cut.iter().map(|&node| nodes[node as usize].bounds.transformed(at.rotation, at.translation)).collect()
-}
-
-fn placement(frame: &crate::scene::RigidFrame) -> Placement {
+pub(super) fn placement(frame: &crate::scene::RigidFrame) -> Placement {
     Placement { rotation: frame.matrix(), translation: frame.translation }
 }
 
-fn corners(posed: &PosedMesh<'_>) -> Vec<[Vec3; 3]> {
+pub(super) fn corners(posed: &PosedMesh<'_>) -> Vec<[Vec3; 3]> {
     (0..posed.triangles.len() as u32).map(|triangle| posed.corners(triangle)).collect()
 }
 
-fn build(posed: &PosedMesh<'_>) -> Blas {
+pub(super) fn build(posed: &PosedMesh<'_>) -> Blas {
     let blas = Blas::build(&corners(posed), Effort::Best);
     if posed.masked() { blas.with_masks(|_| true) } else { blas }
 }
 
-/// All static instances in one body, with the number of each one's first triangle.
-fn build_still(scene: &Arc<Scene>, pose: &ScenePose) -> (Blas, Vec<(u32, u32)>) {
-    let (mut triangles, mut starts, mut masked) = (Vec::new(), Vec::new(), Vec::new());
-    for (index, instance) in (0u32..).zip(scene.instances()) {
-        if instance.motion() != Motion::Static {
-            continue;
-        }
+fn build_rest(scene: &Arc<Scene>, rest: usize) -> Arc<Blas> {
+    Arc::new(build(&PosedMesh::at_rest(scene, &scene.rests()[rest])))
+}
+
+/// Whether a pose has an instance in sight and at this very place.
+fn stands(pose: &ScenePose, index: usize, at: &Placement) -> bool {
+    let now = &pose.instances()[index];
+    now.visible() && placement(now.frame()) == *at
+}
+
+/// The still instances in one body, with the number of each one's first triangle.
+fn build_still(scene: &Arc<Scene>, still: &[bool], placements: &[Placement]) -> (Blas, Vec<(u32, u32)>) {
+    let (mut starts, mut masked) = (Vec::new(), Vec::new());
+    for (index, instance) in scene.instances().iter().enumerate().filter(|(index, _)| still[*index]) {
         let posed = PosedMesh::at_rest(scene, scene.rest(instance));
-        let at = placement(pose.instances()[index as usize].frame());
-        starts.push((triangles.len() as u32, index));
-        triangles.extend(corners(&posed).into_iter().map(|triangle| triangle.map(|corner| at.point(corner))));
-        masked.resize(triangles.len(), posed.masked());
+        starts.push((masked.len() as u32, index as u32));
+        masked.resize(masked.len() + posed.triangles.len(), posed.masked());
     }
+    let triangles = still_triangles(scene, &starts, still, placements);
     let blas = Blas::build(&triangles, Effort::Best).with_masks(|triangle| masked[triangle as usize]);
     (blas, starts)
+}
+
+/// Triangles of the instances at `starts`, in the world; of those that are not `still`, ones that nothing meets.
+fn still_triangles(
+    scene: &Arc<Scene>,
+    starts: &[(u32, u32)],
+    still: &[bool],
+    placements: &[Placement],
+) -> Vec<[Vec3; 3]> {
+    let mut triangles = Vec::new();
+    for &(_, index) in starts {
+        let index = index as usize;
+        let posed = PosedMesh::at_rest(scene, scene.rest(&scene.instances()[index]));
+        let at = &placements[index];
+        let placed = |corner: Vec3| if still[index] { at.point(corner) } else { Vec3::NAN };
+        triangles.extend(corners(&posed).into_iter().map(|triangle| triangle.map(placed)));
+    }
+    triangles
 }

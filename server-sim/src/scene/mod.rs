@@ -6,6 +6,7 @@
 //! their animation does.
 //!
 //! * [`Scene::pose`] gives the frames of all instances, and what deforms them, at a time.
+//! * [`ScenePose::apply`] puts on top what clients changed: [`Edits`].
 //! * [`Scene::local_geometry`] gives an instance's deformed vertices in its local space at that time.
 //!
 //! ```
@@ -30,6 +31,7 @@ mod assemble;
 mod builtin;
 mod camera;
 mod deform;
+mod edits;
 mod error;
 mod file;
 mod gltf;
@@ -55,6 +57,7 @@ use psao_proto::message::CameraPose;
 
 pub use camera::{CameraKey, CameraPath};
 pub use deform::JointMatrix;
+pub use edits::{EditError, Edits};
 pub use error::{GltfProblem, SceneError};
 pub use ids::{InstanceId, MaterialId, MeshId, RestId};
 pub use instance::{Deform, Instance, InstancePose, Motion, ScenePose};

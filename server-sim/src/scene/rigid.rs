@@ -47,15 +47,19 @@ impl RigidFrame {
         self.matrix().transpose() * world
     }
 
-    /// The frame of a proper rotation and an origin. The quaternion's sign makes `w` non-negative.
+    /// The frame of a proper rotation and an origin.
     pub(crate) fn new(rotation: DMat3, origin: DVec3) -> Self {
-        let q = DQuat::from_mat3(&rotation);
+        Self::unit(DQuat::from_mat3(&rotation), origin.as_vec3())
+    }
+
+    /// The frame of a rotation that is made unit and given the sign that makes `w` non-negative.
+    pub(crate) fn unit(q: DQuat, translation: Vec3) -> Self {
         let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
         let scale = sign / (q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w).sqrt();
         let component = |v: f64| (v * scale) as f32;
         Self {
             rotation: Quat::from_xyzw(component(q.x), component(q.y), component(q.z), component(q.w)),
-            translation: origin.as_vec3(),
+            translation,
         }
     }
 

@@ -35,7 +35,7 @@ pub(super) struct Chunk {
     pub(super) first: u32,
     /// Places within the instance.
     pub(super) points: Range<usize>,
-    /// Bounds in the space of the seats; kept up to date for instances that do not deform only.
+    /// Bounds in the space of the seats; of instances that do not deform only.
     bounds: Bounds,
 }
 
@@ -59,7 +59,7 @@ pub(super) struct Field {
     /// Points in instance-local space, by instance; those of instances that do not deform are shared by set.
     places: Vec<Places>,
     shared: Vec<Vec<PlacedPoint>>,
-    /// Static instances' points in world space, where their body is.
+    /// Points in world space of instances that are still, where the body that those share is; empty for others.
     worlds: Vec<Vec<PlacedPoint>>,
 }
 
@@ -123,17 +123,31 @@ impl Field {
             }));
         }
         field.place(world, points, true);
-        for index in 0..field.chunks.len() {
-            let chunk = &field.chunks[index];
-            let positions =
-                field.placed().seats(chunk.instance)[chunk.points.clone()].iter().map(|point| point.position);
-            field.chunks[index].bounds = Bounds::around(positions);
-        }
+        field.measure(|_| true);
         field
     }
 
-    /// Places the points of instances that deformed.
+    /// Measures the chunks of some instances in the space of their seats.
+    fn measure(&mut self, of: impl Fn(usize) -> bool) {
+        let mut chunks = std::mem::take(&mut self.chunks);
+        for chunk in chunks.iter_mut().filter(|chunk| of(chunk.instance)) {
+            let seats = &self.placed().seats(chunk.instance)[chunk.points.clone()];
+            chunk.bounds = Bounds::around(seats.iter().map(|point| point.position));
+        }
+        self.chunks = chunks;
+    }
+
+    /// Places the points of instances that deformed, and seats those of instances that left the body of the still ones
+    /// in their own.
     pub(super) fn place(&mut self, world: &World, points: &ScenePoints, all: bool) {
+        let left = |instance: usize| matches!(world.stirs()[instance], Stir::Left(_));
+        if (0..self.worlds.len()).any(left) {
+            (0..)
+                .zip(&mut self.worlds)
+                .filter(|(instance, _)| left(*instance))
+                .for_each(|(_, seats)| seats.clear());
+            self.measure(left);
+        }
         self.places.par_iter_mut().enumerate().for_each(|(instance, places)| {
             let Places::Own(own) = places else { return };
             if !all && !matches!(world.stirs()[instance], Stir::Deformed(_)) {
@@ -183,11 +197,16 @@ impl Field {
 
     /// Marks which points are in view and which are no longer fresh.
     pub(super) fn mark(&mut self, world: &World, views: Option<&Views>, bias: f32, reach: f32) {
-        let swept: Vec<&Swept> = world.stirs().iter().filter_map(Stir::swept).collect();
+        let unrest = Unrest {
+            swept: world.stirs().iter().filter_map(Stir::swept).collect(),
+            left: world.stirs().iter().any(|stir| matches!(stir, Stir::Left(_))),
+            bias,
+            reach,
+        };
         let (parts, rest) = self.split();
         parts.into_par_iter().for_each(|mut part| {
             part.see(&rest, world, views);
-            part.wilt(&rest, world, &swept, bias, reach);
+            part.wilt(&rest, world, &unrest);
         });
     }
 
@@ -207,6 +226,15 @@ impl Field {
     }
 }
 
+/// What happened to the world since the last frame, and how far away it counts.
+struct Unrest<'a> {
+    swept: Vec<&'a Swept>,
+    /// Whether some instance left the body that the still ones share.
+    left: bool,
+    bias: f32,
+    reach: f32,
+}
+
 /// Where the points are, to be read while the rest of the field is written.
 #[derive(Clone, Copy)]
 pub(super) struct Placed<'a> {
@@ -224,7 +252,7 @@ impl<'a> Placed<'a> {
         }
     }
 
-    /// Points of an instance in the space of its body: the world for static ones, else its own.
+    /// Points of an instance in the space of its body: the world for still ones, else its own.
     fn seats(&self, instance: usize) -> &'a [PlacedPoint] {
         if self.worlds[instance].is_empty() { self.local(instance) } else { &self.worlds[instance] }
     }
@@ -252,14 +280,12 @@ impl<'a> Placed<'a> {
 impl Chunk {
     /// Bounds in the world, or nothing where they are not known.
     fn world_bounds(&self, world: &World) -> Option<Bounds> {
-        match world.scene().instances()[self.instance].motion() {
-            Motion::Static => Some(self.bounds),
-            Motion::Rigid => {
-                let at = world.placement(InstanceId(self.instance as u32));
-                Some(self.bounds.transformed(at.rotation, at.translation))
-            }
-            Motion::Deforming => None,
+        if world.is_still(self.instance) {
+            return Some(self.bounds);
         }
+        let deforming = world.scene().instances()[self.instance].motion() == Motion::Deforming;
+        let at = world.placement(InstanceId(self.instance as u32));
+        (!deforming).then(|| self.bounds.transformed(at.rotation, at.translation))
     }
 }
 
@@ -289,29 +315,35 @@ impl Part<'_> {
 
     /// Takes freshness from points whose AO may have changed: their instance moved, or bounds of one that moved,
     /// before or after, touch the ball that their rays reach.
-    fn wilt(&mut self, placed: &Placed<'_>, world: &World, swept: &[&Swept], bias: f32, reach: f32) {
+    fn wilt(&mut self, placed: &Placed<'_>, world: &World, unrest: &Unrest<'_>) {
+        let Unrest { swept, left, bias, reach } = unrest;
         match world.stirs()[self.chunk.instance] {
             Stir::Still => {}
             Stir::Moved(_) => return self.flags.iter_mut().for_each(|flags| *flags &= !flag::FRESH),
-            Stir::Deformed(_) => {
+            Stir::Deformed(_) | Stir::Left(_) => {
                 return self.flags.iter_mut().for_each(|flags| *flags &= !(flag::FRESH | flag::ALONE));
             }
         }
         let around = self.chunk.world_bounds(world).map(|bounds| bounds.grown(bias + reach));
-        let touches = |a: &Bounds, b: &Bounds| a.min().cmple(b.max()).all() && b.min().cmple(a.max()).all();
         let near: Vec<Bounds> = swept
             .iter()
-            .filter(|swept| around.is_none_or(|around| touches(&around, &swept.bounds)))
+            .filter(|swept| around.is_none_or(|around| around.touches(&swept.bounds)))
             .flat_map(|swept| swept.parts.iter().copied())
-            .filter(|part| around.is_none_or(|around| touches(&around, part)))
+            .filter(|part| around.is_none_or(|around| around.touches(part)))
             .collect();
         if near.is_empty() {
             return;
         }
+        // A point that had the body of the still ones to itself had that of an instance that has left it, too.
+        let kept = if *left && world.is_still(self.chunk.instance) {
+            !(flag::FRESH | flag::ALONE)
+        } else {
+            !flag::FRESH
+        };
         for (flags, (position, normal)) in self.flags.iter_mut().zip(placed.in_world(world, self.chunk)) {
-            let origin = position + normal * bias;
+            let origin = position + normal * *bias;
             if near.iter().any(|bounds| bounds.distance_squared(origin) <= reach * reach) {
-                *flags &= !flag::FRESH;
+                *flags &= kept;
             }
         }
     }

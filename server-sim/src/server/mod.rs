@@ -6,6 +6,7 @@ mod both;
 mod cells;
 mod field;
 mod grids;
+mod nearness;
 mod settings;
 mod stats;
 mod stream;
@@ -21,9 +22,9 @@ use psao_codec::StateHash;
 use psao_codec::block::BlockCoder;
 use psao_codec::cells::{PaperEncoder, PointError as CodecPointError};
 use psao_codec::frame::{EncodeError, FrameIndex, FrameInfo, PoseError, StreamTime};
-use psao_codec::stream::Layout;
+use psao_codec::stream::{Layout, StateRef};
 use psao_codec::surface::{Encoder as SurfaceEncoder, GeometryError};
-use psao_proto::message::CameraPose;
+use psao_proto::message::{CameraPose, Edit};
 use psao_proto::{Limits, Profile, SceneError, SceneTable};
 use thiserror::Error;
 
@@ -35,7 +36,7 @@ use crate::ao::Tracer;
 use crate::bvh::World;
 use crate::clock::Clock;
 use crate::points::{ScenePoints, generate, order_at_rest};
-use crate::scene::Scene;
+use crate::scene::{EditError, Edits, Scene};
 use cells::CellsStream;
 use stats::Lap;
 use stream::{Frame, Stream};
@@ -47,7 +48,7 @@ pub type ProgressFn = dyn Fn(Progress) + Send + Sync;
 
 /// Traces a scene's points and writes what changed, frame by frame.
 ///
-/// The bytes depend on the scene, the settings and the arguments of [`Server::step`] alone: not on the clock, the
+/// The bytes depend on the scene, the settings and the arguments of [`Server::step`] and [`Server::edit`] alone: not on the clock, the
 /// number of threads or the machine.
 pub struct Server {
     tracing: Tracing,
@@ -180,6 +181,24 @@ impl Server {
         self.stream.write(&self.tracing, Frame { index, time, cameras: views }, traced, &mut lap)
     }
 
+    /// Changes the scene from the next step on; says whether it changed anything. Any number of edits may come before a
+    /// step: it sees where they end.
+    ///
+    /// The AO follows: of the instance itself, of what it stands near now and of what it stood near before. The first
+    /// time that a static instance moves or hides, it is taken out of the structure that all static ones share.
+    ///
+    /// # Errors
+    /// As [`Edits::apply`]; nothing has changed then.
+    pub fn edit(&mut self, edit: &Edit) -> Result<bool, EditError> {
+        self.tracing.edits.apply(edit)
+    }
+
+    /// The edits in force from the next step on.
+    #[must_use]
+    pub fn edits(&self) -> &Edits {
+        &self.tracing.edits
+    }
+
     /// What clients are told first.
     #[must_use]
     pub fn table(&self) -> &SceneTable {
@@ -192,7 +211,7 @@ impl Server {
         self.table.layout()
     }
 
-    /// The scene as of the last step.
+    /// The scene as of the last step, edits included.
     #[must_use]
     pub fn world(&self) -> &World {
         &self.tracing.world
@@ -207,7 +226,13 @@ impl Server {
     /// Hash of the state that clients hold after the last step.
     #[must_use]
     pub fn hash(&self) -> StateHash {
-        self.stream.hash()
+        self.stream.state().hash()
+    }
+
+    /// The state that clients hold after the last step.
+    #[must_use]
+    pub fn state(&self) -> StateRef<'_> {
+        self.stream.state()
     }
 
     /// The encoder of a `paper` stream; `None` for one of the other profile.

@@ -1,7 +1,7 @@
 //! What a server is asked to do.
 
 use psao_codec::block::BlockCoder;
-use psao_codec::surface::GeometrySource;
+use psao_codec::surface::{Budget, GeometrySource};
 use psao_proto::Profile;
 use thiserror::Error;
 
@@ -34,6 +34,9 @@ pub struct ServerSettings {
     pub kernel: f32,
     /// Block coder of the frames.
     pub coder: BlockCoder,
+    /// Profile `surface`: how many bytes a frame may take, 64 or more. What does not fit goes later, what is near and in
+    /// view first.
+    pub budget: Option<Budget>,
     /// Frames a second, above 0 and at most 1,000: announced to clients, and the step at which the clip is sampled for
     /// the grids.
     pub fps: f32,
@@ -58,6 +61,7 @@ impl Default for ServerSettings {
             table_slots: 4.0,
             kernel: 2.5,
             coder: BlockCoder::Range,
+            budget: None,
             fps: 60.0,
             frames_hint: 0,
             exhaustive: false,
@@ -79,6 +83,14 @@ impl ServerSettings {
         if self.threshold == 0 {
             return Err(SettingsError::Threshold);
         }
+        if let Some(Budget { bytes, .. }) = self.budget {
+            if self.profile == Profile::PAPER {
+                return Err(SettingsError::BudgetProfile);
+            }
+            if bytes < LEAST_BUDGET {
+                return Err(SettingsError::Budget { found: bytes });
+            }
+        }
         let within = |name, value: f32, low: f32, high: f32| {
             // Written so that NaN fails.
             if value >= low && value <= high {
@@ -98,6 +110,9 @@ impl ServerSettings {
         Fineness::of_bits(self.bits).ok_or(SettingsError::Bits { found: self.bits })
     }
 }
+
+/// Fewest bytes that a frame may have to do with: a header of some 40, and a few changes.
+const LEAST_BUDGET: u32 = 64;
 
 /// A setting out of its range.
 #[derive(Clone, Debug, Error, PartialEq)]
@@ -124,6 +139,20 @@ pub enum SettingsError {
     /// A threshold of zero would send every point in every frame.
     #[error("a threshold of 0 sends every point in every frame: choose 1 to 255")]
     Threshold,
+    /// A budget that a header alone takes up.
+    #[error(
+        "a budget of {found} B a frame leaves no room for points beside the header: give {LEAST_BUDGET} B or more"
+    )]
+    Budget {
+        /// Bytes as given.
+        found: u32,
+    },
+    /// A budget for a profile in which points cannot wait.
+    #[error(
+        "profile paper takes no byte budget: a point that moves must be taken out of its old cell and put into its new one \
+         in the same frame, so none can wait; choose profile surface"
+    )]
+    BudgetProfile,
     /// Another setting.
     #[error("{name} is {value}: choose {low} to {high}")]
     Range {
@@ -151,6 +180,12 @@ mod tests {
             let error = ServerSettings { bits: found, ..good }.validate();
             assert_eq!(error, Err(SettingsError::Bits { found }));
         }
+        let budget = |bytes| Some(Budget { bytes, longest_age: 0 });
+        assert_eq!(ServerSettings { budget: budget(64), ..good }.validate(), Ok(()));
+        let refused = ServerSettings { budget: budget(63), ..good }.validate();
+        assert_eq!(refused, Err(SettingsError::Budget { found: 63 }));
+        let paper = ServerSettings { profile: Profile::PAPER, budget: budget(64), ..good };
+        assert_eq!(paper.validate(), Err(SettingsError::BudgetProfile));
         let ao = AoSettings { rays: 0, ..good.ao };
         assert!(matches!(ServerSettings { ao, ..good }.validate(), Err(SettingsError::Ao(_))));
         let profile = Profile(9);

@@ -1,6 +1,7 @@
 //! What a step did, for people and reports.
 
 use psao_codec::cells::Occupancy;
+use psao_codec::surface::Postponed;
 
 use crate::clock::Clock;
 
@@ -32,6 +33,8 @@ pub struct FrameStats {
     pub rays: u64,
     /// Points sent.
     pub changed: u32,
+    /// What was left for later frames; nothing without a byte budget.
+    pub postponed: Option<Postponed>,
     /// How full the client's tables are, and what did not fit; nothing in profile `surface`, which has none.
     pub occupancy: Option<Occupancy>,
     /// Times.

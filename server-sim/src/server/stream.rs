@@ -1,9 +1,10 @@
 //! The stream that a server writes, of either profile.
 
-use psao_codec::StateHash;
 use psao_codec::block::BlockCoder;
 use psao_codec::cells::Occupancy;
 use psao_codec::frame::{EncodedFrame, FrameIndex, FrameKind, FrameMeta, StreamTime, keyframe};
+use psao_codec::stream::StateRef;
+use psao_codec::surface::Postponed;
 use psao_proto::message::CameraPose;
 
 use super::cells::CellsStream;
@@ -31,17 +32,14 @@ pub(super) struct Frame<'a> {
 impl Stream {
     /// The last frame written; nothing before the first.
     pub(super) fn last(&self) -> Option<FrameIndex> {
-        match self {
-            Self::Cells(stream) => stream.encoder.state().frame(),
-            Self::Surface(stream) => stream.encoder.state().frame(),
-        }
+        self.state().frame()
     }
 
-    /// Hash of what clients hold.
-    pub(super) fn hash(&self) -> StateHash {
+    /// What clients hold.
+    pub(super) fn state(&self) -> StateRef<'_> {
         match self {
-            Self::Cells(stream) => stream.encoder.state().hash(),
-            Self::Surface(stream) => stream.encoder.state().hash(),
+            Self::Cells(stream) => stream.encoder.state().into(),
+            Self::Surface(stream) => stream.encoder.state().into(),
         }
     }
 
@@ -50,6 +48,14 @@ impl Stream {
         match self {
             Self::Cells(stream) => Some(stream.encoder.counts()),
             Self::Surface(_) => None,
+        }
+    }
+
+    /// What the last frame left for later; nothing without a byte budget.
+    fn postponed(&self) -> Option<Postponed> {
+        match self {
+            Self::Cells(_) => None,
+            Self::Surface(stream) => stream.encoder.postponed().copied(),
         }
     }
 
@@ -74,8 +80,10 @@ impl Stream {
         };
         micros.encode = lap.micros();
         let Traces { visible, traced, rays } = traces;
-        let occupancy = self.occupancy();
-        Ok(StepOutput { body, info, stats: FrameStats { visible, traced, rays, changed, occupancy, micros } })
+        let (occupancy, postponed) = (self.occupancy(), self.postponed());
+        let changed = info.changed_points;
+        let stats = FrameStats { visible, traced, rays, changed, postponed, occupancy, micros };
+        Ok(StepOutput { body, info, stats })
     }
 
     /// A keyframe of what clients hold.

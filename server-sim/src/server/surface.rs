@@ -10,10 +10,11 @@ use psao_proto::{Limits, SceneEntries, SceneTable};
 
 use super::field::Chunk;
 use super::grids::info;
+use super::nearness::Nearness;
 use super::tracing::Tracing;
 use super::{ServerError, ServerSettings};
 use crate::points::ScenePoints;
-use crate::scene::Scene;
+use crate::scene::{InstanceId, Scene};
 use crate::visibility::Overlap;
 
 /// Encoder of the stream.
@@ -51,8 +52,8 @@ impl SurfaceStream {
         geometry: Vec<Arc<Geometry>>,
         settings: &ServerSettings,
     ) -> Result<Self, ServerError> {
-        let ServerSettings { threshold, geometry: source, coder, .. } = *settings;
-        let encoder = EncoderSettings { threshold, geometry: source };
+        let ServerSettings { threshold, geometry: source, coder, budget, .. } = *settings;
+        let encoder = EncoderSettings { threshold, geometry: source, budget };
         let encoder = Encoder::new(Arc::clone(layout), geometry, encoder)?;
         Ok(Self { encoder, coder, cameras: Vec::new() })
     }
@@ -74,7 +75,25 @@ impl SurfaceStream {
                 changed += u32::from(self.encoder.offer(point, ao).unwrap_or(false));
             }
         }
+        if self.encoder.settings().budget.is_some() {
+            self.weigh(tracing, cameras);
+        }
         changed
+    }
+
+    /// Weighs every block by how large its points are on the screen.
+    fn weigh(&mut self, tracing: &Tracing, cameras: &[CameraPose]) {
+        let near = Nearness::new(cameras);
+        for Chunk { instance, points, .. } in tracing.field.chunks() {
+            let at = tracing.world.placement(InstanceId(*instance as u32));
+            let local = tracing.field.placed().local(*instance);
+            let set = &tracing.points.sets()[tracing.scene.instances()[*instance].rest().index()];
+            for first in points.clone().step_by(BLOCK_POINTS) {
+                let last = points.end.min(first + BLOCK_POINTS) - 1;
+                let middle = at.point(local[usize::midpoint(first, last)].position);
+                self.encoder.weigh(*instance as u32, first / BLOCK_POINTS, near.weight(middle, set.radius()));
+            }
+        }
     }
 
     /// A keyframe of what clients hold, what the cameras of the last step saw first.

@@ -1,5 +1,8 @@
 //! The loop as a whole, on scenes with static, rigid and skinned instances.
 
+mod budget;
+mod edits;
+
 use std::collections::BTreeMap;
 
 use glam::Vec3;

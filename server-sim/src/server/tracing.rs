@@ -14,7 +14,7 @@ use super::{ProgressFn, ServerSettings};
 use crate::ao::{Scratch, Tracer};
 use crate::bvh::{BlasHit, World};
 use crate::points::ScenePoints;
-use crate::scene::{Scene, ScenePose};
+use crate::scene::{Edits, Scene, ScenePose};
 use crate::visibility::Views;
 
 /// A scene, its points, and their AO as of the last step.
@@ -22,6 +22,8 @@ pub(super) struct Tracing {
     pub(super) scene: Arc<Scene>,
     pub(super) points: ScenePoints,
     pub(super) pose: ScenePose,
+    /// What clients changed; in force from the next step on.
+    pub(super) edits: Edits,
     pub(super) world: World,
     pub(super) field: Field,
     tracer: Tracer,
@@ -52,7 +54,8 @@ impl Tracing {
         let world = World::new(&scene, &pose);
         let field = Field::new(&world, &points, exact);
         let ServerSettings { view_margin, exhaustive, .. } = *settings;
-        Self { scene, points, pose, world, field, tracer, view_margin, exhaustive, progress }
+        let edits = Edits::new(scene.instances().len() as u32);
+        Self { scene, points, pose, edits, world, field, tracer, view_margin, exhaustive, progress }
     }
 
     /// Numbers of an instance's points in the order in which they were made.
@@ -75,6 +78,7 @@ impl Tracing {
         lap: &mut Lap<'_>,
     ) -> (Traces, StageMicros) {
         self.scene.pose_into(time.micros() as f64 * 1e-6, &mut self.pose);
+        self.pose.apply(&self.edits);
         let mut micros = StageMicros { pose: lap.micros(), ..StageMicros::default() };
         self.world.update(&self.pose);
         micros.bvh = lap.micros();

@@ -4,7 +4,7 @@ use psao_codec::block::BlockCoder;
 use psao_codec::cells::{PaperEncoder, PointSample};
 use psao_codec::frame::{FrameIndex, FrameKind, FrameMeta, Pose, StreamTime, keyframe};
 use psao_codec::point::PointFormat;
-use psao_codec::surface::{self, Encoder, EncoderSettings, GeometrySource};
+use psao_codec::surface::{self, Encoder, EncoderSettings, GeometrySource, Ledger};
 
 use super::Vector;
 use super::scenes::{self, Stream, ao};
@@ -28,6 +28,8 @@ pub(super) fn vectors() -> Vec<Vector> {
     mixed(&mut all);
     chain(&mut all);
     crowd(&mut all);
+    patches(&mut all);
+    patches_of_a_crowd(&mut all);
     all
 }
 
@@ -76,6 +78,7 @@ struct Tape {
     layout: &'static str,
     prefix: String,
     encoder: Encoder,
+    ledger: Ledger,
     frame: u32,
     after: Option<String>,
 }
@@ -85,8 +88,10 @@ impl Tape {
         let Stream::Surface { name, layout, geometry, shared } = stream else { unreachable!() };
         let source = if shared { GeometrySource::Shared } else { GeometrySource::Sent };
         let encoder =
-            Encoder::new(layout, geometry, EncoderSettings { threshold, geometry: source }).unwrap();
-        Tape { layout: name, prefix: prefix.to_owned(), encoder, frame: 0, after: None }
+            Encoder::new(layout, geometry, EncoderSettings { threshold, geometry: source, budget: None })
+                .unwrap();
+        let ledger = Ledger::new(encoder.state());
+        Tape { layout: name, prefix: prefix.to_owned(), encoder, ledger, frame: 0, after: None }
     }
 
     /// Says what the AO of some points is at a time.
@@ -100,12 +105,14 @@ impl Tape {
     fn silent(&mut self) {
         self.frame += 1;
         self.encoder.finish(meta(FrameKind::Delta, self.frame), BlockCoder::Stored).unwrap();
+        self.ledger.follow(self.encoder.state());
     }
 
     /// The next frame as a vector after the one before.
     fn write(&mut self, part: &str, kind: FrameKind, coder: BlockCoder, full: bool) -> Vector {
         self.frame += 1;
         let body = self.encoder.finish(meta(kind, self.frame), coder).unwrap().body;
+        self.ledger.follow(self.encoder.state());
         let after = self.after.take().filter(|_| kind == FrameKind::Delta);
         let name = format!("{}-{part}", self.prefix);
         self.after = Some(name.clone());
@@ -118,6 +125,15 @@ impl Tape {
             surface::keyframe(self.encoder.state(), meta(FrameKind::Key, self.frame), coder, first).unwrap();
         let name = format!("{}-{part}", self.prefix);
         Vector { name, layout: self.layout, after: None, body, full: true }
+    }
+
+    /// A patch for clients from frame `base` on, as one finds it whose last frame was the vector `after`.
+    fn patch(&self, part: &str, base: u32, after: &str, coder: BlockCoder, context: bool) -> Vector {
+        let (state, base, meta) =
+            (self.encoder.state(), FrameIndex(base), meta(FrameKind::Delta, self.frame));
+        let body = surface::patch(state, &self.ledger, base, meta, coder, context).unwrap().unwrap();
+        let (name, after) = (format!("{}-{part}", self.prefix), Some(format!("{}-{after}", self.prefix)));
+        Vector { name, layout: self.layout, after, body, full: true }
     }
 
     fn points(&self) -> u32 {
@@ -246,4 +262,54 @@ fn crowd(all: &mut Vec<Vector>) {
         let kind = if number == 0 { FrameKind::Key } else { FrameKind::Delta };
         all.push(tape.write(&number.to_string(), kind, BlockCoder::Range, number == 4));
     }
+}
+
+/// What clients are sent that missed frames: by every coder, for the first and the last frame that it suits, with what was
+/// learned and without, from a long time ago, of nothing, into a new group.
+fn patches(all: &mut Vec<Vector>) {
+    let mut tape = Tape::new(scenes::hall(), "patch", 4);
+    // The last ball never comes.
+    let points = tape.points() - 64;
+    for number in 0..5 {
+        tape.offer(0..points, number);
+        let kind = if number == 0 { FrameKind::Key } else { FrameKind::Delta };
+        all.push(tape.write(&number.to_string(), kind, BlockCoder::Range, number == 4));
+    }
+    // Frame n is vector n - 1.
+    for (word, coder) in PLAIN.into_iter().chain([RANGE]) {
+        all.push(tape.patch(&format!("{word}-first"), 2, "1", coder, false));
+        all.push(tape.patch(&format!("{word}-last"), 2, "3", coder, false));
+        if coder != BlockCoder::Stored {
+            all.push(tape.patch(&format!("{word}-context"), 1, "2", coder, true));
+        }
+    }
+    tape.offer(0..points, 5);
+    let next = tape.write("next", FrameKind::Delta, BlockCoder::Range, true);
+    let (name, after) = ("patch-next-for-patched".to_owned(), Some("patch-range-context".to_owned()));
+    all.push(Vector { name, after, body: next.body.clone(), ..next });
+    all.push(next);
+    (0..140).for_each(|_| tape.silent());
+    all.push(tape.patch("nothing", 6, "next", BlockCoder::Range, false));
+    all.push(tape.patch("nothing-stored", 6, "next", BlockCoder::Stored, false));
+    tape.offer((0..points).filter(|point| point % 5 == 0), 6);
+    tape.silent();
+    all.push(tape.patch("far", 5, "next", BlockCoder::Range, false));
+    all.push(tape.patch("far-stored", 5, "4", BlockCoder::Stored, false));
+    tape.offer(0..points, 7);
+    all.push(tape.write("new-group", FrameKind::Key, BlockCoder::Range, false));
+    all.push(tape.patch("into-new-group", 6, "next", BlockCoder::Range, true));
+}
+
+/// Many instances, some of them not there: groups of blocks to pass over.
+fn patches_of_a_crowd(all: &mut Vec<Vector>) {
+    let mut tape = Tape::new(scenes::crowd(), "patch-crowd", 2);
+    let points = tape.points();
+    let here = |point: &u32| !(150..220).contains(point) && point % 37 != 5;
+    for number in 0..3 {
+        let stirs = |point: &u32| number == 0 || point % 160 < 9 || *point > 400;
+        tape.offer((0..points).filter(here).filter(stirs), number);
+        let kind = if number == 0 { FrameKind::Key } else { FrameKind::Delta };
+        all.push(tape.write(&number.to_string(), kind, BlockCoder::Range, false));
+    }
+    all.push(tape.patch("all", 1, "0", BlockCoder::Range, false));
 }

@@ -10,17 +10,17 @@ use super::scenes::Stream;
 use super::stand::Stand;
 
 /// A list, in one line.
-fn list<T: ToString>(items: impl IntoIterator<Item = T>) -> String {
+pub(crate) fn list<T: ToString>(items: impl IntoIterator<Item = T>) -> String {
     let items: Vec<String> = items.into_iter().map(|item| item.to_string()).collect();
     format!("[{}]", items.join(", "))
 }
 
 /// A list, each item in a line of its own.
-fn lines(items: &[String]) -> String {
+pub(crate) fn lines(items: &[String]) -> String {
     if items.is_empty() { "[]".to_owned() } else { format!("[\n  {}\n]", items.join(",\n  ")) }
 }
 
-fn floats(values: &[f32]) -> String {
+pub(crate) fn floats(values: &[f32]) -> String {
     list(values.iter().map(|value| format!("{value:?}")))
 }
 
@@ -193,7 +193,7 @@ fn one_set(set: &surface::SetLayout, points: &surface::Geometry) -> String {
 }
 
 /// Every reason for which a vector is refused.
-pub(super) const REASONS: [&str; 25] = [
+pub(super) const REASONS: [&str; 26] = [
     "block",
     "bucket",
     "cell",
@@ -209,6 +209,7 @@ pub(super) const REASONS: [&str; 25] = [
     "offset",
     "order",
     "packing",
+    "patch",
     "plain",
     "pose",
     "profile",
@@ -233,7 +234,8 @@ pub(super) fn reason(error: &FrameError) -> &'static str {
         FrameError::Kind { .. } => "kind",
         FrameError::SectionUnknown { .. }
         | FrameError::SectionOrder { .. }
-        | FrameError::SectionMisplaced { .. } => "section",
+        | FrameError::SectionMisplaced { .. }
+        | FrameError::SectionBeside { .. } => "section",
         FrameError::Coder { .. } => "coder",
         FrameError::NoRecords { .. } | FrameError::TooManyRecords { .. } => "records",
         FrameError::Trailing { .. } => "trailing",
@@ -249,10 +251,11 @@ pub(super) fn reason(error: &FrameError) -> &'static str {
         FrameError::Values { .. } => "values",
         FrameError::Changes { .. } => "changes",
         FrameError::Context { .. } => "context",
+        FrameError::Patch { .. } => "patch",
         FrameError::RangeLength { .. } => "range",
         FrameError::PlainLength { .. } => "plain",
         FrameError::NoKeyframe { .. } => "keyframe",
-        FrameError::FrameOrder { .. } => "order",
+        FrameError::FrameOrder { .. } | FrameError::PatchBase { .. } => "order",
         FrameError::Hash { .. } => "hash",
         other => unreachable!("{other} has no word yet"),
     }

@@ -1,7 +1,7 @@
 //! The vectors of `tests/vectors`: bodies and what they do to a state, for decoders that are not this one.
 
 mod accepted;
-mod json;
+pub(crate) mod json;
 mod refused;
 mod scenes;
 mod stand;
@@ -80,7 +80,7 @@ fn told(vectors: &[Vector], body: impl Fn(&Vector) -> Vec<u8>) -> BTreeMap<Strin
 
 /// Compares a file with what it should hold. With `PSAO_BLESS` set a missing one is written; what is there already is
 /// never changed.
-fn compare(path: &Path, wanted: &[u8]) {
+pub(crate) fn compare(path: &Path, wanted: &[u8]) {
     if std::env::var_os("PSAO_BLESS").is_some() && !path.exists() {
         fs::create_dir_all(path.parent().unwrap()).unwrap();
         fs::write(path, wanted).unwrap();
@@ -176,6 +176,12 @@ fn the_vectors_cover_the_format() {
     }
     for coder in 0..3 {
         assert!(met.contains(&(2, 0, "keyframe".to_owned(), 7, coder)), "context {coder}");
+    }
+    for coder in 0..4 {
+        assert!(met.contains(&(2, 0, "delta".to_owned(), 8, coder)), "patch {coder}");
+    }
+    for coder in 1..3 {
+        assert!(met.contains(&(2, 0, "delta".to_owned(), 7, coder)), "context with a patch {coder}");
     }
     assert_eq!(reasons.into_iter().collect::<Vec<_>>(), json::REASONS);
 }

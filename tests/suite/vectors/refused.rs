@@ -17,6 +17,7 @@ const GEOMETRY: u8 = 4;
 const VALUES: u8 = 5;
 const CHANGES: u8 = 6;
 const CONTEXT: u8 = 7;
+const PATCH: u8 = 8;
 const STORED: u8 = 0;
 const LZ4: u8 = 1;
 const ZSTD: u8 = 2;
@@ -35,8 +36,11 @@ pub(super) fn vectors(accepted: &[Vector]) -> Vec<Vector> {
     values(&mut refused);
     geometry(&mut refused, &find("tiny-stored-key").body);
     context(&mut refused);
+    patches(&mut refused);
     refused.layout = "pair";
     cut_short(&mut refused, &find("pair-range-key").body);
+    refused.layout = "hall";
+    patches_by_range(&mut refused, find("patch-range-first"));
     refused.layout = "paper-32";
     paper(&mut refused, find("paper-32-stored-delta"));
     refused.all
@@ -240,6 +244,52 @@ fn context(refused: &mut Refused) {
     context("context-uses", 256, &[0, 1], 0);
     // The first weight of the blocks: after 12 + 512 + 130 words.
     context("context-weight", 256 + 4 * 654, &[0, 0, 0x20], 0);
+}
+
+/// A patch that is sound but for its hash: point 1 gets 104. Its frame is 9, that of the keyframe 1.
+const PATCHED: [u8; 11] = [8, 1, 2, 0, 0, 0, 0, 0, 0, 0, 104];
+
+fn patches(refused: &mut Refused) {
+    let sound: Section<'_> = (PATCH, STORED, 1, &PATCHED);
+    refused.add("patch-in-key", None, key(&[sound]));
+    refused.after_key("patch-after-changes", delta(&[(CHANGES, STORED, 1, &SOUND), sound]));
+    refused.after_key("patch-after-values", delta(&[(VALUES, STORED, 3, &[1, 0, 1, 9, 9, 9]), sound]));
+    refused.after_key("patch-twice", delta(&[sound, sound]));
+    refused.add("patch-without-keyframe", None, delta(&[sound]));
+    refused.after_key("patch-hash", delta(&[sound]));
+    let mut patch = |name: &str, records, block: &[u8]| refused.after_key(name, one(PATCH, records, block));
+    let with = |at: usize, byte: u8| {
+        let mut block = PATCHED;
+        block[at] = byte;
+        block
+    };
+    patch("patch-too-late", 1, &with(0, 7));
+    patch("patch-from-now", 1, &with(0, 0));
+    patch("patch-before-all", 1, &with(0, 10));
+    patch("patch-of-no-block", 1, &with(1, 2));
+    patch("patch-of-no-point", 1, &with(2, 8));
+    patch("patch-mask-empty", 1, &with(2, 0));
+    patch("patch-count", 2, &PATCHED);
+    patch("patch-ends", 1, &PATCHED[..10]);
+    patch("patch-trailing", 1, &[&PATCHED[..], &[0]].concat());
+    refused.add("patch-of-absent", Some("tiny-nothing"), one(PATCH, 1, &PATCHED));
+}
+
+/// A patch by the range coder with bytes too many, of other records, of another plain length.
+fn patches_by_range(refused: &mut Refused, good: &Vector) {
+    let info = inspect(&good.body, &Limits::default()).unwrap();
+    let section = info.sections[0];
+    let block = &good.body[info.header_bytes as usize..];
+    let mut forged = |name: &str, records, raw, block: &[u8]| {
+        // The frame of the vector, so that it reaches back as far.
+        let body = with(&body([2, 0, 2], &[(PATCH, RANGE, records, block)], Some(raw)), 4, &good.body[4..8]);
+        refused.add(name, good.after.as_deref(), body);
+    };
+    let (records, raw) = (section.records, section.raw_bytes as usize);
+    forged("patch-range-long", records, raw, &[block, &[0; 5]].concat());
+    forged("patch-range-short", records, raw, &block[..block.len() - 20]);
+    forged("patch-range-count", records + 1, raw, block);
+    forged("patch-range-plain-length", records, raw + 1, block);
 }
 
 /// LZ4 by hand: every byte that is not zero and its neighbours as literals, the zeros as matches one byte back.

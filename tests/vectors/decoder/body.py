@@ -6,7 +6,7 @@ import zstandard
 from .numbers import MASK32, Refused, crc32c, must
 
 PAPER, SURFACE = 1, 2
-POSES, BUCKETS, CELLS, GEOMETRY, VALUES, CHANGES, CONTEXT = range(1, 8)
+POSES, BUCKETS, CELLS, GEOMETRY, VALUES, CHANGES, CONTEXT, PATCH = range(1, 9)
 STORED, LZ4, ZSTD, RANGE = range(4)
 MAX_BLOCK = 272 << 20
 
@@ -80,6 +80,9 @@ class Body:
         self.sections = []
         for _ in range(count):
             self.sections.append(self.section(reader))
+        tags = [section.tag for section in self.sections]
+        if not self.is_key and (CONTEXT in tags or PATCH in tags):
+            must(tags in ([PATCH], [CONTEXT, PATCH]), "section")
         for section in self.sections:
             section.block = reader.take(section.stored)
         must(reader.at == len(data), "trailing")
@@ -90,13 +93,13 @@ class Body:
             reader.number(1), reader.number(1), reader.varint(), reader.varint(), reader.varint()
         )
         tag = section.tag
-        must(POSES <= tag <= CONTEXT, "section")
+        must(POSES <= tag <= PATCH, "section")
         must((tag <= CELLS) == (self.profile == PAPER), "section")
-        must(not (tag == CHANGES and self.is_key or tag == CONTEXT and not self.is_key), "section")
+        must(not (tag in (CHANGES, PATCH) and self.is_key), "section")
         if self.sections:
             last = self.sections[-1].tag
             must(last < tag or {last, tag} <= {GEOMETRY, VALUES}, "section")
-        must(section.coder <= (RANGE if tag in (GEOMETRY, VALUES, CHANGES) else ZSTD), "coder")
+        must(section.coder <= (RANGE if tag in (GEOMETRY, VALUES, CHANGES, PATCH) else ZSTD), "coder")
         must(section.records > 0, "records")
         must(section.raw <= MAX_BLOCK, "length")
         if self.profile == PAPER:

@@ -1,9 +1,10 @@
 """Profile surface: layout, state and history."""
 
-from .body import CONTEXT, GEOMETRY, RANGE, SURFACE, VALUES, Reader, check_follows
+from .body import CONTEXT, GEOMETRY, PATCH, RANGE, SURFACE, VALUES, Reader, check_follows
 from .changes import ChangeModel, changes_plain
 from .geometry import GeometryModel, geometry_plain
 from .numbers import MASK32, MASK64, clamp, must, term
+from .patch import patch_section
 from .values import ValueModel, values_plain
 
 FADE = [256, 192, 144, 108, 81, 61, 46, 34, 26, 19, 14, 11, 8, 6, 5, 3, 3, 2, 1, 1]
@@ -44,9 +45,13 @@ class SurfaceState:
         self.clear()
 
     def clear(self):
-        slots = 64 * self.layout.blocks
         self.geometry = {}
-        self.present, self.values = [False] * self.layout.blocks, [0] * slots
+        self.present, self.values = [False] * self.layout.blocks, [0] * 64 * self.layout.blocks
+        self.forget()
+
+    def forget(self):
+        """History and change model that are fresh."""
+        slots = len(self.values)
         self.age, self.period = [255] * slots, [255] * slots
         self.last, self.lively = [0] * slots, [0] * slots
         self.model = ChangeModel()
@@ -60,8 +65,11 @@ class SurfaceState:
     def apply(self, body):
         must(body.profile == SURFACE, "profile")
         check_follows(body, self.frame)
+        is_patch = any(section.tag == PATCH for section in body.sections)
         if body.is_key:
             self.clear()
+        elif is_patch:
+            self.forget()
         values_before, present_before = self.values[:], self.present[:]
         geometry_model, value_model = GeometryModel(), ValueModel()
         changes = {}
@@ -80,9 +88,11 @@ class SurfaceState:
                 value_model.section(self, section) if section.coder == RANGE else values_plain(self, section)
             elif section.tag == CONTEXT:
                 self.context(section)
+            elif section.tag == PATCH:
+                patch_section(self, section, body.frame)
             else:
                 changes = self.changes(section, values_before, present_before)
-        if not body.is_key:
+        if not body.is_key and not is_patch:
             self.note(changes)
         must(self.hash() == body.hash, "hash")
         self.frame = body.frame

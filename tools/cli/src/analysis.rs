@@ -8,17 +8,18 @@ use std::ops::Range;
 use std::path::Path;
 
 use psao_codec::frame::{FrameInfo, FrameKind, SectionTag};
-use psao_proto::message::{Message, Report, Scene, SceneInfo};
+use psao_proto::message::{Budget, Gap, Message, Report, Scene, SceneInfo};
 use psao_proto::recording::{Damage, FILE_HEADER_BYTES, FOOTER_BYTES, RECORD_HEAD_BYTES, Reader, Record};
 use psao_proto::{FrameType, HEADER_BYTES, Limits, Profile};
 
+use crate::budget::BudgetTotals;
 use crate::error::{Failure, Outcome};
 use crate::output::number;
 
 /// Parts of a frame on the wire, in the order in which tables and plots show them.
-pub(crate) const PARTS: [&str; 11] = [
-    "cells", "buckets", "poses", "geometry", "values", "changes", "context", "header", "envelope", "report",
-    "other",
+pub(crate) const PARTS: [&str; 13] = [
+    "cells", "buckets", "poses", "geometry", "values", "changes", "context", "patch", "header", "envelope",
+    "report", "budget", "other",
 ];
 /// The parts that are blocks of a frame body.
 pub(crate) const BLOCKS: Range<usize> = 0..HEADER;
@@ -29,12 +30,14 @@ const GEOMETRY: usize = 3;
 const VALUES: usize = 4;
 const CHANGES: usize = 5;
 const CONTEXT: usize = 6;
-const HEADER: usize = 7;
-const ENVELOPE: usize = 8;
-const REPORT: usize = 9;
-const OTHER: usize = 10;
+const PATCH: usize = 7;
+const HEADER: usize = 8;
+const ENVELOPE: usize = 9;
+const REPORT: usize = 10;
+const BUDGET: usize = 11;
+const OTHER: usize = 12;
 /// The parts that the paper counts, and what does their work in profile `surface`: blocks that hold points.
-const POINTS: [usize; 6] = [CELLS, BUCKETS, GEOMETRY, VALUES, CHANGES, CONTEXT];
+const POINTS: [usize; 7] = [CELLS, BUCKETS, GEOMETRY, VALUES, CHANGES, CONTEXT, PATCH];
 
 /// Parts of a recording that belong to no frame.
 pub(crate) const OVERHEAD: [&str; 7] =
@@ -60,6 +63,7 @@ pub(crate) struct FrameLine {
     /// Bytes by part, in the order of [`PARTS`].
     pub(crate) parts: [u64; PARTS.len()],
     pub(crate) report: Option<Report>,
+    pub(crate) budget: Option<Budget>,
 }
 
 impl FrameLine {
@@ -83,6 +87,8 @@ pub(crate) struct Analysis {
     /// Bytes by part, in the order of [`OVERHEAD`].
     pub(crate) overhead: [u64; OVERHEAD.len()],
     pub(crate) damages: Vec<Damage>,
+    /// What the recorder says that it left out.
+    pub(crate) gaps: Vec<Gap>,
     /// Keyframes and updates whose body could not be read although the record was whole.
     pub(crate) unreadable: Vec<String>,
 }
@@ -128,6 +134,7 @@ pub(crate) fn parts_of(info: &FrameInfo) -> [u64; PARTS.len()] {
             SectionTag::VALUES => VALUES,
             SectionTag::CHANGES => CHANGES,
             SectionTag::CONTEXT => CONTEXT,
+            SectionTag::PATCH => PATCH,
             _ => OTHER,
         };
         parts[part] += u64::from(section.wire_bytes);
@@ -151,6 +158,7 @@ impl Analysis {
             frames: Vec::new(),
             overhead: [0; OVERHEAD.len()],
             damages: Vec::new(),
+            gaps: Vec::new(),
             unreadable: Vec::new(),
         };
         let mut by_number = BTreeMap::new();
@@ -195,6 +203,17 @@ impl Analysis {
                     None => self.overhead[OTHER_FRAMES] += wire,
                 }
             }
+            FrameType::BUDGET => {
+                let budget = Budget::from_payload(payload).ok();
+                let index = budget.as_ref().and_then(|budget| by_number.get(&budget.frame.0));
+                match index.and_then(|&index| self.frames.get_mut(index)) {
+                    Some(line) => {
+                        line.parts[BUDGET] += wire;
+                        line.budget = budget;
+                    }
+                    None => self.overhead[OTHER_FRAMES] += wire,
+                }
+            }
             FrameType::SCENE => {
                 self.overhead[SCENE] += wire;
                 if let Ok(Scene::Info(info)) = Scene::from_payload(payload) {
@@ -203,6 +222,10 @@ impl Analysis {
             }
             FrameType::INDEX => self.overhead[INDEX] += wire,
             FrameType::CLOSE => self.overhead[CLOSE] += wire,
+            FrameType::GAP => {
+                self.overhead[OTHER_FRAMES] += wire;
+                self.gaps.extend(Gap::from_payload(payload).ok());
+            }
             _ => self.overhead[OTHER_FRAMES] += wire,
         }
     }
@@ -274,6 +297,13 @@ impl Analysis {
         totals
     }
 
+    /// What the server did with its byte budget; `None` where no frame had one.
+    pub(crate) fn budgets(&self) -> Option<BudgetTotals> {
+        let mut totals = BudgetTotals::default();
+        self.frames.iter().filter_map(|line| line.budget.as_ref()).for_each(|budget| totals.add(budget));
+        (totals.frames > 0).then_some(totals)
+    }
+
     /// The newest report that says how the tables are filled.
     pub(crate) fn last_report(&self) -> Option<&Report> {
         self.frames.iter().rev().find_map(|line| line.report.as_ref())
@@ -291,5 +321,6 @@ fn line(record: &Record<'_>, info: &FrameInfo) -> FrameLine {
         hash: info.hash.0,
         parts: parts_of(info),
         report: None,
+        budget: None,
     }
 }

@@ -6,8 +6,9 @@ use std::str::FromStr;
 use clap::{Args, ValueEnum};
 use psao_codec::block::BlockCoder;
 use psao_codec::surface::GeometrySource;
-use psao_proto::{CoderId, Profile};
+use psao_proto::Profile;
 
+use crate::budget::BudgetArgs;
 use crate::error::{Failure, Outcome};
 
 /// How a stream is produced: the scene, its points, their rays, and how they are packed.
@@ -32,6 +33,8 @@ pub(crate) struct TuningArgs {
     /// paper unless given
     #[arg(long, value_name = "CODER")]
     pub(crate) compress: Option<Coder>,
+    #[command(flatten)]
+    pub(crate) budget: BudgetArgs,
 }
 
 /// The options that mean the same in both profiles: the points, their rays, when they are sent.
@@ -158,16 +161,6 @@ pub(crate) struct Coder(pub(crate) BlockCoder);
 impl Coder {
     /// The coder of profile `surface`.
     pub(crate) const RANGE: Self = Self(BlockCoder::Range);
-
-    /// A coder that writes what a stream of this coder id holds.
-    pub(crate) fn of(id: CoderId) -> BlockCoder {
-        match id {
-            CoderId::RANGE => Self::RANGE.0,
-            CoderId::LZ4 => BlockCoder::Lz4,
-            CoderId::STORED => BlockCoder::Stored,
-            _ => BlockCoder::Zstd { level: 15 },
-        }
-    }
 }
 
 impl FromStr for Coder {
@@ -216,14 +209,23 @@ impl FromStr for Triple {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
-        let numbers: Vec<f32> = text.split(',').filter_map(|part| part.trim().parse().ok()).collect();
-        match <[f32; 3]>::try_from(numbers) {
-            Ok(triple) if triple.iter().all(|v| v.is_finite()) && text.matches(',').count() == 2 => {
-                Ok(Self(triple))
-            }
-            _ => Err(format!("\"{text}\" is not three numbers such as 1.5,0,-2")),
-        }
+        numbers(text).map(Self).ok_or_else(|| format!("\"{text}\" is not three numbers such as 1.5,0,-2"))
     }
+}
+
+/// So many finite numbers with commas between them.
+pub(crate) fn numbers<const N: usize>(text: &str) -> Option<[f32; N]> {
+    let numbers: Option<Vec<f32>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
+    numbers?.try_into().ok().filter(|numbers: &[f32; N]| numbers.iter().all(|v| v.is_finite()))
+}
+
+/// `--edits` of a live server.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum EditsArg {
+    /// Clients may move, hide and show what is in the scene, for all of them
+    Allow,
+    /// The scene stays as it is
+    Deny,
 }
 
 /// How results are printed.
@@ -243,6 +245,29 @@ pub(crate) struct RecordingArg {
     /// A recording made by `psao record`
     #[arg(value_name = "FILE")]
     pub(crate) file: PathBuf,
+}
+
+/// Where a recording made of others goes.
+#[derive(Args, Clone, Debug)]
+pub(crate) struct OutputArg {
+    /// The recording to write; a file of that name is replaced once the new one is whole
+    #[arg(short, long, value_name = "FILE")]
+    pub(crate) output: PathBuf,
+}
+
+/// `--record-buffer`.
+#[derive(Args, Clone, Debug)]
+pub(crate) struct BufferArg {
+    /// Most MiB of a live recording that wait in memory for the disk
+    #[arg(long, value_name = "MIB", default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=65_536))]
+    record_buffer: u32,
+}
+
+impl BufferArg {
+    /// In bytes.
+    pub(crate) fn bytes(&self) -> usize {
+        (self.record_buffer as usize).saturating_mul(1 << 20)
+    }
 }
 
 #[cfg(test)]
@@ -268,9 +293,6 @@ mod tests {
         assert_eq!(ProfileArg::Surface.coder(None).unwrap(), Coder::RANGE.0);
         assert_eq!(ProfileArg::Surface.coder(lz4).unwrap(), BlockCoder::Lz4);
         assert!(ProfileArg::Paper.coder(Some(Coder::RANGE)).is_err());
-        for id in [CoderId::STORED, CoderId::LZ4, CoderId::ZSTD, CoderId::RANGE] {
-            assert_eq!(Coder::of(id).id(), id);
-        }
     }
 
     #[test]

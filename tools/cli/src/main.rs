@@ -4,12 +4,17 @@
 
 mod analysis;
 mod args;
+mod budget;
 mod commands;
 mod context;
+mod edit_script;
 mod error;
+mod network;
 mod output;
+mod pace;
 mod pictures;
 mod producer;
+mod quantity;
 mod recorder;
 
 use std::process::ExitCode;
@@ -32,14 +37,20 @@ enum Command {
     Demo(commands::demo::Args),
     Scenes(commands::scenes::Args),
     Record(commands::record::Args),
+    Keys(commands::keys::Args),
     Serve(commands::serve::Args),
     Client(commands::client::Args),
     Replay(commands::replay::Args),
     Inspect(commands::inspect::Args),
     Reconstruct(commands::reconstruct::Args),
     Verify(commands::verify::Args),
+    Cut(commands::cut::Args),
+    Cat(commands::cat::Args),
+    Recover(commands::recover::Args),
     CompareProfiles(commands::compare_profiles::Args),
+    CompareBudgets(commands::compare_budgets::Args),
     Stress(commands::stress::Args),
+    Netlab(commands::netlab::Args),
 }
 
 fn main() -> ExitCode {
@@ -47,14 +58,20 @@ fn main() -> ExitCode {
         Command::Demo(args) => commands::demo::run(&args),
         Command::Scenes(args) => commands::scenes::run(&args),
         Command::Record(args) => commands::record::run(&args),
+        Command::Keys(args) => commands::keys::run(&args),
         Command::Serve(args) => commands::serve::run(&args),
         Command::Client(args) => commands::client::run(&args),
         Command::Replay(args) => commands::replay::run(&args),
         Command::Inspect(args) => commands::inspect::run(&args),
         Command::Reconstruct(args) => commands::reconstruct::run(&args),
         Command::Verify(args) => commands::verify::run(&args),
+        Command::Cut(args) => commands::cut::run(&args),
+        Command::Cat(args) => commands::cat::run(&args),
+        Command::Recover(args) => commands::recover::run(&args),
         Command::CompareProfiles(args) => commands::compare_profiles::run(&args),
+        Command::CompareBudgets(args) => commands::compare_budgets::run(&args),
         Command::Stress(args) => commands::stress::run(&args),
+        Command::Netlab(args) => commands::netlab::run(&args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

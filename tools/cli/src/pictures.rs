@@ -17,7 +17,7 @@ use psao_proto::message::{self, CameraPose, PointSource, SceneInfo};
 use psao_server_sim::ao::{AoSettings, Occlusion};
 use psao_server_sim::bvh::World;
 use psao_server_sim::points::share;
-use psao_server_sim::scene::Scene;
+use psao_server_sim::scene::{Edits, Scene};
 
 use crate::args::SizeArg;
 use crate::error::{Exit, Failure, Outcome};
@@ -102,6 +102,8 @@ pub(crate) struct Shot<'a> {
     pub(crate) scene: &'a Arc<Scene>,
     pub(crate) info: &'a SceneInfo,
     pub(crate) state: &'a State,
+    /// Those in force.
+    pub(crate) edits: &'a Edits,
     pub(crate) time_s: f64,
     /// The scene's own camera at that time unless given.
     pub(crate) camera: Option<CameraPose>,
@@ -116,7 +118,9 @@ impl Shot<'_> {
         let size = Size::new(self.size.width, self.size.height).map_err(Failure::usage)?;
         let aspect = size.aspect();
         let camera = CameraPose { aspect, ..self.camera.unwrap_or_else(|| self.scene.camera(self.time_s)) };
-        let world = World::new(self.scene, &self.scene.pose(self.time_s));
+        let mut pose = self.scene.pose(self.time_s);
+        pose.apply(self.edits);
+        let world = World::new(self.scene, &pose);
         let view = SceneView::new(&world);
         let start = Instant::now();
         let buffer = raster(&view, &camera, size).map_err(Failure::usage)?;

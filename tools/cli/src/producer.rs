@@ -5,17 +5,20 @@ use std::sync::{Arc, Mutex, PoisonError};
 use indicatif::ProgressBar;
 use psao_codec::block::BlockCoder;
 use psao_codec::frame::{FrameIndex, FrameInfo, StreamTime};
-use psao_proto::message::{CameraPose, Report, SceneInfo, StageId, StageTime};
+use psao_codec::stream::StateRef;
+use psao_codec::surface;
+use psao_proto::message::{Budget, CameraPose, Edit, Report, SceneInfo, StageId, StageTime};
 use psao_proto::{Micros, SceneTable};
 use psao_server_sim::ao::{AoSettings, Occlusion};
 use psao_server_sim::clock::Clock;
 use psao_server_sim::points::PointSettings;
-use psao_server_sim::scene::Scene;
+use psao_server_sim::scene::{EditError, Scene};
 use psao_server_sim::server::{
     FrameStats, Progress, ProgressFn, Server, ServerError, ServerSettings, StepOutput, Work,
 };
 
 use crate::args::{OcclusionArg, PointArgs, TuningArgs};
+use crate::budget::message;
 use crate::context::{WallClock, progress};
 use crate::error::{Failure, Outcome};
 
@@ -37,16 +40,19 @@ pub(crate) struct Producer {
     fps: f64,
     all_visible: bool,
     coder: BlockCoder,
+    budget: Option<surface::Budget>,
 }
 
 impl Producer {
     /// Loads the scene and spreads its points. `frames_hint` is 0 when the number of frames is open.
     pub(crate) fn new(scene: &str, tuning: &TuningArgs, frames_hint: u32) -> Outcome<Self> {
         let coder = tuning.coder()?;
+        let budget = tuning.budget.budget(tuning.points.fps)?;
         let scene = Arc::new(Scene::load(scene).map_err(Failure::input)?);
         let settings = ServerSettings {
             profile: tuning.profile.into(),
             coder,
+            budget,
             ..settings(&tuning.points, &scene, frames_hint)
         };
         let server = Server::new(scene.clone(), settings, show_progress()).map_err(refused)?;
@@ -58,6 +64,7 @@ impl Producer {
             fps: f64::from(tuning.points.fps),
             all_visible: tuning.points.all_visible,
             coder,
+            budget,
         })
     }
 
@@ -69,6 +76,16 @@ impl Producer {
     /// The stream as a whole.
     pub(crate) fn info(&self) -> &SceneInfo {
         self.table.info()
+    }
+
+    /// The scene that is streamed.
+    pub(crate) fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// Changes the scene from the next frame on; says whether it changed anything.
+    pub(crate) fn edit(&mut self, edit: &Edit) -> Result<bool, EditError> {
+        self.server.edit(edit)
     }
 
     /// Computes frame `number`. `views` are the clients' cameras; without any, the scene's own camera decides what is
@@ -88,13 +105,27 @@ impl Producer {
             views => views,
         };
         let output = self.server.step(FrameIndex(number), time, views, clock).map_err(refused)?;
-        let produced = Produced::of(&output.stats);
+        let mut produced = Produced::of(&output.stats);
+        produced.budget = self
+            .budget
+            .zip(output.stats.postponed)
+            .map(|(budget, postponed)| message(output.info.frame, budget, postponed));
         Ok((output, produced))
     }
 
-    /// A keyframe of the last frame's state, for who joins.
+    /// The state that clients hold after the last frame.
+    pub(crate) fn state(&self) -> StateRef<'_> {
+        self.server.state()
+    }
+
+    /// A keyframe of the last frame's state.
     pub(crate) fn keyframe(&self, last: &FrameInfo) -> Outcome<Vec<u8>> {
         self.server.keyframe(last.frame, last.time, self.coder).map_err(refused)
+    }
+
+    /// Block coder of the stream.
+    pub(crate) const fn coder(&self) -> BlockCoder {
+        self.coder
     }
 }
 
@@ -182,6 +213,8 @@ pub(crate) struct Produced {
     pub(crate) no_cell: u64,
     pub(crate) outside_grid: u64,
     pub(crate) id_collisions: u64,
+    /// What was done with the byte budget, where there is one; of a sum, in the newest frame.
+    pub(crate) budget: Option<Budget>,
     /// By stage, in the order of [`STAGES`].
     pub(crate) micros: [u64; STAGES.len()],
 }
@@ -201,6 +234,7 @@ impl Produced {
             no_cell: tables.no_cell.into(),
             outside_grid: tables.outside_grid.into(),
             id_collisions: tables.id_collisions.into(),
+            budget: None,
             micros: [times.pose, times.bvh, times.place, times.trace, times.decide, times.encode],
         }
     }

@@ -37,18 +37,7 @@ fn read_plain(state: &State, raw: &[u8]) -> Result<Changes, Refused> {
     let mut changes = Changes::none(state);
     let mut bytes = Bytes(raw);
     changes.quantum = bytes.take(1)?[0].into();
-    let blocks = state.present.len();
-    let bitmap = bytes.take(blocks.div_ceil(8))?;
-    let named: Vec<usize> =
-        (0..8 * bitmap.len()).filter(|block| bitmap[block / 8] >> (block % 8) & 1 == 1).collect();
-    let mut changed = Vec::new();
-    for block in named {
-        let mask = bytes.take(8)?;
-        let points = (0..BLOCK_POINTS).filter(|point| mask[point / 8] >> (point % 8) & 1 == 1);
-        let before = changed.len();
-        changed.extend(points.map(|point| block * BLOCK_POINTS + point));
-        rule(block < blocks && changed.len() > before)?;
-    }
+    let changed = read_marks(&mut bytes, state.present.len())?;
     for slot in changed {
         let folded = bytes.varint()? as i32;
         let level = if folded % 2 == 0 { folded / 2 } else { -(folded / 2) - 1 };
@@ -57,6 +46,22 @@ fn read_plain(state: &State, raw: &[u8]) -> Result<Changes, Refused> {
     }
     bytes.end()?;
     Ok(changes)
+}
+
+/// Reads a bit for every block, and one for every point of those that have theirs set: the slots of these points.
+pub(super) fn read_marks(bytes: &mut Bytes<'_>, blocks: usize) -> Result<Vec<usize>, Refused> {
+    let bitmap = bytes.take(blocks.div_ceil(8))?;
+    let named: Vec<usize> =
+        (0..8 * bitmap.len()).filter(|block| bitmap[block / 8] >> (block % 8) & 1 == 1).collect();
+    let mut slots = Vec::new();
+    for block in named {
+        let mask = bytes.take(8)?;
+        let points = (0..BLOCK_POINTS).filter(|point| mask[point / 8] >> (point % 8) & 1 == 1);
+        let before = slots.len();
+        slots.extend(points.map(|point| block * BLOCK_POINTS + point));
+        rule(block < blocks && slots.len() > before)?;
+    }
+    Ok(slots)
 }
 
 impl Changes {

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::Spot;
 use crate::frame::FrameKind;
-use crate::surface::{EncoderSettings, Layout};
+use crate::surface::{BLOCK_POINTS, EncoderSettings, Layout};
 
 /// Decides as [`crate::surface::Encoder`] does and writes nothing: no lists of what is due, no bytes.
 #[derive(Debug, Clone)]
@@ -15,6 +15,10 @@ pub struct NaiveSurfaceEncoder {
     offered: Vec<Option<u8>>,
     /// What clients hold, by point.
     held: Vec<Option<u8>>,
+    /// How much a difference counts, by point.
+    weights: Vec<u64>,
+    /// Frames that have postponed the point in a row.
+    waited: Vec<u64>,
 }
 
 impl NaiveSurfaceEncoder {
@@ -22,7 +26,14 @@ impl NaiveSurfaceEncoder {
     #[must_use]
     pub fn new(layout: Arc<Layout>, settings: EncoderSettings) -> NaiveSurfaceEncoder {
         let points = layout.points() as usize;
-        NaiveSurfaceEncoder { layout, settings, offered: vec![None; points], held: vec![None; points] }
+        NaiveSurfaceEncoder {
+            layout,
+            settings,
+            offered: vec![None; points],
+            held: vec![None; points],
+            weights: vec![1; points],
+            waited: vec![0; points],
+        }
     }
 
     /// Says what a point's AO is now, as [`crate::surface::Encoder::offer`].
@@ -46,10 +57,47 @@ impl NaiveSurfaceEncoder {
         due.map(|point| point as u32).collect()
     }
 
-    /// What a frame does to clients.
-    pub fn finish(&mut self, kind: FrameKind) {
-        for point in self.due() {
-            let at = point as usize;
+    /// Says how much a block counts, as [`crate::surface::Encoder::weigh`].
+    pub fn weigh(&mut self, instance: u32, block: usize, weight: u16) {
+        let points = self.layout.points_of(instance).skip(block * BLOCK_POINTS).take(BLOCK_POINTS);
+        points.for_each(|point| self.weights[point] = u64::from(weight.max(1)));
+    }
+
+    /// Points that the next delta changes, in the order of a budget, and how many of them cannot wait.
+    #[must_use]
+    pub fn ranked(&self) -> (Vec<u32>, usize) {
+        let longest = self.settings.budget.map_or(0, |budget| u64::from(budget.longest_age));
+        let (forced, mut others): (Vec<u32>, Vec<u32>) =
+            self.due().into_iter().partition(|point| self.waited[*point as usize] >= longest);
+        others.sort_by_key(|point| std::cmp::Reverse(self.priority(*point)));
+        (forced.iter().chain(&others).copied().collect(), forced.len())
+    }
+
+    /// Difference, weight and age.
+    #[must_use]
+    pub fn priority(&self, point: u32) -> u64 {
+        let at = point as usize;
+        let difference =
+            self.held[at].zip(self.offered[at]).map_or(0, |(held, offered)| held.abs_diff(offered));
+        u64::from(difference) * self.weights[at] * (self.waited[at] + 1)
+    }
+
+    /// Frames that have postponed a point in a row.
+    #[must_use]
+    pub fn waited(&self, point: u32) -> u64 {
+        self.waited.get(point as usize).copied().unwrap_or(0)
+    }
+
+    /// What a frame does to clients that changes these points among those due.
+    pub fn finish(&mut self, kind: FrameKind, sent: &[u32]) {
+        let due = self.due();
+        for point in 0..self.held.len() {
+            let waits =
+                kind == FrameKind::Delta && due.contains(&(point as u32)) && !sent.contains(&(point as u32));
+            self.waited[point] = if waits { self.waited[point] + 1 } else { 0 };
+        }
+        for point in sent {
+            let at = *point as usize;
             let (held, offered) = (self.held[at], self.offered[at]);
             self.held[at] = held.zip(offered).map(|(held, offered)| self.moved(held, offered));
         }

@@ -7,6 +7,7 @@ mod curve;
 mod encoder;
 mod geometry;
 mod geometry_coder;
+mod patch;
 mod values;
 
 use std::sync::Arc;
@@ -56,6 +57,12 @@ fn read_sections(
     let mut values = values::Coder::new();
     let mut geometry = geometry_coder::Coder::new();
     let mut changes = changes::Changes::none(state);
+    let is_patch = info.sections.iter().any(|section| section.tag == SectionTag::PATCH);
+    if is_patch {
+        // What was learned before is forgotten, unless a context says it.
+        let State { history, model, .. } = blank(state);
+        (next.history, next.model) = (history, model);
+    }
     let mut at = info.header_bytes as usize;
     for section in &info.sections {
         let end = at + section.wire_bytes as usize;
@@ -65,13 +72,14 @@ fn read_sections(
             SectionTag::GEOMETRY => geometry::read(next, block, &mut geometry)?,
             SectionTag::VALUES => values::read(next, block, &mut values)?,
             SectionTag::CHANGES => changes = changes::read(state, block)?,
+            SectionTag::PATCH => patch::read(state, next, info.frame, block)?,
             _ => {
                 rule(section.records == 1)?;
                 context::read(next, &block.raw()?)?;
             }
         }
     }
-    if info.kind == FrameKind::Delta {
+    if info.kind == FrameKind::Delta && !is_patch {
         changes.make(state, next);
     }
     Ok(())

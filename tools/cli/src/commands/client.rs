@@ -1,24 +1,39 @@
 //! `psao client`: follows a server without drawing anything.
 
-use psao_proto::Limits;
-use psao_proto::message::{CameraPose, CloseCode};
-use psao_proto::net::connect;
-use psao_proto::session::ClientEvent;
+use std::path::PathBuf;
+
+use psao_proto::message::{CameraPose, CloseCode, Edit, EditAction};
+use psao_proto::net::Address;
+use psao_proto::session::{ClientEvent, ClientOptions};
+use psao_server_sim::scene::Scene;
 
 use crate::args::{Format, Triple};
 use crate::context::runtime;
+use crate::edit_script::EditScript;
 use crate::error::{Exit, Failure, Outcome};
+use crate::network::{ConnectArgs, peer};
 use crate::output::frames::FrameLog;
+use crate::output::latency::Latencies;
 
 /// Follow a server: state hash and figures of every frame
 ///
 /// Ends when the server does, after --frames, or with Ctrl-C. A frame whose hash differs is not applied; the client asks
-/// for a keyframe, goes on, and ends with exit code 6.
+/// for a keyframe, goes on, and ends with exit code 6. At the end, percentiles of how old the frames were: from the scene
+/// as the server had it to the frame sent, received and applied, by the server's clock as its answers tell it.
 #[derive(clap::Args, Debug)]
 pub(crate) struct Args {
-    /// Address of a server (`psao serve` or `psao replay --listen`)
+    /// Address of a server (`psao serve` or `psao replay --listen`): host:port, tls:host:port or unix:PATH
     #[arg(value_name = "ADDR")]
-    address: String,
+    address: Address,
+    #[command(flatten)]
+    network: ConnectArgs,
+    /// Follow only a stream of this scene: built-in name (see `psao scenes`), .toml scene file, .gltf or .glb
+    #[arg(long, value_name = "NAME|FILE")]
+    scene: Option<String>,
+    /// Change the scene as this script says, in the lines of `psao record --edits`: each goes out when the client has the
+    /// frame that it names
+    #[arg(long, value_name = "SCRIPT", requires = "scene")]
+    edits: Option<PathBuf>,
     /// Leave after so many frames
     #[arg(long, value_name = "N")]
     frames: Option<u64>,
@@ -40,23 +55,37 @@ pub(crate) fn run(args: &Args) -> Outcome {
     runtime()?.block_on(follow(args))
 }
 
-/// A network failure.
-pub(crate) fn peer(error: impl std::fmt::Display) -> Failure {
-    Failure::new(Exit::Peer, error)
-}
-
 fn view(args: &Args) -> Option<CameraPose> {
     let (eye, target) = (args.eye?.0, args.target?.0);
     Some(CameraPose { eye, target, up: [0.0, 1.0, 0.0], fov_y_deg: 60.0, aspect: 16.0 / 9.0 })
 }
 
+/// What the client has of the scene: its digest, and when to change it.
+fn session(args: &Args) -> Outcome<(ClientOptions, EditScript)> {
+    let mut options = ClientOptions { stamps: true, ..ClientOptions::default() };
+    let mut script = EditScript::default();
+    if let Some(scene) = &args.scene {
+        let scene = Scene::load(scene).map_err(Failure::input)?;
+        options.scene = Some(*scene.digest());
+        if let Some(path) = &args.edits {
+            script = EditScript::load(path, &scene, None)?;
+        }
+    }
+    Ok((options, script))
+}
+
 async fn follow(args: &Args) -> Outcome {
-    let mut connection = connect(&args.address, Limits::default()).await.map_err(peer)?;
+    let (options, mut script) = session(args)?;
+    let mut connection = args.network.connect(&args.address, options).await?;
     let mut log = FrameLog::new(args.format, args.quiet)?;
+    let mut latencies = Latencies::default();
     let mut mismatches = 0_u64;
     let mut goodbye = String::new();
     while !connection.session().is_closed() {
-        for event in connection.next_events().await.map_err(peer)? {
+        let events = connection.next_events().await.map_err(peer)?;
+        let now = connection.now();
+        latencies.take(connection.session(), &events, now);
+        for event in events {
             match event {
                 ClientEvent::SceneReady(_) => {
                     if let Some(view) = view(args) {
@@ -65,6 +94,9 @@ async fn follow(args: &Args) -> Outcome {
                 }
                 ClientEvent::Applied(frame) => {
                     log.frame(&frame.info, frame.wire_bytes)?;
+                    for edit in script.take_until(frame.info.frame.0) {
+                        connection.session().edit(&edit).map_err(Failure::usage)?;
+                    }
                     if args.frames == Some(log.frames) {
                         connection.session().close(CloseCode::DONE, "seen enough");
                         connection.flush().await.map_err(peer)?;
@@ -86,11 +118,16 @@ async fn follow(args: &Args) -> Outcome {
                     );
                 }
                 ClientEvent::Closed(close) => goodbye = format!("; the server says: {}", close.text),
+                ClientEvent::Budget(budget) => log.budget(&budget),
+                ClientEvent::Edited(edit) => eprintln!("psao: {}", describe(&edit)),
                 ClientEvent::Accepted(_) | ClientEvent::Report(_) => {}
             }
         }
     }
     log.finish(&goodbye)?;
+    if let Some(summary) = latencies.summary(connection.session()) {
+        log.latency(&summary)?;
+    }
     if mismatches > 0 {
         return Err(Failure::new(
             Exit::Check,
@@ -98,4 +135,14 @@ async fn follow(args: &Args) -> Outcome {
         ));
     }
     Ok(())
+}
+
+fn describe(edit: &Edit) -> String {
+    let what = match edit.action {
+        EditAction::Move { translation: [x, y, z], .. } => format!("was moved to {x} {y} {z}"),
+        EditAction::Release => "follows its animation again".to_owned(),
+        EditAction::Show => "is shown".to_owned(),
+        EditAction::Hide => "is hidden".to_owned(),
+    };
+    format!("instance {} {what}", edit.instance)
 }

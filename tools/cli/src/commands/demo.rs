@@ -2,17 +2,18 @@
 
 use std::path::{Path, PathBuf};
 
-use psao_codec::frame::FrameKind;
+use psao_codec::block::BlockCoder;
 use psao_proto::recording::{Player, PlayerEvent};
-use psao_proto::session::{ClientEvent, ClientSession, ServerSession};
-use psao_proto::{Limits, Micros, Profile};
+use psao_proto::session::{Access, ClientEvent, ClientSession, ServerSession};
+use psao_proto::{Fanout, Limits, Micros, Profile};
 
 use super::inspect;
-use super::reconstruct::describe;
+use super::reconstruct::{Playback, describe};
 use super::record::{Totals, record_frames};
 use crate::analysis::{Analysis, load};
 use crate::args::{SizeArg, TuningArgs};
 use crate::context::{progress, say};
+use crate::edit_script::EditScript;
 use crate::error::{Exit, Failure, Outcome};
 use crate::output::report::{Picture, Report, Section};
 use crate::output::{number, table::Figures};
@@ -58,7 +59,7 @@ pub(crate) fn run(args: &Args) -> Outcome {
     let recording = folder.join("demo.psao");
     let mut producer = Producer::new(&args.scene, &args.tuning, args.frames)?;
     let mut recorder = Recorder::create(&recording)?;
-    let totals = record_frames(&mut producer, &mut recorder, args.frames, false)?;
+    let totals = record_frames(&mut producer, &mut recorder, args.frames, &EditScript::default(), false)?;
     recorder.finish()?;
 
     let bytes = load(&recording)?;
@@ -92,7 +93,8 @@ fn replay(bytes: &[u8]) -> Outcome<u64> {
     let Some(PlayerEvent::Scene(scene)) = player.next_event() else {
         return Err(wrong("the recording does not start with its scene".to_owned()));
     };
-    let mut server = ServerSession::new(scene, Limits::default());
+    let mut fanout = Fanout::new(BlockCoder::of(scene.info().coder));
+    let mut server = ServerSession::new(scene, Access::Open, Limits::default());
     let mut client = ClientSession::new(Limits::default());
     let session = |error: psao_proto::session::SessionError| wrong(error.to_string());
     server.handle(&client.take_output(), Micros(0)).map_err(session)?;
@@ -100,12 +102,9 @@ fn replay(bytes: &[u8]) -> Outcome<u64> {
     let mut applied = 0;
     while let Some(event) = player.next_event() {
         let PlayerEvent::Frame(frame) = event else { continue };
-        let body = frame.body(bytes);
-        let sent = match frame.info.kind {
-            FrameKind::Key => server.send_keyframe(body),
-            FrameKind::Delta => server.send_update(body),
-        };
-        sent.map_err(|error| wrong(error.to_string()))?;
+        let Some(state) = player.state() else { continue };
+        fanout.advance(&frame.info, frame.body(bytes), state.into(), frame.arrival);
+        fanout.give(&mut server, state.into()).map_err(|error| wrong(error.to_string()))?;
         let events = client.handle(&server.take_output(), frame.arrival).map_err(session)?;
         let same = events.iter().any(|event| {
             matches!(event, ClientEvent::Applied(applied) if applied.info.hash == frame.info.hash
@@ -130,13 +129,13 @@ fn draw(args: &Args, bytes: &[u8], folder: &Path) -> Outcome<Vec<Shown>> {
     let mut wanted = vec![0, args.frames / 2, args.frames - 1];
     wanted.dedup();
     let bar = progress("drawing", wanted.len() as u64);
-    let mut player = Player::new(bytes, Limits::default()).map_err(Failure::input)?;
+    let mut playback = Playback::new(bytes).map_err(Failure::input)?;
     let mut scene = None;
     let mut points = SharedPoints::default();
     let mut shown = Vec::new();
     for frame in wanted {
-        let played = super::reconstruct::play_to(&mut player, frame).map_err(Failure::input)?;
-        let (Some(table), Some(state)) = (player.scene(), player.state()) else { continue };
+        let played = playback.to(frame).map_err(Failure::input)?;
+        let (Some(table), Some(state)) = (playback.scene(), playback.state()) else { continue };
         let scene = match &scene {
             Some(scene) => std::sync::Arc::clone(scene),
             None => scene.insert(scene_of(table.info(), None)?).clone(),
@@ -146,6 +145,7 @@ fn draw(args: &Args, bytes: &[u8], folder: &Path) -> Outcome<Vec<Shown>> {
             scene: &scene,
             info: table.info(),
             state: &state,
+            edits: playback.edits(),
             time_s: played.info.time.0 as f64 / 1e6,
             camera: None,
             size: args.size,

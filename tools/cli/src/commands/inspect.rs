@@ -3,10 +3,12 @@
 use std::io::Write as _;
 use std::path::PathBuf;
 
+use psao_proto::message::Budget;
 use serde::Serialize;
 
 use crate::analysis::{Analysis, BLOCKS, FrameLine, OVERHEAD, PARTS, Totals, load};
 use crate::args::{Format, RecordingArg};
+use crate::budget::BudgetTotals;
 use crate::context::say;
 use crate::error::{Exit, Failure, Outcome};
 use crate::output::number;
@@ -160,6 +162,7 @@ pub(crate) fn summary_lines(analysis: &Analysis, totals: &Totals) -> String {
             totals.bits_per_changed_point
         ),
     ];
+    lines.extend(analysis.budgets().and_then(|budgets| budgets.text()));
     if let Some(report) = analysis.last_report().filter(|_| analysis.is_paper()) {
         lines.push(format!(
             "Frame {}: {} points in {} cells; not stored: {} bucket full, {} cell full, {} no free cell; {} outside \
@@ -174,6 +177,7 @@ pub(crate) fn summary_lines(analysis: &Analysis, totals: &Totals) -> String {
             number::count(u64::from(report.id_collisions)),
         ));
     }
+    lines.extend(analysis.gaps.iter().map(|gap| format!("Gap: {gap}")));
     lines.join("\n")
 }
 
@@ -183,6 +187,10 @@ fn frames_table(analysis: &Analysis) -> Figures {
     let mut heads: Vec<&str> = vec!["frame", "time s", "kind", "wire bytes"];
     heads.extend(blocks.iter().map(|&part| PARTS[part]));
     heads.extend(["rest", "changed"]);
+    let budgets = analysis.budgets().is_some();
+    if budgets {
+        heads.extend(["postponed", "oldest", "forced"]);
+    }
     let heads: Vec<String> = heads.into_iter().map(str::to_owned).collect();
     let mut table = Figures::of(&heads);
     for line in &analysis.frames {
@@ -195,6 +203,14 @@ fn frames_table(analysis: &Analysis) -> Figures {
         row.extend(blocks.iter().map(|&part| number::count(line.parts[part])));
         let rest = line.wire_bytes() - blocks.iter().map(|&part| line.parts[part]).sum::<u64>();
         row.extend([number::count(rest), number::count(u64::from(line.changed_points))]);
+        if budgets {
+            let figures = line.budget.map(|budget| [budget.postponed, budget.oldest, budget.forced]);
+            row.extend(
+                figures.map_or_else(Default::default, |figures| {
+                    figures.map(|figure| number::count(figure.into()))
+                }),
+            );
+        }
         table.row(row);
     }
     table
@@ -208,13 +224,19 @@ fn used(analysis: &Analysis) -> impl Iterator<Item = usize> + '_ {
 fn csv(analysis: &Analysis) -> Outcome {
     let mut out = std::io::stdout().lock();
     let mut lines = vec![format!(
-        "frame,time_s,kind,group,sequence,wire_bytes,{},changed_points,state_hash",
+        "frame,time_s,kind,group,sequence,wire_bytes,{},changed_points,state_hash,budget_bytes,body_bytes,postponed,oldest,forced",
         PARTS.join(",")
     )];
     for line in &analysis.frames {
         let parts: Vec<String> = line.parts.iter().map(u64::to_string).collect();
+        let budget = line.budget.map_or_else(
+            || ",".repeat(4),
+            |Budget { budget, used, postponed, oldest, forced, .. }| {
+                format!("{budget},{used},{postponed},{oldest},{forced}")
+            },
+        );
         lines.push(format!(
-            "{},{:.6},{},{},{},{},{},{},{:016x}",
+            "{},{:.6},{},{},{},{},{},{},{:016x},{budget}",
             line.frame,
             line.time_s,
             if line.key { "key" } else { "delta" },
@@ -248,6 +270,7 @@ struct Document<'a> {
     totals: TotalsOut<'a>,
     frames: Vec<FrameOut<'a>>,
     damage: Vec<DamageOut>,
+    gaps: Vec<GapOut>,
     unreadable: &'a [String],
 }
 
@@ -286,6 +309,8 @@ struct TotalsOut<'a> {
     paper_mbit_s: f64,
     wire_mbit_s: f64,
     file_mbit_s: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    budget: Option<BudgetTotals>,
 }
 
 #[derive(Serialize)]
@@ -301,6 +326,17 @@ struct FrameOut<'a> {
     state_hash: String,
     #[serde(skip_serializing_if = "Option::is_none")]
     report: Option<ReportOut>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    budget: Option<BudgetOut>,
+}
+
+#[derive(Serialize)]
+struct BudgetOut {
+    bytes: u32,
+    used: u32,
+    postponed: u32,
+    oldest: u32,
+    forced: u32,
 }
 
 #[derive(Serialize)]
@@ -323,6 +359,15 @@ struct DamageOut {
     offset: u64,
     lost_bytes: u64,
     what: String,
+}
+
+#[derive(Serialize)]
+struct GapOut {
+    first_lost: u32,
+    last_lost: u32,
+    frames: u32,
+    bytes: u64,
+    reason: String,
 }
 
 fn json(analysis: &Analysis) -> Outcome<String> {
@@ -364,6 +409,7 @@ fn json(analysis: &Analysis) -> Outcome<String> {
             paper_mbit_s: totals.paper_mbit_s,
             wire_mbit_s: totals.wire_mbit_s,
             file_mbit_s: totals.file_mbit_s,
+            budget: analysis.budgets(),
         },
         frames: analysis.frames.iter().map(frame_out).collect(),
         damage: analysis
@@ -373,6 +419,17 @@ fn json(analysis: &Analysis) -> Outcome<String> {
                 offset: damage.offset,
                 lost_bytes: damage.lost_bytes,
                 what: damage.kind.to_string(),
+            })
+            .collect(),
+        gaps: analysis
+            .gaps
+            .iter()
+            .map(|gap| GapOut {
+                first_lost: gap.first_lost.0,
+                last_lost: gap.last_lost.0,
+                frames: gap.frames,
+                bytes: gap.bytes,
+                reason: gap.reason.to_string(),
             })
             .collect(),
         unreadable: &analysis.unreadable,
@@ -404,6 +461,13 @@ fn frame_out(line: &FrameLine) -> FrameOut<'_> {
             outside_grid: report.outside_grid,
             id_collisions: report.id_collisions,
             stage_us: report.stages.iter().map(|time| (time.stage.to_string(), time.micros)).collect(),
+        }),
+        budget: line.budget.map(|Budget { budget, used, postponed, oldest, forced, .. }| BudgetOut {
+            bytes: budget,
+            used,
+            postponed,
+            oldest,
+            forced,
         }),
     }
 }

@@ -3,9 +3,11 @@
 use std::path::PathBuf;
 use std::str::FromStr;
 
-use psao_proto::Limits;
+use psao_codec::stream::State;
 use psao_proto::message::CameraPose;
-use psao_proto::recording::{PlayedFrame, Player, PlayerEvent};
+use psao_proto::recording::{PlayedFrame, Player, PlayerEvent, ReaderError};
+use psao_proto::{Limits, SceneTable};
+use psao_server_sim::scene::Edits;
 
 use crate::analysis::load;
 use crate::args::{RecordingArg, SizeArg};
@@ -17,7 +19,7 @@ use crate::pictures::{Drawn, SharedPoints, Shot, scene_of};
 /// Draw a frame of a recording, and with --reference the same by rays
 ///
 /// AO comes from the stream alone; the scene's geometry, which a client has anyway, is loaded by the name or path in the
-/// recording. With --reference, FILE.reference.png, FILE.difference.png (red: too bright, blue: too dark) and
+/// recording, and edited as it was at that frame. With --reference, FILE.reference.png, FILE.difference.png (red: too bright, blue: too dark) and
 /// FILE.side-by-side.png are written as well, and the error is printed.
 #[derive(clap::Args, Debug)]
 pub(crate) struct Args {
@@ -75,11 +77,12 @@ impl FromStr for CameraArg {
 pub(crate) fn run(args: &Args) -> Outcome {
     let path = &args.recording.file;
     let bytes = load(path)?;
-    let mut player = Player::new(&bytes, Limits::default())
-        .map_err(|error| Failure::input(format_args!("{}: {error}", path.display())))?;
-    let frame = play_to(&mut player, args.frame)
+    let mut playback =
+        Playback::new(&bytes).map_err(|error| Failure::input(format_args!("{}: {error}", path.display())))?;
+    let frame = playback
+        .to(args.frame)
         .map_err(|reason| Failure::input(format_args!("{}: {reason}", path.display())))?;
-    let (Some(table), Some(state)) = (player.scene(), player.state()) else {
+    let (Some(table), Some(state)) = (playback.scene(), playback.state()) else {
         return Err(Failure::input(format_args!("{}: it has no whole scene table", path.display())));
     };
     let scene = scene_of(table.info(), args.scene.as_deref())?;
@@ -89,6 +92,7 @@ pub(crate) fn run(args: &Args) -> Outcome {
         scene: &scene,
         info: table.info(),
         state: &state,
+        edits: playback.edits(),
         time_s: frame.info.time.0 as f64 / 1e6,
         camera: args.camera.map(|camera| camera.0),
         size: args.size,
@@ -104,33 +108,67 @@ pub(crate) fn run(args: &Args) -> Outcome {
     Ok(())
 }
 
-/// Plays up to a frame; the player's state is then that frame's.
-pub(crate) fn play_to(player: &mut Player<'_>, number: u32) -> Result<PlayedFrame, String> {
-    let (mut first, mut last, mut left_out) = (None, None, 0_u32);
-    while let Some(event) = player.next_event() {
-        match event {
-            PlayerEvent::Frame(frame) if frame.info.frame.0 == number => return Ok(frame),
-            PlayerEvent::Frame(frame) => {
-                first.get_or_insert(frame.info.frame.0);
-                last = Some(frame.info.frame.0);
-            }
-            PlayerEvent::Unusable { frame, reason, .. } => {
-                left_out += 1;
-                if frame.is_some_and(|frame| frame.0 == number) {
-                    return Err(format!("frame {number} cannot be used: {reason}"));
-                }
-            }
-            _ => {}
-        }
+/// A recording, played from its start to the frames that are drawn.
+pub(crate) struct Playback<'a> {
+    player: Player<'a>,
+    edits: Edits,
+}
+
+impl<'a> Playback<'a> {
+    pub(crate) fn new(bytes: &'a [u8]) -> Result<Self, ReaderError> {
+        Ok(Self { player: Player::new(bytes, Limits::default())?, edits: Edits::default() })
     }
-    Err(match (first, last) {
-        (Some(first), Some(last)) => {
-            format!(
-                "it has no frame {number}; its {first} to {last} can be drawn ({left_out} frames are damaged)"
-            )
+
+    /// The scene table, once it was played.
+    pub(crate) fn scene(&self) -> Option<&SceneTable> {
+        self.player.scene().map(AsRef::as_ref)
+    }
+
+    /// The state of the frame played to.
+    pub(crate) fn state(&self) -> Option<&State> {
+        self.player.state()
+    }
+
+    /// The edits in force at the frame played to.
+    pub(crate) fn edits(&self) -> &Edits {
+        &self.edits
+    }
+
+    /// Plays on to a frame.
+    pub(crate) fn to(&mut self, number: u32) -> Result<PlayedFrame, String> {
+        let (mut first, mut last, mut left_out) = (None, None, 0_u32);
+        while let Some(event) = self.player.next_event() {
+            match event {
+                PlayerEvent::Scene(table) => self.edits = Edits::new(table.info().instance_count),
+                // Without the edit every later picture would be of another scene.
+                PlayerEvent::Edit(edit) => {
+                    self.edits
+                        .apply(&edit)
+                        .map_err(|error| format!("an edit in it cannot be followed: {error}"))?;
+                }
+                PlayerEvent::Frame(frame) if frame.info.frame.0 == number => return Ok(frame),
+                PlayerEvent::Frame(frame) => {
+                    first.get_or_insert(frame.info.frame.0);
+                    last = Some(frame.info.frame.0);
+                }
+                PlayerEvent::Unusable { frame, reason, .. } => {
+                    left_out += 1;
+                    if frame.is_some_and(|frame| frame.0 == number) {
+                        return Err(format!("frame {number} cannot be used: {reason}"));
+                    }
+                }
+                _ => {}
+            }
         }
-        _ => "it has no frame that can be drawn".to_owned(),
-    })
+        Err(match (first, last) {
+            (Some(first), Some(last)) => {
+                format!(
+                    "it has no frame {number}; its {first} to {last} can be drawn ({left_out} frames are damaged)"
+                )
+            }
+            _ => "it has no frame that can be drawn".to_owned(),
+        })
+    }
 }
 
 /// The figures of a picture, for people.

@@ -3,23 +3,26 @@
 use std::path::PathBuf;
 
 use indicatif::ProgressBar;
-use psao_proto::message::{CloseCode, SceneInfo};
-use psao_proto::net::{Connection, connect};
-use psao_proto::session::ClientEvent;
-use psao_proto::{FrameType, Limits, Micros, WireFrame};
+use psao_proto::message::{CloseCode, KeyframeReason, SceneInfo};
+use psao_proto::net::{Address, Connection};
+use psao_proto::session::{ClientEvent, ClientOptions};
+use psao_proto::{FrameType, Micros, WireFrame};
 
-use super::client::peer;
-use crate::args::TuningArgs;
+use crate::args::{BufferArg, TuningArgs};
 use crate::context::{WallClock, progress, runtime, say};
+use crate::edit_script::EditScript;
 use crate::error::{Failure, Outcome};
+use crate::network::{ConnectArgs, peer};
 use crate::output::number;
 use crate::producer::{Produced, Producer};
-use crate::recorder::{Recorder, check_place};
+use crate::recorder::{Live, Recorder, check_place};
 
 /// Trace a scene's stream into a file, or record a live server's
 ///
 /// The recording holds the frames as they go over the wire, each with its time; same options, same bytes, on any machine
 /// (unless --timings). It is valid after every frame: whatever stops the recorder loses at most the frame being written.
+/// With --from, frames wait for a slow disk in memory; what does not fit is left out up to the next keyframe, marked in
+/// the recording and counted at the end. Exit code 1: the disk failed; what was written before can be read.
 #[derive(clap::Args, Debug)]
 pub(crate) struct Args {
     /// Built-in scene (see `psao scenes`), or a .toml scene file, .gltf or .glb
@@ -27,15 +30,33 @@ pub(crate) struct Args {
     scene: Option<String>,
     /// Record what this server sends instead (`psao serve` or `psao replay --listen`)
     #[arg(long, value_name = "ADDR", conflicts_with = "scene")]
-    from: Option<String>,
+    from: Option<Address>,
+    #[command(flatten)]
+    network: ConnectArgs,
     /// Frames to record; with --from, all that come unless given
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     frames: Option<u32>,
     #[command(flatten)]
     tuning: TuningArgs,
+    /// Script of edits: what moves, hides and shows before which frame
+    ///
+    /// One edit a line, `#` starts a comment:
+    ///
+    ///     FRAME INSTANCE move X,Y,Z [QX,QY,QZ,QW]
+    ///     FRAME INSTANCE release|hide|show
+    ///
+    /// INSTANCE is an index, or a name that only one has, in quotes if there are
+    /// spaces in it: `psao scenes --instances` lists both, and where each stands.
+    /// X,Y,Z in metres and the unit quaternion take the instance's own space to
+    /// the world, in place of its animation, until `release`. `hide` takes it out
+    /// of sight and of all occlusion until `show`.
+    #[arg(long, value_name = "FILE", conflicts_with = "from", verbatim_doc_comment)]
+    edits: Option<PathBuf>,
     /// Put stage times into the recording; it then differs from run to run
     #[arg(long)]
     timings: bool,
+    #[command(flatten)]
+    buffer: BufferArg,
     /// The recording to write
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
@@ -56,8 +77,12 @@ fn trace(args: &Args, scene: &str) -> Outcome {
     let frames = args.frames.unwrap_or(FRAMES);
     check_place(&args.output)?;
     let mut producer = Producer::new(scene, &args.tuning, frames)?;
+    let edits = match &args.edits {
+        Some(path) => EditScript::load(path, producer.scene(), Some(frames))?,
+        None => EditScript::default(),
+    };
     let mut recorder = Recorder::create(&args.output)?;
-    let totals = record_frames(&mut producer, &mut recorder, frames, args.timings)?;
+    let totals = record_frames(&mut producer, &mut recorder, frames, &edits, args.timings)?;
     let bytes = recorder.finish()?;
     say(summary(producer.info(), &totals))?;
     say(format_args!("wrote {}: {} frames, {}", args.output.display(), totals.frames, number::bytes(bytes)))
@@ -78,6 +103,7 @@ pub(crate) fn record_frames(
     producer: &mut Producer,
     recorder: &mut Recorder,
     frames: u32,
+    edits: &EditScript,
     timings: bool,
 ) -> Outcome<Totals> {
     recorder.scene(producer.table())?;
@@ -86,9 +112,21 @@ pub(crate) fn record_frames(
     let mut totals = Totals::default();
     let mut arrival = Micros(0);
     for number in 0..frames {
+        let mut changes = Vec::new();
+        for edit in edits.before(number) {
+            if producer.edit(edit).map_err(Failure::input)? {
+                changes.push(edit);
+            }
+        }
         let (output, produced) = producer.step(number, &[], &clock)?;
         arrival = Micros(output.info.time.0);
+        for edit in changes {
+            recorder.message(arrival, edit)?;
+        }
         recorder.body(arrival, number == 0, &output.body)?;
+        if let Some(budget) = &produced.budget {
+            recorder.message(arrival, budget)?;
+        }
         // How the tables are filled is worth a report when they were made and when all is done.
         if timings || number == 0 || number + 1 == frames {
             recorder.message(arrival, &produced.report(output.info.frame, timings))?;
@@ -121,9 +159,9 @@ pub(crate) fn summary(info: &SceneInfo, totals: &Totals) -> String {
     )
 }
 
-async fn from_server(args: &Args, address: &str) -> Outcome {
-    let mut connection = connect(address, Limits::default()).await.map_err(peer)?;
-    let mut recorder = Recorder::create(&args.output)?;
+async fn from_server(args: &Args, address: &Address) -> Outcome {
+    let mut connection = args.network.connect(address, ClientOptions::default()).await?;
+    let mut recorder = Recorder::live(&args.output, args.buffer.bytes())?;
     let mut counts = Counts::default();
     let bar = progress("recording", u64::from(args.frames.unwrap_or(0)));
     let ended = follow(args, &mut connection, &mut recorder, &mut counts, &bar).await;
@@ -158,12 +196,11 @@ struct Counts {
 async fn follow(
     args: &Args,
     connection: &mut Connection,
-    recorder: &mut Recorder,
+    recorder: &mut Recorder<Live>,
     counts: &mut Counts,
     bar: &ProgressBar,
 ) -> Outcome {
-    let clock = WallClock::start();
-    let mut written = Ok(());
+    let mut taken = Ok(());
     while !connection.session().is_closed() && args.frames.is_none_or(|wanted| counts.applied < wanted) {
         let mut tap = |frame: &WireFrame<'_>| {
             let wanted = matches!(
@@ -171,19 +208,21 @@ async fn follow(
                 FrameType::SCENE
                     | FrameType::KEYFRAME
                     | FrameType::UPDATE
+                    | FrameType::EDIT
                     | FrameType::REPORT
+                    | FrameType::BUDGET
                     | FrameType::CLOSE
             );
-            if wanted && written.is_ok() {
-                written = recorder.wire(Micros(clock.micros()), frame.bytes);
+            if wanted && taken.is_ok() {
+                taken = recorder.wire(recorder.now(), frame.bytes);
             }
         };
         let events = tokio::select! {
             events = connection.next_events_with(&mut tap) => events.map_err(peer)?,
             _ = tokio::signal::ctrl_c() => break,
         };
-        written?;
-        written = Ok(());
+        taken?;
+        taken = Ok(());
         for event in events {
             match event {
                 ClientEvent::Applied(_) => {
@@ -193,6 +232,9 @@ async fn follow(
                 ClientEvent::HashMismatch { .. } | ClientEvent::Unusable { .. } => counts.unusable += 1,
                 _ => {}
             }
+        }
+        if recorder.wants_keyframe() {
+            connection.session().request_keyframe(KeyframeReason::ASKED);
         }
     }
     connection.session().close(CloseCode::DONE, "recorded enough");

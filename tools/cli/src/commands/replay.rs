@@ -1,33 +1,36 @@
-//! `psao replay`: plays a recording, in process or to clients over TCP.
+//! `psao replay`: plays a recording, in process or to clients over a network.
 
-use std::time::{Duration, Instant};
+use std::sync::Arc;
+use std::time::Duration;
 
 use clap::ValueEnum;
-use psao_codec::frame::{FrameKind, FrameMeta};
-use psao_codec::stream::keyframe;
-use psao_proto::Limits;
+use psao_codec::block::BlockCoder;
+use psao_codec::frame::{FrameKind, inspect};
 use psao_proto::message::CloseCode;
-use psao_proto::net::{Hub, Listener};
-use psao_proto::recording::{PlayedFrame, Player, PlayerEvent};
+use psao_proto::net::Hub;
+use psao_proto::recording::{PlayedFrame, Player, PlayerEvent, Summary};
+use psao_proto::{Limits, Micros, SceneTable, StreamTime};
 
-use super::client::peer;
+use super::cut::stream_time;
 use crate::analysis::load;
-use crate::args::{Coder, Format, RecordingArg};
-use crate::context::{runtime, say};
+use crate::args::{Format, RecordingArg};
+use crate::context::{WallClock, runtime, say};
 use crate::error::{Exit, Failure, Outcome};
+use crate::network::{self, ListenArgs};
 use crate::output::frames::FrameLog;
+use crate::pace::Pacer;
 
-/// Play a recording, in process or to clients over TCP
+/// Play a recording, in process or to clients over a network
 ///
 /// Without --listen it is played into a client in this process. With --listen it waits for clients and serves the frames
-/// as they were recorded; who joins late gets a keyframe made from the state. Exit code 4: damaged frames were left out.
+/// as they were recorded; who joins late gets a keyframe made from the state. With --from it starts at a keyframe before,
+/// and the first that goes out is a keyframe of the state there. Exit code 4: damaged frames were left out.
 #[derive(clap::Args, Debug)]
 pub(crate) struct Args {
     #[command(flatten)]
     recording: RecordingArg,
-    /// Serve the recording at this address; port 0 lets the system choose
-    #[arg(long, value_name = "ADDR")]
-    listen: Option<String>,
+    #[command(flatten)]
+    network: ListenArgs,
     /// Wait for so many clients before the first frame
     #[arg(long, value_name = "N", default_value_t = 1, requires = "listen")]
     clients: usize,
@@ -37,10 +40,10 @@ pub(crate) struct Args {
     /// Speed of --pace wall; 2 is twice as fast as recorded
     #[arg(long, value_name = "X", default_value_t = 1.0)]
     rate: f64,
-    /// Start at this time of the stream, in seconds
+    /// Start with the first frame at or after this time of the stream, in seconds
     #[arg(long, value_name = "T", default_value_t = 0.0)]
     from: f64,
-    /// Stop after this time of the stream, in seconds
+    /// Stop before the first frame after this time of the stream, in seconds
     #[arg(long, value_name = "T")]
     to: Option<f64>,
     /// Start again at the end
@@ -57,7 +60,7 @@ pub(crate) struct Args {
 /// `--pace`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Pace {
-    /// At the recorded times
+    /// At the recorded times; what is late is caught up with
     Wall,
     /// As fast as the clients take them
     Fast,
@@ -74,163 +77,234 @@ pub(crate) fn run(args: &Args) -> Outcome {
     if !(args.rate.is_finite() && args.rate > 0.0) {
         return Err(Failure::usage(format_args!("--rate {} is not a number above 0", args.rate)));
     }
-    let times = [Some(args.from), args.to];
-    if times.iter().flatten().any(|time| !time.is_finite()) || args.to.is_some_and(|to| to < args.from) {
+    let from = stream_time("--from", args.from)?;
+    let to = args.to.map(|to| stream_time("--to", to)).transpose()?;
+    if to.is_some_and(|to| to < from) {
         return Err(Failure::usage("--from and --to are times in seconds, --to not before --from"));
     }
     let bytes = load(&args.recording.file)?;
-    runtime()?.block_on(play(args, &bytes))
+    let replay = Replay { args, bytes: &bytes, start: start(args, &bytes, from)?, to };
+    runtime()?.block_on(replay.play())
+}
+
+/// A recording and the part of it that is played.
+struct Replay<'a> {
+    args: &'a Args,
+    bytes: &'a [u8],
+    /// Where to start, unless at the start.
+    start: Option<(Summary, usize)>,
+    to: Option<StreamTime>,
 }
 
 /// Whom the frames go to.
 enum Target {
     Here,
-    Clients(Hub),
+    Clients(Hub, Arc<SceneTable>),
 }
 
-async fn play(args: &Args, bytes: &[u8]) -> Outcome {
-    let mut player = open(args, bytes)?;
-    let target = match &args.listen {
-        None => Target::Here,
-        Some(address) => Target::Clients(listen(args, address, &mut player).await?),
-    };
-    let mut log = FrameLog::new(args.format, args.quiet)?;
-    let mut left_out = 0;
-    loop {
-        play_once(args, bytes, &mut player, &target, &mut log).await?;
-        let stats = player.stats();
-        left_out += stats.damages + stats.unusable + stats.bad_messages;
-        if !args.again || log.frames == 0 {
-            break;
-        }
-        player = open(args, bytes)?;
+/// What ends a round.
+#[derive(PartialEq, Eq)]
+enum End {
+    /// The recording, or `--to`.
+    Done,
+    /// Another scene, which a connection cannot change to.
+    OtherScene,
+}
+
+/// The first frame at or after a time, in the order of the file.
+fn start(args: &Args, bytes: &[u8], from: StreamTime) -> Outcome<Option<(Summary, usize)>> {
+    if from == StreamTime(0) {
+        return Ok(None);
     }
-    if let Target::Clients(hub) = &target {
-        hub.close(CloseCode::DONE, "end of the recording", PATIENCE).await;
-    }
-    log.finish("")?;
-    if left_out > 0 {
-        return Err(Failure::new(
-            Exit::DataLoss,
-            format_args!("{left_out} damaged place(s) or frame(s) left out; `psao verify` lists them"),
+    let summary = Summary::scan(bytes, Limits::default()).map_err(|error| refused(args, error))?;
+    let Some(entry) = summary.index().iter().position(|entry| entry.time >= from) else {
+        let last = summary.index().iter().map(|entry| entry.time).max().unwrap_or_default();
+        return Err(refused(
+            args,
+            format_args!(
+                "no frame at or after --from {}: the last is at {} s",
+                args.from,
+                last.0 as f64 / 1e6
+            ),
         ));
-    }
-    Ok(())
-}
-
-fn open<'a>(args: &Args, bytes: &'a [u8]) -> Outcome<Player<'a>> {
-    let path = &args.recording.file;
-    Player::new(bytes, Limits::default())
-        .map_err(|error| Failure::input(format_args!("{}: {error}", path.display())))
-}
-
-/// Plays up to the scene table, listens, and waits for the clients.
-async fn listen(args: &Args, address: &str, player: &mut Player<'_>) -> Outcome<Hub> {
-    let scene = loop {
-        match player.next_event() {
-            Some(PlayerEvent::Scene(scene)) => break scene,
-            Some(_) => {}
-            None => {
-                return Err(Failure::input(format_args!(
-                    "{}: it has no whole scene table, so no client could follow it",
-                    args.recording.file.display()
-                )));
-            }
-        }
     };
-    let hub = Hub::new(scene, Limits::default());
-    let listener = Listener::bind(address).await.map_err(peer)?;
-    let bound = listener.local_addr().map_err(peer)?;
-    eprintln!("listening at {bound}, waiting for {} client(s)", args.clients);
-    tokio::spawn(listener.run(hub.clone()));
-    while !hub.wait_joined(args.clients, PATIENCE).await {}
-    Ok(hub)
+    Ok(Some((summary, entry)))
 }
 
-async fn play_once(
-    args: &Args,
-    bytes: &[u8],
-    player: &mut Player<'_>,
-    target: &Target,
-    log: &mut FrameLog,
-) -> Outcome {
-    let mut start = None;
-    while let Some(event) = player.next_event() {
-        match event {
-            PlayerEvent::Frame(frame) => {
-                let time = frame.info.time.0 as f64 / 1e6;
-                if time < args.from {
-                    continue;
-                }
-                if args.to.is_some_and(|to| time > to) {
-                    break;
-                }
-                let (wall, first) = *start.get_or_insert((Instant::now(), frame.arrival));
-                if args.pace == Pace::Wall {
-                    let due = Duration::from_secs_f64(frame.arrival.since(first).as_secs_f64() / args.rate);
-                    tokio::time::sleep(due.saturating_sub(wall.elapsed())).await;
-                }
-                deliver(args, bytes, player, target, &frame, log.frames).await?;
-                log.frame(&frame.info, frame.wire_bytes)?;
+fn refused(args: &Args, error: impl std::fmt::Display) -> Failure {
+    Failure::input(format_args!("{}: {error}", args.recording.file.display()))
+}
+
+impl<'a> Replay<'a> {
+    async fn play(&self) -> Outcome {
+        let args = self.args;
+        let mut player = self.open()?;
+        let target = match &args.network.listen {
+            None => Target::Here,
+            Some(_) => self.listen(&mut player).await?,
+        };
+        let mut log = FrameLog::new(args.format, args.quiet)?;
+        let (clock, mut pacer) = (WallClock::start(), Pacer::new(args.rate));
+        let mut left_out = 0;
+        loop {
+            let end = self.round(&mut player, &target, &clock, &mut pacer, &mut log).await?;
+            let stats = player.stats();
+            left_out += stats.damages + stats.unusable + stats.bad_messages;
+            if end == End::OtherScene {
+                eprintln!("psao: the recording goes on with another scene, which takes another connection");
             }
-            PlayerEvent::Damage(damage) => eprintln!("psao: {damage}"),
-            PlayerEvent::Unusable { offset, reason, .. } => {
-                eprintln!("psao: the frame at offset {offset} was left out: {reason}");
+            if !args.again || log.frames == 0 {
+                break;
             }
-            PlayerEvent::BadMessage { offset, error } => {
-                eprintln!("psao: the message at offset {offset} was left out: {error}");
-            }
-            PlayerEvent::Closed(close) if !args.again => say_closed(args, &close.text)?,
-            PlayerEvent::Report(report) => {
-                // Reports before --from are about frames that nobody gets.
-                if let (Target::Clients(hub), true) = (target, start.is_some()) {
-                    hub.report(&report);
-                }
-            }
-            PlayerEvent::Scene(_) | PlayerEvent::Closed(_) => {}
+            player = self.open()?;
+            pacer.again();
         }
+        if let Target::Clients(hub, _) = &target {
+            hub.close(CloseCode::DONE, "end of the recording", PATIENCE).await;
+            hub.take_events().iter().for_each(network::tell);
+        }
+        log.finish("")?;
+        if left_out > 0 {
+            return Err(Failure::new(
+                Exit::DataLoss,
+                format_args!("{left_out} damaged place(s) or frame(s) left out; `psao verify` lists them"),
+            ));
+        }
+        Ok(())
     }
-    Ok(())
+
+    /// A player that has the state from which the first frame follows.
+    fn open(&self) -> Outcome<Player<'a>> {
+        let mut player =
+            Player::new(self.bytes, Limits::default()).map_err(|error| refused(self.args, error))?;
+        if let Some((summary, entry)) = &self.start {
+            player.jump(summary, *entry);
+        }
+        Ok(player)
+    }
+
+    /// Plays up to the scene table, listens, and waits for the clients.
+    async fn listen(&self, player: &mut Player<'_>) -> Outcome<Target> {
+        while player.scene().is_none() {
+            if player.next_event().is_none() {
+                return Err(refused(self.args, "it has no whole scene table, so no client could follow it"));
+            }
+        }
+        let Some(scene) = player.scene().cloned() else { return Ok(Target::Here) };
+        let (coder, network) = (BlockCoder::of(scene.info().coder), &self.args.network);
+        let hub = Hub::new(Arc::clone(&scene), coder, network.access()?, Limits::default());
+        let bound = network.serve(&hub).await?;
+        eprintln!("listening at {bound}, waiting for {} client(s)", self.args.clients);
+        while !hub.wait_joined(self.args.clients, PATIENCE).await {
+            hub.take_events().iter().for_each(network::tell);
+        }
+        player.edits().iter().for_each(|edit| hub.edit(edit));
+        Ok(Target::Clients(hub, scene))
+    }
+
+    /// Plays the part once.
+    async fn round(
+        &self,
+        player: &mut Player<'_>,
+        target: &Target,
+        clock: &WallClock,
+        pacer: &mut Pacer,
+        log: &mut FrameLog,
+    ) -> Outcome<End> {
+        let args = self.args;
+        let first = self.start.as_ref().map_or(0, |(summary, entry)| summary.index()[*entry].offset);
+        let mut begun = false;
+        while let Some(event) = player.next_event() {
+            match event {
+                // What lies before the part is played for the state alone.
+                PlayerEvent::Frame(frame) if frame.offset < first => {}
+                PlayerEvent::Frame(frame) => {
+                    if self.to.is_some_and(|to| frame.info.time > to) {
+                        break;
+                    }
+                    if args.pace == Pace::Wall {
+                        let wait = pacer.wait(Micros(clock.micros()), frame.arrival);
+                        tokio::time::sleep(Duration::from_micros(wait.0)).await;
+                    }
+                    if let Target::Clients(hub, _) = target {
+                        self.deliver(player, hub, &frame, !begun, log.frames).await?;
+                    }
+                    begun = true;
+                    log.frame(&frame.info, frame.wire_bytes)?;
+                }
+                PlayerEvent::Damage(damage) => eprintln!("psao: {damage}"),
+                PlayerEvent::Unusable { offset, reason, .. } => {
+                    eprintln!("psao: the frame at offset {offset} was left out: {reason}");
+                }
+                PlayerEvent::BadMessage { offset, error } => {
+                    eprintln!("psao: the message at offset {offset} was left out: {error}");
+                }
+                PlayerEvent::Gap(gap) => eprintln!("psao: {gap}"),
+                PlayerEvent::Closed(close) if !args.again => say_closed(args, &close.text)?,
+                PlayerEvent::Report(report) => {
+                    // Reports before the part are about frames that nobody gets.
+                    if let (Target::Clients(hub, _), true) = (target, begun) {
+                        hub.report(&report);
+                    }
+                }
+                PlayerEvent::Budget(budget) => {
+                    if let (Target::Clients(hub, _), true) = (target, begun) {
+                        hub.budget(&budget);
+                    }
+                }
+                PlayerEvent::Edit(edit) => {
+                    if let Target::Clients(hub, _) = target {
+                        hub.edit(&edit);
+                    }
+                }
+                PlayerEvent::Scene(scene) => {
+                    if matches!(target, Target::Clients(_, served) if *served != scene) {
+                        return Ok(End::OtherScene);
+                    }
+                }
+                PlayerEvent::Closed(_) => {}
+            }
+        }
+        Ok(End::Done)
+    }
+
+    /// Gives one frame to the clients, as it was recorded or, the first of a round, as a keyframe of the state; then waits
+    /// as the pace says.
+    async fn deliver(
+        &self,
+        player: &Player<'_>,
+        hub: &Hub,
+        frame: &PlayedFrame,
+        opens: bool,
+        count: u64,
+    ) -> Outcome {
+        let failed = |error| Failure::new(Exit::System, error);
+        let Some(state) = player.state() else { return Ok(()) };
+        let made = if opens && frame.info.kind != FrameKind::Key { player.keyframe() } else { None };
+        let (info, body) = match made {
+            Some(body) => {
+                let body = body.map_err(failed)?;
+                let info = inspect(&body, &Limits::default().codec)
+                    .map_err(|error| Failure::new(Exit::System, error))?;
+                (info, body)
+            }
+            None => (frame.info.clone(), frame.body(self.bytes).to_vec()),
+        };
+        hub.broadcast(&info, body, state.into(), hub.now()).map_err(failed)?;
+        let wait = match self.args.pace {
+            Pace::Wall => false,
+            Pace::Fast => count % FAST_WINDOW == FAST_WINDOW - 1,
+            Pace::Step => true,
+        };
+        if wait {
+            hub.wait_acked(frame.info.frame, PATIENCE).await;
+        }
+        // Sockets share this thread: let them write.
+        tokio::task::yield_now().await;
+        Ok(())
+    }
 }
 
 fn say_closed(args: &Args, text: &impl std::fmt::Display) -> Outcome {
     if args.quiet || args.format != Format::Table { Ok(()) } else { say(format_args!("closed: {text}")) }
-}
-
-/// Gives one frame to the clients, as it was recorded, and waits as the pace says.
-async fn deliver(
-    args: &Args,
-    bytes: &[u8],
-    player: &Player<'_>,
-    target: &Target,
-    frame: &PlayedFrame,
-    count: u64,
-) -> Outcome {
-    let Target::Clients(hub) = target else { return Ok(()) };
-    let body = frame.body(bytes);
-    let joining = || match (player.state(), player.scene()) {
-        (Some(state), Some(scene)) => {
-            let meta = FrameMeta {
-                kind: FrameKind::Key,
-                frame: frame.info.frame,
-                time: frame.info.time,
-                changed_points: 0,
-            };
-            keyframe(state, meta, Coder::of(scene.info().coder), &[])
-                .map_err(|error| Failure::new(Exit::System, error))
-        }
-        _ => Err(Failure::new(Exit::System, "there is no state to join at")),
-    };
-    hub.broadcast(&frame.info, body, joining)?;
-    let wait = match args.pace {
-        Pace::Wall => false,
-        Pace::Fast => count % FAST_WINDOW == FAST_WINDOW - 1,
-        Pace::Step => true,
-    };
-    if wait {
-        hub.wait_acked(frame.info.frame, PATIENCE).await;
-    }
-    // Sockets share this thread: let them write.
-    tokio::task::yield_now().await;
-    Ok(())
 }

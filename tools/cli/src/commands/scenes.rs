@@ -1,6 +1,7 @@
 //! `psao scenes`: what is built in, and what each scene needs.
 
-use psao_server_sim::scene::{Motion, Scene};
+use psao_server_sim::bvh::Bounds;
+use psao_server_sim::scene::{Geometry, InstanceId, Motion, Scene};
 use serde::Serialize;
 
 use crate::args::Format;
@@ -17,6 +18,9 @@ pub(crate) struct Args {
     /// Scene files (.toml, .gltf, .glb) or names to look at instead of the built-in scenes
     #[arg(value_name = "NAME|FILE")]
     scenes: Vec<String>,
+    /// List the instances of each scene instead: what edits and pictures call them, and where they are at the start
+    #[arg(long)]
+    instances: bool,
     /// How to print: table, json or csv
     #[arg(long, value_enum, default_value_t = Format::Table)]
     format: Format,
@@ -36,22 +40,45 @@ struct Line {
     needs: Vec<&'static str>,
 }
 
+#[derive(Serialize)]
+struct InstanceLine {
+    scene: String,
+    instance: u32,
+    name: String,
+    motion: &'static str,
+    triangles: usize,
+    /// Frame at the start, local to world: metres, and a unit quaternion x, y, z, w.
+    translation: [f32; 3],
+    rotation: [f32; 4],
+    /// Middle and size of it in the world at the start, metres.
+    middle: [f32; 3],
+    size: [f32; 3],
+}
+
 pub(crate) fn run(args: &Args) -> Outcome {
     let names: Vec<String> = if args.scenes.is_empty() {
         Scene::builtin_names().iter().map(|&name| name.to_owned()).collect()
     } else {
         args.scenes.clone()
     };
-    let mut lines = Vec::new();
+    let mut scenes = Vec::new();
     for name in &names {
-        lines.push(line(&Scene::load(name).map_err(Failure::input)?));
+        scenes.push(Scene::load(name).map_err(Failure::input)?);
     }
+    if args.instances {
+        return list(args.format, &scenes.iter().flat_map(instances).collect::<Vec<_>>());
+    }
+    let lines: Vec<Line> = scenes.iter().map(line).collect();
     match args.format {
         Format::Table => table(&lines),
-        Format::Json => say(serde_json::to_string_pretty(&lines)
-            .map_err(|error| Failure::new(Exit::System, format_args!("cannot write JSON: {error}")))?),
+        Format::Json => json(&lines),
         Format::Csv => csv(&lines),
     }
+}
+
+fn json(lines: &impl Serialize) -> Outcome {
+    say(serde_json::to_string_pretty(lines)
+        .map_err(|error| Failure::new(Exit::System, format_args!("cannot write JSON: {error}")))?)
 }
 
 fn line(scene: &Scene) -> Line {
@@ -68,6 +95,78 @@ fn line(scene: &Scene) -> Line {
         rigid_movers: moving(Motion::Rigid),
         deforming: moving(Motion::Deforming),
         needs: scene.needs().all().names().collect(),
+    }
+}
+
+fn instances(scene: &Scene) -> Vec<InstanceLine> {
+    let pose = scene.pose(0.0);
+    let mut geometry = Geometry::default();
+    let lines = (0..).zip(scene.instances()).zip(pose.instances()).map(|((index, instance), at)| {
+        scene.local_geometry(InstanceId(index), &pose, &mut geometry);
+        let bounds = Bounds::around(geometry.positions().iter().map(|&local| at.frame().point(local)));
+        InstanceLine {
+            scene: scene.name().to_owned(),
+            instance: index,
+            name: instance.name().to_owned(),
+            motion: match instance.motion() {
+                Motion::Static => "static",
+                Motion::Rigid => "rigid",
+                Motion::Deforming => "deforming",
+            },
+            triangles: scene.rest(instance).triangles().len(),
+            translation: at.frame().translation.to_array(),
+            rotation: at.frame().rotation.to_array(),
+            middle: ((bounds.min() + bounds.max()) * 0.5).to_array(),
+            size: bounds.size().to_array(),
+        }
+    });
+    lines.collect()
+}
+
+fn list(format: Format, lines: &[InstanceLine]) -> Outcome {
+    let join = |numbers: &[f32], digits: usize| {
+        numbers.iter().map(|number| format!("{number:.digits$}")).collect::<Vec<_>>().join(",")
+    };
+    match format {
+        Format::Json => json(&lines),
+        Format::Csv => {
+            say("scene,instance,name,motion,triangles,x,y,z,qx,qy,qz,qw")?;
+            for line in lines {
+                let name = line.name.replace('"', "\"\"");
+                let place = join(&[&line.translation[..], &line.rotation].concat(), 6);
+                let InstanceLine { scene, instance, motion, triangles, .. } = line;
+                say(format_args!("{scene},{instance},\"{name}\",{motion},{triangles},{place}"))?;
+            }
+            Ok(())
+        }
+        Format::Table => {
+            let heads = [
+                "instance",
+                "name",
+                "motion",
+                "triangles",
+                "at x,y,z",
+                "turned x,y,z,w",
+                "middle",
+                "size m",
+                "scene",
+            ];
+            let mut table = Figures::new(heads).words(&[1, 2, 8]);
+            for line in lines {
+                table.row([
+                    line.instance.to_string(),
+                    line.name.clone(),
+                    line.motion.to_owned(),
+                    number::count(line.triangles as u64),
+                    join(&line.translation, 2),
+                    join(&line.rotation, 3),
+                    join(&line.middle, 2),
+                    join(&line.size, 2),
+                    line.scene.clone(),
+                ]);
+            }
+            say(table)
+        }
     }
 }
 

@@ -12,7 +12,8 @@ use crate::output::table::Figures;
 
 /// Check a recording in every way there is
 ///
-/// Exit code 0: whole and right. 4: damaged, but what is left is right. 6: a state hash is wrong. 3: not a recording.
+/// Exit code 0: whole and right. 4: damaged, but what is left is right. 6: a state hash is wrong. 3: not a recording. A
+/// recorder that could not keep up has marked the gap; that is a note, no damage.
 #[derive(clap::Args, Debug)]
 pub(crate) struct Args {
     #[command(flatten)]
@@ -31,6 +32,8 @@ struct Played {
     /// Frames and messages that could not be used for another reason.
     unusable: Vec<String>,
     damages: Vec<String>,
+    /// What the recorder says that it left out.
+    gaps: Vec<String>,
     has_scene: bool,
     late: u64,
 }
@@ -58,6 +61,14 @@ pub(crate) fn run(args: &Args) -> Outcome {
             if played.has_scene { Verdict::Pass("whole".into()) } else { Verdict::Loss("missing".into()) },
         ),
         ("frames in order", in_order(&player)),
+        (
+            "gaps that the recorder marked",
+            if played.gaps.is_empty() {
+                Verdict::Pass("none".into())
+            } else {
+                Verdict::Note(played.gaps.join("\n"))
+            },
+        ),
         ("frame bodies", losses(&played.unusable, "all read and applied")),
         ("state hash after every frame", wrongs(&played.mismatched, played.frames)),
         ("hash from scratch at keyframes and the end", drift(&played.drifted)),
@@ -113,7 +124,11 @@ fn play(player: &mut Player<'_>, frames: u64) -> Played {
                 played.unusable.push(format!("message at offset {offset}: {error}"));
             }
             PlayerEvent::Damage(damage) => played.damages.push(damage.to_string()),
-            PlayerEvent::Report(_) | PlayerEvent::Closed(_) => {}
+            PlayerEvent::Gap(gap) => played.gaps.push(gap.to_string()),
+            PlayerEvent::Report(_)
+            | PlayerEvent::Budget(_)
+            | PlayerEvent::Closed(_)
+            | PlayerEvent::Edit(_) => {}
         }
     }
     bar.finish_and_clear();

@@ -1,10 +1,13 @@
 //! A line for every frame that a client applied, as it happens.
 
 use psao_codec::frame::FrameInfo;
+use psao_proto::message::Budget;
 use serde::Serialize;
 
+use super::latency::Summary;
 use super::number;
 use crate::args::Format;
+use crate::budget::BudgetTotals;
 use crate::context::say;
 use crate::error::{Exit, Failure, Outcome};
 
@@ -16,6 +19,7 @@ pub(crate) struct FrameLog {
     pub(crate) wire_bytes: u64,
     changed: u64,
     last: Option<(u32, u64)>,
+    budgets: BudgetTotals,
 }
 
 #[derive(Serialize)]
@@ -38,7 +42,15 @@ impl FrameLog {
                 Format::Json => {}
             }
         }
-        Ok(Self { format, quiet, frames: 0, wire_bytes: 0, changed: 0, last: None })
+        Ok(Self {
+            format,
+            quiet,
+            frames: 0,
+            wire_bytes: 0,
+            changed: 0,
+            last: None,
+            budgets: BudgetTotals::default(),
+        })
     }
 
     /// A frame was applied.
@@ -71,14 +83,33 @@ impl FrameLog {
         }
     }
 
+    /// How old the frames were; a line of JSON for programs that read frames as such.
+    pub(crate) fn latency(&self, summary: &Summary) -> Outcome {
+        match self.format {
+            Format::Table => say(summary),
+            Format::Json => say(serde_json::to_string(summary)
+                .map_err(|error| Failure::new(Exit::System, format_args!("cannot write JSON: {error}")))?),
+            Format::Csv => {
+                eprintln!("{summary}");
+                Ok(())
+            }
+        }
+    }
+
+    /// The server says what it did with its byte budget.
+    pub(crate) fn budget(&mut self, budget: &Budget) {
+        self.budgets.add(budget);
+    }
+
     /// The totals, on standard error where standard output is for programs.
     pub(crate) fn finish(&self, note: &str) -> Outcome {
         let last = self.last.map_or_else(
             || "none".to_owned(),
             |(frame, hash)| format!("frame {frame}, state hash {hash:016x}"),
         );
+        let budgets = self.budgets.text().map_or_else(String::new, |text| format!("\n{text}"));
         let text = format!(
-            "{} frames applied, {} on the wire, {} points sent; last: {last}{note}",
+            "{} frames applied, {} on the wire, {} points sent; last: {last}{note}{budgets}",
             self.frames,
             number::bytes(self.wire_bytes),
             number::count(self.changed),

@@ -1,6 +1,7 @@
 //! What people and programs read: tables, numbers, plots, the report page.
 
 pub(crate) mod frames;
+pub(crate) mod latency;
 pub(crate) mod number;
 pub(crate) mod plot;
 pub(crate) mod report;

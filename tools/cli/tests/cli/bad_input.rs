@@ -5,7 +5,7 @@ use std::path::Path;
 use crate::{FRAMES, Profile, SMALL, folder, psao, recording, text};
 
 /// Runs and expects an exit code and words on standard error.
-fn refuses(arguments: &[&str], code: i32, words: &[&str]) {
+pub(crate) fn refuses(arguments: &[&str], code: i32, words: &[&str]) {
     let run = psao(arguments);
     assert_eq!(run.code, Some(code), "psao {arguments:?}: {}{}", run.out, run.err);
     for word in words {

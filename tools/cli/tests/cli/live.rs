@@ -3,17 +3,27 @@
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::TcpListener;
 use std::process::{Child, Stdio};
+use std::thread::JoinHandle;
 
 use crate::{FRAMES, Profile, Run, SMALL, command, fine, folder, hashes, psao, recording, text};
 
 /// A server process; killed when a test fails.
-pub(crate) struct Server(Child);
+pub(crate) struct Server {
+    process: Child,
+    /// Reads what it says on standard error.
+    said: Option<JoinHandle<String>>,
+}
 
 impl Server {
     /// Starts it with `--listen 127.0.0.1:0` and gives the address that it chose.
     pub(crate) fn start(arguments: &[&str]) -> (Self, String) {
+        Self::start_at("127.0.0.1:0", arguments)
+    }
+
+    /// Starts it at another address; a port 0 lets it choose.
+    pub(crate) fn start_at(listen: &str, arguments: &[&str]) -> (Self, String) {
         let mut process = command(arguments)
-            .args(["--listen", "127.0.0.1:0"])
+            .args(["--listen", listen])
             .stdout(Stdio::null())
             .stderr(Stdio::piped())
             .spawn()
@@ -21,26 +31,42 @@ impl Server {
         let mut lines = BufReader::new(process.stderr.take().expect("piped"));
         let mut line = String::new();
         lines.read_line(&mut line).expect("it says where it listens");
-        let address = line.split_whitespace().find(|word| word.starts_with("127.0.0.1:"));
+        let known = listen.strip_suffix('0').unwrap_or(listen);
+        let address = line.split_whitespace().find(|word| word.starts_with(known));
         let address = address
             .unwrap_or_else(|| panic!("no address in {line:?}"))
             .trim_end_matches([',', ';'])
             .to_owned();
         // Keep the pipe open and empty, so that the server can go on talking.
-        std::thread::spawn(move || std::io::copy(&mut lines, &mut std::io::sink()));
-        (Self(process), address)
+        let said = std::thread::spawn(move || {
+            let _ = lines.read_to_string(&mut line);
+            line
+        });
+        (Self { process, said: Some(said) }, address)
+    }
+
+    /// Number of the process.
+    pub(crate) fn id(&self) -> u32 {
+        self.process.id()
+    }
+
+    /// Ends it, and gives all that it said.
+    pub(crate) fn end(mut self) -> String {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+        self.said.take().expect("not taken before").join().expect("it reads to the end")
     }
 
     /// Its exit code, once it has ended.
     pub(crate) fn wait(mut self) -> Option<i32> {
-        self.0.wait().expect("it ends").code()
+        self.process.wait().expect("it ends").code()
     }
 }
 
 impl Drop for Server {
     fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
+        let _ = self.process.kill();
+        let _ = self.process.wait();
     }
 }
 

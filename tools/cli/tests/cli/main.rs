@@ -7,10 +7,16 @@
 )]
 
 mod bad_input;
+mod budgets;
+mod crashes;
+mod edits;
 mod live;
 mod main_job;
+mod netlab;
+mod network;
 mod packings;
 mod profiles;
+mod recordings;
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -39,7 +45,7 @@ impl From<Output> for Run {
 /// The command with these arguments.
 pub fn command(arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_psao"));
-    command.args(arguments);
+    command.args(arguments).env_remove("PSAO_TOKEN");
     command
 }
 

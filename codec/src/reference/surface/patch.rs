@@ -1,0 +1,225 @@
+//! The newest AO of points, for who missed frames.
+
+use super::changes::read_marks;
+use super::{Block, Bytes, Refused, Spot, index, rule, significant, varint_bytes};
+use crate::frame::FrameIndex;
+use crate::range::{Bits, Mixer, Number, RangeDecoder, Slot, logistic};
+use crate::surface::{BLOCK_POINTS, State};
+
+/// Reads a PATCH section of frame `frame` into `next`, which holds what `state` does.
+pub(super) fn read(
+    state: &State,
+    next: &mut State,
+    frame: FrameIndex,
+    block: Block<'_>,
+) -> Result<(), Refused> {
+    let last = state.frame().map_or(0, |last| u64::from(last.0));
+    let reaches = |back: u32| back <= frame.0 && last + u64::from(back) >= u64::from(frame.0);
+    let spots = Spot::all(state.layout());
+    let expected = block.section.records as usize;
+    let Some(bits) = block.bits() else {
+        let raw = block.raw()?;
+        let mut bytes = Bytes(&raw);
+        rule(reaches(bytes.varint()?))?;
+        let slots = read_marks(&mut bytes, state.present.len())?;
+        rule(slots.len() == expected)?;
+        for slot in slots {
+            rule(state.present[slot / BLOCK_POINTS] && is_point(&spots, slot))?;
+            next.values[slot] = bytes.take(1)?[0];
+        }
+        return bytes.end();
+    };
+    let mut coder = Coder::new(bits);
+    let back = Number::new().code(&mut coder.bits, 0);
+    rule(reaches(back))?;
+    coder.marks(state, &spots);
+    let slots: Vec<usize> = (0..coder.marked.len()).filter(|slot| coder.marked[*slot]).collect();
+    rule(slots.len() == expected)?;
+    // The points whose bytes both sides know.
+    let mut known: Vec<bool> = (0..coder.marked.len())
+        .map(|slot| state.present[slot / BLOCK_POINTS] && is_point(&spots, slot) && !coder.marked[slot])
+        .collect();
+    let mut blocks = 0;
+    for (at, slot) in slots.iter().enumerate() {
+        blocks += usize::from(at == 0 || slots[at - 1] / BLOCK_POINTS < slot / BLOCK_POINTS);
+        next.values[*slot] = coder.byte(around(next, &spots, &known, *slot));
+        known[*slot] = true;
+    }
+    let bytes = varint_bytes(back) + state.present.len().div_ceil(8) + 8 * blocks + slots.len();
+    block.end(coder.bits, bytes)
+}
+
+fn is_point(spots: &[Spot], slot: usize) -> bool {
+    slot % BLOCK_POINTS < spots[slot / BLOCK_POINTS].points
+}
+
+/// Guess and spread: the bytes known of three points to either side, nothing to the right of the block.
+fn around(next: &State, spots: &[Spot], known: &[bool], slot: usize) -> (u8, u8) {
+    let block = slot / BLOCK_POINTS;
+    let mut seen = Vec::new();
+    for (distance, weight) in [(1, 6), (2, 3), (3, 2)] {
+        let before = slot.checked_sub(distance);
+        let before = before.filter(|other| spots[other / BLOCK_POINTS].instance == spots[block].instance);
+        let after = Some(slot + distance).filter(|other| other / BLOCK_POINTS == block);
+        for other in before.into_iter().chain(after).filter(|other| known[*other]) {
+            seen.push((u32::from(next.values[other]), weight));
+        }
+    }
+    let (Some((low, _)), Some((high, _))) = (seen.iter().min(), seen.iter().max()) else { return (255, 255) };
+    let weights: u32 = seen.iter().map(|(_, weight)| weight).sum();
+    let sum: u32 = seen.iter().map(|(byte, weight)| byte * weight).sum();
+    (((2 * sum + weights) / (2 * weights)) as u8, (high - low) as u8)
+}
+
+struct Coder<'a> {
+    bits: RangeDecoder<'a>,
+    groups: Vec<Slot>,
+    blocks: Vec<Slot>,
+    points: ([Vec<Slot>; 2], Mixer<2>),
+    sizes: ([Vec<Slot>; 4], Mixer<4>),
+    signs: ([Vec<Slot>; 4], Mixer<4>),
+    seconds: Vec<Slot>,
+    /// By slot, whether it comes.
+    marked: Vec<bool>,
+    /// The bytes so far, how many significant bits their differences have, and the ways of those that differ.
+    coded: Vec<u8>,
+    classes: Vec<usize>,
+    ways: Vec<bool>,
+}
+
+impl<'a> Coder<'a> {
+    fn new(bits: RangeDecoder<'a>) -> Coder<'a> {
+        let half = |count| vec![Slot::new(1 << 15); count];
+        let rare = |count| vec![Slot::new(1 << 14); count];
+        Coder {
+            bits,
+            groups: half(2),
+            blocks: half(8),
+            points: ([rare(256), rare(9)], Mixer::new(1)),
+            sizes: ([half(72), half(648), half(256), half(264)], Mixer::new(8)),
+            signs: ([half(32), half(32), half(66), half(64)], Mixer::new(8)),
+            seconds: half(9),
+            marked: Vec::new(),
+            coded: Vec::new(),
+            classes: Vec::new(),
+            ways: Vec::new(),
+        }
+    }
+
+    /// Reads which points come.
+    fn marks(&mut self, state: &State, spots: &[Spot]) {
+        self.marked = vec![false; state.values.len()];
+        let mut before = false;
+        let blocks: Vec<usize> = (0..spots.len()).collect();
+        for group in blocks.chunks(16) {
+            let here: Vec<usize> = group.iter().copied().filter(|block| state.present[*block]).collect();
+            if here.is_empty() {
+                continue;
+            }
+            before = decide_plainly(&mut self.bits, &mut self.groups[usize::from(before)]);
+            for block in here.into_iter().filter(|_| before) {
+                self.block(block, spots[block].points);
+            }
+        }
+    }
+
+    fn block(&mut self, block: usize, points: usize) {
+        let first = block * BLOCK_POINTS;
+        let prior = self.marked[first.saturating_sub(BLOCK_POINTS)..first].iter().filter(|marked| **marked);
+        let class = significant(prior.count() as u64);
+        if !decide_plainly(&mut self.bits, &mut self.blocks[class]) {
+            return;
+        }
+        for slot in first..first + points {
+            // The eight points before: the nearest is worth 1, the next 2, and so on.
+            let before: Vec<bool> =
+                (1..=8).map(|back| slot.checked_sub(back).is_some_and(|slot| self.marked[slot])).collect();
+            let pattern = (0..8).map(|at| usize::from(before[at]) << at).sum::<usize>();
+            let count = before.iter().filter(|marked| **marked).count();
+            let ([a, b], mixer) = &mut self.points;
+            let slots = [&mut a[pattern], &mut b[count]];
+            self.marked[slot] = mixer.code(logistic(), &mut self.bits, 0, slots, false);
+        }
+    }
+
+    /// Reads a byte.
+    fn byte(&mut self, (guess, spread): (u8, u8)) -> u8 {
+        let last = self.coded.last().copied().unwrap_or(255);
+        let lean = ((i32::from(last) - i32::from(guess)) / 8).clamp(-16, 16) + 16;
+        let lean = lean as usize;
+        let class = self.class(guess, spread, lean);
+        let mut byte = guess;
+        if class > 0 {
+            let darker = match guess {
+                255 => true,
+                0 => false,
+                _ => self.darker(guess, class, lean),
+            };
+            let mut size = 1_u8;
+            if class > 1 {
+                size = 2 + u8::from(decide_plainly(&mut self.bits, &mut self.seconds[class]));
+                for _ in 2..class {
+                    size = 2 * size + self.bits.plain(1, 0) as u8;
+                }
+            }
+            byte = if darker { guess.wrapping_sub(size) } else { guess.wrapping_add(size) };
+            self.ways.push(darker);
+        }
+        self.classes.push(class);
+        self.coded.push(byte);
+        byte
+    }
+
+    fn class(&mut self, guess: u8, spread: u8, lean: usize) -> usize {
+        let mut past = self.classes.iter().rev().copied().chain([0, 0]);
+        let (last, before) = (past.next().unwrap_or(0), past.next().unwrap_or(0));
+        let mut class = 0;
+        while class < 8 {
+            let at = [
+                index([(significant(spread.into()), 9), (class, 8)]),
+                index([(last, 9), (before, 9), (class, 8)]),
+                index([(usize::from(guess) / 8, 32), (class, 8)]),
+                index([(lean, 33), (class, 8)]),
+            ];
+            if !decide_mixed(&mut self.bits, &mut self.sizes, class, at) {
+                break;
+            }
+            class += 1;
+        }
+        class
+    }
+
+    fn darker(&mut self, guess: u8, class: usize, lean: usize) -> bool {
+        let way = |back: usize| self.ways.iter().rev().nth(back).is_some_and(|darker| *darker);
+        let past = |count: usize| (0..count).map(|back| usize::from(way(back)) << back).sum::<usize>();
+        let at = [
+            index([(usize::from(guess) / 8, 32)]),
+            index([(class - 1, 8), (past(2), 4)]),
+            index([(lean, 33), (past(1), 2)]),
+            index([(past(6), 64)]),
+        ];
+        decide_mixed(&mut self.bits, &mut self.signs, class - 1, at)
+    }
+}
+
+fn decide_plainly(bits: &mut RangeDecoder<'_>, slot: &mut Slot) -> bool {
+    let yes = bits.bit(slot.one(), false);
+    slot.learn(yes);
+    yes
+}
+
+fn decide_mixed(
+    bits: &mut RangeDecoder<'_>,
+    (tables, mixer): &mut ([Vec<Slot>; 4], Mixer<4>),
+    situation: usize,
+    at: [usize; 4],
+) -> bool {
+    let [a, b, c, d] = tables;
+    mixer.code(
+        logistic(),
+        bits,
+        situation,
+        [&mut a[at[0]], &mut b[at[1]], &mut c[at[2]], &mut d[at[3]]],
+        false,
+    )
+}

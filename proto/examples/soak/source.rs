@@ -1,0 +1,126 @@
+//! A stream of profile `surface` in which half of the points change in every frame.
+
+use std::error::Error;
+use std::sync::Arc;
+
+use psao_codec::block::BlockCoder;
+use psao_codec::frame::{EncodedFrame, FrameIndex, FrameKind, FrameMeta, StreamTime};
+use psao_codec::stream::{Layout, StateRef};
+use psao_codec::surface::{
+    Encoder, EncoderSettings, Geometry, GeometryDigest, GeometrySource, RestPoint, SetLayout,
+};
+use psao_proto::message::{MemberEntry, Needs, Occlusion, PointSource, SceneInfo, SetEntry, Text};
+use psao_proto::{Limits, Profile, SceneEntries, SceneTable};
+
+/// Points in a row of the square that the points lie on.
+const ROW: u32 = 256;
+
+/// What stands for the tracer.
+pub(crate) struct Source {
+    scene: Arc<SceneTable>,
+    encoder: Encoder,
+    coder: BlockCoder,
+    points: u32,
+    next: u32,
+}
+
+impl Source {
+    /// A stream of twice as many points as change in a frame.
+    pub(crate) fn new(
+        changing: u32,
+        coder: BlockCoder,
+        fps: f32,
+    ) -> Result<Self, Box<dyn Error + Send + Sync>> {
+        let points = changing * 2;
+        let geometry = Arc::new(geometry(points));
+        let scene = Arc::new(scene(&geometry, coder, fps)?);
+        let Layout::Surface(layout) = scene.layout() else { return Err("not of profile surface".into()) };
+        let settings = EncoderSettings { threshold: 2, geometry: GeometrySource::Sent, budget: None };
+        let encoder = Encoder::new(layout.clone(), vec![geometry], settings)?;
+        Ok(Self { scene, encoder, coder, points, next: 0 })
+    }
+
+    pub(crate) fn scene(&self) -> &Arc<SceneTable> {
+        &self.scene
+    }
+
+    pub(crate) fn state(&self) -> StateRef<'_> {
+        self.encoder.state().into()
+    }
+
+    /// The next frame: a wave of AO goes over the points, of which every other one is looked at.
+    pub(crate) fn step(&mut self) -> Result<EncodedFrame, Box<dyn Error + Send + Sync>> {
+        let frame = self.next;
+        self.next += 1;
+        let changing = (0..self.points).filter(|point| frame == 0 || point % 2 == frame % 2);
+        for point in changing {
+            let phase = (point / ROW * 3 + point % ROW + frame * 5 + noise(point, frame)) % 256;
+            let ao = 255 - (phase * 2).abs_diff(255).min(255);
+            self.encoder.offer(point, ao as u8).ok_or("the point is there")?;
+        }
+        let kind = if frame == 0 { FrameKind::Key } else { FrameKind::Delta };
+        let time = StreamTime(u64::from(frame) * 16_667);
+        let meta = FrameMeta { kind, frame: FrameIndex(frame), time, changed_points: self.points / 2 };
+        Ok(self.encoder.finish(meta, self.coder)?)
+    }
+}
+
+/// 0 to 15, so that no frame is like the one before.
+fn noise(point: u32, frame: u32) -> u32 {
+    (point ^ frame.wrapping_mul(0x9E37_79B1)).wrapping_mul(0x85EB_CA6B) >> 28
+}
+
+/// Points on a square in the plane y = 0.
+fn geometry(points: u32) -> Geometry {
+    let place = |point: u32| [(point % ROW) as f32 * 0.05, 0.0, (point / ROW) as f32 * 0.05];
+    let rest: Vec<_> =
+        (0..points).map(|point| RestPoint { position: place(point), normal: [0.0, 1.0, 0.0] }).collect();
+    let plain = SetLayout {
+        origin: [0.0; 3],
+        step: 0.01,
+        extent: [ROW * 5, 1, (points / ROW + 1) * 5],
+        normal_bits: 6,
+        points,
+        kernel_radius: 0.1,
+        digest: GeometryDigest::default(),
+    };
+    let digest = Geometry::round(plain, &rest).geometry.digest();
+    Geometry::round(SetLayout { digest, ..plain }, &rest).geometry
+}
+
+fn scene(
+    geometry: &Geometry,
+    coder: BlockCoder,
+    fps: f32,
+) -> Result<SceneTable, Box<dyn Error + Send + Sync>> {
+    let points = geometry.len() as u32;
+    let info = SceneInfo {
+        name: Text::new("soak")?,
+        source: Text::new("soak")?,
+        digest: [0; 32],
+        profile: Profile::SURFACE,
+        point_bits: 32,
+        coder: coder.id(),
+        geometry: PointSource::SENT,
+        fps,
+        frames_hint: 0,
+        radius_m: 0.6,
+        rays: 1,
+        occlusion: Occlusion::OBSCURANCE,
+        threshold: 2,
+        seed: 1,
+        points_per_m2: 400.0,
+        min_points: points,
+        cell_capacity: 0,
+        set_count: 1,
+        instance_count: 1,
+        point_count: points,
+        paper_table_slots: 4.0,
+        view_margin: 1.3,
+    };
+    let entries = SceneEntries::Surface {
+        sets: vec![SetEntry::from(geometry.layout())],
+        members: vec![MemberEntry { set: 0, needs: Needs::NONE }],
+    };
+    Ok(SceneTable::new(info, entries, &Limits::default())?)
+}

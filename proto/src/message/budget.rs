@@ -1,0 +1,49 @@
+//! BUDGET: what a frame had to leave for later.
+
+use super::body::Body;
+use super::{Invalid, Message, require};
+use crate::{FrameIndex, FrameType};
+
+/// What a server that has a byte budget did with it in a frame. For people and tables; nothing depends on it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Budget {
+    /// Number of the frame.
+    pub frame: FrameIndex,
+    /// Bytes that its body should have at most.
+    pub budget: u32,
+    /// Bytes that it has.
+    pub used: u32,
+    /// Points that differ by the threshold and were left for later frames.
+    pub postponed: u32,
+    /// Frames that the oldest of them has waited.
+    pub oldest: u32,
+    /// Points that were sent because they had waited for the longest age, whatever the budget.
+    pub forced: u32,
+}
+
+fields!(Budget { frame as FrameIndex, budget, used, postponed, oldest, forced });
+
+impl Body for Budget {
+    fn check(&self) -> Result<(), Invalid> {
+        require(self.postponed > 0 || self.oldest == 0, "oldest", "is the age of nothing")
+    }
+}
+
+impl Message for Budget {
+    const KIND: FrameType = FrameType::BUDGET;
+    const NAME: &'static str = "BUDGET";
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::golden;
+    use super::*;
+
+    #[test]
+    fn golden_bytes() {
+        let budget =
+            Budget { frame: FrameIndex(9), budget: 1200, used: 1199, postponed: 7, oldest: 3, forced: 0 };
+        golden(&budget, "09000000 b0040000 af040000 07000000 03000000 00000000");
+        assert!(Budget { postponed: 0, ..budget }.to_payload().is_err());
+    }
+}

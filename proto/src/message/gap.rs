@@ -1,0 +1,101 @@
+//! GAP: frames of a stream are not in this file.
+
+use bincode::{Decode, Encode};
+
+use super::body::Body;
+use super::{Invalid, Message};
+use crate::{FrameIndex, FrameType};
+
+/// Why frames are not in a recording. Unknown values survive and mean "some other reason".
+#[derive(Clone, Copy, PartialEq, Eq, Encode, Decode)]
+pub struct GapReason(pub u8);
+
+impl GapReason {
+    /// They came faster than they could be written.
+    pub const SLOW: Self = Self(1);
+    /// They could not be written: the disk was full, or the file went away.
+    pub const FAILED: Self = Self(2);
+    /// They were damaged in the recording that this one was made from.
+    pub const DAMAGE: Self = Self(3);
+}
+
+impl std::fmt::Display for GapReason {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match *self {
+            Self::SLOW => "the disk was too slow",
+            Self::FAILED => "the disk failed",
+            Self::DAMAGE => "damaged where this was copied from",
+            Self(other) => return write!(f, "reason {other}"),
+        })
+    }
+}
+
+impl std::fmt::Debug for GapReason {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        std::fmt::Display::fmt(self, f)
+    }
+}
+
+/// Stands in a recording, and in files only, where frames of the stream were not written. It is in no group: group and
+/// sequence of its frame are 0.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Gap {
+    /// Number of the first frame that is missing.
+    pub first_lost: FrameIndex,
+    /// Number of the last one. Below the first where the stream started again in between.
+    pub last_lost: FrameIndex,
+    /// Keyframes and updates that are missing, as far as known.
+    pub frames: u32,
+    /// Bytes that are missing, as far as known: on the wire, or in the file that this one was made from.
+    pub bytes: u64,
+    /// Why.
+    pub reason: GapReason,
+}
+
+fields!(Gap { first_lost as FrameIndex, last_lost as FrameIndex, frames, bytes, reason });
+
+impl std::fmt::Display for Gap {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { first_lost, last_lost, frames, bytes, reason } = self;
+        match frames {
+            0 => write!(f, "{bytes} bytes around frame {first_lost} are missing: {reason}"),
+            1 => write!(f, "frame {first_lost} is missing ({bytes} bytes): {reason}"),
+            _ => write!(
+                f,
+                "{frames} frames from {first_lost} to {last_lost} are missing ({bytes} bytes): {reason}"
+            ),
+        }
+    }
+}
+
+impl Body for Gap {
+    fn check(&self) -> Result<(), Invalid> {
+        Ok(())
+    }
+}
+
+impl Message for Gap {
+    const KIND: FrameType = FrameType::GAP;
+    const NAME: &'static str = "GAP";
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::golden;
+    use super::*;
+
+    #[test]
+    fn golden_bytes() {
+        let gap = Gap {
+            first_lost: FrameIndex(5),
+            last_lost: FrameIndex(258),
+            frames: 254,
+            bytes: 65_536,
+            reason: GapReason::FAILED,
+        };
+        golden(&gap, "05000000 02010000 fe000000 0000010000000000 02");
+        assert_eq!(GapReason(9).to_string(), "reason 9");
+        let text = gap.to_string();
+        assert_eq!(text, "254 frames from 5 to 258 are missing (65536 bytes): the disk failed");
+    }
+}

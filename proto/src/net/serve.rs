@@ -1,0 +1,152 @@
+//! One client's connection at a server, from accept to the end.
+
+use std::time::Duration;
+
+use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt, ReadHalf, WriteHalf, split};
+use tokio::sync::Notify;
+use tokio::time::timeout;
+
+use super::stream::Stream;
+use super::{CHUNK, ClientId, Hub, Peer, PeerFault};
+
+/// How long the last frames of a session may take to leave, and the other end to take them.
+const LINGER: Duration = Duration::from_secs(2);
+/// Bytes read from a client at a time: what clients say is short.
+const READ_CHUNK: usize = 4 * 1024;
+
+/// Serves a client whose connection is set up.
+pub(super) async fn serve(hub: Hub, peer: Peer, stream: Stream) {
+    let Some((id, wake)) = hub.add(peer) else { return };
+    // Starts the session's deadline.
+    hub.tick(id);
+    carry(&hub, id, &wake, stream).await;
+    hub.remove(id);
+}
+
+/// As [`serve`], behind a TLS handshake, which counts against the deadline of the whole handshake.
+#[cfg(feature = "tls")]
+pub(super) async fn serve_tls(
+    hub: Hub,
+    from: std::net::SocketAddr,
+    stream: tokio::net::TcpStream,
+    tls: super::ServerTls,
+) {
+    let Some((id, wake)) = hub.add(Peer::Tls(from)) else { return };
+    // Starts the session's deadline.
+    hub.tick(id);
+    let patience = hub.patience(id).unwrap_or_default();
+    let accepting = timeout(patience, tls.acceptor().accept(stream).into_fallible());
+    tokio::select! {
+        result = accepting => match result {
+            Ok(Ok(stream)) => carry(&hub, id, &wake, Box::new(stream)).await,
+            Ok(Err((error, stream))) => {
+                let fault = super::TlsFault::of_handshake(&error).map(PeerFault::Tls);
+                hub.fault(id, fault.unwrap_or_else(|| PeerFault::broken(&error)));
+                let (mut from, mut to) = stream.into_split();
+                farewell(&mut from, &mut to).await;
+            }
+            // The session knows that its deadline has passed.
+            Err(_) => drop(hub.tick(id)),
+        },
+        () = hub.closing() => {}
+    }
+    hub.remove(id);
+}
+
+/// Carries a session's bytes until it is over or the connection is.
+async fn carry(hub: &Hub, id: ClientId, wake: &Notify, stream: Stream) {
+    let (mut from, to) = split(stream);
+    let mut outgoing = Outgoing { to, bytes: Vec::new(), sent: 0 };
+    tokio::select! {
+        () = read_all(hub, id, &mut from) => {}
+        () = write_all(hub, id, wake, &mut outgoing) => {}
+    }
+    // What waits may still go out, but for those who take nothing.
+    let _ = timeout(LINGER, write_all(hub, id, wake, &mut outgoing)).await;
+    farewell(&mut from, &mut outgoing.to).await;
+}
+
+/// Closes in such a way that the last frames arrive: a socket closed with bytes unread is reset, and they may be lost
+/// with it.
+async fn farewell(from: &mut (impl AsyncRead + Unpin), to: &mut (impl AsyncWrite + Unpin)) {
+    let closing = async {
+        let _ = to.shutdown().await;
+        let mut buffer = vec![0; READ_CHUNK];
+        while matches!(from.read(&mut buffer).await, Ok(count) if count > 0) {}
+    };
+    let _ = timeout(LINGER, closing).await;
+}
+
+/// Reads until the connection or the session ends.
+async fn read_all(hub: &Hub, id: ClientId, from: &mut ReadHalf<Stream>) {
+    let mut buffer = vec![0; READ_CHUNK];
+    loop {
+        let read = from.read(&mut buffer);
+        let result = match hub.patience(id) {
+            None => read.await,
+            Some(patience) => match timeout(patience, read).await {
+                Ok(result) => result,
+                Err(_) if hub.tick(id) => continue,
+                Err(_) => return,
+            },
+        };
+        match result {
+            Ok(0) => return hub.disconnected(id),
+            Err(error) => return hub.fault(id, PeerFault::broken(&error)),
+            Ok(count) => {
+                if !hub.received(id, buffer.get(..count).unwrap_or_default()) {
+                    return;
+                }
+            }
+        }
+    }
+}
+
+/// Bytes on their way to a client.
+struct Outgoing {
+    to: WriteHalf<Stream>,
+    bytes: Vec<u8>,
+    /// How many of them went.
+    sent: usize,
+}
+
+/// Writes whatever waits, until the session is over, the connection is, or the client takes nothing for too long.
+async fn write_all(hub: &Hub, id: ClientId, wake: &Notify, outgoing: &mut Outgoing) {
+    let stall = Duration::from_micros(hub.limits().stall.0);
+    loop {
+        match timeout(stall, outgoing.write_some()).await {
+            Ok(Ok(true)) => {}
+            Ok(Ok(false)) => {
+                let (bytes, over) = hub.take_output(id, CHUNK);
+                if bytes.is_empty() && over {
+                    return;
+                }
+                if bytes.is_empty() {
+                    wake.notified().await;
+                }
+                (outgoing.bytes, outgoing.sent) = (bytes, 0);
+            }
+            Ok(Err(error)) => return hub.fault(id, PeerFault::broken(&error)),
+            Err(_) => return hub.stalled(id),
+        }
+    }
+}
+
+impl Outgoing {
+    /// Writes as much as goes at once; false when nothing is left. It may be cancelled between writes.
+    async fn write_some(&mut self) -> std::io::Result<bool> {
+        let rest = self.bytes.get(self.sent..).unwrap_or_default();
+        if rest.is_empty() {
+            // TLS keeps bytes of its own.
+            self.to.flush().await?;
+            return Ok(false);
+        }
+        match self.to.write(rest).await? {
+            0 => Err(std::io::ErrorKind::WriteZero.into()),
+            count => {
+                self.sent += count;
+                Ok(true)
+            }
+        }
+    }
+}

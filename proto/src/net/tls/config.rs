@@ -1,0 +1,179 @@
+//! Certificates and keys, checked before anything listens or connects.
+
+use std::fmt;
+use std::sync::Arc;
+
+use tokio_rustls::rustls::crypto::{CryptoProvider, ring};
+use tokio_rustls::rustls::pki_types::pem::{self, PemObject};
+use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer};
+use tokio_rustls::rustls::server::WebPkiClientVerifier;
+use tokio_rustls::rustls::{ClientConfig, Error, RootCertStore, ServerConfig};
+use tokio_rustls::{TlsAcceptor, TlsConnector};
+
+/// Protocol name in the TLS handshake (RFC 7301): an end that offers only other protocols is refused there.
+const PROTOCOL: &[u8] = b"psao";
+
+const CERTIFICATE: &str = "certificate";
+const KEY: &str = "private key";
+const AUTHORITY: &str = "authority's certificate";
+
+/// Why certificates and keys cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum TlsConfigError {
+    /// The text is not PEM, or has nothing of the kind in it.
+    #[error("there is no {what} in the PEM text that was given for it: {source}")]
+    Pem {
+        /// What was looked for.
+        what: &'static str,
+        /// What the reader of PEM says.
+        source: pem::Error,
+    },
+    /// It is there but cannot be used.
+    #[error("the {what} cannot be used: {source}")]
+    Unusable {
+        /// What.
+        what: &'static str,
+        /// Why.
+        source: Error,
+    },
+    /// The key is that of another certificate.
+    #[error("the private key does not belong to the certificate: give the two that were made together")]
+    OtherKey,
+}
+
+/// A server's certificate, and whether clients must show theirs.
+#[derive(Clone)]
+pub struct ServerTls {
+    acceptor: TlsAcceptor,
+    asks_clients: bool,
+}
+
+impl ServerTls {
+    /// From PEM texts: the server's certificates, its own first; its private key; and the authorities that sign the
+    /// certificates of clients. With the latter a client that shows no such certificate is refused, without it clients
+    /// show none.
+    ///
+    /// # Errors
+    /// [`TlsConfigError`] when one of them is missing, unusable, or of another pair.
+    pub fn from_pem(
+        certificates: &[u8],
+        key: &[u8],
+        client_authorities: Option<&[u8]>,
+    ) -> Result<Self, TlsConfigError> {
+        let builder = ServerConfig::builder_with_provider(provider())
+            .with_safe_default_protocol_versions()
+            .map_err(unusable(CERTIFICATE))?;
+        let builder = match client_authorities {
+            None => builder.with_no_client_auth(),
+            Some(pem) => {
+                let roots = Arc::new(roots(pem)?);
+                let verifier = WebPkiClientVerifier::builder_with_provider(roots, provider())
+                    .build()
+                    .map_err(|e| unusable(AUTHORITY)(Error::General(e.to_string())))?;
+                builder.with_client_cert_verifier(verifier)
+            }
+        };
+        let mut config =
+            builder.with_single_cert(chain(certificates)?, private_key(key)?).map_err(refused_pair)?;
+        config.alpn_protocols = vec![PROTOCOL.to_vec()];
+        let asks_clients = client_authorities.is_some();
+        Ok(Self { acceptor: TlsAcceptor::from(Arc::new(config)), asks_clients })
+    }
+
+    /// Whether only clients with a certificate are taken.
+    #[must_use]
+    pub const fn asks_clients(&self) -> bool {
+        self.asks_clients
+    }
+
+    pub(in crate::net) const fn acceptor(&self) -> &TlsAcceptor {
+        &self.acceptor
+    }
+}
+
+/// The authorities that a client trusts, and the certificate that it shows.
+#[derive(Clone)]
+pub struct ClientTls {
+    connector: TlsConnector,
+}
+
+impl ClientTls {
+    /// From PEM texts: the authorities that sign the certificates of servers, and this client's certificates and private
+    /// key, for servers that ask for them.
+    ///
+    /// # Errors
+    /// As [`ServerTls::from_pem`].
+    pub fn from_pem(authorities: &[u8], identity: Option<(&[u8], &[u8])>) -> Result<Self, TlsConfigError> {
+        let builder = ClientConfig::builder_with_provider(provider())
+            .with_safe_default_protocol_versions()
+            .map_err(unusable(CERTIFICATE))?
+            .with_root_certificates(roots(authorities)?);
+        let mut config = match identity {
+            None => builder.with_no_client_auth(),
+            Some((certificates, key)) => builder
+                .with_client_auth_cert(chain(certificates)?, private_key(key)?)
+                .map_err(refused_pair)?,
+        };
+        config.alpn_protocols = vec![PROTOCOL.to_vec()];
+        Ok(Self { connector: TlsConnector::from(Arc::new(config)) })
+    }
+
+    pub(in crate::net) const fn connector(&self) -> &TlsConnector {
+        &self.connector
+    }
+}
+
+// Neither prints what it holds: keys are in there.
+impl fmt::Debug for ServerTls {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("ServerTls").field("asks_clients", &self.asks_clients).finish_non_exhaustive()
+    }
+}
+
+impl fmt::Debug for ClientTls {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("ClientTls").finish_non_exhaustive()
+    }
+}
+
+fn provider() -> Arc<CryptoProvider> {
+    Arc::new(ring::default_provider())
+}
+
+fn unusable(what: &'static str) -> impl Fn(Error) -> TlsConfigError {
+    move |source| TlsConfigError::Unusable { what, source }
+}
+
+fn refused_pair(source: Error) -> TlsConfigError {
+    match source {
+        Error::InconsistentKeys(_) => TlsConfigError::OtherKey,
+        source => unusable("certificate with its private key")(source),
+    }
+}
+
+fn chain(pem: &[u8]) -> Result<Vec<CertificateDer<'static>>, TlsConfigError> {
+    certificates(CERTIFICATE, pem)
+}
+
+fn roots(pem: &[u8]) -> Result<RootCertStore, TlsConfigError> {
+    let mut roots = RootCertStore::empty();
+    for certificate in certificates(AUTHORITY, pem)? {
+        roots.add(certificate).map_err(unusable(AUTHORITY))?;
+    }
+    Ok(roots)
+}
+
+/// All certificates of a text; at least one.
+fn certificates(what: &'static str, pem: &[u8]) -> Result<Vec<CertificateDer<'static>>, TlsConfigError> {
+    let all = CertificateDer::pem_slice_iter(pem).collect::<Result<Vec<_>, _>>();
+    match all {
+        Ok(all) if all.is_empty() => Err(TlsConfigError::Pem { what, source: pem::Error::NoItemsFound }),
+        Ok(all) => Ok(all),
+        Err(source) => Err(TlsConfigError::Pem { what, source }),
+    }
+}
+
+fn private_key(pem: &[u8]) -> Result<PrivateKeyDer<'static>, TlsConfigError> {
+    PrivateKeyDer::from_pem_slice(pem).map_err(|source| TlsConfigError::Pem { what: KEY, source })
+}

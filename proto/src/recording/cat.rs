@@ -1,0 +1,67 @@
+//! Recordings one after the other.
+
+use super::rewrite::Rewriter;
+use super::{Player, RewriteError, Rewritten};
+use crate::Limits;
+
+/// Makes one recording of several, given one at a time.
+///
+/// Arrivals go on one frame after the last; groups are numbered anew; bodies stay as they are, byte for byte, and so do
+/// the frames' own numbers and times. A scene table is repeated only where it differs from the one in force, or edits have
+/// changed the scene since; otherwise the next recording's keyframe says all there is. Only the last CLOSE is kept. What
+/// is damaged is left out, and so is what builds on it.
+///
+/// ```
+/// use psao_proto::Limits;
+/// use psao_proto::recording::{Concatenation, Summary};
+/// use psao_proto::sample::recording;
+///
+/// let mut file = Vec::new();
+/// let put = |bytes: &[u8]| {
+///     file.extend_from_slice(bytes);
+///     Ok::<(), std::convert::Infallible>(())
+/// };
+/// let mut both = Concatenation::new(Limits::default(), put)?;
+/// both.add(&recording(5, 3)?)?;
+/// both.add(&recording(4, 4)?)?;
+/// both.finish()?;
+/// assert_eq!(Summary::scan(&file, Limits::default())?.index().len(), 9);
+/// # Ok::<(), Box<dyn std::error::Error + Send + Sync>>(())
+/// ```
+#[derive(Debug)]
+pub struct Concatenation<P> {
+    limits: Limits,
+    out: Rewriter<P>,
+}
+
+impl<E, P: FnMut(&[u8]) -> Result<(), E>> Concatenation<P> {
+    /// A recording of nothing so far; what is to be written goes to `put`, piece by piece.
+    ///
+    /// # Errors
+    /// [`RewriteError::Put`].
+    pub fn new(limits: Limits, put: P) -> Result<Self, RewriteError<E>> {
+        Ok(Self { limits, out: Rewriter::new(limits, put)? })
+    }
+
+    /// Adds a recording; gives what came of this one.
+    ///
+    /// # Errors
+    /// [`RewriteError`]; [`RewriteError::Reader`] when the bytes are not a recording, and then nothing was added.
+    pub fn add(&mut self, file: &[u8]) -> Result<Rewritten, RewriteError<E>> {
+        let mut player = Player::new(file, self.limits)?;
+        self.out.next_file();
+        while let Some(step) = player.next_step() {
+            self.out.copy(&step, &player)?;
+        }
+        self.out.end_of_file(player.stats().lost)?;
+        Ok(self.out.toll.take())
+    }
+
+    /// Ends the recording with the last CLOSE and an index; gives its length in bytes.
+    ///
+    /// # Errors
+    /// As [`add`](Self::add).
+    pub fn finish(mut self) -> Result<u64, RewriteError<E>> {
+        self.out.finish()
+    }
+}

@@ -1,0 +1,192 @@
+//! A piece of a recording that stands alone.
+
+use super::rewrite::{Loss, Rewriter};
+use super::{IndexEntry, Player, PlayerEvent, RewriteError, Rewritten, Summary};
+use crate::{FrameIndex, Limits, StreamTime};
+
+/// Which frames are wanted: those between the first that is in the bounds and the first after it that lies beyond them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Bounds {
+    /// By time on the stream's own clock, both ends included.
+    Time(StreamTime, StreamTime),
+    /// By number, both ends included.
+    Frames(FrameIndex, FrameIndex),
+}
+
+impl Bounds {
+    /// Where an entry lies: before, in, or beyond the bounds.
+    fn place(&self, entry: &IndexEntry) -> std::cmp::Ordering {
+        use std::cmp::Ordering;
+        let (value, from, to) = match *self {
+            Self::Time(from, to) => (entry.time.0, from.0, to.0),
+            Self::Frames(from, to) => (entry.frame.0.into(), from.0.into(), to.0.into()),
+        };
+        match value {
+            value if value < from => Ordering::Less,
+            value if value > to => Ordering::Greater,
+            _ => Ordering::Equal,
+        }
+    }
+
+    /// Whether an entry is the very first that could be in the bounds.
+    fn start_at(&self, entry: &IndexEntry) -> bool {
+        match *self {
+            Self::Time(from, _) => entry.time == from,
+            Self::Frames(from, _) => entry.frame == from,
+        }
+    }
+
+    /// Whether an entry is the very last that could be in the bounds.
+    fn end_at(&self, entry: &IndexEntry) -> bool {
+        match *self {
+            Self::Time(_, to) => entry.time == to,
+            Self::Frames(_, to) => entry.frame == to,
+        }
+    }
+}
+
+impl std::fmt::Display for Bounds {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match *self {
+            Self::Time(from, StreamTime(u64::MAX)) => write!(f, "from {} s on", seconds(from)),
+            Self::Time(from, to) => write!(f, "from {} s to {} s", seconds(from), seconds(to)),
+            Self::Frames(from, FrameIndex(u32::MAX)) => write!(f, "from frame {from} on"),
+            Self::Frames(from, to) => write!(f, "from frame {from} to frame {to}"),
+        }
+    }
+}
+
+fn seconds(time: StreamTime) -> f64 {
+    time.0 as f64 / 1e6
+}
+
+/// Why there is nothing to cut out or to seek to.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum RangeError {
+    /// No frame is in the bounds.
+    #[error(
+        "there is no frame {bounds}: the recording has frames {first} to {last}, {} s to {} s",
+        seconds(*start),
+        seconds(*end)
+    )]
+    Outside {
+        /// What was asked for.
+        bounds: Bounds,
+        /// Lowest number of a frame.
+        first: FrameIndex,
+        /// Highest number of a frame.
+        last: FrameIndex,
+        /// Lowest time of a frame.
+        start: StreamTime,
+        /// Highest time of a frame.
+        end: StreamTime,
+    },
+    /// The recording has no frame at all.
+    #[error("the recording has no whole frame")]
+    NoFrames,
+    /// There are frames in the bounds, but what they build on is lost.
+    #[error("none of the {frames} frames {bounds} can be played: what they build on is damaged or missing")]
+    Unplayable {
+        /// What was asked for.
+        bounds: Bounds,
+        /// Frames in the bounds.
+        frames: usize,
+    },
+}
+
+/// Entries of an index, from the first to the last wanted.
+pub(super) struct Span {
+    pub(super) first: usize,
+    pub(super) last: usize,
+}
+
+impl Span {
+    /// The span of some bounds.
+    pub(super) fn find(index: &[IndexEntry], bounds: &Bounds) -> Result<Self, RangeError> {
+        if let Some(first) = index.iter().position(|entry| bounds.place(entry).is_eq()) {
+            let after = index.iter().skip(first).position(|entry| bounds.place(entry).is_gt());
+            let last = after.map_or(index.len(), |count| first + count) - 1;
+            return Ok(Self { first, last });
+        }
+        let (frames, times) = (index.iter().map(|e| e.frame), index.iter().map(|e| e.time));
+        let ends = (frames.clone().min(), frames.max(), times.clone().min(), times.max());
+        let (Some(first), Some(last), Some(start), Some(end)) = ends else {
+            return Err(RangeError::NoFrames);
+        };
+        Err(RangeError::Outside { bounds: *bounds, first, last, start, end })
+    }
+}
+
+/// Cuts the frames in `bounds` out of a recording into one that stands alone, and gives it to `put` piece by piece.
+///
+/// It starts with the scene table, the edits that hold, and a keyframe made from the state at the first frame wanted, or
+/// the one that is in the file there if that is smaller. The frames after it are as they were, byte for byte, in groups
+/// numbered anew; so the state after each has the recorded hash. The stream's CLOSE comes along if nothing is left out
+/// behind. Arrivals count from the first frame's.
+///
+/// What is damaged in the range is left out, and the cut goes on with the next keyframe. One state is held, and one frame.
+///
+/// # Errors
+/// [`RewriteError`]; [`RewriteError::Range`] when there is nothing to cut out. Nothing is put before the range is found.
+pub fn cut<E>(
+    file: &[u8],
+    bounds: &Bounds,
+    limits: Limits,
+    put: impl FnMut(&[u8]) -> Result<(), E>,
+) -> Result<Rewritten, RewriteError<E>> {
+    let summary = Summary::scan(file, limits)?;
+    let index = summary.index();
+    let Span { first, last } = Span::find(index, bounds)?;
+    let (first_entry, last_entry) = (&index[first], &index[last]);
+    let (before, after) = (first.checked_sub(1).map(|before| &index[before]), index.get(last + 1));
+    // Damage beside the range may have hit a frame of it, unless the range's own edge is there.
+    let begin = match before {
+        _ if bounds.start_at(first_entry) => first_entry.offset,
+        before => before.map_or(0, |before| before.offset + 1),
+    };
+    let end = if bounds.end_at(last_entry) { last_entry.offset + 1 } else { u64::MAX };
+    let mut player = Player::new(file, limits)?;
+    player.jump(&summary, if bounds.start_at(first_entry) { first } else { first.saturating_sub(1) });
+    let mut out = Rewriter::new(limits, put)?;
+    let (mut begun, mut missing) = (false, 0);
+    while let Some(step) = player.next_step() {
+        let offset = step.offset();
+        if offset < end {
+            missing = player.stats().lost;
+        }
+        if after.is_some_and(|after| offset >= after.offset) {
+            break;
+        }
+        if offset < begin {
+            out.toll.start_after(player.stats().lost, player.last_applied());
+            continue;
+        }
+        if offset == first_entry.offset && bounds.start_at(first_entry) {
+            // What is missing before it was not asked for.
+            let before = first_entry.frame.0.checked_sub(1).map(FrameIndex);
+            out.toll.start_after(player.stats().lost, before);
+        }
+        match (&step.event, &step.record) {
+            (Some(PlayerEvent::Frame(_)), Some(record)) if !begun && offset >= first_entry.offset => {
+                out.begin(record, &player)?;
+                begun = true;
+            }
+            // An edit after the last frame is part of none.
+            (Some(PlayerEvent::Edit(_)), _) if offset > last_entry.offset => {}
+            _ if offset >= end && Loss::of(&step).is_some() => {}
+            _ if Loss::of(&step).is_some() => out.copy(&step, &player)?,
+            _ if begun => out.copy(&step, &player)?,
+            _ => {}
+        }
+    }
+    if !begun {
+        let frames = last + 1 - first;
+        return Err(RangeError::Unplayable { bounds: *bounds, frames }.into());
+    }
+    if after.is_some() {
+        out.forget_close();
+    }
+    out.end_of_file(missing)?;
+    out.finish()?;
+    Ok(out.toll.take())
+}

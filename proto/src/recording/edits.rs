@@ -1,0 +1,72 @@
+//! Edits of a stream that still hold.
+
+use std::collections::BTreeMap;
+
+use crate::message::{Edit, EditAction};
+
+/// What an edit is about; a newer one about the same replaces an older one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Subject {
+    Pose,
+    Visibility,
+}
+
+/// The edits that make a scene differ from its animation: the newest for each instance and kind, where that is not to be
+/// as the animation has it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct EditsInForce(BTreeMap<(u32, Subject), Edit>);
+
+impl EditsInForce {
+    /// Takes an edit into account.
+    pub fn note(&mut self, edit: &Edit) {
+        let (subject, own) = match edit.action {
+            EditAction::Move { .. } => (Subject::Pose, true),
+            EditAction::Release => (Subject::Pose, false),
+            EditAction::Hide => (Subject::Visibility, true),
+            EditAction::Show => (Subject::Visibility, false),
+        };
+        if own {
+            self.0.insert((edit.instance, subject), *edit);
+        } else {
+            self.0.remove(&(edit.instance, subject));
+        }
+    }
+
+    /// Every one of them, by instance.
+    pub fn iter(&self) -> impl Iterator<Item = &Edit> {
+        self.0.values()
+    }
+
+    /// Whether the scene is as its animation has it.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_newest_edit_of_each_kind_counts() {
+        let mut edits = EditsInForce::default();
+        let moved = |x| EditAction::Move { translation: [x, 0.0, 0.0], rotation: [0.0, 0.0, 0.0, 1.0] };
+        for (instance, action) in [
+            (3, moved(1.0)),
+            (1, EditAction::Hide),
+            (3, EditAction::Hide),
+            (3, moved(2.0)),
+            (1, EditAction::Show),
+            (2, moved(0.0)),
+            (2, EditAction::Release),
+        ] {
+            edits.note(&Edit { instance, action });
+        }
+        let left: Vec<_> = edits.iter().map(|edit| (edit.instance, edit.action)).collect();
+        assert_eq!(left, [(3, moved(2.0)), (3, EditAction::Hide)]);
+        edits.note(&Edit { instance: 3, action: EditAction::Release });
+        edits.note(&Edit { instance: 3, action: EditAction::Show });
+        assert!(edits.is_empty());
+    }
+}

@@ -1,0 +1,75 @@
+//! What is whole of a damaged recording.
+
+use super::rewrite::{Loss, Toll};
+use super::{Player, PlayerEvent, RewriteError, Rewritten, Writer};
+use crate::{FrameIndex, FrameType, Limits, Micros, Numbering};
+
+/// Copies what is whole of a recording, byte for byte, into one with an index, and gives it to `put` piece by piece.
+///
+/// Damage is dropped, and with it the frames that build on what is lost: the new recording plays without a fault. With
+/// `keep_all` whole frames are kept although nothing can be done with them. A GAP mark stands where something of the
+/// stream is missing.
+///
+/// # Errors
+/// [`RewriteError`]; not for damage, whatever its extent.
+pub fn recover<E>(
+    file: &[u8],
+    keep_all: bool,
+    limits: Limits,
+    mut put: impl FnMut(&[u8]) -> Result<(), E>,
+) -> Result<Rewritten, RewriteError<E>> {
+    let mut player = Player::new(file, limits)?;
+    let (writer, head) = Writer::new(limits);
+    put(&head).map_err(RewriteError::Put)?;
+    let mut copy = Recovery { writer, put, toll: Toll::default(), arrival: Micros(0) };
+    while let Some(step) = player.next_step() {
+        let loss = Loss::of(&step);
+        let record = match (loss, step.record) {
+            (None, Some(record)) => record,
+            (Some(_), Some(record)) if keep_all => record,
+            (loss, _) => {
+                loss.into_iter().for_each(|loss| copy.toll.add(loss));
+                continue;
+            }
+        };
+        let header = record.frame.header;
+        if header.kind == FrameType::INDEX {
+            continue;
+        }
+        copy.arrival = record.arrival;
+        if header.kind.carries_state() {
+            let number = match &step.event {
+                Some(PlayerEvent::Frame(frame)) => Some(frame.info.frame),
+                Some(PlayerEvent::Unusable { frame, .. }) => *frame,
+                _ => None,
+            };
+            copy.mark(&player, number)?;
+            copy.toll.wrote_frame();
+        }
+        copy.append(record.frame.bytes)?;
+    }
+    copy.mark(&player, None)?;
+    (copy.put)(&copy.writer.finish()?).map_err(RewriteError::Put)?;
+    Ok(copy.toll.take())
+}
+
+/// The recording that is made.
+struct Recovery<P> {
+    writer: Writer,
+    put: P,
+    toll: Toll,
+    arrival: Micros,
+}
+
+impl<E, P: FnMut(&[u8]) -> Result<(), E>> Recovery<P> {
+    /// Marks what is lost before frame `next`.
+    fn mark(&mut self, player: &Player<'_>, next: Option<FrameIndex>) -> Result<(), RewriteError<E>> {
+        let Some(gap) = self.toll.settle(player.stats().lost, next) else { return Ok(()) };
+        self.append(&Numbering::default().message(&gap)?)
+    }
+
+    fn append(&mut self, frame: &[u8]) -> Result<(), RewriteError<E>> {
+        let record = self.writer.append(self.arrival, frame)?;
+        (self.put)(&record).map_err(RewriteError::Put)
+    }
+}

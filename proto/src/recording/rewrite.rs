@@ -1,0 +1,362 @@
+//! What cutting, concatenating and recovering share: frames of recordings go into another one, and nothing that is left
+//! out goes unsaid.
+
+use std::sync::Arc;
+
+use psao_codec::frame::EncodeError;
+
+use super::player::Step;
+use super::{
+    Damage, DamageKind, EditsInForce, FILE_HEADER_BYTES, Player, PlayerError, PlayerEvent, RangeError,
+    ReaderError, Record, Writer, WriterError,
+};
+use crate::message::{Gap, GapReason, Message, MessageError};
+use crate::{FrameFault, FrameIndex, FrameType, Limits, Micros, Numbering, SceneTable, Unusable};
+
+/// Why no recording came of it. What was written until then is to be thrown away.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum RewriteError<E> {
+    /// The bytes are not a recording.
+    #[error(transparent)]
+    Reader(#[from] ReaderError),
+    /// There is nothing in the range.
+    #[error(transparent)]
+    Range(#[from] RangeError),
+    /// No keyframe could be made of the state.
+    #[error("cannot make a keyframe: {0}")]
+    Keyframe(#[from] EncodeError),
+    /// A message cannot be written.
+    #[error(transparent)]
+    Message(#[from] MessageError),
+    /// A frame cannot be written.
+    #[error(transparent)]
+    Frame(#[from] FrameFault),
+    /// A record cannot be written.
+    #[error(transparent)]
+    Writer(#[from] WriterError),
+    /// The caller could not put the bytes where they belong.
+    #[error("{0}")]
+    Put(E),
+}
+
+/// Something of a recording that is not in the new one.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum Loss {
+    /// It could not be read.
+    #[error("{0}")]
+    Damage(Damage),
+    /// A whole keyframe or update that could not be applied.
+    #[error("{} at offset {offset} left out, {bytes} bytes: {reason}", name(*frame))]
+    Frame {
+        /// Bytes from the start of the file to its record.
+        offset: u64,
+        /// Bytes of its record.
+        bytes: u64,
+        /// Its number, when its body says so.
+        frame: Option<FrameIndex>,
+        /// Why.
+        reason: Unusable,
+    },
+    /// A whole frame whose message is bad.
+    #[error("message at offset {offset} left out, {bytes} bytes: {error}")]
+    Message {
+        /// Bytes from the start of the file to its record.
+        offset: u64,
+        /// Bytes of its record.
+        bytes: u64,
+        /// Why.
+        error: PlayerError,
+    },
+}
+
+fn name(frame: Option<FrameIndex>) -> String {
+    frame.map_or_else(|| "a frame".to_owned(), |frame| format!("frame {frame}"))
+}
+
+impl Loss {
+    /// What an event of the player loses, if it is about a loss.
+    pub(super) fn of(step: &Step<'_>) -> Option<Self> {
+        let bytes = step.record.map_or(0, |record| record.record_bytes());
+        Some(match step.event.clone()? {
+            PlayerEvent::Damage(damage) => Self::Damage(damage),
+            PlayerEvent::Unusable { offset, frame, reason, .. } => {
+                Self::Frame { offset, bytes, frame, reason }
+            }
+            PlayerEvent::BadMessage { offset, error } => Self::Message { offset, bytes, error },
+            _ => return None,
+        })
+    }
+
+    /// Bytes that are lost.
+    #[must_use]
+    pub const fn bytes(&self) -> u64 {
+        match self {
+            Self::Damage(damage) => damage.lost_bytes,
+            Self::Frame { bytes, .. } | Self::Message { bytes, .. } => *bytes,
+        }
+    }
+
+    /// Whether nothing of the stream is lost, only the file's own header.
+    fn spares_the_stream(&self) -> bool {
+        matches!(self, Self::Damage(damage)
+            if damage.kind == DamageKind::FileHeader && damage.lost_bytes <= FILE_HEADER_BYTES as u64)
+    }
+}
+
+/// What came of rewriting one recording.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Rewritten {
+    /// Keyframes and updates in the new one.
+    pub frames: u64,
+    /// Keyframes and updates that are not, as far as known.
+    pub lost_frames: u64,
+    /// Bytes of the old one that are not in the new one because of damage.
+    pub lost_bytes: u64,
+    /// Where and why, in the order of the file.
+    pub losses: Vec<Loss>,
+}
+
+/// Adds up what is lost, and makes the GAP mark for each place.
+#[derive(Debug, Default)]
+pub(super) struct Toll {
+    sum: Rewritten,
+    /// Missing frames that the player had counted when this was settled last.
+    counted: u64,
+    /// Bytes and frames lost since a frame was written.
+    pending: Option<(u64, u64)>,
+    /// Number of the last frame written.
+    last: Option<FrameIndex>,
+    /// Number of the last frame lost since, if one was read.
+    last_lost: Option<FrameIndex>,
+}
+
+impl Toll {
+    /// Frames up to `last` do not count here. `missing` is the player's count.
+    pub(super) const fn start_after(&mut self, missing: u64, last: Option<FrameIndex>) {
+        self.counted = missing;
+        self.last = last;
+    }
+
+    /// Something is lost.
+    pub(super) fn add(&mut self, loss: Loss) {
+        let bytes = loss.bytes();
+        let frames = u64::from(matches!(loss, Loss::Frame { .. }));
+        self.sum.lost_bytes += bytes;
+        self.sum.lost_frames += frames;
+        if !loss.spares_the_stream() {
+            let (all_bytes, all_frames) = self.pending.get_or_insert_default();
+            *all_bytes += bytes;
+            *all_frames += frames;
+        }
+        if let Loss::Frame { frame: Some(frame), .. } = &loss {
+            self.last_lost = Some(*frame);
+        }
+        self.sum.losses.push(loss);
+    }
+
+    /// The mark for what is lost before `next`, the next frame; `None` at the end. `missing` is the player's count.
+    pub(super) fn settle(&mut self, missing: u64, next: Option<FrameIndex>) -> Option<Gap> {
+        let unseen = missing.saturating_sub(std::mem::replace(&mut self.counted, missing));
+        self.sum.lost_frames += unseen;
+        let first = self.last.map_or(0, |last| last.0.saturating_add(1));
+        self.last = next.or(self.last);
+        if unseen > 0 {
+            self.pending.get_or_insert_default();
+        }
+        let (bytes, seen) = self.pending.take()?;
+        let frames = u32::try_from(seen + unseen).unwrap_or(u32::MAX);
+        let last = match (self.last_lost.take(), next) {
+            // The stream may have started again since.
+            (Some(lost), Some(next)) if lost >= next => lost.0,
+            (_, Some(next)) => next.0.saturating_sub(1),
+            (_, None) => first.saturating_add(frames.saturating_sub(1)),
+        };
+        let (first_lost, last_lost) = (FrameIndex(first), FrameIndex(last));
+        Some(Gap { first_lost, last_lost, frames, bytes, reason: GapReason::DAMAGE })
+    }
+
+    /// A frame was written.
+    pub(super) const fn wrote_frame(&mut self) {
+        self.sum.frames += 1;
+    }
+
+    /// What came of it so far; the next recording starts at nothing.
+    pub(super) fn take(&mut self) -> Rewritten {
+        std::mem::take(self).sum
+    }
+}
+
+/// Writes a recording out of what a player reads, numbered anew.
+#[derive(Debug)]
+pub(super) struct Rewriter<P> {
+    writer: Writer,
+    numbering: Numbering,
+    put: P,
+    /// The scene table that was written last, and the edits since.
+    scene: Option<Arc<SceneTable>>,
+    edits: EditsInForce,
+    /// A scene table that was read and is not written yet.
+    coming: Option<Arc<SceneTable>>,
+    /// An arrival in the file being read, and what it is here.
+    clock: Option<(Micros, Micros)>,
+    last_arrival: Micros,
+    /// The CLOSE that was read last.
+    close: Option<(Micros, Vec<u8>)>,
+    pub(super) toll: Toll,
+}
+
+impl<E, P: FnMut(&[u8]) -> Result<(), E>> Rewriter<P> {
+    pub(super) fn new(limits: Limits, mut put: P) -> Result<Self, RewriteError<E>> {
+        let (writer, head) = Writer::new(limits);
+        put(&head).map_err(RewriteError::Put)?;
+        Ok(Self {
+            writer,
+            numbering: Numbering::default(),
+            put,
+            scene: None,
+            edits: EditsInForce::default(),
+            coming: None,
+            clock: None,
+            last_arrival: Micros::default(),
+            close: None,
+            toll: Toll::default(),
+        })
+    }
+
+    /// Another file comes: its first record arrives one frame after the last one here.
+    pub(super) fn next_file(&mut self) {
+        let interval = self.scene.as_ref().map_or(0.0, |scene| 1e6 / f64::from(scene.info().fps));
+        self.last_arrival = self.last_arrival.plus(Micros(interval.round() as u64));
+        self.clock = None;
+    }
+
+    /// Starts with the state after the frame that the player has just applied: scene, edits, keyframe. The keyframe is
+    /// the recorded one, if it is one and the smaller.
+    pub(super) fn begin(&mut self, record: &Record<'_>, player: &Player<'_>) -> Result<(), RewriteError<E>> {
+        self.coming = player.scene().cloned();
+        for edit in player.edits().iter() {
+            self.message(record.arrival, FrameType::EDIT, &edit.to_payload()?)?;
+            self.edits.note(edit);
+        }
+        self.gap(record.arrival, player)?;
+        let recorded = record.frame.payload();
+        let is_keyframe = record.frame.header.kind == FrameType::KEYFRAME;
+        let made = player.keyframe().transpose()?;
+        match &made {
+            Some(made) if !is_keyframe || made.len() < recorded.len() => {
+                self.state_frame(record.arrival, FrameType::KEYFRAME, made)
+            }
+            _ => self.state_frame(record.arrival, record.frame.header.kind, recorded),
+        }
+    }
+
+    /// Takes over what the player has just read, as far as it plays.
+    pub(super) fn copy(&mut self, step: &Step<'_>, player: &Player<'_>) -> Result<(), RewriteError<E>> {
+        if let Some(loss) = Loss::of(step) {
+            self.toll.add(loss);
+            return Ok(());
+        }
+        let Some(record) = &step.record else { return Ok(()) };
+        let (kind, payload) = (record.frame.header.kind, record.frame.payload());
+        match (&step.event, kind) {
+            (Some(PlayerEvent::Scene(table)), _) => self.coming = Some(table.clone()),
+            (Some(PlayerEvent::Frame(_)), _) => {
+                self.gap(record.arrival, player)?;
+                self.state_frame(record.arrival, kind, payload)?;
+            }
+            (Some(PlayerEvent::Closed(_)), _) => {
+                self.close = Some((self.arrives(record.arrival), payload.to_vec()));
+            }
+            (Some(PlayerEvent::Edit(edit)), _) => {
+                self.message(record.arrival, kind, payload)?;
+                self.edits.note(edit);
+            }
+            // A scene table is written whole or not at all, an index is made anew, and a handshake was another file's.
+            (None, FrameType::SCENE | FrameType::INDEX | FrameType::ACCEPT | FrameType::REJECT) => {}
+            _ => self.message(record.arrival, kind, payload)?,
+        }
+        Ok(())
+    }
+
+    /// Nothing more comes of the file being read. `missing` is the player's count.
+    pub(super) fn end_of_file(&mut self, missing: u64) -> Result<(), RewriteError<E>> {
+        match self.toll.settle(missing, None) {
+            None => Ok(()),
+            Some(gap) => self.write(self.last_arrival, FrameType::GAP, &gap.to_payload()?),
+        }
+    }
+
+    /// Writes the mark for what was lost before the frame that the player has just applied.
+    fn gap(&mut self, arrival: Micros, player: &Player<'_>) -> Result<(), RewriteError<E>> {
+        match self.toll.settle(player.stats().lost, player.last_applied()) {
+            None => Ok(()),
+            Some(gap) => self.message(arrival, FrameType::GAP, &gap.to_payload()?),
+        }
+    }
+
+    /// The stream that is written does not end where the one that was read does.
+    pub(super) fn forget_close(&mut self) {
+        self.close = None;
+    }
+
+    /// Writes the CLOSE that was read last and the index; gives the length of the file.
+    pub(super) fn finish(&mut self) -> Result<u64, RewriteError<E>> {
+        if let Some((arrival, payload)) = self.close.take() {
+            let frame = self.numbering.control(FrameType::CLOSE, &payload);
+            self.append(arrival, &frame)?;
+        }
+        let end = self.writer.finish()?;
+        (self.put)(&end).map_err(RewriteError::Put)?;
+        Ok(self.writer.file_bytes())
+    }
+
+    fn state_frame(&mut self, arrival: Micros, kind: FrameType, body: &[u8]) -> Result<(), RewriteError<E>> {
+        let arrival = self.arrives(arrival);
+        self.settle_scene(arrival)?;
+        let frame = match kind {
+            FrameType::KEYFRAME => self.numbering.keyframe(body)?,
+            _ => self.numbering.update(body)?,
+        };
+        self.close = None;
+        self.toll.wrote_frame();
+        self.append(arrival, &frame)
+    }
+
+    fn message(&mut self, arrival: Micros, kind: FrameType, payload: &[u8]) -> Result<(), RewriteError<E>> {
+        let arrival = self.arrives(arrival);
+        self.write(arrival, kind, payload)
+    }
+
+    fn write(&mut self, arrival: Micros, kind: FrameType, payload: &[u8]) -> Result<(), RewriteError<E>> {
+        self.settle_scene(arrival)?;
+        let in_a_group = kind != FrameType::GAP;
+        let numbering = if in_a_group { self.numbering } else { Numbering::default() };
+        self.append(arrival, &numbering.control(kind, payload))
+    }
+
+    /// Writes the scene table that came, unless it is the one in force and no edit has changed it: then the next keyframe
+    /// says all there is to say.
+    fn settle_scene(&mut self, arrival: Micros) -> Result<(), RewriteError<E>> {
+        let Some(table) = self.coming.take() else { return Ok(()) };
+        if self.scene.as_ref() == Some(&table) && self.edits.is_empty() {
+            return Ok(());
+        }
+        for frame in self.numbering.scene(&table)? {
+            self.append(arrival, &frame)?;
+        }
+        self.scene = Some(table);
+        self.edits = EditsInForce::default();
+        Ok(())
+    }
+
+    fn arrives(&mut self, arrival: Micros) -> Micros {
+        let (there, here) = *self.clock.get_or_insert((arrival, self.last_arrival));
+        here.plus(arrival.since(there))
+    }
+
+    fn append(&mut self, arrival: Micros, frame: &[u8]) -> Result<(), RewriteError<E>> {
+        let record = self.writer.append(arrival, frame)?;
+        self.last_arrival = self.last_arrival.max(arrival);
+        (self.put)(&record).map_err(RewriteError::Put)
+    }
+}

@@ -1,0 +1,327 @@
+//! What is on its way to a client and not acknowledged, and how much of it may go as datagrams.
+//!
+//! Datagrams have nothing beneath them that slows them down when a network carries less than it is given, and each frame
+//! that is lost makes the next one larger. So there is a window, as in TCP, but one that loss alone does not shrink: it
+//! grows with what is acknowledged, shrinks when acknowledgements take much longer than they could, since then a queue has
+//! built up (LEDBAT, RFC 6817, whose target it has), and shrinks when several frames in a row or all are lost. Frames of
+//! many datagrams, of which one is soon lost, go over the connection.
+
+use std::collections::VecDeque;
+
+use crate::message::Ack;
+use crate::{FrameIndex, Micros, StateHash};
+
+/// Most frames whose hashes are kept for acknowledgements, where the client sends none.
+const KEPT: usize = 256;
+/// Acknowledgements may come so many microseconds later than the fastest (RFC 6817, section 2.5).
+const TARGET: u64 = 100_000;
+/// Beyond two round trips, how many microseconds an acknowledgement is waited for.
+const PATIENCE: u64 = 100_000;
+/// Frames in a row that may be lost to chance.
+const LOST: u32 = 6;
+/// The round trip, in microseconds, before one was measured.
+const UNKNOWN: u64 = 150_000;
+/// Most datagrams of a frame: of eight, all come in two of three frames when a twentieth is lost, in one of six when a fifth is.
+const MANY: usize = 8;
+/// How long updates go over the connection before datagrams are tried again.
+const LARGE_FOR: Micros = Micros::from_secs(5);
+/// Frames that may be on their way however small the window: some of them will come.
+const LEAST: usize = 4;
+/// Bytes that the window never exceeds.
+const MOST: u64 = 16 << 20;
+
+/// A frame that is on its way or waits.
+#[derive(Clone, Copy, Debug)]
+struct Sent {
+    frame: FrameIndex,
+    hash: StateHash,
+    at: Micros,
+    /// Bytes of it, if how long it takes says something of the network.
+    bytes: u64,
+    /// Whether they went as datagrams.
+    datagrams: bool,
+}
+
+impl Sent {
+    const fn in_datagrams(&self) -> u64 {
+        if self.datagrams { self.bytes } else { 0 }
+    }
+}
+
+/// How a frame goes to a client that takes datagrams.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Way {
+    /// As datagrams.
+    Datagrams,
+    /// As datagrams, and over the connection as well: acknowledgements are overdue.
+    Both,
+    /// Over the connection, like the next ones: it takes too many datagrams for all of them to come.
+    Connection,
+}
+
+/// The frames that are on their way to one client.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Flight {
+    sent: VecDeque<Sent>,
+    /// Newest frame that the client is known to hold.
+    acked: Option<FrameIndex>,
+    /// Newest frame that went both ways.
+    carried: Option<FrameIndex>,
+    /// Until then updates go over the connection.
+    large_until: Micros,
+    /// Bytes in datagrams that are on their way.
+    outstanding: u64,
+    /// How many they may be before another frame goes; [`LEAST`] frames may always.
+    window: u64,
+    /// The window has shrunk before: it grows by a frame a round trip only.
+    careful: bool,
+    /// How many microseconds acknowledgements take, smoothed, and the fastest, which slowly forgets.
+    round_trip: Option<(u64, u64)>,
+    /// When an acknowledgement came, was given up, or began to be waited for.
+    news: Micros,
+    /// When the window shrank last.
+    shrunk: Micros,
+}
+
+impl Flight {
+    /// Frames that are not acknowledged.
+    pub(super) fn len(&self) -> usize {
+        self.sent.len()
+    }
+
+    /// The newest frame that the client is known to hold.
+    pub(super) const fn acked(&self) -> Option<FrameIndex> {
+        self.acked
+    }
+
+    /// Nothing that was sent counts any more.
+    pub(super) fn clear(&mut self) {
+        self.sent.clear();
+        (self.acked, self.carried, self.outstanding) = (None, None, 0);
+    }
+
+    /// Frames after `last` were not sent after all.
+    pub(super) fn forget_after(&mut self, last: Option<FrameIndex>) {
+        self.sent.retain(|sent| last.is_some_and(|last| sent.frame <= last));
+        self.outstanding = self.sent.iter().map(Sent::in_datagrams).sum();
+    }
+
+    /// A frame is on its way, of so many bytes, as `datagrams` or over the connection.
+    pub(super) fn expect(
+        &mut self,
+        (frame, hash): (FrameIndex, StateHash),
+        at: Micros,
+        bytes: u64,
+        datagrams: bool,
+    ) {
+        if self.sent.is_empty() {
+            self.news = at;
+        }
+        if self.sent.len() >= KEPT
+            && let Some(oldest) = self.sent.pop_front()
+        {
+            self.outstanding = self.outstanding.saturating_sub(oldest.in_datagrams());
+        }
+        let sent = Sent { frame, hash, at, bytes, datagrams };
+        self.outstanding += sent.in_datagrams();
+        self.sent.push_back(sent);
+    }
+
+    /// Takes an acknowledgement; whether its hash is the frame's.
+    pub(super) fn acknowledge(&mut self, ack: &Ack, now: Micros) -> bool {
+        let mut passed = 0;
+        while let Some(&sent) = self.sent.front().filter(|sent| sent.frame <= ack.frame) {
+            self.sent.pop_front();
+            self.outstanding = self.outstanding.saturating_sub(sent.in_datagrams());
+            passed += u32::from(sent.in_datagrams() > 0);
+            if sent.frame == ack.frame {
+                if sent.hash != ack.hash {
+                    return false;
+                }
+                self.acked = self.acked.max(Some(sent.frame));
+                self.news = now;
+                if passed > LOST {
+                    self.shrink(2, now);
+                }
+                self.took(&sent, now);
+            }
+        }
+        true
+    }
+
+    /// Whether another frame may go as datagrams.
+    pub(super) fn has_room(&self, now: Micros) -> bool {
+        let few = || self.sent.iter().filter(|sent| sent.in_datagrams() > 0).count() < LEAST;
+        self.outstanding < self.window || few() || self.is_overdue(now)
+    }
+
+    /// Whether updates go over the connection for a while, since the last were too large for datagrams.
+    pub(super) fn is_large(&self, now: Micros) -> bool {
+        now < self.large_until
+    }
+
+    /// How another frame of so many datagrams goes. `free` says that nothing waits to go over the connection.
+    pub(super) fn choose(&mut self, frame: FrameIndex, datagrams: usize, free: bool, now: Micros) -> Way {
+        if datagrams > MANY {
+            self.large_until = now.plus(LARGE_FOR);
+            return Way::Connection;
+        }
+        if !self.is_overdue(now) {
+            return Way::Datagrams;
+        }
+        self.news = now;
+        self.outstanding = 0;
+        self.sent.iter_mut().for_each(|sent| sent.bytes = 0);
+        self.shrink(2, now);
+        if !free || self.waits() {
+            return Way::Datagrams;
+        }
+        self.carried = Some(frame);
+        Way::Both
+    }
+
+    /// Whether a frame that went both ways is not acknowledged.
+    fn waits(&self) -> bool {
+        self.carried > self.acked
+    }
+
+    fn is_overdue(&self, now: Micros) -> bool {
+        let (smoothed, _) = self.round_trip.unwrap_or((UNKNOWN, UNKNOWN));
+        !self.sent.is_empty() && now.since(self.news).0 > PATIENCE + 2 * smoothed
+    }
+
+    /// A frame was acknowledged now.
+    fn took(&mut self, sent: &Sent, now: Micros) {
+        let Sent { at, bytes, datagrams, .. } = *sent;
+        if bytes == 0 {
+            return;
+        }
+        let lasted = now.since(at).0;
+        let (smoothed, fastest) = self.round_trip.unwrap_or((lasted, lasted));
+        // A way that has become longer is not a queue for ever.
+        let fastest = lasted.min(fastest + lasted.saturating_sub(fastest) / 1024);
+        let queued = lasted.saturating_sub(fastest);
+        // Over the connection it may have waited for what was lost there; that it came fast says something all the same.
+        if datagrams || queued < TARGET {
+            // What a stall held up says nothing of the next one.
+            let counted = lasted.min(fastest + 2 * TARGET);
+            self.round_trip = Some(((7 * smoothed + counted) / 8, fastest));
+        }
+        if queued > TARGET && datagrams {
+            self.shrink(4, now);
+        } else if queued < TARGET / 2 {
+            let growth =
+                if self.careful { bytes.saturating_mul(bytes) / self.window.max(bytes) } else { bytes };
+            self.window = (self.window + growth).min(MOST);
+        }
+    }
+
+    /// Takes a part off the window, at most once a round trip: what was sent before says nothing of it.
+    fn shrink(&mut self, part: u64, now: Micros) {
+        let (smoothed, _) = self.round_trip.unwrap_or_default();
+        if !self.careful || now.since(self.shrunk).0 > smoothed {
+            (self.careful, self.shrunk) = (true, now);
+            self.window -= self.window / part;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FRAME: u64 = 16_667;
+
+    fn ack(frame: u32) -> Ack {
+        Ack { frame: FrameIndex(frame), hash: StateHash(frame.into()) }
+    }
+
+    /// Frames of 1,000 B to a network on which acknowledgements take `trip(frame)`, none where that is nothing; how many
+    /// went as datagrams, and both ways.
+    fn fly(flight: &mut Flight, frames: u32, trip: impl Fn(u32) -> Option<u64>) -> (u32, u32) {
+        let (mut went, mut both) = (0, 0);
+        let mut coming = Vec::new();
+        for frame in 1..=frames {
+            let now = u64::from(frame) * FRAME;
+            coming.retain(|&(at, frame)| {
+                if at <= now {
+                    assert!(flight.acknowledge(&ack(frame), Micros(at)));
+                }
+                at > now
+            });
+            if !flight.has_room(Micros(now)) {
+                continue;
+            }
+            let way = flight.choose(FrameIndex(frame), 1, true, Micros(now));
+            (went, both) = (went + 1, both + u32::from(way == Way::Both));
+            let sent = (FrameIndex(frame), StateHash(frame.into()));
+            flight.expect(sent, Micros(now), 1000, true);
+            coming.extend(trip(frame).map(|trip| (now + trip, frame)));
+        }
+        (went, both)
+    }
+
+    #[test]
+    fn a_wide_network_takes_every_frame_also_when_some_are_lost() {
+        assert_eq!(
+            fly(&mut Flight::default(), 600, |_| Some(80_000)),
+            (598, 0),
+            "but while the window opens"
+        );
+        let (went, both) = fly(&mut Flight::default(), 600, |frame| (frame % 3 > 0).then_some(80_000));
+        assert!(went > 560 && both == 0, "{went} {both}");
+    }
+
+    #[test]
+    fn a_queue_slows_datagrams_down() {
+        // Every frame beyond the fourth that is on its way makes acknowledgements 50 ms slower.
+        let mut flight = Flight { round_trip: Some((80_000, 80_000)), ..Flight::default() };
+        let mut most = 0;
+        for frame in 1..600_u32 {
+            let now = u64::from(frame) * FRAME;
+            most = most.max(flight.sent.len());
+            let due = flight.sent.front().is_some_and(|sent| {
+                let queued = (flight.sent.len() as u64).saturating_sub(4) * 50_000;
+                sent.at.0 + 80_000 + queued <= now
+            });
+            if due {
+                let first = flight.sent[0].frame.0;
+                flight.acknowledge(&ack(first), Micros(now));
+            }
+            if flight.has_room(Micros(now)) {
+                flight.expect((FrameIndex(frame), StateHash(frame.into())), Micros(now), 1000, true);
+            }
+        }
+        assert!((4..=9).contains(&most), "{most} frames on their way");
+    }
+
+    #[test]
+    fn without_acknowledgements_little_goes_and_one_frame_both_ways() {
+        let mut flight = Flight::default();
+        let (went, both) = fly(&mut flight, 600, |_| None);
+        assert!(went <= 100 && both == 1, "{went} {both}");
+        // Once they come again, it is as before.
+        flight.clear();
+        let (went, both) = fly(&mut flight, 600, |_| Some(80_000));
+        assert!(went > 300 && both == 0, "{went} {both}");
+    }
+
+    #[test]
+    fn frames_of_many_datagrams_leave_the_way_to_the_connection_for_a_while() {
+        let mut flight = Flight::default();
+        assert_eq!(flight.choose(FrameIndex(1), MANY, true, Micros(7)), Way::Datagrams);
+        assert!(!flight.is_large(Micros(7)));
+        assert_eq!(flight.choose(FrameIndex(1), MANY + 1, true, Micros(7)), Way::Connection);
+        assert!(flight.is_large(Micros(7)) && !flight.is_large(Micros(7).plus(LARGE_FOR)));
+    }
+
+    #[test]
+    fn another_hash_is_noticed() {
+        let mut flight = Flight::default();
+        flight.expect((FrameIndex(3), StateHash(3)), Micros(0), 10, true);
+        let wrong = Ack { frame: FrameIndex(3), hash: StateHash(4) };
+        assert!(!flight.acknowledge(&wrong, Micros(5)));
+        assert!(flight.acknowledge(&wrong, Micros(6)), "it is not waited for any more");
+        assert_eq!((flight.acked(), flight.len(), flight.outstanding), (None, 0, 0));
+    }
+}

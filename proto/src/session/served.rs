@@ -1,0 +1,75 @@
+//! What a server learns of a client, and what it counts.
+
+use crate::FrameIndex;
+use crate::message::{Ack, CameraPose, Close, Edit, Hello, KeyframeReason};
+
+/// What a client did.
+#[derive(Clone, Debug, PartialEq)]
+pub enum ServerEvent {
+    /// It was accepted; the scene is on its way and it waits for a keyframe.
+    Joined(Hello),
+    /// It looks from here now.
+    View(CameraPose),
+    /// It wants the scene changed. A server may ignore it.
+    Edit(Edit),
+    /// It holds a frame.
+    Acked(Ack),
+    /// It says that it holds a frame, but with another hash than the frame's: it gets a keyframe.
+    Diverged(Ack),
+    /// It cannot go on without a keyframe; [`ServerSession::wants`](super::ServerSession::wants) says so until it got one.
+    KeyframeWanted(KeyframeReason),
+    /// It left. Nothing follows.
+    Closed(Close),
+}
+
+/// What became of a frame that was given to a session.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sent {
+    /// It waits in the output.
+    Queued,
+    /// It was dropped: the client has not joined, is behind, or stands elsewhere. Nothing is owed for it; what the client
+    /// [`wants`](super::ServerSession::wants) next will hold what it held.
+    Dropped,
+}
+
+/// What brings a client to the newest frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wants {
+    /// Nothing now: it has not joined, has left, or is behind and has to take what waits first.
+    Nothing,
+    /// A keyframe.
+    Keyframe,
+    /// An update that builds on this frame: the stream's own, or a patch.
+    Update {
+        /// What it holds once everything queued has arrived.
+        base: FrameIndex,
+    },
+    /// A patch without context, as datagrams.
+    Datagrams {
+        /// What it has acknowledged.
+        base: FrameIndex,
+    },
+}
+
+/// Counts of a server session.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ServerStats {
+    /// Bytes queued for the client, dropped ones left out; datagrams included.
+    pub wire_bytes: u64,
+    /// Keyframes queued.
+    pub keyframes: u64,
+    /// Updates queued, patches included.
+    pub updates: u64,
+    /// Frames that went as datagrams.
+    pub datagram_frames: u64,
+    /// Updates and other frames dropped, before or after they were queued.
+    pub dropped: u64,
+    /// How often the client fell behind.
+    pub lags: u64,
+    /// Acknowledgements whose hash was not the frame's.
+    pub diverged: u64,
+    /// Frames of a type that this version does not know.
+    pub unknown: u64,
+    /// Datagrams that were none of this protocol.
+    pub bad_datagrams: u64,
+}

@@ -1,0 +1,191 @@
+//! When a session has to do something by itself: the handshake's deadline, keep-alives, silence, stalls.
+
+use super::SessionError;
+use crate::{Limits, Micros};
+
+/// What has happened when, by the clock that the session is told.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Timers {
+    now: Micros,
+    /// The first time that the session was told.
+    started: Option<Micros>,
+    /// Bytes came.
+    heard: Micros,
+    /// Bytes went, or began to wait.
+    moved: Micros,
+    /// A PING was due.
+    pinged: Micros,
+}
+
+/// What is due.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Due {
+    Nothing,
+    Ping,
+}
+
+impl Timers {
+    /// The newest time that the session was told.
+    pub(super) const fn now(&self) -> Micros {
+        self.now
+    }
+
+    /// Takes a time; one before the last is taken as the last.
+    pub(super) fn tell(&mut self, now: Micros) {
+        self.now = self.now.max(now);
+        if self.started.is_none() {
+            (self.started, self.heard, self.moved, self.pinged) =
+                (Some(self.now), self.now, self.now, self.now);
+        }
+    }
+
+    /// Bytes came from the other end.
+    pub(super) const fn heard(&mut self) {
+        self.heard = self.now;
+    }
+
+    /// Bytes went to the other end, or the first of them began to wait.
+    pub(super) const fn moved(&mut self) {
+        self.moved = self.now;
+    }
+
+    /// During the handshake: whether it takes too long.
+    pub(super) fn handshake(&self, limits: &Limits) -> Result<(), SessionError> {
+        let waited = self.now.since(self.started.unwrap_or(self.now));
+        if waited > limits.handshake { Err(SessionError::HandshakeTimeout { waited }) } else { Ok(()) }
+    }
+
+    /// After the handshake: whether the other end is still there, and what is due. `waiting` says whether bytes wait,
+    /// `stalls` whether it matters that none of them go.
+    pub(super) fn open(&mut self, limits: &Limits, waiting: bool, stalls: bool) -> Result<Due, SessionError> {
+        let waited = self.now.since(self.heard);
+        if waited > limits.silence {
+            return Err(SessionError::Silent { waited });
+        }
+        let waited = self.now.since(self.moved);
+        if waiting && stalls && waited > limits.stall {
+            return Err(SessionError::Stalled { waited });
+        }
+        if self.now.since(self.pinged) < limits.keep_alive {
+            return Ok(Due::Nothing);
+        }
+        self.pinged = self.now;
+        // Whoever has bytes to take already needs no more to show that it is there.
+        Ok(if waiting { Due::Nothing } else { Due::Ping })
+    }
+
+    /// The next time at which [`handshake`](Self::handshake) may say something new.
+    pub(super) fn next_in_handshake(&self, limits: &Limits) -> Option<Micros> {
+        Some(self.started?.plus(limits.handshake).plus(Micros(1)))
+    }
+
+    /// The next time at which [`open`](Self::open) may say something new.
+    pub(super) fn next_when_open(&self, limits: &Limits, waiting: bool, stalls: bool) -> Option<Micros> {
+        self.started?;
+        let silent = self.heard.plus(limits.silence).plus(Micros(1));
+        let ping = self.pinged.plus(limits.keep_alive);
+        let stalled = (waiting && stalls).then(|| self.moved.plus(limits.stall).plus(Micros(1)));
+        [Some(silent), Some(ping), stalled].into_iter().flatten().min()
+    }
+}
+
+/// How much of something may come in the time: a bucket that fills at a rate, up to four seconds' worth.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Allowance {
+    rate: u32,
+    /// In millionths.
+    left: u64,
+    last: Option<Micros>,
+}
+
+impl Allowance {
+    pub(super) fn new(per_second: u32) -> Self {
+        Self { rate: per_second, left: Self::most(per_second), last: None }
+    }
+
+    const fn most(rate: u32) -> u64 {
+        rate as u64 * 4_000_000
+    }
+
+    /// Takes so much; whether it was there.
+    pub(super) fn take(&mut self, amount: usize, now: Micros) -> bool {
+        let passed = now.since(self.last.unwrap_or(now));
+        self.last = Some(now);
+        let gained = passed.0.saturating_mul(self.rate.into());
+        self.left = self.left.saturating_add(gained).min(Self::most(self.rate));
+        let cost = (amount as u64).saturating_mul(1_000_000);
+        let enough = cost <= self.left;
+        self.left = self.left.saturating_sub(cost);
+        enough
+    }
+
+    /// Gives back what was taken and was in order.
+    pub(super) fn give_back(&mut self, amount: usize) {
+        let amount = amount as u64 * 1_000_000;
+        self.left = self.left.saturating_add(amount).min(Self::most(self.rate));
+    }
+
+    pub(super) const fn rate(&self) -> u32 {
+        self.rate
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_allowance_is_a_rate_with_four_seconds_at_once() {
+        let mut frames = Allowance::new(10);
+        assert!(frames.take(40, Micros(0)) && !frames.take(1, Micros(0)));
+        let mut frames = Allowance::new(10);
+        for tenth in 0..1000 {
+            assert!(frames.take(1, Micros(tenth * 100_000)), "ten a second may go on for ever");
+        }
+        let mut frames = Allowance::new(10);
+        let lasted = (0..1000).find(|twentieth| !frames.take(1, Micros(twentieth * 50_000)));
+        assert_eq!(lasted, Some(79), "twice the rate uses up the forty in four seconds");
+        assert!(frames.take(3, Micros(u64::MAX)));
+    }
+
+    #[test]
+    fn each_deadline_is_announced_and_kept() {
+        let limits = Limits::default();
+        let mut timers = Timers::default();
+        assert_eq!(timers.next_in_handshake(&limits), None);
+        timers.tell(Micros(100));
+        let next = timers.next_in_handshake(&limits).unwrap();
+        timers.tell(Micros(next.0 - 1));
+        assert_eq!(timers.handshake(&limits), Ok(()));
+        timers.tell(next);
+        assert!(timers.handshake(&limits).is_err());
+
+        for (waiting, expected) in [(false, "silent"), (true, "stalled")] {
+            // A session that hears enough, or waits in vain.
+            let limits = Limits { stall: Micros::from_secs(5), ..limits };
+            let mut timers = Timers::default();
+            timers.tell(Micros(7));
+            let (mut pings, mut last) = (0, Micros(7));
+            let error = loop {
+                let next = timers.next_when_open(&limits, waiting, true).unwrap();
+                assert!(next > last, "time goes on");
+                last = next;
+                timers.tell(next);
+                match timers.open(&limits, waiting, true) {
+                    Ok(Due::Ping) => pings += 1,
+                    Ok(Due::Nothing) => {}
+                    Err(error) => break error,
+                }
+            };
+            match error {
+                SessionError::Silent { waited } => {
+                    assert_eq!((expected, waited, pings), ("silent", Micros(30_000_001), 15));
+                }
+                SessionError::Stalled { waited } => {
+                    assert_eq!((expected, waited, pings), ("stalled", Micros(5_000_001), 0));
+                }
+                other => panic!("{other}"),
+            }
+        }
+    }
+}

@@ -1,0 +1,176 @@
+//! An instance with a body of its own, and what became of it from one moment to the next.
+
+use std::sync::Arc;
+
+use super::blas::Blas;
+use super::bodies::{Body, Placement};
+use super::bounds::Bounds;
+use super::world::{build, corners, placement};
+use crate::points::PosedMesh;
+use crate::scene::{Geometry, InstanceId, Motion, Scene, ScenePose};
+
+/// What happened to an instance from one moment to the next.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Stir {
+    /// Nothing: every bit is the same.
+    Still,
+    /// It moved as a rigid body, or came or went.
+    Moved(Swept),
+    /// Its local geometry changed too.
+    Deformed(Swept),
+    /// It left the body that the still ones share, for one of its own: both are others than before.
+    Left(Swept),
+}
+
+/// Where an instance was before and is now, as far as it was and is there.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Swept {
+    /// All of it.
+    pub(crate) bounds: Bounds,
+    /// The same in parts: every triangle, before and after, is in one of them.
+    pub(crate) parts: Vec<Bounds>,
+}
+
+impl Stir {
+    /// Where the world may have changed.
+    pub(crate) fn swept(&self) -> Option<&Swept> {
+        match self {
+            Self::Still => None,
+            Self::Moved(swept) | Self::Deformed(swept) | Self::Left(swept) => Some(swept),
+        }
+    }
+}
+
+/// An instance with a body of its own, and what it is made of now.
+#[derive(Clone, Debug)]
+pub(super) struct Mover {
+    pub(super) instance: usize,
+    pub(super) placement: Placement,
+    pub(super) visible: bool,
+    pub(super) bounds: Bounds,
+    pub(super) blas: Arc<Blas>,
+    /// World bounds of the nodes `cut` of the tree.
+    parts: Vec<Bounds>,
+    cut: Vec<u32>,
+    /// Geometry of a deforming instance and the work its tree took when it was built.
+    shape: Option<Shape>,
+}
+
+#[derive(Clone, Debug)]
+struct Shape {
+    geometry: Geometry,
+    spare: Geometry,
+    built_cost: f32,
+}
+
+/// Parts that a moving instance is cut into, to tell what it comes near.
+const PARTS: usize = 32;
+
+/// A refitted tree that costs this many times as much as when it was built is built anew.
+const WORN: f32 = 1.6;
+
+impl Mover {
+    /// An instance at a pose of its scene; `rest` is its mesh at rest, where it does not deform.
+    pub(super) fn posed(
+        scene: &Arc<Scene>,
+        pose: &ScenePose,
+        index: usize,
+        rest: Option<&Arc<Blas>>,
+    ) -> Self {
+        let instance = &scene.instances()[index];
+        let at = &pose.instances()[index];
+        let (blas, shape) = match rest {
+            Some(blas) if instance.motion() != Motion::Deforming => (Arc::clone(blas), None),
+            _ => {
+                let mut geometry = Geometry::default();
+                scene.local_geometry(InstanceId(index as u32), pose, &mut geometry);
+                let blas = build(&PosedMesh::posed(scene, scene.rest(instance), &geometry));
+                let built_cost = blas.cost();
+                (Arc::new(blas), Some(Shape { geometry, spare: Geometry::default(), built_cost }))
+            }
+        };
+        Self { shape, visible: at.visible(), ..Self::rigid(index, blas, placement(at.frame())) }
+    }
+
+    /// An instance that does not deform, in sight.
+    pub(super) fn rigid(instance: usize, blas: Arc<Blas>, placement: Placement) -> Self {
+        let bounds = Body::new(Arc::clone(&blas), placement).bounds();
+        let cut = blas.tree().cut(PARTS);
+        let parts = parts(&blas, &cut, &placement);
+        Self { instance, placement, visible: true, bounds, blas, parts, cut, shape: None }
+    }
+
+    /// Geometry of an instance that deforms, as of when it was last in sight.
+    pub(super) fn geometry(&self) -> Option<&Geometry> {
+        self.shape.as_ref().map(|shape| &shape.geometry)
+    }
+
+    /// Moves on to another pose.
+    pub(super) fn update(&mut self, scene: &Arc<Scene>, pose: &ScenePose) -> Stir {
+        let at = &pose.instances()[self.instance];
+        let now = placement(at.frame());
+        let was_visible = std::mem::replace(&mut self.visible, at.visible());
+        let moved = std::mem::replace(&mut self.placement, now) != now || was_visible != self.visible;
+        // Out of sight it keeps the geometry that it had: nothing asks for it, and its points are not kept up to date.
+        let (deformed, rebuilt) = if self.visible { self.deform(scene, pose) } else { (false, false) };
+        if !moved && !deformed {
+            return Stir::Still;
+        }
+        let bounds = Body::new(Arc::clone(&self.blas), now).bounds();
+        let parts = parts(&self.blas, &self.cut, &now);
+        let before =
+            (std::mem::replace(&mut self.bounds, bounds), std::mem::replace(&mut self.parts, parts.clone()));
+        let there = |visible: bool, (bounds, parts): (Bounds, Vec<Bounds>)| {
+            if visible { Swept { bounds, parts } } else { Swept { bounds: Bounds::EMPTY, parts: Vec::new() } }
+        };
+        let swept = there(was_visible, before).with(there(self.visible, (bounds, parts)), !rebuilt);
+        if deformed { Stir::Deformed(swept) } else { Stir::Moved(swept) }
+    }
+
+    /// Brings a deforming instance's geometry up to date; says whether any bit of it changed, and whether its tree is a
+    /// new one.
+    fn deform(&mut self, scene: &Arc<Scene>, pose: &ScenePose) -> (bool, bool) {
+        let Some(shape) = &mut self.shape else { return (false, false) };
+        scene.local_geometry(InstanceId(self.instance as u32), pose, &mut shape.spare);
+        if shape.spare == shape.geometry {
+            return (false, false);
+        }
+        std::mem::swap(&mut shape.spare, &mut shape.geometry);
+        let posed = PosedMesh::posed(scene, scene.rest(&scene.instances()[self.instance]), &shape.geometry);
+        let blas = Arc::make_mut(&mut self.blas);
+        blas.refit(&corners(&posed));
+        let worn = blas.cost() > WORN * shape.built_cost;
+        if worn {
+            *blas = build(&posed);
+            shape.built_cost = blas.cost();
+            self.cut = blas.tree().cut(PARTS);
+        }
+        (true, worn)
+    }
+}
+
+impl Swept {
+    /// Both together. `paired` says that the parts are those of the same triangles: then boxes that touch become one.
+    fn with(self, other: Self, paired: bool) -> Self {
+        let bounds = self.bounds.union(other.bounds);
+        if !paired || self.parts.len() != other.parts.len() {
+            return Self { bounds, parts: [self.parts, other.parts].concat() };
+        }
+        let mut parts = Vec::with_capacity(self.parts.len());
+        for (before, after) in self.parts.into_iter().zip(other.parts) {
+            if before.touches(&after) {
+                parts.push(before.union(after));
+            } else {
+                // It was put elsewhere: nothing happened in between.
+                parts.extend([before, after]);
+            }
+        }
+        Self { bounds, parts }
+    }
+}
+
+/// World bounds of some nodes of a body's tree.
+fn parts(blas: &Blas, cut: &[u32], at: &Placement) -> Vec<Bounds> {
+    let nodes = blas.tree().nodes();
+    cut.iter().map(|&node| nodes[node as usize].bounds.transformed(at.rotation, at.translation)).collect()
+}

@@ -1,0 +1,293 @@
+//! Edits: what clients changed of a scene, on top of its animation.
+
+use std::collections::BTreeMap;
+
+use glam::{DQuat, Vec3};
+use psao_proto::message::{Edit, EditAction};
+
+use super::instance::ScenePose;
+use super::limits::MAX_MAGNITUDE;
+use super::rigid::RigidFrame;
+
+/// Largest |length^2 - 1| of a rotation that passes: what the message itself allows.
+const UNIT_TOLERANCE: f32 = 1e-3;
+
+/// The edits in force, by instance; the newest counts.
+///
+/// ```
+/// use psao_proto::message::{Edit, EditAction};
+/// use psao_server_sim::scene::{Edits, Scene};
+///
+/// let scene = Scene::load("colonnade")?;
+/// let mut edits = Edits::new(scene.instances().len() as u32);
+/// let action = EditAction::Move { translation: [0.0, 9.0, 0.0], rotation: [0.0, 0.0, 0.0, 1.0] };
+/// assert!(edits.apply(&Edit { instance: 3, action })?);
+///
+/// let mut pose = scene.pose(1.5);
+/// pose.apply(&edits);
+/// assert_eq!(pose.instances()[3].frame().translation.y, 9.0);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Edits {
+    instances: u32,
+    /// None of them is [`Change::default`].
+    changes: BTreeMap<u32, Change>,
+}
+
+/// What is changed of an instance.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Change {
+    moved: Option<Moved>,
+    hidden: bool,
+}
+
+/// A frame as it was asked for: kept as it came, so that passing it on changes no bit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Moved {
+    translation: [f32; 3],
+    rotation: [f32; 4],
+}
+
+/// An edit that was refused; nothing has changed.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum EditError {
+    /// No such instance.
+    #[error("instance {instance} does not exist: the scene has {count}, counted from 0")]
+    Instance {
+        /// As given.
+        instance: u32,
+        /// How many there are.
+        count: u32,
+    },
+    /// A NaN or an infinity.
+    #[error("instance {instance}: its {what} is not finite")]
+    NotFinite {
+        /// Which instance.
+        instance: u32,
+        /// `translation` or `rotation`.
+        what: &'static str,
+    },
+    /// A rotation that is none.
+    #[error("instance {instance}: {rotation:?} is no unit quaternion: divide it by its length")]
+    Rotation {
+        /// Which instance.
+        instance: u32,
+        /// As given: x, y, z, w.
+        rotation: [f32; 4],
+    },
+    /// Farther out than any scene may reach, where single precision fails.
+    #[error("instance {instance}: {translation:?} is beyond {limit_m:e} m from the origin")]
+    TooFar {
+        /// Which instance.
+        instance: u32,
+        /// As given, metres.
+        translation: [f32; 3],
+        /// The limit on each axis, metres.
+        limit_m: f64,
+    },
+}
+
+impl Edits {
+    /// No edits of a scene of so many instances.
+    #[must_use]
+    pub fn new(instances: u32) -> Self {
+        Self { instances, changes: BTreeMap::new() }
+    }
+
+    /// Takes an edit in; says whether it changed anything.
+    ///
+    /// `Move` replaces the frame from the instance's local space to the world until `Release`; geometry that deforms
+    /// goes on deforming inside it. The rotation is made unit before it is used, in double precision. `Hide` keeps the
+    /// instance out of sight and of all occlusion until `Show`.
+    ///
+    /// # Errors
+    /// [`EditError`], and nothing has changed: no such instance, a pose that is not finite, a rotation whose squared
+    /// length is off 1 by more than 0.001, a translation beyond [`MAX_MAGNITUDE`] on an axis.
+    pub fn apply(&mut self, edit: &Edit) -> Result<bool, EditError> {
+        let instance = edit.instance;
+        if instance >= self.instances {
+            return Err(EditError::Instance { instance, count: self.instances });
+        }
+        let before = self.changes.get(&instance).copied().unwrap_or_default();
+        let after = match edit.action {
+            EditAction::Move { translation, rotation } => {
+                Change { moved: Some(Moved::new(instance, translation, rotation)?), ..before }
+            }
+            EditAction::Release => Change { moved: None, ..before },
+            EditAction::Show => Change { hidden: false, ..before },
+            EditAction::Hide => Change { hidden: true, ..before },
+        };
+        if after == Change::default() {
+            self.changes.remove(&instance);
+        } else {
+            self.changes.insert(instance, after);
+        }
+        Ok(after != before)
+    }
+
+    /// The fewest edits that make this out of a scene without any, by instance: for whoever joins late.
+    pub fn iter(&self) -> impl Iterator<Item = Edit> + '_ {
+        self.changes.iter().flat_map(|(&instance, change)| {
+            let moved = change
+                .moved
+                .map(|Moved { translation, rotation }| EditAction::Move { translation, rotation });
+            let hidden = change.hidden.then_some(EditAction::Hide);
+            moved.into_iter().chain(hidden).map(move |action| Edit { instance, action })
+        })
+    }
+
+    /// Whether the scene is as it came.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.changes.is_empty()
+    }
+}
+
+impl Moved {
+    fn new(instance: u32, translation: [f32; 3], rotation: [f32; 4]) -> Result<Self, EditError> {
+        let finite = |values: &[f32]| values.iter().all(|value| value.is_finite());
+        if !finite(&translation) {
+            return Err(EditError::NotFinite { instance, what: "translation" });
+        }
+        if !finite(&rotation) {
+            return Err(EditError::NotFinite { instance, what: "rotation" });
+        }
+        let length2: f32 = rotation.iter().map(|value| value * value).sum();
+        if (length2 - 1.0).abs() > UNIT_TOLERANCE {
+            return Err(EditError::Rotation { instance, rotation });
+        }
+        if translation.iter().any(|&axis| f64::from(axis).abs() > MAX_MAGNITUDE) {
+            return Err(EditError::TooFar { instance, translation, limit_m: MAX_MAGNITUDE });
+        }
+        Ok(Self { translation, rotation })
+    }
+
+    fn frame(&self) -> RigidFrame {
+        RigidFrame::unit(DQuat::from_array(self.rotation.map(f64::from)), Vec3::from(self.translation))
+    }
+}
+
+impl ScenePose {
+    /// Puts edits of the same scene on top of the animation. Call it once after every [`Scene::pose`] or
+    /// [`Scene::pose_into`], which start from the animation alone.
+    ///
+    /// [`Scene::pose`]: super::Scene::pose
+    /// [`Scene::pose_into`]: super::Scene::pose_into
+    pub fn apply(&mut self, edits: &Edits) {
+        for (&instance, change) in &edits.changes {
+            let Some(slot) = self.instances.get_mut(instance as usize) else { break };
+            if let Some(moved) = &change.moved {
+                slot.frame = moved.frame();
+            }
+            slot.visible &= !change.hidden;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::scene::Scene;
+
+    const TURN: [f32; 4] = [0.0, 0.6, 0.0, 0.8];
+
+    fn to(translation: [f32; 3]) -> EditAction {
+        EditAction::Move { translation, rotation: TURN }
+    }
+
+    #[test]
+    fn refused_edits_say_why_and_change_nothing() {
+        let mut edits = Edits::new(3);
+        edits.apply(&Edit { instance: 1, action: to([1.0, 2.0, 3.0]) }).unwrap();
+        let before = edits.clone();
+        let mut refuse = |instance, action| {
+            let error = edits.apply(&Edit { instance, action }).unwrap_err();
+            assert_eq!(edits, before);
+            error
+        };
+        let none = refuse(3, EditAction::Hide);
+        assert_eq!(none, EditError::Instance { instance: 3, count: 3 });
+        for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+            assert_eq!(
+                refuse(1, to([0.0, bad, 0.0])),
+                EditError::NotFinite { instance: 1, what: "translation" }
+            );
+            let action = EditAction::Move { translation: [0.0; 3], rotation: [0.0, 0.0, bad, 1.0] };
+            assert_eq!(refuse(1, action), EditError::NotFinite { instance: 1, what: "rotation" });
+        }
+        for far in [1e30, -1.1e9, f32::MAX] {
+            assert!(matches!(refuse(1, to([0.0, 0.0, far])), EditError::TooFar { .. }), "{far}");
+        }
+        for rotation in [[0.0; 4], [0.0, 0.0, 0.0, 1.1], [f32::MAX; 4]] {
+            let action = EditAction::Move { translation: [0.0; 3], rotation };
+            assert_eq!(refuse(1, action), EditError::Rotation { instance: 1, rotation });
+        }
+        assert!(edits.apply(&Edit { instance: 1, action: to([0.0, 0.0, -1e9]) }).unwrap());
+    }
+
+    #[test]
+    fn a_moved_walker_walks_on_elsewhere() {
+        let scene = Scene::load("colonnade").unwrap();
+        let walker =
+            scene.instances().iter().position(|i| i.motion() == crate::scene::Motion::Deforming).unwrap();
+        let mut edits = Edits::new(scene.instances().len() as u32);
+        let instance = walker as u32;
+        edits.apply(&Edit { instance, action: to([5.0, 6.0, 7.0]) }).unwrap();
+        let mut pose = scene.pose(0.4);
+        pose.apply(&edits);
+        let (at, plain) = (&pose.instances()[walker], scene.pose(0.4));
+        assert_eq!((at.frame().translation, at.visible()), (Vec3::new(5.0, 6.0, 7.0), true));
+        assert!((at.frame().vector(Vec3::X) - Vec3::new(0.28, 0.0, -0.96)).length() < 1e-6);
+        assert_eq!(at.deform(), plain.instances()[walker].deform());
+        edits.apply(&Edit { instance, action: EditAction::Hide }).unwrap();
+        edits.apply(&Edit { instance, action: EditAction::Release }).unwrap();
+        scene.pose_into(0.4, &mut pose);
+        assert_eq!(pose, plain, "posing starts from the animation");
+        pose.apply(&edits);
+        assert!(!pose.instances()[walker].visible());
+        assert_eq!(pose.instances()[walker].frame(), plain.instances()[walker].frame());
+    }
+
+    fn action() -> impl Strategy<Value = EditAction> {
+        prop_oneof![
+            (0_u8..3).prop_map(|x| to([f32::from(x), 0.0, 0.0])),
+            Just(EditAction::Release),
+            Just(EditAction::Show),
+            Just(EditAction::Hide),
+        ]
+    }
+
+    proptest! {
+        #[test]
+        fn the_newest_wins_and_the_list_rebuilds_the_state(
+            list in prop::collection::vec((0_u32..4, action()), 0..40),
+        ) {
+            let mut edits = Edits::new(4);
+            // The slow, obvious twin: the last word on pose and on sight.
+            let mut plain = [(None, false); 4];
+            for (instance, action) in list {
+                let slot = &mut plain[instance as usize];
+                let before = *slot;
+                match action {
+                    EditAction::Move { translation, .. } => slot.0 = Some(translation),
+                    EditAction::Release => slot.0 = None,
+                    EditAction::Show => slot.1 = false,
+                    EditAction::Hide => slot.1 = true,
+                }
+                prop_assert_eq!(edits.apply(&Edit { instance, action }), Ok(*slot != before));
+            }
+            let words: usize = plain.iter().map(|(moved, hidden)| usize::from(moved.is_some()) + usize::from(*hidden)).sum();
+            prop_assert_eq!(edits.iter().count(), words);
+            prop_assert_eq!(edits.is_empty(), words == 0);
+            let mut again = Edits::new(4);
+            for edit in edits.iter() {
+                prop_assert_eq!(again.apply(&edit), Ok(true));
+            }
+            prop_assert_eq!(again, edits);
+        }
+    }
+}

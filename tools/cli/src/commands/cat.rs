@@ -1,0 +1,54 @@
+//! `psao cat`: recordings one after the other.
+
+use std::path::PathBuf;
+
+use psao_proto::Limits;
+use psao_proto::recording::Concatenation;
+
+use super::recover::{ended, refused};
+use crate::analysis::load;
+use crate::args::OutputArg;
+use crate::context::say;
+use crate::error::Outcome;
+use crate::output::number;
+use crate::recorder::WholeFile;
+
+/// Join recordings, one after the other
+///
+/// Frames keep their own numbers and times; arrival times go on after the last. A scene table is repeated only where it
+/// differs. Exit code 4: damage was left out.
+#[derive(clap::Args, Debug)]
+pub(crate) struct Args {
+    /// Recordings made by `psao record`, in order
+    #[arg(value_name = "FILE", required = true)]
+    files: Vec<PathBuf>,
+    #[command(flatten)]
+    output: OutputArg,
+}
+
+pub(crate) fn run(args: &Args) -> Outcome {
+    let mut out = WholeFile::create(&args.output.output, &args.files)?;
+    let mut length = 0;
+    let put = |bytes: &[u8]| {
+        length += bytes.len() as u64;
+        out.put(bytes)
+    };
+    let target = args.output.output.as_path();
+    let mut all = Concatenation::new(Limits::default(), put).map_err(|error| refused(target, error))?;
+    let mut parts = Vec::new();
+    for path in &args.files {
+        // One at a time: only the one being read is in memory.
+        let bytes = load(path)?;
+        parts.push((path.as_path(), all.add(&bytes).map_err(|error| refused(path, error))?));
+    }
+    all.finish().map_err(|error| refused(target, error))?;
+    out.finish()?;
+    say(format_args!(
+        "wrote {}: {} frames of {} recordings, {}",
+        target.display(),
+        parts.iter().map(|(_, part)| part.frames).sum::<u64>(),
+        parts.len(),
+        number::bytes(length)
+    ))?;
+    ended(&parts)
+}

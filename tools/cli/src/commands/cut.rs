@@ -1,0 +1,84 @@
+//! `psao cut`: a piece of a recording that stands alone.
+
+use psao_proto::recording::{Bounds, cut};
+use psao_proto::{FrameIndex, Limits, StreamTime};
+
+use super::recover::{ended, refused};
+use crate::analysis::load;
+use crate::args::{OutputArg, RecordingArg};
+use crate::context::say;
+use crate::error::{Failure, Outcome};
+use crate::output::number;
+use crate::recorder::WholeFile;
+
+/// Cut a piece out of a recording: it stands alone and plays to the same hashes
+///
+/// The piece starts with the scene table, the edits that hold, and a keyframe of the state at its first frame; the frames
+/// after it are as they were, byte for byte. Exit code 4: damage in the range was left out.
+#[derive(clap::Args, Debug)]
+#[command(group(clap::ArgGroup::new("range").required(true).multiple(true)))]
+pub(crate) struct Args {
+    #[command(flatten)]
+    recording: RecordingArg,
+    /// From this time of the stream on, in seconds
+    #[arg(long, value_name = "T", group = "range", conflicts_with_all = ["from_frame", "to_frame"])]
+    from: Option<f64>,
+    /// Up to this time of the stream, in seconds, itself included
+    #[arg(long, value_name = "T", group = "range", conflicts_with_all = ["from_frame", "to_frame"])]
+    to: Option<f64>,
+    /// From this frame on
+    #[arg(long, value_name = "N", group = "range")]
+    from_frame: Option<u32>,
+    /// Up to this frame, itself included
+    #[arg(long, value_name = "N", group = "range")]
+    to_frame: Option<u32>,
+    #[command(flatten)]
+    output: OutputArg,
+}
+
+pub(crate) fn run(args: &Args) -> Outcome {
+    let bounds = bounds(args)?;
+    let path = &args.recording.file;
+    let bytes = load(path)?;
+    let mut out = WholeFile::create(&args.output.output, std::slice::from_ref(path))?;
+    let mut length = 0;
+    let put = |bytes: &[u8]| {
+        length += bytes.len() as u64;
+        out.put(bytes)
+    };
+    let done = cut(&bytes, &bounds, Limits::default(), put).map_err(|error| refused(path, error))?;
+    out.finish()?;
+    say(format_args!(
+        "wrote {}: {} frames, {}",
+        args.output.output.display(),
+        done.frames,
+        number::bytes(length)
+    ))?;
+    ended(&[(path.as_path(), done)])
+}
+
+fn bounds(args: &Args) -> Outcome<Bounds> {
+    if args.from_frame.is_some() || args.to_frame.is_some() {
+        let (from, to) = (args.from_frame.unwrap_or(0), args.to_frame.unwrap_or(u32::MAX));
+        if from > to {
+            return Err(Failure::usage(format_args!(
+                "the range is empty: --to-frame {to} is before --from-frame {from}"
+            )));
+        }
+        return Ok(Bounds::Frames(FrameIndex(from), FrameIndex(to)));
+    }
+    let from = args.from.map_or(Ok(StreamTime(0)), |from| stream_time("--from", from))?;
+    let to = args.to.map_or(Ok(StreamTime(u64::MAX)), |to| stream_time("--to", to))?;
+    if from > to {
+        return Err(Failure::usage("the range is empty: --to is before --from"));
+    }
+    Ok(Bounds::Time(from, to))
+}
+
+/// Seconds as they are typed.
+pub(crate) fn stream_time(name: &str, seconds: f64) -> Outcome<StreamTime> {
+    if !(seconds.is_finite() && seconds >= 0.0) {
+        return Err(Failure::usage(format_args!("{name} {seconds} is not a time in seconds, 0 or later")));
+    }
+    Ok(StreamTime((seconds * 1e6).round() as u64))
+}

@@ -1,0 +1,338 @@
+//! `psao netlab`: a stream over bad networks, in virtual time.
+
+use std::path::PathBuf;
+
+use clap::ValueEnum;
+use psao_netlab::{
+    ClientPlan, Conditions, Fault, Lab, LabError, Mode, RecordingSource, Report, SampleSource, Settings,
+    Source,
+};
+use psao_proto::Micros;
+use serde::Serialize;
+
+use crate::analysis::load;
+use crate::args::ProfileArg;
+use crate::context::{progress, say};
+use crate::error::{Exit, Failure, Outcome};
+use crate::output::{number, table::Figures};
+use crate::quantity::{During, Rate, Share, Span};
+
+/// A stream over bad networks: what clients get, how late, and that none of it is wrong
+///
+/// Plays a recording, or a built-in sample of a few points, to clients over a network in virtual time: minutes pass in
+/// moments, and the same seed gives the same run. Lists (0,1,5%) run one row for each. Every applied frame's state is
+/// compared with the source's; exit code 6 when one differs.
+#[derive(clap::Args, Debug)]
+pub(crate) struct Args {
+    /// A recording made by `psao record`; the built-in sample without one
+    #[arg(value_name = "FILE")]
+    file: Option<PathBuf>,
+    /// Profile of the built-in sample
+    #[arg(long, value_enum, default_value_t = ProfileArg::Surface, conflicts_with = "file")]
+    profile: ProfileArg,
+    /// Clients, each behind such a network of its own
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=256))]
+    clients: u32,
+    /// How updates go: over the connection, or as datagrams
+    #[arg(long, value_enum, value_delimiter = ',', default_values_t = [ModeArg::Stream, ModeArg::Datagram])]
+    mode: Vec<ModeArg>,
+    /// Packets lost, each way
+    #[arg(long, value_name = "SHARE,..", value_delimiter = ',', default_value = "0")]
+    loss: Vec<Share>,
+    /// Packets that come twice
+    #[arg(long, value_name = "SHARE", default_value = "0")]
+    duplicate: Share,
+    /// Packets held back by up to 50 ms, so that later ones overtake them
+    #[arg(long, value_name = "SHARE", default_value = "0")]
+    reorder: Share,
+    /// Time that packets are on the way, each way
+    #[arg(long, value_name = "TIME,..", value_delimiter = ',', default_value = "20ms")]
+    delay: Vec<Span>,
+    /// Time beyond that, drawn for each packet, at most
+    #[arg(long, value_name = "TIME", default_value = "0")]
+    jitter: Span,
+    /// What leaves a second, each way: 2mbit, none
+    #[arg(long, value_name = "RATE,..", value_delimiter = ',', default_value = "none")]
+    rate: Vec<Rate>,
+    /// Bytes that may wait to leave
+    #[arg(long, value_name = "BYTES", default_value_t = Conditions::default().queue_bytes)]
+    queue: u32,
+    /// Most bytes of a packet
+    #[arg(long, value_name = "BYTES", default_value_t = Conditions::default().mtu)]
+    mtu: u16,
+    /// Nothing moves for so long from then on: 3s@10s; may be given more than once
+    #[arg(long, value_name = "TIME@TIME")]
+    stall: Vec<During>,
+    /// All is lost for so long from then on; may be given more than once
+    #[arg(long, value_name = "TIME@TIME")]
+    blackhole: Vec<During>,
+    /// The connection breaks then; may be given more than once
+    #[arg(long, value_name = "TIME")]
+    reset: Vec<Span>,
+    /// Time after which a client whose connection broke connects again
+    #[arg(long, value_name = "TIME", default_value = "1s")]
+    reconnect: Span,
+    /// Seed of all chance: same seed, same run
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    seed: u64,
+    /// Seconds of virtual time; all of a recording and two seconds, or 20, unless given
+    #[arg(long, value_name = "T", value_parser = clap::value_parser!(u64).range(1..=86_400))]
+    seconds: Option<u64>,
+    /// Frames a second; the stream's own unless given
+    #[arg(long, value_name = "F")]
+    fps: Option<f64>,
+    /// How to print
+    #[arg(long, value_enum, default_value_t = Printed::Table)]
+    format: Printed,
+}
+
+/// `--mode`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum ModeArg {
+    /// Over the connection, reliable and in order
+    Stream,
+    /// As datagrams, for which nothing waits
+    Datagram,
+}
+
+impl From<ModeArg> for Mode {
+    fn from(mode: ModeArg) -> Self {
+        match mode {
+            ModeArg::Stream => Self::Stream,
+            ModeArg::Datagram => Self::Datagram,
+        }
+    }
+}
+
+/// `--format`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Printed {
+    /// For people
+    Table,
+    /// For programs; docs/netlab-json.md
+    Json,
+}
+
+/// All that was run.
+#[derive(Serialize)]
+struct Document {
+    schema: &'static str,
+    source: String,
+    seed: u64,
+    period_us: u64,
+    rows: Vec<Row>,
+}
+
+/// One run.
+#[derive(Serialize)]
+struct Row {
+    mode: Mode,
+    conditions: Conditions,
+    faults: Vec<Fault>,
+    reconnect_us: u64,
+    report: Report,
+}
+
+pub(crate) fn run(args: &Args) -> Outcome {
+    let plans = plans(args);
+    let file = args.file.as_deref().map(load).transpose()?;
+    let bar = progress("running", plans.len() as u64);
+    let mut document = Document {
+        schema: "psao-netlab/1",
+        source: String::new(),
+        seed: args.seed,
+        period_us: 0,
+        rows: Vec::new(),
+    };
+    let mut left_out = 0;
+    for plan in plans {
+        let report = match &file {
+            Some(bytes) => {
+                let source = RecordingSource::new(bytes).map_err(|error| refused(args, error))?;
+                let (lab, report) = play(args, source, &plan, &mut document)?;
+                left_out = lab.source().left_out();
+                report
+            }
+            None => {
+                let source = SampleSource::new(args.profile.into()).map_err(|error| refused(args, error))?;
+                play(args, source, &plan, &mut document)?.1
+            }
+        };
+        let ClientPlan { mode, down: conditions, faults, reconnect: Micros(reconnect_us), .. } = plan;
+        document.rows.push(Row { mode, conditions, faults, reconnect_us, report });
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    match args.format {
+        Printed::Table => table(args, &document)?,
+        Printed::Json => say(serde_json::to_string_pretty(&document)
+            .map_err(|error| Failure::new(Exit::System, format_args!("cannot write JSON: {error}")))?)?,
+    }
+    let wrong: u64 = document.rows.iter().map(|row| row.report.wrong_hashes).sum();
+    if wrong > 0 {
+        return Err(Failure::new(
+            Exit::Check,
+            format_args!("{wrong} applied frame(s) had another state than the source's"),
+        ));
+    }
+    if left_out > 0 {
+        return Err(Failure::new(
+            Exit::DataLoss,
+            format_args!("{left_out} damaged place(s) or frame(s) left out; `psao verify` lists them"),
+        ));
+    }
+    Ok(())
+}
+
+/// A plan for every row: all combinations of what was given as a list.
+fn plans(args: &Args) -> Vec<ClientPlan> {
+    let during = |kind: fn(u64, u64) -> Fault| move |span: &During| kind(span.from.0, span.to.0);
+    let stalls = args.stall.iter().map(during(|from, to| Fault::Stall { from, to }));
+    let blackholes = args.blackhole.iter().map(during(|from, to| Fault::Blackhole { from, to }));
+    let resets = args.reset.iter().map(|Span(Micros(at))| Fault::Reset { at: *at });
+    let faults: Vec<Fault> = stalls.chain(blackholes).chain(resets).collect();
+    let mut plans = Vec::new();
+    for Rate(rate) in &args.rate {
+        for Span(delay) in &args.delay {
+            for Share(loss) in &args.loss {
+                let conditions = Conditions {
+                    loss: *loss,
+                    duplicate: args.duplicate.0,
+                    reorder: args.reorder.0,
+                    delay: delay.0,
+                    jitter: args.jitter.0.0,
+                    rate: *rate,
+                    queue_bytes: args.queue,
+                    mtu: args.mtu,
+                };
+                plans.extend(args.mode.iter().map(|mode| ClientPlan {
+                    faults: faults.clone(),
+                    reconnect: args.reconnect.0,
+                    ..ClientPlan::symmetric((*mode).into(), conditions)
+                }));
+            }
+        }
+    }
+    plans
+}
+
+/// Runs one row to its end.
+fn play<S: Source>(
+    args: &Args,
+    source: S,
+    plan: &ClientPlan,
+    document: &mut Document,
+) -> Outcome<(Lab<S>, Report)> {
+    let info = source.scene().info();
+    let fps = args.fps.unwrap_or(f64::from(info.fps));
+    if !(0.1..=10_000.0).contains(&fps) {
+        return Err(Failure::usage(format_args!("--fps {fps} is not between 0.1 and 10000")));
+    }
+    let period = Micros((1e6 / fps).round() as u64);
+    (document.source, document.period_us) = (info.name.to_string(), period.0);
+    let settings = Settings { seed: args.seed, period };
+    let plans = vec![plan.clone(); args.clients as usize];
+    let mut lab = Lab::new(source, settings, plans).map_err(|error| refused(args, error))?;
+    let go = |lab: &mut Lab<S>, end| lab.run_until(end).map_err(|error| refused(args, error));
+    match (args.seconds, &args.file) {
+        (None, Some(_)) => {
+            while !lab.has_ended() {
+                let next = lab.now().plus(period);
+                go(&mut lab, next)?;
+            }
+            let settled = lab.now().plus(Micros::from_secs(2));
+            go(&mut lab, settled)?;
+        }
+        (seconds, _) => go(&mut lab, Micros::from_secs(seconds.unwrap_or(20)))?,
+    }
+    let report = lab.report();
+    Ok((lab, report))
+}
+
+fn refused(args: &Args, error: LabError) -> Failure {
+    match (error, &args.file) {
+        (LabError::Conditions(error), _) => Failure::usage(error),
+        (error, Some(path)) => Failure::input(format_args!("{}: {error}", path.display())),
+        (error, None) => Failure::new(Exit::System, error),
+    }
+}
+
+fn table(args: &Args, document: &Document) -> Outcome {
+    let heads = [
+        "mode",
+        "loss",
+        "delay",
+        "rate",
+        "applied",
+        "first ms",
+        "p50 ms",
+        "p95 ms",
+        "p99 ms",
+        "max ms",
+        "gap ms",
+        "recovery ms",
+        "Mbit/s",
+        "keyframes",
+        "patches",
+        "lags",
+        "requests",
+        "reconnects",
+        "wrong",
+    ];
+    let mut table = Figures::new(heads);
+    let millis = |micros: u64| format!("{:.0}", micros as f64 / 1e3);
+    for Row { mode, conditions, report, .. } in &document.rows {
+        let clients = &report.clients;
+        let sum = |count: fn(&psao_netlab::ClientReport) -> u64| clients.iter().map(count).sum::<u64>();
+        let most = |count: fn(&psao_netlab::ClientReport) -> u64| {
+            clients.iter().map(count).max().unwrap_or_default()
+        };
+        let down = sum(|client| client.down.bytes) / clients.len().max(1) as u64;
+        let seconds = f64::from(report.frames) * document.period_us as f64 / 1e6;
+        let recovery =
+            match (sum(|client| client.unrecovered), most(|client| client.recoveries_us.len() as u64)) {
+                (0, 0) => "-".to_owned(),
+                (0, _) => {
+                    millis(most(|client| client.recoveries_us.iter().copied().max().unwrap_or_default()))
+                }
+                _ => "never".to_owned(),
+            };
+        let first =
+            clients.iter().map(|client| client.first_frame_us).max_by_key(|first| first.unwrap_or(u64::MAX));
+        let staleness = report.staleness;
+        table.row([
+            match mode {
+                Mode::Stream => "stream".to_owned(),
+                Mode::Datagram => "datagram".to_owned(),
+            },
+            Share(conditions.loss).to_string(),
+            millis(conditions.delay),
+            Rate(conditions.rate).to_string(),
+            format!(
+                "{}/{}",
+                number::count(report.applied),
+                number::count(u64::from(report.frames) * clients.len() as u64)
+            ),
+            first.flatten().map_or_else(|| "never".to_owned(), millis),
+            millis(staleness.p50_us),
+            millis(staleness.p95_us),
+            millis(staleness.p99_us),
+            millis(staleness.max_us),
+            millis(most(|client| client.longest_gap_us)),
+            recovery,
+            format!("{:.3}", number::megabits(down, seconds)),
+            number::count(sum(|client| client.keyframes)),
+            number::count(sum(|client| client.patches)),
+            number::count(sum(|client| client.lags)),
+            number::count(sum(|client| client.requests)),
+            number::count(sum(|client| client.reconnects)),
+            report.wrong_hashes.to_string(),
+        ]);
+    }
+    say(table)?;
+    let frames = document.rows.first().map_or(0, |row| row.report.frames);
+    say(format_args!(
+        "{}: {frames} frames, {} client(s) a row, seed {}; p50 to max: age of what a client shows; times are the worst client's",
+        document.source, args.clients, document.seed
+    ))
+}

@@ -1,0 +1,88 @@
+//! `psao recover`: what is whole of a damaged recording.
+
+use std::path::Path;
+
+use psao_proto::Limits;
+use psao_proto::recording::{RewriteError, Rewritten, recover};
+
+use crate::analysis::load;
+use crate::args::{OutputArg, RecordingArg};
+use crate::context::say;
+use crate::error::{Exit, Failure, Outcome};
+use crate::output::number;
+use crate::recorder::WholeFile;
+
+/// Copy what is whole of a recording, and make its index anew
+///
+/// Damage is dropped, and with it the frames that build on what is lost, so that the copy plays without a fault; where
+/// something is missing, a mark says so. What was lost is listed. Exit code 0: nothing was; 4: something was.
+#[derive(clap::Args, Debug)]
+pub(crate) struct Args {
+    #[command(flatten)]
+    recording: RecordingArg,
+    /// Keep whole frames too that cannot be applied because of damage before them
+    #[arg(long)]
+    keep_all: bool,
+    #[command(flatten)]
+    output: OutputArg,
+}
+
+pub(crate) fn run(args: &Args) -> Outcome {
+    let path = &args.recording.file;
+    let bytes = load(path)?;
+    let mut out = WholeFile::create(&args.output.output, std::slice::from_ref(path))?;
+    let mut length = 0;
+    let put = |bytes: &[u8]| {
+        length += bytes.len() as u64;
+        out.put(bytes)
+    };
+    let done =
+        recover(&bytes, args.keep_all, Limits::default(), put).map_err(|error| refused(path, error))?;
+    out.finish()?;
+    say(format_args!(
+        "wrote {}: {} frames, {}",
+        args.output.output.display(),
+        done.frames,
+        number::bytes(length)
+    ))?;
+    ended(&[(path.as_path(), done)])
+}
+
+/// Why a recording could not be made of this one.
+pub(crate) fn refused(path: &Path, error: RewriteError<Failure>) -> Failure {
+    let exit = match error {
+        RewriteError::Put(failure) => return failure,
+        RewriteError::Reader(_) | RewriteError::Range(_) => Exit::Input,
+        _ => Exit::System,
+    };
+    Failure::new(exit, format_args!("{}: {error}", path.display()))
+}
+
+/// Most places that are listed for a recording.
+const LISTED: usize = 20;
+
+/// Says what of the recordings is lost; exit code 4 if anything is.
+pub(crate) fn ended(parts: &[(&Path, Rewritten)]) -> Outcome {
+    let (mut frames, mut bytes, mut places) = (0, 0, 0);
+    for (path, part) in parts {
+        for loss in part.losses.iter().take(LISTED) {
+            eprintln!("psao: {}: {loss}", path.display());
+        }
+        if part.losses.len() > LISTED {
+            eprintln!("psao: {}: and {} places more", path.display(), part.losses.len() - LISTED);
+        }
+        frames += part.lost_frames;
+        bytes += part.lost_bytes;
+        places += part.losses.len();
+    }
+    if places == 0 && frames == 0 {
+        return Ok(());
+    }
+    Err(Failure::new(
+        Exit::DataLoss,
+        format_args!(
+            "left out {} at {places} place(s), {frames} frame(s) as far as known",
+            number::bytes(bytes)
+        ),
+    ))
+}

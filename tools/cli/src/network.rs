@@ -1,0 +1,193 @@
+//! Listening and connecting: addresses, certificates, tokens.
+
+use std::fmt::Display;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use psao_proto::Limits;
+use psao_proto::message::Token;
+use psao_proto::net::{
+    Address, ClientTls, ConnectOptions, Connection, Exposure, Hub, HubEvent, ListenOptions, Listener,
+    NetError, ServerTls, connect,
+};
+use psao_proto::session::{Access, ClientOptions};
+
+use crate::error::{Exit, Failure, Outcome};
+
+/// Where a server listens unless told otherwise.
+const DEFAULT_ADDRESS: &str = "127.0.0.1:4700";
+/// The variable that holds a token, for those who give no file.
+const TOKEN_VARIABLE: &str = "PSAO_TOKEN";
+
+/// Where a server listens, and whom it takes.
+#[derive(Args, Clone, Debug)]
+pub(crate) struct ListenArgs {
+    /// Serve at this address: host:port, tls:host:port or unix:PATH; port 0 lets the system choose (`psao serve`:
+    /// 127.0.0.1:4700 unless given)
+    #[arg(long, value_name = "ADDR")]
+    pub(crate) listen: Option<Address>,
+    /// The server's certificate, for a tls: address (`psao keys` makes a set to try)
+    #[arg(long, value_name = "PEM", requires = "key")]
+    cert: Option<PathBuf>,
+    /// The private key of --cert
+    #[arg(long, value_name = "PEM", requires = "cert")]
+    key: Option<PathBuf>,
+    /// Take only clients that show a certificate which this authority has signed
+    #[arg(long, value_name = "PEM", requires = "cert")]
+    client_ca: Option<PathBuf>,
+    #[command(flatten)]
+    token: TokenArgs,
+    /// Serve whoever comes, also at an address that other machines can reach without TLS or a credential
+    #[arg(long)]
+    open_to_everyone: bool,
+}
+
+/// How a client shows who it is, and knows the server.
+#[derive(Args, Clone, Debug)]
+pub(crate) struct ConnectArgs {
+    /// Trust servers whose certificate this authority has signed; a tls: address needs it
+    #[arg(long, value_name = "PEM")]
+    ca: Option<PathBuf>,
+    /// The certificate to show to a server that asks for one
+    #[arg(long, value_name = "PEM", requires_all = ["key", "ca"])]
+    cert: Option<PathBuf>,
+    /// The private key of --cert
+    #[arg(long, value_name = "PEM", requires = "cert")]
+    key: Option<PathBuf>,
+    #[command(flatten)]
+    token: TokenArgs,
+    /// Send the token also to another machine without TLS, for everyone on the way to read
+    #[arg(long)]
+    token_in_clear: bool,
+}
+
+/// The secret that server and clients share.
+#[derive(Args, Clone, Debug)]
+struct TokenArgs {
+    /// File with the token that server and clients share; without it `PSAO_TOKEN` is taken from the environment
+    #[arg(long, value_name = "FILE")]
+    token_file: Option<PathBuf>,
+}
+
+impl ListenArgs {
+    /// Who may join: known before there is a hub.
+    pub(crate) fn access(&self) -> Outcome<Access> {
+        Ok(self.token.read()?.map_or(Access::Open, Access::Token))
+    }
+
+    /// Listens for clients of `hub` at the address, or at the default one, and serves them in the background. Gives the
+    /// address with the port that was chosen.
+    pub(crate) async fn serve(&self, hub: &Hub) -> Outcome<Address> {
+        let address = match &self.listen {
+            Some(address) => address.clone(),
+            None => DEFAULT_ADDRESS.parse().map_err(Failure::usage)?,
+        };
+        let mut options = ListenOptions::default();
+        if let (Some(cert), Some(key)) = (&self.cert, &self.key) {
+            let (cert, key) = (read(cert)?, read_secret(key)?);
+            let authority = self.client_ca.as_deref().map(read).transpose()?;
+            let tls = ServerTls::from_pem(&cert, &key, authority.as_deref()).map_err(Failure::input)?;
+            options = options.tls(tls);
+        }
+        if self.open_to_everyone {
+            options = options.exposure(Exposure::OpenToEveryone);
+        }
+        let listener = Listener::bind(hub, &address, &options).await.map_err(refused)?;
+        let bound = listener.address().clone();
+        tokio::spawn(listener.run());
+        Ok(bound)
+    }
+}
+
+impl ConnectArgs {
+    /// Connects to a server. What `session` says is kept, but for the token.
+    pub(crate) async fn connect(&self, address: &Address, session: ClientOptions) -> Outcome<Connection> {
+        let session = ClientOptions { token: self.token.read()?, ..session };
+        let mut options = ConnectOptions::default().session(session).token_in_clear(self.token_in_clear);
+        if let Some(ca) = &self.ca {
+            let ca = read(ca)?;
+            let identity = match (&self.cert, &self.key) {
+                (Some(cert), Some(key)) => Some((read(cert)?, read_secret(key)?)),
+                _ => None,
+            };
+            let identity = identity.as_ref().map(|(cert, key)| (&cert[..], &key[..]));
+            options = options.tls(ClientTls::from_pem(&ca, identity).map_err(Failure::input)?);
+        }
+        connect(address, &options, Limits::default()).await.map_err(refused)
+    }
+}
+
+impl TokenArgs {
+    fn read(&self) -> Outcome<Option<Token>> {
+        let (secret, place) = match (&self.token_file, std::env::var_os(TOKEN_VARIABLE)) {
+            (Some(path), _) => (read_secret(path)?, path.display().to_string()),
+            (None, Some(value)) => (value.into_encoded_bytes(), TOKEN_VARIABLE.to_owned()),
+            (None, None) => return Ok(None),
+        };
+        // Editors and `echo` end the line.
+        let secret =
+            secret.strip_suffix(b"\n").map_or(&secret[..], |line| line.strip_suffix(b"\r").unwrap_or(line));
+        Token::new(secret).map(Some).map_err(|error| Failure::input(format_args!("{place}: {error}")))
+    }
+}
+
+/// A network failure.
+pub(crate) fn peer(error: impl Display) -> Failure {
+    Failure::new(Exit::Peer, error)
+}
+
+/// What could not be listened at or connected to, with the options that change that.
+fn refused(error: NetError) -> Failure {
+    let options = match &error {
+        NetError::Exposed { .. } => "--cert, --key and --client-ca or --token-file; --open-to-everyone",
+        NetError::TlsNeeds { .. } => "--cert and --key at a server, --ca at a client",
+        NetError::TlsUnused { .. } => "--cert, --key, --ca",
+        NetError::TokenInClear { .. } => "--token-file or PSAO_TOKEN; --token-in-clear",
+        _ => return peer(error),
+    };
+    Failure::usage(format_args!("{error} ({options})"))
+}
+
+fn read(path: &Path) -> Outcome<Vec<u8>> {
+    std::fs::read(path).map_err(|error| Failure::reading(path, &error))
+}
+
+/// Reads a file that is nobody else's business, and says so when others can read it.
+fn read_secret(path: &Path) -> Outcome<Vec<u8>> {
+    #[cfg(unix)]
+    if let Ok(metadata) = std::fs::metadata(path) {
+        use std::os::unix::fs::PermissionsExt as _;
+        if metadata.permissions().mode() & 0o044 != 0 {
+            eprintln!("psao: warning: others can read the secret in {0}: chmod 600 {0}", path.display());
+        }
+    }
+    read(path)
+}
+
+/// Says on standard error who came and went, and what could not be served. Edits are not for here.
+pub(crate) fn tell(event: &HubEvent) {
+    match event {
+        HubEvent::Joined { peer, name, .. } => eprintln!("{peer} joined: {name}"),
+        HubEvent::Left { peer, error: None, .. } => eprintln!("{peer} left"),
+        HubEvent::Left { peer, error: Some(error), .. } => eprintln!("{peer} left: {error}"),
+        HubEvent::AcceptFailed { what } => eprintln!("psao: cannot accept connections for now: {what}"),
+        HubEvent::Dropped { connections } => {
+            eprintln!("psao: {connections} more connection(s) dropped: too many at once");
+        }
+        HubEvent::Missed { events } => eprintln!("psao: {events} earlier message(s) about clients left out"),
+        HubEvent::Edit { .. } => {}
+    }
+}
+
+/// Waits for Ctrl-C or the system's wish to stop.
+pub(crate) async fn stop() {
+    #[cfg(unix)]
+    if let Ok(mut terminate) = tokio::signal::unix::signal(tokio::signal::unix::SignalKind::terminate()) {
+        tokio::select! {
+            _ = tokio::signal::ctrl_c() => {}
+            _ = terminate.recv() => {}
+        }
+        return;
+    }
+    let _ = tokio::signal::ctrl_c().await;
+}

@@ -1,0 +1,143 @@
+//! One connection: both ends of it, and the network between them.
+
+use std::sync::Arc;
+
+use psao_proto::session::{Access, ClientEvent, ClientOptions, ClientSession, ServerSession, SessionError};
+use psao_proto::{Limits, Micros, SceneTable};
+
+use crate::chance::Chance;
+use crate::conditions::Schedule;
+use crate::line::{Line, Traffic};
+use crate::plan::{ClientPlan, Mode};
+use crate::way::Way;
+
+/// A connection that is open.
+#[derive(Debug)]
+pub(crate) struct Connection {
+    pub(crate) server: ServerSession,
+    pub(crate) client: ClientSession,
+    down: Way,
+    up: Way,
+}
+
+impl Connection {
+    /// Opens at `now`. `name` tells its chance apart from that of all others.
+    pub(crate) fn new(
+        scene: &Arc<SceneTable>,
+        plan: &ClientPlan,
+        schedule: &Arc<Schedule>,
+        (seed, name): (u64, [u32; 2]),
+        now: Micros,
+    ) -> Result<Self, SessionError> {
+        let way = |there, back: Micros, number: u32| {
+            let [client, connection] = name;
+            let chance = Chance::new(seed, &[client, connection, number]);
+            Way::new(Line::new(there, Arc::clone(schedule), chance), back)
+        };
+        let datagrams = match plan.mode {
+            Mode::Stream => None,
+            Mode::Datagram => Some(plan.down.mtu),
+        };
+        let options = ClientOptions { datagrams, ..ClientOptions::default() };
+        let mut connection = Self {
+            server: ServerSession::new(scene.clone(), Access::Open, plan.limits),
+            client: ClientSession::with(Limits::default(), options),
+            down: way(plan.down, plan.up.longest_delay(), 0),
+            up: way(plan.up, plan.down.longest_delay(), 1),
+        };
+        connection.server.tick(now)?;
+        connection.client.tick(now)?;
+        Ok(connection)
+    }
+
+    /// When something happens next.
+    pub(crate) fn next(&self) -> Option<Micros> {
+        let ends = [self.server.next_deadline(), self.client.next_deadline()];
+        [self.down.next(), self.up.next()].into_iter().chain(ends).flatten().min()
+    }
+
+    /// Lets everything happen that happens now; `heard` is told what the client met.
+    ///
+    /// # Errors
+    /// What either end ended the session with.
+    pub(crate) fn pump(
+        &mut self,
+        now: Micros,
+        heard: &mut dyn FnMut(&ClientSession, &[ClientEvent]),
+    ) -> Result<(), SessionError> {
+        let due = |deadline: Option<Micros>| deadline.is_some_and(|deadline| deadline <= now);
+        loop {
+            let bytes = self.up.receive(now);
+            if !bytes.is_empty() {
+                self.server.handle(&bytes, now)?;
+            }
+            while let Some(datagram) = self.up.receive_datagram(now) {
+                self.server.handle_datagram(&datagram, now);
+            }
+            let bytes = self.down.receive(now);
+            if !bytes.is_empty() {
+                let events = self.client.handle(&bytes, now)?;
+                heard(&self.client, &events);
+            }
+            while let Some(datagram) = self.down.receive_datagram(now) {
+                let events = self.client.handle_datagram(&datagram, now);
+                heard(&self.client, &events);
+            }
+            if due(self.server.next_deadline()) {
+                self.server.tick(now)?;
+            }
+            if due(self.client.next_deadline()) {
+                self.client.tick(now)?;
+            }
+            if !self.send(now) {
+                return Ok(());
+            }
+        }
+    }
+
+    /// Gives the network what the ends have to say, as far as it takes it; whether that was anything.
+    fn send(&mut self, now: Micros) -> bool {
+        let mut sent = false;
+        loop {
+            let count = self.down.write(self.server.output());
+            if count == 0 {
+                break;
+            }
+            self.server.advance(count);
+            sent = true;
+        }
+        loop {
+            let count = self.up.write(self.client.output());
+            if count == 0 {
+                break;
+            }
+            self.client.advance(count);
+            sent = true;
+        }
+        while let Some(datagram) = self.server.take_datagram() {
+            self.down.send_datagram(datagram, now);
+            sent = true;
+        }
+        while let Some(datagram) = self.client.take_datagram() {
+            self.up.send_datagram(datagram, now);
+            sent = true;
+        }
+        sent
+    }
+
+    /// What went down and up.
+    pub(crate) fn counts(&self) -> [Traffic; 2] {
+        [self.down.counts(), self.up.counts()]
+    }
+
+    /// Segments sent again, down and up.
+    pub(crate) const fn resent(&self) -> u64 {
+        self.down.resent() + self.up.resent()
+    }
+
+    /// Adds a digest of everything that went either way.
+    pub(crate) fn digest(&self, hasher: &mut blake3::Hasher) {
+        hasher.update(self.down.digest().as_bytes());
+        hasher.update(self.up.digest().as_bytes());
+    }
+}

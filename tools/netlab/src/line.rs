@@ -1,0 +1,213 @@
+//! One direction of a network: a rate, a queue before it, a way with delay, and what goes wrong on it.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use psao_proto::Micros;
+use serde::Serialize;
+
+use crate::chance::Chance;
+use crate::conditions::{Conditions, HELD_BACK, Schedule};
+
+/// What one direction carried, without the headers of any network.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Traffic {
+    /// Packets sent, those sent again included.
+    pub packets: u64,
+    /// Bytes in them.
+    pub bytes: u64,
+    /// Packets lost on the way.
+    pub lost: u64,
+    /// Packets that found the queue full.
+    pub overflowed: u64,
+    /// Packets that came twice.
+    pub duplicated: u64,
+    /// Packets that were held back.
+    pub reordered: u64,
+}
+
+impl Traffic {
+    pub(crate) const fn add(&mut self, other: Self) {
+        self.packets += other.packets;
+        self.bytes += other.bytes;
+        self.lost += other.lost;
+        self.overflowed += other.overflowed;
+        self.duplicated += other.duplicated;
+        self.reordered += other.reordered;
+    }
+}
+
+/// What becomes of a packet.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Passage {
+    /// It comes at this time, and perhaps once more.
+    Comes { at: Micros, again: Option<Micros> },
+    /// It left at this time and is lost.
+    Lost { left: Micros },
+}
+
+/// A line.
+#[derive(Clone, Debug)]
+pub(crate) struct Line {
+    conditions: Conditions,
+    schedule: Arc<Schedule>,
+    chance: Chance,
+    /// Packets that have not left yet: when each has, and its bytes.
+    waiting: VecDeque<(Micros, usize)>,
+    waiting_bytes: usize,
+    /// When the last of them has left.
+    free: Micros,
+    counts: Traffic,
+    digest: blake3::Hasher,
+}
+
+impl Line {
+    pub(crate) fn new(conditions: Conditions, schedule: Arc<Schedule>, chance: Chance) -> Self {
+        Self {
+            conditions,
+            schedule,
+            chance,
+            waiting: VecDeque::new(),
+            waiting_bytes: 0,
+            free: Micros(0),
+            counts: Traffic::default(),
+            digest: blake3::Hasher::new(),
+        }
+    }
+
+    pub(crate) const fn conditions(&self) -> &Conditions {
+        &self.conditions
+    }
+
+    pub(crate) fn schedule(&self) -> &Schedule {
+        &self.schedule
+    }
+
+    pub(crate) const fn counts(&self) -> Traffic {
+        self.counts
+    }
+
+    /// A digest of every packet given to it, with its time.
+    pub(crate) fn digest(&self) -> blake3::Hash {
+        self.digest.finalize()
+    }
+
+    /// Whether a packet of so many bytes finds room in the queue.
+    pub(crate) fn has_room(&mut self, bytes: usize, now: Micros) -> bool {
+        while let Some(&(_, left)) = self.waiting.front().filter(|(at, _)| *at <= now) {
+            self.waiting_bytes -= left;
+            self.waiting.pop_front();
+        }
+        self.waiting_bytes + bytes <= self.conditions.queue_bytes as usize
+    }
+
+    /// When there is more room in the queue than now.
+    pub(crate) fn next_room(&self) -> Option<Micros> {
+        self.waiting.front().map(|(left, _)| *left)
+    }
+
+    /// Sends a packet.
+    pub(crate) fn send(&mut self, packet: &[u8], now: Micros) -> Passage {
+        self.counts.packets += 1;
+        self.counts.bytes += packet.len() as u64;
+        self.digest.update(&now.0.to_le_bytes());
+        self.digest.update(&(packet.len() as u64).to_le_bytes());
+        self.digest.update(packet);
+        // All draws are made for every packet, so that what happens to one changes nothing for the next.
+        let Conditions { loss, duplicate, reorder, delay, jitter, .. } = self.conditions;
+        let [lost, doubled, held] = [loss, duplicate, reorder].map(|ppm| self.chance.strikes(ppm));
+        let [first, second] = [(); 2].map(|()| delay + self.chance.up_to(jitter));
+        let held_for = self.chance.up_to(HELD_BACK.0);
+        if !self.has_room(packet.len(), now) {
+            self.counts.overflowed += 1;
+            return Passage::Lost { left: now };
+        }
+        let leaving = self.conditions.time_of(packet.len() as u64);
+        let left = self.schedule.after(self.free.max(now), leaving);
+        self.free = left;
+        if left > now {
+            self.waiting.push_back((left, packet.len()));
+            self.waiting_bytes += packet.len();
+        }
+        if lost || self.schedule.swallows(left).is_some() {
+            self.counts.lost += 1;
+            return Passage::Lost { left };
+        }
+        self.counts.duplicated += u64::from(doubled);
+        self.counts.reordered += u64::from(held);
+        let comes = |lasting| self.schedule.after(left, Micros(lasting));
+        let at = comes(first + if held { held_for } else { 0 });
+        Passage::Comes { at, again: doubled.then(|| comes(second)) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::conditions::Fault;
+
+    fn line(conditions: Conditions, faults: &[Fault]) -> Line {
+        Line::new(conditions.checked().unwrap(), Arc::new(Schedule::new(faults)), Chance::new(1, &[]))
+    }
+
+    fn at(passage: Passage) -> u64 {
+        match passage {
+            Passage::Comes { at, .. } => at.0,
+            Passage::Lost { left } => panic!("lost at {left:?}"),
+        }
+    }
+
+    #[test]
+    fn a_rate_spaces_packets_and_a_full_queue_drops_them() {
+        let conditions = Conditions {
+            rate: Some(1_000_000),
+            queue_bytes: 1500,
+            mtu: 500,
+            delay: 10,
+            ..Conditions::default()
+        };
+        let mut line = line(conditions, &[]);
+        let times = [0, 0, 0].map(|now| at(line.send(&[0; 500], Micros(now))));
+        assert_eq!(times, [510, 1010, 1510]);
+        assert_eq!(line.send(&[0; 1], Micros(0)), Passage::Lost { left: Micros(0) });
+        assert_eq!(line.next_room(), Some(Micros(500)));
+        assert_eq!(at(line.send(&[0; 500], Micros(500))), 2010, "the first has left");
+        assert_eq!(line.counts(), Traffic { packets: 5, bytes: 2001, overflowed: 1, ..Traffic::default() });
+        assert_eq!(at(line.send(&[0; 500], Micros(9000))), 9510, "an idle line is free at once");
+    }
+
+    #[test]
+    fn shares_are_as_asked_for() {
+        let conditions = Conditions {
+            loss: 200_000,
+            duplicate: 100_000,
+            reorder: 50_000,
+            jitter: 999,
+            ..Conditions::default()
+        };
+        let mut line = line(conditions, &[]);
+        let mut latest = 0;
+        for now in 0..10_000 {
+            if let Passage::Comes { at, .. } = line.send(&[1], Micros(now * 1_000_000)) {
+                latest = latest.max(at.0 - now * 1_000_000);
+            }
+        }
+        let Traffic { lost, duplicated, reordered, .. } = line.counts();
+        assert!((1_850..2_150).contains(&lost), "{lost}");
+        assert!(
+            (700..900).contains(&duplicated) && (340..460).contains(&reordered),
+            "{duplicated} {reordered}"
+        );
+        assert!(latest <= conditions.longest_delay().0 && latest > HELD_BACK.0 / 2, "{latest}");
+    }
+
+    #[test]
+    fn stalls_hold_packets_and_blackholes_swallow_them() {
+        let faults = [Fault::Stall { from: 100, to: 1_100 }, Fault::Blackhole { from: 5_000, to: 6_000 }];
+        let mut line = line(Conditions { delay: 50, ..Conditions::default() }, &faults);
+        let times = [0, 60, 100, 500, 1_100].map(|now| at(line.send(&[0; 40], Micros(now))));
+        assert_eq!(times, [50, 1_110, 1_150, 1_150, 1_150]);
+        assert_eq!(line.send(&[0; 40], Micros(5_500)), Passage::Lost { left: Micros(5_500) });
+        assert_eq!(at(line.send(&[0; 40], Micros(6_000))), 6_050);
+    }
+}

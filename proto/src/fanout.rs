@@ -205,7 +205,9 @@ impl Fanout {
                     joined = true;
                     continue;
                 }
-                Wants::Update { base } | Wants::Datagrams { base } if base >= newest.info.frame => {
+                Wants::Update { base } | Wants::Patch { base } | Wants::Datagrams { base }
+                    if base >= newest.info.frame =>
+                {
                     return Ok(if joined { Offer::Keyframe } else { Offer::Current });
                 }
                 Wants::Update { base } if Some(base) == newest.previous => {
@@ -217,7 +219,7 @@ impl Fanout {
                     let sent = session.send_update(&newest.body, base)?;
                     return Ok(if sent == Sent::Queued { Offer::Update } else { Offer::Nothing });
                 }
-                Wants::Update { base } => (Need::Patch { base, context: true }, base),
+                Wants::Update { base } | Wants::Patch { base } => (Need::Patch { base, context: true }, base),
                 Wants::Datagrams { base } => (Need::Patch { base, context: false }, base),
             };
             let Some(made) = self.patches.get(&need) else { return Ok(Offer::Needs(need)) };

@@ -12,6 +12,8 @@ pub(super) struct Place {
     pub(super) numbering: Numbering,
     /// That frame; nothing while it needs a keyframe.
     pub(super) holds: Option<FrameIndex>,
+    /// Whether frames without context came after it, so that the stream's own updates cannot be read.
+    pub(super) strayed: bool,
 }
 
 /// Frames that wait, oldest first.

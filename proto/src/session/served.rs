@@ -44,6 +44,11 @@ pub enum Wants {
         /// What it holds once everything queued has arrived.
         base: FrameIndex,
     },
+    /// A patch with context that builds on this frame: what it has now came without.
+    Patch {
+        /// What it holds once everything queued has arrived, or has acknowledged.
+        base: FrameIndex,
+    },
     /// A patch without context, as datagrams.
     Datagrams {
         /// What it has acknowledged.

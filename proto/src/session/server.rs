@@ -195,7 +195,8 @@ impl ServerSession {
         match (self.place.holds, self.datagram_bytes, self.flight.acked()) {
             (None, _, _) => Wants::Keyframe,
             (Some(holds), Some(_), acked) if self.flight.is_large(now) => {
-                Wants::Update { base: acked.map_or(holds, |acked| holds.max(acked)) }
+                let base = acked.map_or(holds, |acked| holds.max(acked));
+                if self.place.strayed { Wants::Patch { base } } else { Wants::Update { base } }
             }
             (Some(_), Some(_), Some(base)) if self.flight.has_room(now) => Wants::Datagrams { base },
             // The keyframe that datagrams build on is on its way, or the network is full.
@@ -235,7 +236,8 @@ impl ServerSession {
         if body.kind != FrameKind::Delta {
             return Err(SendError::Kind);
         }
-        if !self.check_body(body)? || self.wants() != (Wants::Update { base }) {
+        let wanted = [Wants::Update { base }, Wants::Patch { base }].contains(&self.wants());
+        if !self.check_body(body)? || !wanted {
             self.stats.dropped += 1;
             return Ok(Sent::Dropped);
         }
@@ -292,6 +294,7 @@ impl ServerSession {
         } else {
             self.flight.expect((body.frame, body.hash), now, bytes, true);
         }
+        self.place.strayed = true;
         Ok(Sent::Queued)
     }
 
@@ -451,7 +454,8 @@ impl ServerSession {
         self.stats.dropped += dropped;
         self.stats.wire_bytes -= (before - self.outbox.len()) as u64;
         if let Some(place) = place {
-            self.place = place;
+            // Datagrams that went since then went all the same.
+            self.place = Place { strayed: place.strayed || self.place.strayed, ..place };
             self.flight.forget_after(place.holds);
         }
     }
@@ -466,7 +470,7 @@ impl ServerSession {
             }
         }
         self.push(head.to_vec(), Some(Arc::clone(&body.bytes)), Fate::State(before));
-        self.place.holds = Some(body.frame);
+        (self.place.holds, self.place.strayed) = (Some(body.frame), false);
         self.lagging = false;
         // How long a keyframe takes says how large it is.
         let bytes = if body.kind == FrameKind::Key { 0 } else { body.bytes.len() as u64 };

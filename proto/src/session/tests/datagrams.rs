@@ -72,3 +72,40 @@ fn a_body_too_large_for_datagrams_comes_as_a_keyframe() {
     assert!(pair.applied().len() >= 3, "{:?}", pair.applied());
     assert_eq!(pair.client.stats().hash_mismatches, 0);
 }
+
+#[test]
+fn updates_that_follow_datagrams_on_the_connection_start_with_a_patch() {
+    let mut pair = Pair::of(Profile::SURFACE, Limits::default(), Limits::default());
+    let options = ClientOptions { datagrams: Some(64), ..ClientOptions::default() };
+    pair.client = ClientSession::with(Limits::default(), options);
+    let mut fanout = Fanout::new(pair.source.coder());
+    let mut step = |pair: &mut Pair, large: bool| {
+        let made = pair.source.step().unwrap();
+        fanout.advance(&made.info, made.body, pair.source.state().into(), NOW);
+        if let (true, Wants::Datagrams { base }) = (large, pair.server.wants()) {
+            // Bytes that make more datagrams than all of which would come.
+            let body = SharedBody { frame: made.info.frame, ..update(&[0; 1000]) };
+            assert_eq!(pair.server.send_datagrams(&body, base), Ok(Sent::Dropped));
+        }
+        let wants = pair.server.wants();
+        let offer = fanout.give(&mut pair.server, pair.source.state().into()).unwrap();
+        while let Some(datagram) = pair.server.take_datagram() {
+            pair.client.handle_datagram(&datagram, NOW);
+        }
+        pair.settle();
+        // The way is so short that the newest frame is acknowledged before the next is made.
+        while let Some(ack) = pair.client.take_datagram() {
+            pair.server.handle_datagram(&ack, NOW);
+        }
+        (wants, offer)
+    };
+    pair.settle();
+    step(&mut pair, false);
+    pair.assert_same_state();
+    assert_eq!(step(&mut pair, false), (Wants::Datagrams { base: FrameIndex(0) }, Offer::Patch));
+    assert_eq!(step(&mut pair, true), (Wants::Patch { base: FrameIndex(1) }, Offer::Patch));
+    pair.assert_same_state();
+    assert_eq!(step(&mut pair, false), (Wants::Update { base: FrameIndex(2) }, Offer::Update));
+    pair.assert_same_state();
+    assert_eq!((pair.client.stats().requests, pair.server.stats().keyframes), (0, 1));
+}

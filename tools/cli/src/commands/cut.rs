@@ -3,13 +3,9 @@
 use psao_proto::recording::{Bounds, cut};
 use psao_proto::{FrameIndex, Limits, StreamTime};
 
-use super::recover::{ended, refused};
-use crate::analysis::load;
+use super::recover::rewrite;
 use crate::args::{OutputArg, RecordingArg};
-use crate::context::say;
 use crate::error::{Failure, Outcome};
-use crate::output::number;
-use crate::recorder::WholeFile;
 
 /// Cut a piece out of a recording: it stands alone and plays to the same hashes
 ///
@@ -38,23 +34,9 @@ pub(crate) struct Args {
 
 pub(crate) fn run(args: &Args) -> Outcome {
     let bounds = bounds(args)?;
-    let path = &args.recording.file;
-    let bytes = load(path)?;
-    let mut out = WholeFile::create(&args.output.output, std::slice::from_ref(path))?;
-    let mut length = 0;
-    let put = |bytes: &[u8]| {
-        length += bytes.len() as u64;
-        out.put(bytes)
-    };
-    let done = cut(&bytes, &bounds, Limits::default(), put).map_err(|error| refused(path, error))?;
-    out.finish()?;
-    say(format_args!(
-        "wrote {}: {} frames, {}",
-        args.output.output.display(),
-        done.frames,
-        number::bytes(length)
-    ))?;
-    ended(&[(path.as_path(), done)])
+    rewrite(&args.recording.file, &args.output.output, |bytes, put| {
+        cut(bytes, &bounds, Limits::default(), put)
+    })
 }
 
 fn bounds(args: &Args) -> Outcome<Bounds> {

@@ -28,24 +28,28 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn run(args: &Args) -> Outcome {
-    let path = &args.recording.file;
+    rewrite(&args.recording.file, &args.output.output, |bytes, put| {
+        recover(bytes, args.keep_all, Limits::default(), put)
+    })
+}
+
+/// Makes a recording of another: `make` is given the bytes of the one and what takes those of the other.
+pub(crate) fn rewrite(
+    path: &Path,
+    output: &Path,
+    make: impl FnOnce(&[u8], &mut dyn FnMut(&[u8]) -> Outcome) -> Result<Rewritten, RewriteError<Failure>>,
+) -> Outcome {
     let bytes = load(path)?;
-    let mut out = WholeFile::create(&args.output.output, std::slice::from_ref(path))?;
+    let mut out = WholeFile::create(output, &[path.to_owned()])?;
     let mut length = 0;
-    let put = |bytes: &[u8]| {
+    let mut put = |bytes: &[u8]| {
         length += bytes.len() as u64;
         out.put(bytes)
     };
-    let done =
-        recover(&bytes, args.keep_all, Limits::default(), put).map_err(|error| refused(path, error))?;
+    let done = make(&bytes, &mut put).map_err(|error| refused(path, error))?;
     out.finish()?;
-    say(format_args!(
-        "wrote {}: {} frames, {}",
-        args.output.output.display(),
-        done.frames,
-        number::bytes(length)
-    ))?;
-    ended(&[(path.as_path(), done)])
+    say(format_args!("wrote {}: {} frames, {}", output.display(), done.frames, number::bytes(length)))?;
+    ended(&[(path, done)])
 }
 
 /// Why a recording could not be made of this one.

@@ -3,12 +3,12 @@
 use std::error::Error;
 use std::time::Duration;
 
-use psao_proto::Limits;
 use psao_proto::message::CloseCode;
 use psao_proto::net::{
     Address, Broadcast, ConnectOptions, Connection, Hub, HubEvent, ListenOptions, Listener, connect,
 };
 use psao_proto::session::{Access, ClientEvent};
+use psao_proto::{Limits, Micros};
 use tokio::time::{Instant, MissedTickBehavior, interval, timeout};
 
 use crate::source::Source;
@@ -54,7 +54,9 @@ pub(crate) struct Followed {
 
 /// Listens at a port of the loopback, and gives the hub and the address.
 pub(crate) async fn listen(source: &Source, coder: psao_codec::block::BlockCoder) -> Result<(Hub, Address)> {
-    let limits = Limits { max_clients: 10_000, ..Limits::default() };
+    // Those that take nothing are not given up: what they cost is what is looked at.
+    let (silence, stall) = (Micros::from_secs(3_600), Micros::from_secs(3_600));
+    let limits = Limits { max_clients: 10_000, silence, stall, ..Limits::default() };
     let hub = Hub::new(source.scene().clone(), coder, Access::Open, limits);
     let listener = Listener::bind(&hub, &"127.0.0.1:0".parse()?, &ListenOptions::default()).await?;
     let address = listener.address().clone();

@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use glam::Vec3;
 use rayon::prelude::*;
 
+use super::cache::{self, PointCache, PointKey};
 use super::candidates::Surface;
 use super::eliminate::{eliminate, poisson_radius};
 use super::place::PosedMesh;
@@ -30,6 +31,41 @@ pub fn generate(
     settings: &PointSettings,
     progress: &(dyn Fn(u64, u64) + Sync),
 ) -> Result<ScenePoints, PointError> {
+    generate_cached(scene, settings, None, progress)
+}
+
+/// As [`generate`], and the same points; they are taken from a cache where they are there, and kept there where they
+/// are not.
+///
+/// # Errors
+/// As [`generate`].
+pub fn generate_cached(
+    scene: &Scene,
+    settings: &PointSettings,
+    cache: Option<&dyn PointCache>,
+    progress: &(dyn Fn(u64, u64) + Sync),
+) -> Result<ScenePoints, PointError> {
+    let total = wanted(scene, settings)?;
+    let Some(cache) = cache else {
+        return Ok(ScenePoints::new(scene, spread(scene, settings, total, progress)));
+    };
+    let key = PointKey::new(scene, settings);
+    if let Some(bytes) = cache.load(&key) {
+        match cache::decode(&key, scene, &bytes) {
+            Ok(sets) => {
+                progress(total, total);
+                return Ok(ScenePoints::new(scene, sets));
+            }
+            Err(reason) => cache.refused(&key, &reason),
+        }
+    }
+    let sets = spread(scene, settings, total, progress);
+    cache.store(&key, &cache::encode(&key, &sets));
+    Ok(ScenePoints::new(scene, sets))
+}
+
+/// Points of all meshes, those of each counted once.
+fn wanted(scene: &Scene, settings: &PointSettings) -> Result<u64, PointError> {
     if !(settings.per_m2.is_finite() && settings.per_m2 > 0.0) {
         return Err(PointError::Density { per_m2: settings.per_m2 });
     }
@@ -42,7 +78,16 @@ pub fn generate(
     if points > MAX_POINTS as f64 {
         return Err(PointError::TooMany { points });
     }
-    let total = wanted.iter().sum::<f64>() as u64;
+    Ok(wanted.iter().sum::<f64>() as u64)
+}
+
+/// The points of every mesh.
+fn spread(
+    scene: &Scene,
+    settings: &PointSettings,
+    total: u64,
+    progress: &(dyn Fn(u64, u64) + Sync),
+) -> Vec<PointSet> {
     let done = AtomicU64::new(0);
     let sets = scene.rests().par_iter().enumerate().map(|(index, rest)| {
         let plan = Plan::new(scene, rest, settings);
@@ -51,13 +96,19 @@ pub fn generate(
         progress(done.fetch_add(share, Ordering::Relaxed) + share, total);
         set
     });
-    let sets: Vec<PointSet> = sets.collect();
-    let mut firsts = vec![0u32];
-    for instance in scene.instances() {
-        let next = firsts[firsts.len() - 1] + sets[instance.rest().index()].points.len() as u32;
-        firsts.push(next);
+    sets.collect()
+}
+
+impl ScenePoints {
+    /// The sets of a scene's meshes.
+    fn new(scene: &Scene, sets: Vec<PointSet>) -> Self {
+        let mut firsts = vec![0u32];
+        for instance in scene.instances() {
+            let next = firsts[firsts.len() - 1] + sets[instance.rest().index()].points.len() as u32;
+            firsts.push(next);
+        }
+        Self { sets, firsts }
     }
-    Ok(ScenePoints { sets, firsts })
 }
 
 /// What one mesh gets.

@@ -1,15 +1,19 @@
 //! Points on surfaces: an even spread over every mesh, made once (paper, section 3.1).
 
+mod cache;
 mod candidates;
 mod eliminate;
 mod generate;
 mod place;
 pub(crate) mod random;
+pub mod reference;
 mod rest;
 
 use thiserror::Error;
 
-pub use generate::generate;
+pub use cache::{EntryError, PointCache, PointKey};
+pub use eliminate::{eliminate, poisson_radius};
+pub use generate::{generate, generate_cached};
 pub use place::{PlacedPoint, PosedMesh};
 pub use rest::{Fineness, ShareError, order_at_rest, rest_points, share};
 

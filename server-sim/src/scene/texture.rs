@@ -59,6 +59,18 @@ impl<const N: usize> Texture<N> {
         self.size
     }
 
+    /// What happens outside 0 to 1, across and down.
+    #[must_use]
+    pub fn wrap(&self) -> [Wrap; 2] {
+        self.wrap
+    }
+
+    /// Whether the nearest texel counts alone.
+    #[must_use]
+    pub fn nearest(&self) -> bool {
+        self.nearest
+    }
+
     /// The texels, row by row from the top.
     #[must_use]
     pub fn texels(&self) -> &[[u8; N]] {

@@ -16,6 +16,7 @@ use super::tracing::Tracing;
 use super::{ProgressFn, Server, ServerError, ServerSettings, StepOutput};
 use crate::bvh::World;
 use crate::clock::Clock;
+use crate::points::PointCache;
 use crate::scene::Scene;
 
 /// A value for each profile.
@@ -86,7 +87,7 @@ impl AoError {
 }
 
 impl BothProfiles {
-    /// As [`Server::new`], for both profiles; `settings.profile` counts for nothing, `settings.coder` for `paper`.
+    /// As [`Server::with_cache`], for both profiles; `settings.profile` counts for nothing, `settings.coder` for `paper`.
     ///
     /// # Errors
     /// As [`Server::new`].
@@ -94,10 +95,11 @@ impl BothProfiles {
         scene: Arc<Scene>,
         settings: &ServerSettings,
         surface_coder: BlockCoder,
+        cache: Option<&dyn PointCache>,
         progress: Arc<ProgressFn>,
     ) -> Result<Self, ServerError> {
         let surface = ServerSettings { profile: Profile::SURFACE, coder: surface_coder, ..*settings };
-        let Server { tracing, table, stream } = Server::build(scene, surface, progress, true)?;
+        let Server { tracing, table, stream } = Server::build(scene, surface, cache, progress, true)?;
         let paper = ServerSettings { profile: Profile::PAPER, ..*settings };
         paper.validate()?;
         let limits = psao_proto::Limits::default();

@@ -35,7 +35,7 @@ pub use stats::{FrameStats, Progress, StageMicros, Work};
 use crate::ao::Tracer;
 use crate::bvh::World;
 use crate::clock::Clock;
-use crate::points::{ScenePoints, generate, order_at_rest};
+use crate::points::{PointCache, ScenePoints, generate_cached, order_at_rest};
 use crate::scene::{EditError, Edits, Scene};
 use cells::CellsStream;
 use stats::Lap;
@@ -129,20 +129,35 @@ impl Server {
         settings: ServerSettings,
         progress: Arc<ProgressFn>,
     ) -> Result<Self, ServerError> {
-        Self::build(scene, settings, progress, false)
+        Self::with_cache(scene, settings, None, progress)
     }
 
-    /// As [`Server::new`]; with `exact` the AO of points is kept as it was traced, besides what is sent.
+    /// As [`Server::new`], with points that are kept between runs; frames are the same.
+    ///
+    /// # Errors
+    /// As [`Server::new`].
+    pub fn with_cache(
+        scene: Arc<Scene>,
+        settings: ServerSettings,
+        cache: Option<&dyn PointCache>,
+        progress: Arc<ProgressFn>,
+    ) -> Result<Self, ServerError> {
+        Self::build(scene, settings, cache, progress, false)
+    }
+
+    /// As [`Server::with_cache`]; with `exact` the AO of points is kept as it was traced, besides what is sent.
     fn build(
         scene: Arc<Scene>,
         settings: ServerSettings,
+        cache: Option<&dyn PointCache>,
         progress: Arc<ProgressFn>,
         exact: bool,
     ) -> Result<Self, ServerError> {
         settings.validate()?;
         let tracer = Tracer::new(settings.ao).map_err(SettingsError::from)?;
         let report = |done, total| progress(Progress { work: Work::Points, done, total });
-        let mut points = generate(&scene, &settings.points, &report).map_err(SettingsError::from)?;
+        let mut points =
+            generate_cached(&scene, &settings.points, cache, &report).map_err(SettingsError::from)?;
         let limits = Limits::default();
         let mut geometry = Vec::new();
         let table = if settings.profile == Profile::SURFACE {

@@ -305,7 +305,7 @@ fn both_profiles_at_once_write_what_each_writes_alone() {
             bodies
         });
         let mut both =
-            BothProfiles::new(Arc::clone(&scene), &paper, BlockCoder::Range, Arc::new(|_| {})).unwrap();
+            BothProfiles::new(Arc::clone(&scene), &paper, BlockCoder::Range, None, Arc::new(|_| {})).unwrap();
         let mut clients = [&both.tables().paper, &both.tables().surface].map(|t| State::new(t.layout()));
         let mut errors = Each::<AoError>::default();
         for frame in 0..8 {

@@ -86,6 +86,19 @@ pub(crate) struct PointArgs {
     /// Slots of the paper's hash table for each cell that is expected
     #[arg(long, default_value_t = 4.0, value_name = "X")]
     pub(crate) slots_per_cell: f32,
+    #[command(flatten)]
+    pub(crate) cache: CacheArgs,
+}
+
+/// Where points are kept between runs.
+#[derive(Args, Clone, Debug)]
+pub(crate) struct CacheArgs {
+    /// Folder in which points are kept between runs; `$XDG_CACHE_HOME/psao` or ~/.cache/psao unless given
+    #[arg(long, value_name = "FOLDER")]
+    pub(crate) cache: Option<PathBuf>,
+    /// Make the points anew, and keep none
+    #[arg(long, conflicts_with = "cache")]
+    pub(crate) no_cache: bool,
 }
 
 impl TuningArgs {

@@ -5,6 +5,7 @@
 mod analysis;
 mod args;
 mod budget;
+mod cache;
 mod commands;
 mod context;
 mod edit_script;

@@ -19,6 +19,7 @@ use psao_server_sim::server::{
 
 use crate::args::{OcclusionArg, PointArgs, TuningArgs};
 use crate::budget::message;
+use crate::cache::{Folder, as_cache};
 use crate::context::{WallClock, progress};
 use crate::error::{Failure, Outcome};
 
@@ -55,7 +56,9 @@ impl Producer {
             budget,
             ..settings(&tuning.points, &scene, frames_hint)
         };
-        let server = Server::new(scene.clone(), settings, show_progress()).map_err(refused)?;
+        let cache = Folder::of(&tuning.points.cache);
+        let server = Server::with_cache(scene.clone(), settings, as_cache(&cache), show_progress());
+        let server = server.map_err(refused)?;
         let table = Arc::new(server.table().clone());
         Ok(Self {
             scene,

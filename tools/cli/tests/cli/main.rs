@@ -8,6 +8,7 @@
 
 mod bad_input;
 mod budgets;
+mod cache;
 mod crashes;
 mod edits;
 mod live;
@@ -46,6 +47,8 @@ impl From<Output> for Run {
 pub fn command(arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_psao"));
     command.args(arguments).env_remove("PSAO_TOKEN");
+    // No cache but where a test names one.
+    command.env_remove("XDG_CACHE_HOME").env_remove("HOME");
     command
 }
 

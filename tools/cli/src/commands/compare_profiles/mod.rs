@@ -10,6 +10,7 @@ use psao_server_sim::scene::Scene;
 use psao_server_sim::server::BothProfiles;
 
 use crate::args::{Coder, PointArgs, ProfileArg, SizeArg};
+use crate::cache::{Folder, as_cache};
 use crate::context::say;
 use crate::error::{Exit, Failure, Outcome};
 use crate::producer::{refused, settings, show_progress};
@@ -73,8 +74,10 @@ pub(crate) fn run(args: &Args) -> Outcome {
         coder: paper_coder,
         ..settings(&args.points, &scene, args.frames)
     };
-    let mut both =
-        BothProfiles::new(Arc::clone(&scene), &settings, surface_coder, show_progress()).map_err(refused)?;
+    let cache = Folder::of(&args.points.cache);
+    let both =
+        BothProfiles::new(Arc::clone(&scene), &settings, surface_coder, as_cache(&cache), show_progress());
+    let mut both = both.map_err(refused)?;
     let measured = measure::measure(args, &scene, &settings, surface_coder, &mut both)?;
     let document = figures::Document::new(args, both.tables().surface.info(), &measured);
     if args.json {

@@ -1,0 +1,338 @@
+//! Point sets kept between runs: the key they go by, and their bytes.
+
+use std::fmt;
+
+use glam::Vec3;
+use thiserror::Error;
+
+use super::{PointSet, PointSettings, SurfacePoint};
+use crate::scene::{Mesh, RestMesh, Scene};
+
+/// What is made of the same scene and settings; grows whenever that changes.
+const VERSION: u32 = 1;
+/// First bytes of an entry.
+const MAGIC: [u8; 8] = *b"psaopts\x01";
+/// Bytes of the digest at the end of an entry.
+const DIGEST_BYTES: usize = 32;
+/// Bytes of a set before its points, and of a point.
+const SET_BYTES: usize = 4 + 4 + 8;
+const POINT_BYTES: usize = 4 + 4 + 4 + 1;
+
+/// Where the points of scenes are kept between runs. Nothing depends on whether they are found there but time: an entry
+/// that is damaged, or another one's, is refused and the points are made.
+pub trait PointCache: Sync {
+    /// The bytes that were stored under a key, if they are there.
+    fn load(&self, key: &PointKey) -> Option<Vec<u8>>;
+
+    /// Keeps bytes under a key, or does not where it cannot.
+    fn store(&self, key: &PointKey, bytes: &[u8]);
+
+    /// Hears that what it loaded is of no use; new bytes are stored right after.
+    fn refused(&self, key: &PointKey, reason: &EntryError);
+}
+
+/// What the points of a scene go by: a BLAKE3 digest of all that they are made of, which is the rest geometry of every
+/// mesh, which parts of it are there and how many sides it has, the settings, and the version of the method. Shown in
+/// hexadecimal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct PointKey([u8; 32]);
+
+impl fmt::Display for PointKey {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(blake3::Hash::from(self.0).to_hex().as_str())
+    }
+}
+
+impl PointKey {
+    /// The key of a scene's points.
+    #[must_use]
+    pub fn new(scene: &Scene, settings: &PointSettings) -> Self {
+        let mut hasher = blake3::Hasher::new();
+        hasher.update(b"psao points");
+        hasher.update(&VERSION.to_le_bytes());
+        hasher.update(&settings.per_m2.to_le_bytes());
+        hasher.update(&settings.minimum.to_le_bytes());
+        hasher.update(&settings.seed.to_le_bytes());
+        for rest in scene.rests() {
+            let mesh = &scene.meshes()[rest.mesh().index()];
+            geometry(&mut hasher, rest);
+            surface(&mut hasher, scene, mesh);
+        }
+        Self(hasher.finalize().into())
+    }
+}
+
+/// Hashes a list with its length before it.
+fn list<T, const N: usize>(hasher: &mut blake3::Hasher, items: &[T], bytes: impl Fn(&T) -> [u8; N]) {
+    hasher.update(&(items.len() as u64).to_le_bytes());
+    let mut block = Vec::with_capacity(N * items.len().min(1 << 12));
+    for items in items.chunks(1 << 12) {
+        block.clear();
+        block.extend(items.iter().flat_map(&bytes));
+        hasher.update(&block);
+    }
+}
+
+fn geometry(hasher: &mut blake3::Hasher, rest: &RestMesh) {
+    let bytes = |[a, b, c]: [[u8; 4]; 3]| std::array::from_fn::<u8, 12, _>(|i| [a, b, c][i / 4][i % 4]);
+    list(hasher, rest.geometry().positions(), |at: &Vec3| bytes(at.to_array().map(f32::to_le_bytes)));
+    list(hasher, rest.triangles(), |corners| bytes(corners.map(u32::to_le_bytes)));
+    hasher.update(&rest.area_m2().to_le_bytes());
+}
+
+/// Hashes sides and mask.
+fn surface(hasher: &mut blake3::Hasher, scene: &Scene, mesh: &Mesh) {
+    let material = scene.material(mesh);
+    hasher.update(&[u8::from(material.double_sided())]);
+    let (Some(mask), Some(uvs)) = (material.mask(), mesh.uvs()) else {
+        hasher.update(&[0]);
+        return;
+    };
+    hasher.update(&[1 + u8::from(mask.texture().is_some())]);
+    hasher.update(&mask.factor().to_le_bytes());
+    hasher.update(&mask.cutoff().to_le_bytes());
+    if let Some(texture) = mask.texture() {
+        let [u, v] = texture.wrap();
+        hasher.update(&[u as u8, v as u8, u8::from(texture.nearest())]);
+        texture.size().iter().for_each(|side| {
+            hasher.update(&side.to_le_bytes());
+        });
+        list(hasher, texture.texels(), |texel| *texel);
+    }
+    list(hasher, uvs, |uv| {
+        let [u, v] = uv.to_array().map(f32::to_le_bytes);
+        std::array::from_fn::<u8, 8, _>(|i| [u, v][i / 4][i % 4])
+    });
+}
+
+/// Why the bytes of an entry are of no use.
+#[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum EntryError {
+    /// Something else, or of another version.
+    #[error("it holds no points of this version")]
+    Foreign,
+    /// Points that go by another key.
+    #[error("it holds the points of another scene or of other settings")]
+    Key,
+    /// The digest at its end is not that of the rest.
+    #[error("it is damaged: its digest is not that of its content")]
+    Digest,
+    /// Its digest is right, and its content is not.
+    #[error("its points are not on the scene's meshes: set {set}")]
+    Content {
+        /// Number of the set.
+        set: usize,
+    },
+}
+
+/// An entry, little endian: magic, key; for every mesh of the scene the number of its points (u32), their radius (f32)
+/// and area (f64), then each point's triangle (u32), weights (2 f32) and side (1: back); BLAKE3 of all that.
+pub(super) fn encode(key: &PointKey, sets: &[PointSet]) -> Vec<u8> {
+    let points: usize = sets.iter().map(|set| set.points.len()).sum();
+    let size = MAGIC.len() + key.0.len() + sets.len() * SET_BYTES + points * POINT_BYTES + DIGEST_BYTES;
+    let mut bytes = Vec::with_capacity(size);
+    bytes.extend(MAGIC);
+    bytes.extend(key.0);
+    for set in sets {
+        bytes.extend((set.points.len() as u32).to_le_bytes());
+        bytes.extend(set.radius.to_le_bytes());
+        bytes.extend(set.area.to_le_bytes());
+        for point in &set.points {
+            bytes.extend(point.triangle.to_le_bytes());
+            bytes.extend(point.bary[0].to_le_bytes());
+            bytes.extend(point.bary[1].to_le_bytes());
+            bytes.push(u8::from(point.back));
+        }
+    }
+    let digest = blake3::hash(&bytes);
+    bytes.extend(digest.as_bytes());
+    bytes
+}
+
+/// The sets of an entry, one for each mesh of the scene.
+///
+/// # Errors
+/// [`EntryError`] for bytes that are not what [`encode`] gave for this key and scene. Nothing is allocated for more points
+/// than there are bytes.
+pub(super) fn decode(key: &PointKey, scene: &Scene, bytes: &[u8]) -> Result<Vec<PointSet>, EntryError> {
+    let (content, digest) = bytes.split_last_chunk::<DIGEST_BYTES>().ok_or(EntryError::Foreign)?;
+    let (magic, rest) = content.split_first_chunk().ok_or(EntryError::Foreign)?;
+    let (found, mut rest) = rest.split_first_chunk().ok_or(EntryError::Foreign)?;
+    if *magic != MAGIC {
+        return Err(EntryError::Foreign);
+    }
+    if *found != key.0 {
+        return Err(EntryError::Key);
+    }
+    if blake3::hash(content) != *digest {
+        return Err(EntryError::Digest);
+    }
+    let mut sets = Vec::with_capacity(scene.rests().len());
+    for (number, mesh) in scene.rests().iter().enumerate() {
+        let (set, after) = set(mesh, rest).ok_or(EntryError::Content { set: number })?;
+        sets.push(set);
+        rest = after;
+    }
+    if rest.is_empty() { Ok(sets) } else { Err(EntryError::Content { set: sets.len() }) }
+}
+
+/// One set, and the bytes after it.
+fn set<'a>(mesh: &RestMesh, bytes: &'a [u8]) -> Option<(PointSet, &'a [u8])> {
+    let (count, bytes) = bytes.split_first_chunk()?;
+    let (radius, bytes) = bytes.split_first_chunk()?;
+    let (area, bytes) = bytes.split_first_chunk()?;
+    let count = u32::from_le_bytes(*count) as usize;
+    let (points, after) = bytes.split_at_checked(count.checked_mul(POINT_BYTES)?)?;
+    let points: Option<Vec<SurfacePoint>> =
+        points.chunks_exact(POINT_BYTES).map(|point| on(mesh, point)).collect();
+    let (radius, area) = (f32::from_le_bytes(*radius), f64::from_le_bytes(*area));
+    let fine = radius.is_finite() && radius > 0.0 && area.is_finite();
+    let set = PointSet { points: points?, numbers: (0..count as u32).collect(), radius, area };
+    fine.then_some((set, after))
+}
+
+fn on(mesh: &RestMesh, bytes: &[u8]) -> Option<SurfacePoint> {
+    let (triangle, bytes) = bytes.split_first_chunk()?;
+    let (second, bytes) = bytes.split_first_chunk()?;
+    let (third, bytes) = bytes.split_first_chunk()?;
+    let triangle = u32::from_le_bytes(*triangle);
+    let bary = [f32::from_le_bytes(*second), f32::from_le_bytes(*third)];
+    let side = *bytes.first()?;
+    let inside = (triangle as usize) < mesh.triangles().len()
+        && bary.iter().all(|weight| (0.0..=1.0).contains(weight));
+    (inside && side <= 1).then_some(SurfacePoint { triangle, bary, back: side == 1 })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+    use std::sync::Mutex;
+
+    use super::*;
+    use crate::points::{ScenePoints, generate, generate_cached};
+
+    /// In memory; counts what was found and refused.
+    #[derive(Default)]
+    struct Memory {
+        entries: Mutex<BTreeMap<String, Vec<u8>>>,
+        heard: Mutex<Vec<String>>,
+    }
+
+    impl PointCache for Memory {
+        fn load(&self, key: &PointKey) -> Option<Vec<u8>> {
+            let found = self.entries.lock().unwrap().get(&key.to_string()).cloned();
+            self.heard.lock().unwrap().push(if found.is_some() { "found" } else { "none" }.to_owned());
+            found
+        }
+
+        fn store(&self, key: &PointKey, bytes: &[u8]) {
+            self.heard.lock().unwrap().push("stored".to_owned());
+            self.entries.lock().unwrap().insert(key.to_string(), bytes.to_vec());
+        }
+
+        fn refused(&self, _: &PointKey, reason: &EntryError) {
+            self.heard.lock().unwrap().push(reason.to_string());
+        }
+    }
+
+    impl Memory {
+        fn heard(&self) -> Vec<String> {
+            std::mem::take(&mut self.heard.lock().unwrap())
+        }
+
+        fn run(&self, scene: &Scene) -> ScenePoints {
+            generate_cached(scene, &SETTINGS, Some(self), &|_, _| {}).unwrap()
+        }
+    }
+
+    const SETTINGS: PointSettings = PointSettings { per_m2: 4.0, minimum: 40, seed: 2 };
+
+    #[test]
+    fn points_are_the_same_with_and_without() {
+        let scene = Scene::load("robot-lab").unwrap();
+        let cache = Memory::default();
+        let without = generate(&scene, &SETTINGS, &|_, _| {}).unwrap();
+        for expected in [&["none", "stored"][..], &["found"]] {
+            let with = cache.run(&scene);
+            assert_eq!((with.sets(), with.firsts()), (without.sets(), without.firsts()));
+            assert_eq!(cache.heard(), expected);
+        }
+    }
+
+    #[test]
+    fn an_entry_that_is_not_whole_is_made_anew() {
+        let scene = Scene::load("colonnade").unwrap();
+        let cache = Memory::default();
+        let expected = cache.run(&scene);
+        let key = PointKey::new(&scene, &SETTINGS);
+        let good = cache.entries.lock().unwrap()[&key.to_string()].clone();
+        let mut bad: Vec<Vec<u8>> = [0, 7, 8, 40, 41, 80, good.len() / 2, good.len() - 33, good.len() - 1]
+            .into_iter()
+            .flat_map(|at| {
+                let mut flipped = good.clone();
+                flipped[at] ^= 0x40;
+                [flipped, good[..at].to_vec()]
+            })
+            .collect();
+        bad.push([&good[..], &[0]].concat());
+        for bytes in bad {
+            cache.heard();
+            cache.entries.lock().unwrap().insert(key.to_string(), bytes);
+            assert_eq!(cache.run(&scene).sets(), expected.sets());
+            let heard = cache.heard();
+            assert!(heard.len() == 3 && heard[2] == "stored", "{heard:?}");
+        }
+    }
+
+    #[test]
+    fn content_that_does_not_fit_the_scene_is_refused() {
+        let (scene, other) = (Scene::load("colonnade").unwrap(), Scene::load("robot-lab").unwrap());
+        let key = PointKey::new(&scene, &SETTINGS);
+        let sets = generate(&scene, &SETTINGS, &|_, _| {}).unwrap().sets;
+        let check = |change: &dyn Fn(&mut Vec<PointSet>)| {
+            let mut sets = sets.clone();
+            change(&mut sets);
+            decode(&key, &scene, &encode(&key, &sets))
+        };
+        assert_eq!(check(&|_| ()).unwrap(), sets);
+        assert_eq!(check(&|sets| sets[1].points[3].triangle = u32::MAX), Err(EntryError::Content { set: 1 }));
+        assert_eq!(check(&|sets| sets[0].points[0].bary[1] = f32::NAN), Err(EntryError::Content { set: 0 }));
+        assert_eq!(check(&|sets| sets[0].radius = 0.0), Err(EntryError::Content { set: 0 }));
+        let count = sets.len();
+        assert_eq!(check(&|sets| sets.truncate(count - 1)), Err(EntryError::Content { set: count - 1 }));
+        assert_eq!(check(&|sets| sets.push(PointSet::default())), Err(EntryError::Content { set: count }));
+        assert_eq!(
+            decode(&PointKey::new(&other, &SETTINGS), &other, &encode(&key, &sets)),
+            Err(EntryError::Key)
+        );
+        assert_eq!(decode(&key, &scene, b"psao"), Err(EntryError::Foreign));
+    }
+
+    #[test]
+    fn keys_differ_where_points_may() {
+        let scene = Scene::load("colonnade").unwrap();
+        let key = |settings| PointKey::new(&scene, &settings);
+        let keys = [
+            key(SETTINGS),
+            key(PointSettings { per_m2: 4.5, ..SETTINGS }),
+            key(PointSettings { minimum: 41, ..SETTINGS }),
+            key(PointSettings { seed: 3, ..SETTINGS }),
+            PointKey::new(&Scene::load("asteroids").unwrap(), &SETTINGS),
+        ];
+        for (index, key) in keys.iter().enumerate() {
+            assert!(!keys[..index].contains(key), "{index}");
+        }
+        assert_eq!(PointKey::new(&Scene::load("colonnade").unwrap(), &SETTINGS), keys[0]);
+    }
+
+    #[test]
+    fn a_version_stands_for_its_points() {
+        // Where this fails, what is made has changed: VERSION grows, so that nobody is served points of old.
+        let scene = Scene::load("colonnade").unwrap();
+        let sets = generate(&scene, &SETTINGS, &|_, _| {}).unwrap().sets;
+        let bytes = encode(&PointKey([0; 32]), &sets);
+        let digest = blake3::hash(&bytes).to_hex();
+        assert_eq!((VERSION, &digest[..16]), (1, "88b65fdb5924099d"));
+    }
+}

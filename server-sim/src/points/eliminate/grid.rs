@@ -1,0 +1,227 @@
+//! Points sorted by the cells of a grid, and who is within reach of whom.
+
+use std::ops::Range;
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::Weighting;
+
+/// Most bits of a cell's coordinate.
+const AXIS_BITS: u32 = 21;
+/// Cell of points that are not finite: no other lies next to it.
+const NOWHERE: u64 = 0;
+/// After the last cell, so that there are always three to look at.
+const PADDING: [u64; 3] = [u64::MAX; 3];
+
+/// The points in order of their cells, so that neighbours lie close in memory. All that follows numbers points by their
+/// place in this order; equally heavy ones go in it.
+pub(super) struct Grid {
+    /// Numbers that the points came with.
+    numbers: Vec<u32>,
+    points: Vec<Vec3>,
+    /// Keys of the cells that hold points, ascending, then [`PADDING`].
+    cells: Vec<u64>,
+    /// First point of each of these cells, then the number of points.
+    starts: Vec<u32>,
+    /// What a step along y and one along z add to a key; one along x adds 1.
+    steps: [u64; 2],
+}
+
+/// A neighbour, and the weight that two points put on each other.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Link {
+    pub(super) to: u32,
+    pub(super) weight: f32,
+}
+
+/// Neighbours of consecutive points.
+pub(super) struct Links {
+    /// Where those of each point begin, then where the last ones end.
+    pub(super) starts: Vec<u32>,
+    /// Those of one point after the other, ascending.
+    pub(super) list: Vec<Link>,
+}
+
+impl Links {
+    /// Out of pairs of a point below `count` and a neighbour.
+    pub(super) fn collect(count: usize, mut pairs: Vec<(u32, Link)>) -> Self {
+        pairs.sort_unstable_by_key(|&(point, link)| (point, link.to));
+        let start = |point| pairs.partition_point(|&(other, _)| other < point) as u32;
+        let starts = (0..=count as u32).map(start).collect();
+        Self { starts, list: pairs.into_iter().map(|(_, link)| link).collect() }
+    }
+
+    /// Where the neighbours of a point are in the list.
+    pub(super) fn range(&self, point: usize) -> Range<usize> {
+        self.starts[point] as usize..self.starts[point + 1] as usize
+    }
+
+    /// The neighbours of a point.
+    pub(super) fn of(&self, point: usize) -> &[Link] {
+        &self.list[self.range(point)]
+    }
+}
+
+impl Grid {
+    /// Sorts points into cells of at least `reach` metres.
+    pub(super) fn new(points: &[Vec3], reach: f32) -> Self {
+        let finite = || points.iter().copied().filter(|point| point.is_finite());
+        let low = finite().fold(Vec3::INFINITY, Vec3::min);
+        let high = finite().fold(Vec3::NEG_INFINITY, Vec3::max);
+        // Cells never get so small that their numbers overflow; larger ones are slower but no less right.
+        let edge =
+            reach.max((high - low).max_element() / ((1 << AXIS_BITS) - 4) as f32).max(f32::MIN_POSITIVE);
+        // One cell on each side stays free for neighbours.
+        let cell = |point: Vec3| ((point - low) / edge).to_array().map(|at| at as u64 + 1);
+        let bits = cell(high).map(|last| u64::BITS - (last + 1).leading_zeros());
+        let steps = [1 << bits[0], 1 << (bits[0] + bits[1])];
+        let key = |point: Vec3| {
+            if !point.is_finite() {
+                return NOWHERE;
+            }
+            let [x, y, z] = cell(point);
+            z * steps[1] + y * steps[0] + x
+        };
+        let sorted = in_order(points.par_iter().map(|&point| key(point)), bits.iter().sum());
+        let (mut cells, mut starts) = (Vec::new(), Vec::new());
+        for (place, &(key, _)) in (0..).zip(&sorted) {
+            if cells.last() != Some(&key) {
+                cells.push(key);
+                starts.push(place);
+            }
+        }
+        cells.extend(PADDING);
+        starts.push(points.len() as u32);
+        Self {
+            points: sorted.par_iter().map(|&(_, number)| points[number as usize]).collect(),
+            numbers: sorted.into_iter().map(|(_, number)| number).collect(),
+            cells,
+            starts,
+            steps,
+        }
+    }
+
+    /// The number that a point came with.
+    pub(super) fn number(&self, point: u32) -> u32 {
+        self.numbers[point as usize]
+    }
+
+    /// Cuts the points, between cells, into stretches of about `length`; gives the places of their cells.
+    pub(super) fn stretches(&self, length: usize) -> Vec<Range<usize>> {
+        let cells = self.starts.len() - 1;
+        let mut ranges = Vec::new();
+        let mut from = 0;
+        while from < cells {
+            let full = self.starts[from] as usize + length.max(1);
+            let to = self.starts.partition_point(|&start| (start as usize) < full).min(cells);
+            ranges.push(from..to);
+            from = to;
+        }
+        ranges
+    }
+
+    /// The points of a stretch of cells.
+    pub(super) fn points_of(&self, cells: &Range<usize>) -> Range<u32> {
+        self.starts[cells.start]..self.starts[cells.end]
+    }
+
+    /// The neighbours with higher numbers of the points of a stretch of cells.
+    pub(super) fn links_ahead(&self, cells: &Range<usize>, weighting: Weighting) -> Links {
+        let count = self.points_of(cells).len();
+        let mut links = Links { starts: Vec::with_capacity(count + 1), list: Vec::with_capacity(count * 4) };
+        links.starts.push(0);
+        // Rows of three cells are contiguous; as cells go by in order, so does the start of each row.
+        let [y, z] = self.steps;
+        let offsets = [y - 1, z - y - 1, z - 1, z + y - 1];
+        let first = self.cells[cells.start];
+        let mut rows = offsets.map(|offset| self.cells.partition_point(|&cell| cell < first + offset));
+        let mut found = Vec::new();
+        for index in cells.clone() {
+            let key = self.cells[index];
+            let own = self.starts[index] as usize..self.starts[index + 1] as usize;
+            if key == NOWHERE {
+                links.starts.extend(own.map(|_| links.list.len() as u32));
+                continue;
+            }
+            // The rest of this cell with the next one, then the four rows ahead.
+            let next = index + 1 + usize::from(self.cells[index + 1] == key + 1);
+            let mut ahead: [Range<usize>; 5] = std::array::from_fn(|_| own.end..self.starts[next] as usize);
+            for ((offset, row), range) in offsets.iter().zip(&mut rows).zip(&mut ahead[1..]) {
+                *range = self.row(key + offset, row);
+            }
+            found.resize(own.len() + ahead.iter().map(Range::len).sum::<usize>(), Link::default());
+            for point in own {
+                ahead[0].start = point + 1;
+                let mut end = 0;
+                for range in &ahead {
+                    end = self.near(self.points[point], range.clone(), weighting.reach, &mut found, end);
+                }
+                let weighed = |link: &Link| Link { weight: weighting.at(link.weight.sqrt()), ..*link };
+                links.list.extend(found[..end].iter().map(weighed));
+                links.starts.push(links.list.len() as u32);
+            }
+        }
+        links
+    }
+
+    /// The points of the three cells from `low` on; moves `from` up to the first of these cells.
+    fn row(&self, low: u64, from: &mut usize) -> Range<usize> {
+        // No branch for each cell: almost every step is short, and which one it is cannot be foreseen.
+        let below = |from: usize, key: u64| {
+            self.cells[from..from + 3].iter().map(|&cell| usize::from(cell < key)).sum::<usize>()
+        };
+        loop {
+            let step = below(*from, low);
+            *from += step;
+            if step < 3 {
+                break;
+            }
+        }
+        self.starts[*from] as usize..self.starts[*from + below(*from, low + 3)] as usize
+    }
+
+    /// Writes those of `points` that are within reach of `at` into `found` from `end` on, with the square of their
+    /// distance instead of a weight; gives the new end.
+    fn near(&self, at: Vec3, points: Range<usize>, reach: f32, found: &mut [Link], mut end: usize) -> usize {
+        let limit = reach * reach;
+        for (to, point) in (points.start as u32..).zip(&self.points[points]) {
+            // Written always, and counted or not: a branch would go either way.
+            let square = at.distance_squared(*point);
+            found[end] = Link { to, weight: square };
+            end += usize::from(square < limit);
+        }
+        end
+    }
+}
+
+/// Keys of at most `bits` bits with their places, ascending, and equal ones by place.
+fn in_order(keys: impl IndexedParallelIterator<Item = u64>, bits: u32) -> Vec<(u64, u32)> {
+    let place_bits = u64::BITS - (keys.len() as u64).leading_zeros();
+    let placed = keys.enumerate();
+    if bits + place_bits > u64::BITS {
+        let mut pairs: Vec<(u64, u32)> = placed.map(|(place, key)| (key, place as u32)).collect();
+        pairs.par_sort_unstable();
+        return pairs;
+    }
+    // Single numbers sort faster than pairs.
+    let mut packed: Vec<u64> = placed.map(|(place, key)| (key << place_bits) | place as u64).collect();
+    packed.par_sort_unstable();
+    let place = |packed: u64| (packed & ((1 << place_bits) - 1)) as u32;
+    packed.into_par_iter().map(|packed| (packed >> place_bits, place(packed))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn keys_sort_alike_packed_and_in_pairs() {
+        let keys: Vec<u64> = (0..1000).map(|place: u64| (place * 7919) % 101).collect();
+        let packed = in_order(keys.clone().into_par_iter(), 7);
+        assert_eq!(packed, in_order(keys.clone().into_par_iter(), 63));
+        assert!(packed.is_sorted() && packed.iter().all(|&(key, place)| keys[place as usize] == key));
+        // The largest key that is packed loses no bit.
+        assert_eq!(in_order(vec![(1 << 62) - 1, 5].into_par_iter(), 62), [(5, 1), ((1 << 62) - 1, 0)]);
+    }
+}

@@ -12,6 +12,7 @@ use serde::Serialize;
 
 use crate::args::{Coder, Format, PointArgs, ProfileArg};
 use crate::budget::{AgeArg, BudgetTotals, message};
+use crate::cache::{Folder, as_cache};
 use crate::context::{progress, say};
 use crate::error::{Exit, Failure, Outcome};
 use crate::output::number;
@@ -97,7 +98,9 @@ pub(crate) fn run(args: &Args) -> Outcome {
     // A budget that nothing exceeds: with one, the server weighs the points.
     let budget = Some(Budget { bytes: u32::MAX, longest_age: args.age.longest_age });
     let settings = ServerSettings { coder, budget, ..settings(&args.points, &scene, args.frames) };
-    let mut server = Server::new(Arc::clone(&scene), settings, show_progress()).map_err(refused)?;
+    let cache = Folder::of(&args.points.cache);
+    let server = Server::with_cache(Arc::clone(&scene), settings, as_cache(&cache), show_progress());
+    let mut server = server.map_err(refused)?;
     let traced = trace(args, &scene, &mut server)?;
     let free = write(args, &traced, None, coder)?;
     let demand = free.bytes_a_frame;

@@ -1,12 +1,14 @@
 //! The client's end.
 
+mod datagrams;
+
 use std::sync::Arc;
 
 use psao_codec::frame::{FrameError, FrameInfo};
 use psao_codec::stream::State;
 
 use super::clock::Clock;
-use super::datagram::{Joined, Joiner, write_ack};
+use super::datagram::Joiner;
 use super::outbox::{Fate, Outbox};
 use super::timers::{Due, Timers};
 use super::{
@@ -247,46 +249,6 @@ impl ClientSession {
             Err(error) => Err(self.fail(error)),
             Ok(()) => Ok(events),
         }
-    }
-
-    /// Takes a datagram from the server: a piece of a frame body. One that is of no use is counted and dropped; a body
-    /// that is whole is applied like an update, but to any state from the one that it builds on.
-    pub fn handle_datagram(&mut self, bytes: &[u8], now: Micros) -> Vec<ClientEvent> {
-        self.timers.tell(now);
-        let mut events = Vec::new();
-        let Phase::Running(follower) = &mut self.phase else { return events };
-        (self.stats.datagrams, self.stats.wire_bytes) =
-            (self.stats.datagrams + 1, self.stats.wire_bytes + bytes.len() as u64);
-        match self.joiner.take(bytes, follower.state().frame(), &self.limits) {
-            Joined::Bad => self.stats.bad_datagrams += 1,
-            Joined::Waiting => self.timers.heard(),
-            Joined::Whole(frame, body) => {
-                self.timers.heard();
-                let wire_bytes = body.len() as u64;
-                match follower.patch(body, &self.limits) {
-                    Ok((info, (group, sequence))) => {
-                        let ack = Ack { frame: info.frame, hash: info.hash };
-                        // The newest acknowledgement says all.
-                        self.datagrams = vec![write_ack(&ack)];
-                        self.stats.applied += 1;
-                        let stamp = self.stamp.take().filter(|stamp| stamp.frame == info.frame);
-                        let frame = AppliedFrame { info, group, sequence, wire_bytes, received: now, stamp };
-                        events.push(ClientEvent::Applied(frame));
-                    }
-                    Err(Unusable::Body(FrameError::Hash { stored, computed, .. })) => {
-                        self.mismatch(frame, stored, computed, &mut events);
-                    }
-                    Err(_) => self.stats.late_datagram_frames += 1,
-                }
-            }
-        }
-        events
-    }
-
-    /// The next datagram to send to the server.
-    #[must_use]
-    pub fn take_datagram(&mut self) -> Option<Vec<u8>> {
-        self.datagrams.pop()
     }
 
     /// Does what the time asks for: ends a handshake that takes too long, sends keep-alives, gives up a server that is

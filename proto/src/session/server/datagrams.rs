@@ -1,0 +1,83 @@
+//! Updates that go as datagrams, and the acknowledgements that come as such.
+
+use psao_codec::frame::FrameKind;
+
+use super::super::datagram::{read_ack, split};
+use super::super::flight::Way;
+use super::super::{SendError, Sent, ServerEvent, SharedBody, Wants};
+use super::ServerSession;
+use crate::{FrameIndex, Micros};
+
+impl ServerSession {
+    /// Takes a datagram from the client: an acknowledgement. Anything else is counted and dropped.
+    pub fn handle_datagram(&mut self, bytes: &[u8], now: Micros) -> Option<ServerEvent> {
+        self.timers.tell(now);
+        if !self.is_joined() {
+            return None;
+        }
+        // What comes too often or is too much is dropped: on a network that carries datagrams anybody may send one.
+        let allowed = self.frames_left.take(1, now) && self.bytes_left.take(bytes.len(), now);
+        let Some(ack) = read_ack(bytes).filter(|_| allowed) else {
+            self.stats.bad_datagrams += 1;
+            return None;
+        };
+        self.timers.heard();
+        Some(self.acked(ack))
+    }
+
+    /// Sends an update that builds on the frame `base`, or any later one, as datagrams; those of an older frame that were
+    /// not taken are dropped. When acknowledgements are overdue it goes over the connection as well. One of many datagrams is
+    /// dropped, and the client wants updates over the connection for a while; one over the limit for datagrams makes it
+    /// want a keyframe.
+    ///
+    /// # Errors
+    /// As [`send_update`](Self::send_update).
+    pub fn send_datagrams(&mut self, body: &SharedBody, base: FrameIndex) -> Result<Sent, SendError> {
+        if body.kind != FrameKind::Delta {
+            return Err(SendError::Kind);
+        }
+        let wanted = self.wants() == (Wants::Datagrams { base });
+        let (Some(bytes), true, true) = (self.datagram_bytes, wanted, self.check_body(body)?) else {
+            self.stats.dropped += 1;
+            return Ok(Sent::Dropped);
+        };
+        let small = body.bytes.len() <= self.limits.max_datagram_body as usize;
+        let Some(datagrams) = split(body.frame, &body.bytes, bytes).filter(|_| small) else {
+            self.place.holds = None;
+            self.stats.dropped += 1;
+            return Ok(Sent::Dropped);
+        };
+        let now = self.timers.now();
+        let way = self.flight.choose(body.frame, datagrams.len(), self.outbox.is_empty(), now);
+        if way == Way::Connection {
+            return Ok(Sent::Dropped);
+        }
+        self.lagging = false;
+        let bytes = datagrams.iter().map(|datagram| datagram.len() as u64).sum();
+        self.stats.wire_bytes += bytes;
+        self.stats.datagram_frames += 1;
+        self.datagrams = datagrams;
+        if way == Way::Both {
+            let before = self.place;
+            let head = self.place.numbering.update_head(&body.bytes)?;
+            self.push_state(&head, body, before);
+            self.stats.updates += 1;
+        } else {
+            self.flight.expect((body.frame, body.hash), now, bytes, true);
+        }
+        self.place.strayed = true;
+        Ok(Sent::Queued)
+    }
+
+    /// The next datagram to send.
+    #[must_use]
+    pub fn take_datagram(&mut self) -> Option<Vec<u8>> {
+        self.datagrams.pop_front()
+    }
+
+    /// Whether the client asked for updates as datagrams.
+    #[must_use]
+    pub const fn takes_datagrams(&self) -> bool {
+        self.datagram_bytes.is_some()
+    }
+}

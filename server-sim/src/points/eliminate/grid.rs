@@ -83,9 +83,33 @@ impl Grid {
             let [x, y, z] = cell(point);
             z * steps[1] + y * steps[0] + x
         };
-        let sorted = in_order(points.par_iter().map(|&point| key(point)), bits.iter().sum());
+        let keys = points.par_iter().map(|&point| key(point));
+        let number_bits = u64::BITS - (points.len() as u64).leading_zeros();
+        if bits.iter().sum::<u32>() + number_bits <= u64::BITS {
+            // Single numbers sort faster than pairs.
+            let both = |(number, key): (usize, u64)| (key << number_bits) | number as u64;
+            let low = (1 << number_bits) - 1;
+            Self::sorted(points, steps, keys.enumerate().map(both), |both| {
+                (both >> number_bits, (both & low) as u32)
+            })
+        } else {
+            let pair = |(number, key): (usize, u64)| (key, number as u32);
+            Self::sorted(points, steps, keys.enumerate().map(pair), |pair| pair)
+        }
+    }
+
+    /// Out of what orders by key and then by number, and `split`s into both.
+    fn sorted<T: Copy + Ord + Send + Sync>(
+        points: &[Vec3],
+        steps: [u64; 2],
+        order: impl IndexedParallelIterator<Item = T>,
+        split: impl Fn(T) -> (u64, u32) + Sync,
+    ) -> Self {
+        let mut order: Vec<T> = order.collect();
+        order.par_sort_unstable();
         let (mut cells, mut starts) = (Vec::new(), Vec::new());
-        for (place, &(key, _)) in (0..).zip(&sorted) {
+        for (place, &item) in (0..).zip(&order) {
+            let (key, _) = split(item);
             if cells.last() != Some(&key) {
                 cells.push(key);
                 starts.push(place);
@@ -93,9 +117,10 @@ impl Grid {
         }
         cells.extend(PADDING);
         starts.push(points.len() as u32);
+        let numbers: Vec<u32> = order.par_iter().map(|&item| split(item).1).collect();
         Self {
-            points: sorted.par_iter().map(|&(_, number)| points[number as usize]).collect(),
-            numbers: sorted.into_iter().map(|(_, number)| number).collect(),
+            points: numbers.par_iter().map(|&number| points[number as usize]).collect(),
+            numbers,
             cells,
             starts,
             steps,
@@ -195,33 +220,22 @@ impl Grid {
     }
 }
 
-/// Keys of at most `bits` bits with their places, ascending, and equal ones by place.
-fn in_order(keys: impl IndexedParallelIterator<Item = u64>, bits: u32) -> Vec<(u64, u32)> {
-    let place_bits = u64::BITS - (keys.len() as u64).leading_zeros();
-    let placed = keys.enumerate();
-    if bits + place_bits > u64::BITS {
-        let mut pairs: Vec<(u64, u32)> = placed.map(|(place, key)| (key, place as u32)).collect();
-        pairs.par_sort_unstable();
-        return pairs;
-    }
-    // Single numbers sort faster than pairs.
-    let mut packed: Vec<u64> = placed.map(|(place, key)| (key << place_bits) | place as u64).collect();
-    packed.par_sort_unstable();
-    let place = |packed: u64| (packed & ((1 << place_bits) - 1)) as u32;
-    packed.into_par_iter().map(|packed| (packed >> place_bits, place(packed))).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn keys_sort_alike_packed_and_in_pairs() {
-        let keys: Vec<u64> = (0..1000).map(|place: u64| (place * 7919) % 101).collect();
-        let packed = in_order(keys.clone().into_par_iter(), 7);
-        assert_eq!(packed, in_order(keys.clone().into_par_iter(), 63));
-        assert!(packed.is_sorted() && packed.iter().all(|&(key, place)| keys[place as usize] == key));
-        // The largest key that is packed loses no bit.
-        assert_eq!(in_order(vec![(1 << 62) - 1, 5].into_par_iter(), 62), [(5, 1), ((1 << 62) - 1, 0)]);
+    fn points_go_by_cell_and_number_however_many_bits_a_key_has() {
+        let count = 1000;
+        // A reach that leaves 10 bits an axis, and one that leaves 21.
+        for reach in [0.01, 1e-9] {
+            let points: Vec<Vec3> =
+                (0..count).map(|i| Vec3::new((i % 7) as f32, (i % 5) as f32, ((i * i) % 3) as f32)).collect();
+            let grid = Grid::new(&points, reach);
+            let mut expected: Vec<u32> = (0..count).collect();
+            expected.sort_by_key(|&i| ((i * i) % 3, i % 5, i % 7));
+            assert_eq!(grid.numbers, expected);
+            assert_eq!(grid.starts.len() - 1 + PADDING.len(), grid.cells.len());
+        }
     }
 }

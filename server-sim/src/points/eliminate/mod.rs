@@ -46,7 +46,7 @@ pub fn poisson_radius(area: f64, count: usize) -> f32 {
 
 /// Weighted sample elimination: numbers of the `keep` points that are left, ascending. `radius` is [`poisson_radius`] of
 /// the area and `keep`, finite; points within twice as much weigh on each other. All points are left where there are no
-/// more than `keep`. The result depends on the arguments alone, not on the number of threads or the machine; points that
+/// more than `keep`. There may be up to 2^31 points. The result depends on the arguments alone, not on the number of threads or the machine; points that
 /// are not finite have no neighbours.
 #[must_use]
 pub fn eliminate(points: &[Vec3], keep: usize, radius: f32) -> Vec<u32> {
@@ -117,7 +117,7 @@ fn regions(grid: &Grid, weighting: Weighting, length: usize) -> Vec<Region> {
         .map(|(own, ahead)| {
             let first = |number| crossings.partition_point(|link| link.to < number);
             let behind = first(own.start)..first(own.end);
-            Region::new(own, &ahead, &crossings[behind])
+            Region::new(own, ahead, &crossings[behind])
         })
         .collect();
     Region::introduce(&mut regions);
@@ -169,8 +169,8 @@ impl Weighting {
     }
 }
 
-/// What a point weighs, and its number. The greatest goes first: the heaviest point, and of equals the one with the
-/// lowest number.
+/// What a point weighs, and its number, below 2^31. The greatest goes first: the heaviest point, and of equals the one
+/// with the lowest number. Keys of points that are gone are below all of those that are not.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Key(u64);
 
@@ -180,33 +180,56 @@ const CLASSES: usize = 1 << CLASS_BITS;
 
 impl Key {
     /// Below every other.
-    const GONE: Self = Self(0);
+    const NONE: Self = Self(0);
     /// Above every other.
     const FIRST: Self = Self(u64::MAX);
+    /// Set until the point is gone.
+    const HERE: u64 = 1 << 63;
+    /// The point's number, upside down.
+    const POINT: u64 = (1 << 31) - 1;
 
     fn new(weight: f32, point: u32) -> Self {
         // Sign and magnitude become a number that grows with the weight; both zeros become one.
         let bits = (weight + 0.0).to_bits();
         let ordered = if bits >> 31 == 0 { bits | (1 << 31) } else { !bits };
-        Self((u64::from(ordered) << 32) | u64::from(!point))
+        Self(Self::HERE | (u64::from(ordered) << 31)).of(point)
+    }
+
+    /// The same of another point.
+    fn of(self, point: u32) -> Self {
+        Self((self.0 & !Self::POINT) | (!u64::from(point) & Self::POINT))
     }
 
     fn weight(self) -> f32 {
-        let ordered = (self.0 >> 32) as u32;
+        let ordered = (self.0 >> 31) as u32;
         f32::from_bits(if ordered >> 31 == 1 { ordered & !(1 << 31) } else { !ordered })
     }
 
     fn point(self) -> u32 {
-        !(self.0 as u32)
+        (!self.0 & Self::POINT) as u32
+    }
+
+    /// The key once the point is gone.
+    fn gone(self) -> Self {
+        Self(self.0 & !Self::HERE)
+    }
+
+    fn is_gone(self) -> bool {
+        self.0 & Self::HERE == 0
+    }
+
+    /// The key when the point went.
+    fn parting(self) -> Self {
+        Self(self.0 | Self::HERE)
     }
 
     /// Class of the weight, higher for heavier ones, below [`CLASSES`].
     fn class(self) -> usize {
-        (self.0 >> (u64::BITS - CLASS_BITS)) as usize
+        (self.0 >> (63 - CLASS_BITS)) as usize % CLASSES
     }
 
-    /// Not above any key of a class or a higher one, but above [`Key::GONE`].
+    /// Not above any key of a class or a higher one, but above those of points that are gone.
     fn least_of(class: usize) -> Self {
-        Self(((class as u64) << (u64::BITS - CLASS_BITS)).max(1))
+        Self(Self::HERE | ((class as u64) << (63 - CLASS_BITS)))
     }
 }

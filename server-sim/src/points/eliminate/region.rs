@@ -9,15 +9,6 @@ use super::grid::{Link, Links};
 /// How many points one stands for where they are counted.
 const SAMPLE: usize = 4;
 
-/// How a point stands, as its region tells the others.
-#[derive(Clone, Copy)]
-pub(super) struct Standing {
-    /// What it weighs; [`Key::GONE`] once it is gone.
-    key: Key,
-    /// What it weighed when it went.
-    parting: Key,
-}
-
 /// Where a region hears of a guest: the guest's own region, and its place among that one's hosts.
 #[derive(Clone, Copy)]
 struct Source {
@@ -57,15 +48,10 @@ pub(super) struct Region {
     /// Its own points that are guests elsewhere.
     hosts: Vec<u32>,
     /// Neighbours of its own points.
-    links: Links,
+    web: Web,
     /// Its own points that are neighbours of each guest.
     guest_links: Links,
-    /// What points weigh, or more than that; [`Key::GONE`] once they are gone.
-    keys: Vec<Key>,
-    /// What points weighed when they went.
-    partings: Vec<Key>,
-    /// The last neighbour of each of its own points to go; [`Key::GONE`] where the point is to be weighed again.
-    latest: Vec<Key>,
+    scales: Scales,
     /// Its own points that cannot go before a guest does.
     blocked: Vec<u32>,
     /// Its own points that are gone, by the grid's numbers.
@@ -80,54 +66,53 @@ pub(super) struct Region {
 impl Region {
     /// The points `own`. `ahead` links them to their neighbours with higher numbers, `behind` to those with lower ones
     /// that are not their own, ordered by the higher number and then the lower; all by the grid's numbers.
-    pub(super) fn new(own: Range<u32>, ahead: &Links, behind: &[Crossing]) -> Self {
-        let count = own.len();
+    pub(super) fn new(own: Range<u32>, mut ahead: Links, behind: &[Crossing]) -> Self {
+        let count = own.len() as u32;
         let mut guests = sorted(behind.iter().map(|link| link.from));
         let first = guests.len() as u32;
         guests.extend(sorted(ahead.list.iter().map(|link| link.to).filter(|&to| to >= own.end)));
         let guest = |number| guests.partition_point(|&guest| guest < number) as u32;
-        let mut rows = Rows::new(&own, ahead, behind);
         let mut visits = Vec::new();
+        let mut back = Back::new(&own, &ahead, behind);
         for link in behind {
             let (index, guest) = (link.to - own.start, guest(link.from));
-            rows.add(index, Link { to: guest, weight: link.weight });
+            back.add(index, Link { to: guest, weight: link.weight });
             visits.push((guest, Link { to: index + first, weight: link.weight }));
         }
-        // In this order every row is ascending.
-        for index in 0..count as u32 {
-            for &Link { to, weight } in ahead.of(index as usize) {
-                if to < own.end {
-                    rows.add(index, Link { to: to - own.start + first, weight });
-                    rows.add(to - own.start, Link { to: index + first, weight });
+        let mut scales = Scales::new(first, count, guests.len() as u32);
+        // In this order, all links back to points with lower numbers are there, and weights add up in one order.
+        for point in first..first + count {
+            let index = point - first;
+            let mut total = back.next[index as usize].1;
+            let range = ahead.range(index as usize);
+            for link in &mut ahead.list[range] {
+                total += link.weight;
+                if link.to < own.end {
+                    let to = link.to - own.start;
+                    back.add(to, Link { to: point, weight: link.weight });
+                    link.to = to + first;
                 } else {
-                    let guest = guest(to);
-                    rows.add(index, Link { to: guest + count as u32, weight });
-                    visits.push((guest, Link { to: index + first, weight }));
+                    let guest = guest(link.to);
+                    visits.push((guest, Link { to: point, weight: link.weight }));
+                    link.to = guest + count;
                 }
             }
-        }
-        let links = rows.links;
-        let mut keys: Vec<Key> =
-            (0..(guests.len() + count) as u32).map(|point| Key::new(f32::INFINITY, point)).collect();
-        for ((_, total), key) in rows.next.into_iter().zip(&mut keys[first as usize..]) {
-            *key = Key::new(total, key.point());
+            scales.keys[point as usize] = Key::new(total, point);
         }
         Self {
             hosts: sorted(visits.iter().map(|(_, link)| link.to)),
             guest_links: Links::collect(guests.len(), visits),
-            keys,
-            partings: vec![Key::GONE; guests.len() + count],
-            latest: vec![Key::FIRST; count],
+            web: Web { behind: back.links, ahead },
             sources: Vec::new(),
             blocked: Vec::new(),
             gone: Vec::new(),
             looks: 0,
             ascent: Vec::new(),
             taken: Vec::new(),
+            scales,
             own,
             first,
             guests,
-            links,
         }
     }
 
@@ -152,40 +137,33 @@ impl Region {
         }
     }
 
-    /// What other regions hear of this one's points.
-    pub(super) fn tell(&self) -> Vec<Standing> {
-        let stands =
-            |&host| Standing { key: self.keys[host as usize], parting: self.partings[host as usize] };
-        self.hosts.iter().map(stands).collect()
+    /// What other regions hear of this one's points: their keys.
+    pub(super) fn tell(&self) -> Vec<Key> {
+        self.hosts.iter().map(|&host| self.scales.keys[host as usize]).collect()
     }
 
     /// Takes in what all regions tell of their points.
-    pub(super) fn hear(&mut self, told: &[Vec<Standing>]) {
-        for index in 0..self.guests.len() {
-            let source = self.sources[index];
-            let standing = told[source.region as usize][source.place as usize];
-            let guest = if (index as u32) < self.first { index } else { index + self.own.len() };
-            if self.keys[guest] == Key::GONE {
+    pub(super) fn hear(&mut self, told: &[Vec<Key>]) {
+        for (index, source) in self.sources.iter().enumerate() {
+            let guest = index as u32 + if (index as u32) < self.first { 0 } else { self.own.len() as u32 };
+            let key = &mut self.scales.keys[guest as usize];
+            if key.is_gone() {
                 continue;
             }
-            if standing.key == Key::GONE {
-                let parting = Key::new(standing.parting.weight(), guest as u32);
-                self.keys[guest] = Key::GONE;
-                self.partings[guest] = parting;
-                for at in self.guest_links.range(index) {
-                    let Link { to, weight } = self.guest_links.list[at];
-                    self.lighten(to, parting, weight);
+            *key = told[source.region as usize][source.place as usize].of(guest);
+            if key.is_gone() {
+                let parting = key.parting();
+                for link in self.guest_links.of(index) {
+                    self.scales.lighten(link.to, parting, link.weight);
                 }
-            } else {
-                self.keys[guest] = Key::new(standing.key.weight(), guest as u32);
             }
         }
     }
 
     /// Counts its own points that are left by class of weight, every [`SAMPLE`]th for all.
     pub(super) fn census(&self, classes: &mut [usize]) {
-        let own = &self.keys[self.first as usize..][..self.own.len()];
-        for key in own.iter().step_by(SAMPLE).filter(|&&key| key != Key::GONE) {
+        let own = &self.scales.keys[self.first as usize..][..self.own.len()];
+        for key in own.iter().step_by(SAMPLE).filter(|key| !key.is_gone()) {
             classes[key.class()] += SAMPLE;
         }
     }
@@ -197,7 +175,7 @@ impl Region {
 
     /// Links of its own points.
     pub(super) fn links(&self) -> usize {
-        self.links.list.len()
+        self.web.behind.list.len() + self.web.ahead.list.len()
     }
 
     /// How many links it has looked at to find points that go.
@@ -229,24 +207,25 @@ impl Region {
     fn settle(&mut self, point: u32, least: Key) {
         self.ascent.push(point);
         while let Some(&top) = self.ascent.last() {
-            let mut own = self.keys[top as usize];
-            if own >= least && self.latest[(top - self.first) as usize] == Key::GONE {
+            let mut own = self.scales.keys[top as usize];
+            if own >= least && self.scales.is_stale(top) {
                 own = self.weigh(top);
             }
             if own < least {
                 self.ascent.pop();
                 continue;
             }
-            let links = self.links.of((top - self.first) as usize);
-            self.looks += links.len();
             let mut heaviest = own;
-            for link in links {
-                heaviest = heaviest.max(self.keys[link.to as usize]);
+            for links in self.web.of(top - self.first) {
+                self.looks += links.len();
+                for link in links {
+                    heaviest = heaviest.max(self.scales.keys[link.to as usize]);
+                }
             }
             if heaviest == own {
                 self.ascent.pop();
                 self.remove(own);
-            } else if self.is_own(heaviest.point()) {
+            } else if self.scales.is_own(heaviest.point()) {
                 self.ascent.push(heaviest.point());
             } else {
                 self.ascent.clear();
@@ -255,75 +234,117 @@ impl Region {
         }
     }
 
-    fn is_own(&self, point: u32) -> bool {
-        (self.first..self.first + self.own.len() as u32).contains(&point)
-    }
-
     fn remove(&mut self, key: Key) {
-        let point = key.point() as usize;
-        self.partings[point] = key;
-        self.keys[point] = Key::GONE;
-        self.gone.push(Key::new(key.weight(), key.point() - self.first + self.own.start));
-        for at in self.links.range(point - self.first as usize) {
-            let Link { to, weight } = self.links.list[at];
-            if self.is_own(to) {
-                self.lighten(to, key, weight);
+        let point = key.point();
+        self.scales.keys[point as usize] = key.gone();
+        self.gone.push(key.of(point - self.first + self.own.start));
+        for links in self.web.of(point - self.first) {
+            for link in links {
+                if self.scales.is_own(link.to) {
+                    self.scales.lighten(link.to, key, link.weight);
+                }
             }
-        }
-    }
-
-    /// Takes the weight of a neighbour that is gone off one of its own points. Where neighbours go in another order than
-    /// they would one by one, the point keeps its weight, which is too high then, until it is weighed again.
-    fn lighten(&mut self, point: u32, gone: Key, by: f32) {
-        let key = self.keys[point as usize];
-        if key == Key::GONE {
-            return;
-        }
-        let latest = &mut self.latest[(point - self.first) as usize];
-        if gone < *latest {
-            *latest = gone;
-            self.keys[point as usize] = Key::new(key.weight() - by, point);
-        } else {
-            *latest = Key::GONE;
         }
     }
 
     /// Weighs one of its own points without the neighbours that are gone, taken off in the order in which they go one by
     /// one: the sum depends on it.
     fn weigh(&mut self, point: u32) -> Key {
-        let index = (point - self.first) as usize;
         self.taken.clear();
         let mut weight = 0.0;
-        for link in self.links.of(index) {
-            weight += link.weight;
-            if self.keys[link.to as usize] == Key::GONE {
-                self.taken.push((self.partings[link.to as usize], link.weight));
+        for links in self.web.of(point - self.first) {
+            for link in links {
+                weight += link.weight;
+                let key = self.scales.keys[link.to as usize];
+                if key.is_gone() {
+                    self.taken.push((key.parting(), link.weight));
+                }
             }
         }
         self.taken.sort_unstable_by_key(|&(key, _)| Reverse(key));
         for (_, gone) in &self.taken {
             weight -= gone;
         }
-        self.latest[index] = self.taken.last().map_or(Key::FIRST, |&(key, _)| key);
-        self.keys[point as usize] = Key::new(weight, point);
-        self.keys[point as usize]
+        let latest = self.taken.last().map_or(Key::FIRST, |&(key, _)| key);
+        self.scales.set(Key::new(weight, point), latest)
     }
 }
 
-/// Neighbours of a region's own points, as they are put together.
-struct Rows {
+/// Neighbours of a region's own points.
+struct Web {
+    /// Those with lower numbers.
+    behind: Links,
+    /// Those with higher numbers.
+    ahead: Links,
+}
+
+impl Web {
+    /// Neighbours of an own point, ascending in two parts.
+    fn of(&self, index: u32) -> [&[Link]; 2] {
+        [self.behind.of(index as usize), self.ahead.of(index as usize)]
+    }
+}
+
+/// What a region's points weigh.
+struct Scales {
+    first: u32,
+    /// What points weigh, or more than that; of those that are gone, what they weighed when they went.
+    keys: Vec<Key>,
+    /// The last neighbour of each own point to go; [`Key::NONE`] where the point is to be weighed again.
+    latest: Vec<Key>,
+}
+
+impl Scales {
+    /// Of `count` own points from `first` on and some guests, heavier than anything until more is known.
+    fn new(first: u32, count: u32, guests: u32) -> Self {
+        let keys = (0..count + guests).map(|point| Key::new(f32::INFINITY, point)).collect();
+        Self { first, keys, latest: vec![Key::FIRST; count as usize] }
+    }
+
+    fn is_own(&self, point: u32) -> bool {
+        (point.wrapping_sub(self.first) as usize) < self.latest.len()
+    }
+
+    /// Whether an own point is to be weighed again.
+    fn is_stale(&self, point: u32) -> bool {
+        self.latest[(point - self.first) as usize] == Key::NONE
+    }
+
+    /// What an own point weighs, without neighbours up to `latest`.
+    fn set(&mut self, key: Key, latest: Key) -> Key {
+        self.keys[key.point() as usize] = key;
+        self.latest[(key.point() - self.first) as usize] = latest;
+        key
+    }
+
+    /// Takes the weight of a neighbour that is gone off an own point. Where neighbours go in another order than they
+    /// would one by one, the point keeps its weight, which is too high then, until it is weighed again.
+    fn lighten(&mut self, point: u32, gone: Key, by: f32) {
+        let key = &mut self.keys[point as usize];
+        if key.is_gone() {
+            return;
+        }
+        let latest = &mut self.latest[(point - self.first) as usize];
+        if gone < *latest {
+            *latest = gone;
+            *key = Key::new(key.weight() - by, point);
+        } else {
+            *latest = Key::NONE;
+        }
+    }
+}
+
+/// Links back to points with lower numbers, as they are put together.
+struct Back {
     links: Links,
-    /// Where the next neighbour of each point goes, and the weights so far.
+    /// Where the next one of each point goes, and the weights so far.
     next: Vec<(u32, f32)>,
 }
 
-impl Rows {
+impl Back {
     /// Makes room.
     fn new(own: &Range<u32>, ahead: &Links, behind: &[Crossing]) -> Self {
         let mut starts = vec![0; own.len() + 1];
-        for (index, pair) in ahead.starts.windows(2).enumerate() {
-            starts[index + 1] += pair[1] - pair[0];
-        }
         let inside = ahead.list.iter().map(|link| link.to).filter(|&to| to < own.end);
         for to in inside.chain(behind.iter().map(|link| link.to)) {
             starts[(to - own.start) as usize + 1] += 1;
@@ -337,7 +358,7 @@ impl Rows {
         Self { links: Links { starts, list: vec![Link::default(); sum as usize] }, next }
     }
 
-    /// Adds a neighbour of the point at `index`, with a higher number than the ones before.
+    /// Adds a link of the own point at `index`, to a higher number than those before.
     fn add(&mut self, index: u32, link: Link) {
         let (next, total) = &mut self.next[index as usize];
         self.links.list[*next as usize] = link;

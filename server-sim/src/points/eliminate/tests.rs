@@ -92,7 +92,9 @@ proptest! {
         let (x, y) = (Key::new(a, first), Key::new(b, first + 1));
         prop_assert_eq!((x.weight(), x.point()), (a + 0.0, first));
         prop_assert_eq!(x > y, a >= b);
-        prop_assert!(x < Key::FIRST && x > Key::GONE);
+        prop_assert!(x < Key::FIRST && x > Key::NONE && !x.is_gone());
+        prop_assert!(x.gone().is_gone() && x.gone() < Key::least_of(0) && x.gone() < y);
+        prop_assert_eq!((x.gone().parting(), x.gone().weight()), (x, x.weight()));
         prop_assert!(Key::least_of(x.class()) <= x && Key::least_of(x.class() + 1) > x);
         prop_assert_eq!(Key::new(-0.0, first), Key::new(0.0, first));
     }

@@ -1,16 +1,20 @@
-//! Rays and points: AO of every first point of a built-in scene, single rays, and sample elimination by way of point
+//! Rays and points: AO of a sample of a built-in scene's points, nearest hits and any, beside a plain twin; single rays, and sample elimination by way of point
 //! generation. Rates are per ray and per point kept.
 
 use std::sync::Arc;
 
-use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use psao_server_sim::ao::{AoSettings, Occlusion, Scratch, Tracer};
+use criterion::measurement::WallTime;
+use criterion::{BenchmarkGroup, Criterion, Throughput, criterion_group, criterion_main};
+use psao_server_sim::ao::{AoSettings, Occlusion, Probe, Ray, Scratch, Tracer, Twin};
 use psao_server_sim::bvh::World;
 use psao_server_sim::points::{PointSettings, ScenePoints, generate};
 use psao_server_sim::scene::{InstanceId, Scene};
 
-/// Every how many points one is traced: spread over the scene, near enough to share memory.
+/// Every how many points a single ray starts: spread over the scene, near enough to share memory.
 const STRIDE: usize = 16;
+
+/// Points whose rays are traced.
+const SAMPLE: u32 = 1000;
 
 /// Position and normal of some points, world space.
 fn places(world: &World, points: &ScenePoints) -> Vec<(glam::Vec3, glam::Vec3)> {
@@ -27,6 +31,26 @@ fn places(world: &World, points: &ScenePoints) -> Vec<(glam::Vec3, glam::Vec3)> 
     places
 }
 
+/// All rays of a sample of points: as the server traces them, and one by one through a plain tree.
+fn rays(group: &mut BenchmarkGroup<'_, WallTime>, kind: Occlusion, probe: &Probe) {
+    let mut scratch = Scratch::default();
+    let (rays, twin) = (probe.rays(), Twin::new(&probe.triangles()));
+    let any = kind == Occlusion::Binary;
+    let hit = |ray: &Ray| if any { twin.occluded(ray) } else { twin.closest(ray).is_finite() };
+    // The answer first: but for grazing rays, both hit the same.
+    let distances = probe.distances(&mut scratch);
+    let differ =
+        distances.iter().zip(&rays).filter(|(distance, ray)| distance.is_finite() != hit(ray)).count();
+    assert!(differ * 1000 < rays.len(), "{differ} rays differ");
+    let hits = distances.iter().filter(|distance| distance.is_finite()).count();
+    assert!(hits > rays.len() / 100 && hits < rays.len() * 4 / 5, "{hits} hits");
+    group.throughput(Throughput::Elements(rays.len() as u64));
+    group.bench_function(format!("{kind:?}"), |bencher| bencher.iter(|| probe.trace(&mut scratch)));
+    group.bench_function(format!("{kind:?}, plain twin"), |bencher| {
+        bencher.iter(|| rays.iter().filter(|ray| hit(ray)).count());
+    });
+}
+
 fn trace(criterion: &mut Criterion) {
     for name in ["colonnade", "robot-lab"] {
         let Ok(scene) = Scene::load(name) else { continue };
@@ -39,18 +63,7 @@ fn trace(criterion: &mut Criterion) {
         group.sample_size(10);
         for kind in [Occlusion::Obscurance, Occlusion::Binary] {
             let Ok(tracer) = Tracer::new(AoSettings { kind, ..AoSettings::default() }) else { continue };
-            let mut scratch = Scratch::default();
-            let mut all = || -> f32 {
-                let ao = (0u32..)
-                    .zip(&places)
-                    .map(|(id, &(at, normal))| tracer.at(&world, id, at, normal, &mut scratch).ao);
-                ao.sum()
-            };
-            // The answer first: a scene with occluders in it is neither open nor closed.
-            let mean = all() / places.len() as f32;
-            assert!(mean > 0.2 && mean < 0.99, "{name}: mean AO {mean}");
-            group.throughput(Throughput::Elements(places.len() as u64 * u64::from(tracer.settings().rays)));
-            group.bench_function(format!("{kind:?}"), |bencher| bencher.iter(&mut all));
+            rays(&mut group, kind, &Probe::new(&scene, &points, tracer, SAMPLE, 1));
         }
         group.throughput(Throughput::Elements(places.len() as u64));
         group.bench_function("single rays", |bencher| {

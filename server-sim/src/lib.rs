@@ -56,6 +56,7 @@
 
 pub mod ao;
 pub mod bvh;
+pub mod clip;
 pub mod clock;
 pub mod delta;
 pub mod points;

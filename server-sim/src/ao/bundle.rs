@@ -1,18 +1,26 @@
 //! The rays of one point against one body, in groups of eight.
 //!
 //! The rays share their origin, so the tree is walked once for all of them, nearest first. Each node narrows down the
-//! groups that go on: by the half ball of the rays, then by the rays themselves. All of these tests err on the side of tracing, so the result is the one of tracing every ray against
-//! every triangle.
+//! groups that go on: by the half ball of the rays, then by the cone around each group. In a leaf, each group's cone
+//! says which of eight triangles it may meet, and only those are met by its rays. All of these tests err on the side of
+//! tracing, so the result is the one of tracing every ray against every triangle.
 
+use fearless_simd::prelude::*;
 use glam::{Mat3, Vec3};
 
 use super::samples::Turned;
-use crate::bvh::{Blas, BlasHit, Facet, LANES, Lanes, Lanes3, Meeting, Node, Prepared, larger};
+use super::settings::Occlusion;
+use crate::bvh::{
+    Blas, BlasHit, Child, Facet, LANES, Lanes, Lanes3, Meeting, Node, Packed, Packed3, Pencil, Prepared,
+    Reachable, Wide, bits,
+};
 
 /// Groups that are traced together: bits of a mask.
 pub(super) const GROUPS: usize = 32;
 /// Value of a ray in `best` that has nothing left to learn: answered by any hit, or padding of the last group.
 const DONE: f32 = -1.0;
+/// Groups up to which it pays to ask which of their rays cross a node.
+const FEW_GROUPS: u32 = 4;
 /// Rays of a leaf up to which one ray against eight triangles is cheaper than eight rays against one.
 const FEW_RAYS: u32 = 3;
 
@@ -20,23 +28,58 @@ const FEW_RAYS: u32 = 3;
 #[derive(Debug)]
 pub(super) struct Bundle {
     /// Directions in the space of the body that is traced now, and one over them.
-    directions: [Lanes3; GROUPS],
-    inverses: [Lanes3; GROUPS],
+    directions: [Packed3; GROUPS],
+    inverses: [Packed3; GROUPS],
+    /// Axes of the groups' cones there, a group in every lane.
+    axes: [Packed3; GROUPS / LANES],
     /// Nearest hit so far of each ray, at first the reach; [`DONE`] when there is nothing left to learn.
-    best: [Lanes; GROUPS],
+    best: [Packed; GROUPS],
+    /// Largest `best` of each group.
+    reach: [Packed; GROUPS / LANES],
+    /// Bit per group: whether there is anything left to learn.
+    alive: u32,
     radius: f32,
+    /// Rays that came into the bounds of a body, a bit each by group.
+    entered: [u8; GROUPS],
     /// Lanes of the last group that pad it.
     padding: usize,
     groups: usize,
     stack: Vec<Entry>,
 }
 
-/// A node to visit, the squared distance to its box and the groups that go there.
+/// How far a ray of a bundle gets.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Reach {
+    /// As far as rays go, so far.
+    Open,
+    /// To a hit; how far that is does not matter.
+    Hit,
+    /// To a hit this far away.
+    At(f32),
+}
+
+/// What to visit, the squared distance to its box and the groups that go there.
 #[derive(Clone, Copy, Debug)]
 struct Entry {
     near: f32,
-    node: u32,
+    child: Child,
     groups: u32,
+}
+
+/// Eight boxes as seen from where the rays start.
+struct Boxes {
+    /// Bit per lane: whether any ray may meet what is in the box.
+    lanes: u32,
+    /// Squared.
+    distance: Packed,
+    /// The ball around the box, its radius, and the length of a tangent from the origin to it, far below zero where the
+    /// origin is inside.
+    center: Packed3,
+    ball: Packed,
+    tangent: Packed,
+    /// Corners, with a margin for what rounds.
+    low: Packed3,
+    high: Packed3,
 }
 
 /// Where the rays start in the space of a body, and how they are turned into it.
@@ -48,7 +91,8 @@ pub(super) struct Start {
 
 /// One bundle against one body. With `ANY`, a hit at any distance ends
 /// a ray. `accept` is asked about hits on masked triangles only.
-pub(super) struct Trace<'a, const ANY: bool> {
+pub(super) struct Trace<'a, S: Simd, const ANY: bool> {
+    pub(super) simd: S,
     pub(super) bundle: &'a mut Bundle,
     pub(super) rays: &'a Turned<'a>,
     pub(super) chunk: usize,
@@ -60,10 +104,14 @@ pub(super) struct Trace<'a, const ANY: bool> {
 impl Default for Bundle {
     fn default() -> Self {
         Self {
-            directions: [Lanes3::ZERO; GROUPS],
-            inverses: [Lanes3::ZERO; GROUPS],
-            best: [Lanes::ZERO; GROUPS],
+            directions: [Packed3::ZERO; GROUPS],
+            inverses: [Packed3::ZERO; GROUPS],
+            axes: [Packed3::ZERO; GROUPS / LANES],
+            best: [Packed::ZERO; GROUPS],
+            reach: [Packed::ZERO; GROUPS / LANES],
+            alive: 0,
             radius: 0.0,
+            entered: [0; GROUPS],
             padding: 0,
             groups: 0,
             stack: Vec::new(),
@@ -76,44 +124,104 @@ impl Bundle {
     pub(super) fn begin(&mut self, rays: &Turned<'_>, chunk: usize, radius: f32) {
         let groups = rays.groups(chunk).len();
         (self.groups, self.radius, self.padding) = (groups, radius, rays.padding(chunk));
-        self.best[..groups].fill(Lanes::splat(radius));
+        self.best[..groups].fill(Packed::splat(radius));
         self.best[groups - 1].array_mut()[LANES - self.padding..].fill(DONE);
+        self.reach.fill(Packed::splat(radius));
+        self.alive = u32::MAX >> (GROUPS - groups);
+        self.entered[..groups].fill(0);
+    }
+
+    /// Groups in use.
+    pub(super) fn groups(&self) -> usize {
+        self.groups
+    }
+
+    /// How far each ray gets, group by group.
+    pub(super) fn reaches(&self) -> impl Iterator<Item = impl Iterator<Item = Reach> + '_> + '_ {
+        (0..self.groups).map(|group| {
+            self.best[group].array()[..self.used(group)].iter().map(|&t| match t {
+                DONE => Reach::Hit,
+                t if t < self.radius => Reach::At(t),
+                _ => Reach::Open,
+            })
+        })
+    }
+
+    /// Sets how far some rays of a group get.
+    pub(super) fn set(&mut self, group: usize, reaches: impl Iterator<Item = (usize, Reach)>) {
+        let mut best = self.best[group];
+        for (ray, reach) in reaches {
+            best.array_mut()[ray] = match reach {
+                Reach::Open => self.radius,
+                Reach::Hit => DONE,
+                Reach::At(t) => t,
+            };
+        }
+        self.learn(group, best);
+    }
+
+    /// Rays that came into the bounds of some body before their nearest hit so far.
+    pub(super) fn traced(&self) -> u32 {
+        self.entered[..self.groups].iter().map(|rays| rays.count_ones()).sum()
+    }
+
+    /// Lanes of a group that hold a ray.
+    fn used(&self, group: usize) -> usize {
+        if group + 1 == self.groups { LANES - self.padding } else { LANES }
     }
 
     /// Sum over the rays of what hides them: `1 - min(hit distance, R) / R`, or with `ANY` one for every hit. Summed
     /// lane by lane, so that a point without a hit is exactly open.
     pub(super) fn hidden<const ANY: bool>(&self) -> f32 {
-        let mut sum = Lanes::ZERO;
+        let mut sum = Packed::ZERO;
         for (group, best) in self.best[..self.groups].iter().enumerate() {
-            let used = if group + 1 == self.groups { LANES - self.padding } else { LANES };
-            for (sum, &t) in sum.array_mut().iter_mut().zip(&best.array()[..used]) {
+            for (sum, &t) in sum.array_mut().iter_mut().zip(&best.array()[..self.used(group)]) {
                 *sum += if ANY { f32::from(t == DONE) } else { 1.0 - t / self.radius };
             }
         }
         sum.sum()
     }
+
+    /// Distance of each ray's hit, 0 with binary occlusion, or infinity for none.
+    pub(super) fn distances(&self, kind: Occlusion) -> impl Iterator<Item = f32> {
+        let all = self.best[..self.groups].iter().flat_map(Packed::array);
+        let distance = move |&t: &f32| match t {
+            t if t >= self.radius => f32::INFINITY,
+            _ if kind == Occlusion::Binary => 0.0,
+            t => t,
+        };
+        all.take(self.groups * LANES - self.padding).map(distance)
+    }
+
+    /// Replaces what the rays of a group know.
+    #[inline(always)]
+    fn learn(&mut self, group: usize, best: Packed) {
+        self.best[group] = best;
+        let reach = best.largest();
+        self.reach[group / LANES].array_mut()[group % LANES] = reach;
+        self.alive &= !(u32::from(reach < 0.0) << group);
+    }
 }
 
-impl<const ANY: bool> Trace<'_, ANY> {
+impl<S: Simd, const ANY: bool> Trace<'_, S, ANY> {
     /// Shortens the rays that hit something in the body.
+    #[inline(always)]
     pub(super) fn run(mut self) {
-        let nodes = self.blas.tree().nodes();
-        if nodes.is_empty() {
+        let (nodes, wides) = (self.blas.tree().nodes(), self.blas.wides());
+        if wides.is_empty() || self.bundle.alive == 0 {
             return;
         }
         self.turn();
+        self.enter(&nodes[0]);
         self.bundle.stack.clear();
-        let all = u32::MAX >> (GROUPS - self.bundle.groups);
-        self.push([self.narrow(&nodes[0], 0, all), None]);
-        while let Some(Entry { node, groups, .. }) = self.bundle.stack.pop() {
-            let node = &nodes[node as usize];
-            if node.count > 0 {
-                self.leaf(node, groups);
-            } else {
-                let children = &nodes[node.first as usize..node.first as usize + 2];
-                let left = self.narrow(&children[0], node.first, groups);
-                let right = self.narrow(&children[1], node.first + 1, groups);
-                self.push([left, right]);
+        self.bundle.stack.push(Entry { near: 0.0, child: Child::Inner(0), groups: self.bundle.alive });
+        while let Some(Entry { child, groups, .. }) = self.bundle.stack.pop() {
+            let groups = groups & self.bundle.alive;
+            match child {
+                _ if groups == 0 => {}
+                Child::Leaf(node) => self.leaf(&nodes[node as usize], groups),
+                Child::Inner(wide) => self.visit(&wides[wide as usize], groups),
+                Child::Vacant => {}
             }
         }
     }
@@ -121,165 +229,286 @@ impl<const ANY: bool> Trace<'_, ANY> {
     /// Turns the directions of the set into the body's space.
     #[inline(always)]
     fn turn(&mut self) {
-        let Mat3 { x_axis, y_axis, z_axis: z } = self.start.turn;
-        let x = x_axis * self.rays.cos + y_axis * self.rays.sin;
-        let y = y_axis * self.rays.cos - x_axis * self.rays.sin;
+        let simd = self.simd;
+        let [x, y, z] = self.rays.axes(&self.start.turn);
         let bundle = &mut *self.bundle;
-        let groups = self.rays.groups(self.chunk);
-        for (from, (to, inverse)) in groups.iter().zip(bundle.directions.iter_mut().zip(&mut bundle.inverses))
-        {
-            *to = from.turned(x, y, z);
-            *inverse = Lanes3 { x: to.x.inverted(), y: to.y.inverted(), z: to.z.inverted() };
+        let both = bundle.directions.iter_mut().zip(&mut bundle.inverses);
+        for (from, (to, inverse)) in self.rays.groups(self.chunk).iter().zip(both) {
+            let turned = from.load(simd).turned(x, y, z);
+            *to = turned.into();
+            *inverse = Lanes3 { x: inverted(turned.x), y: inverted(turned.y), z: inverted(turned.z) }.into();
+        }
+        for (from, to) in self.rays.cones(self.chunk).iter().zip(&mut bundle.axes) {
+            *to = from.axes.load(simd).turned(x, y, z).into();
         }
     }
 
-    /// Puts what is to be visited on the stack, the nearer last.
+    /// Notes which rays come into the body's bounds.
     #[inline(always)]
-    fn push(&mut self, children: [Option<Entry>; 2]) {
-        let stack = &mut self.bundle.stack;
-        match children {
-            [Some(a), Some(b)] if a.near <= b.near => stack.extend([b, a]),
-            [Some(a), Some(b)] => stack.extend([a, b]),
-            [one, other] => stack.extend(one.or(other)),
+    fn enter(&mut self, root: &Node) {
+        let (low, high) = (root.bounds.min() - self.start.origin, root.bounds.max() - self.start.origin);
+        let (low, high) = (Lanes3::splat(self.simd, low), Lanes3::splat(self.simd, high));
+        let mut groups = self.bundle.alive;
+        while groups != 0 {
+            let group = groups.trailing_zeros() as usize % GROUPS;
+            groups &= groups - 1;
+            self.bundle.entered[group] |= self.crossing_rays(&low, &high, group) as u8;
         }
     }
 
-    /// Which of the groups go on to a node; nothing when none does.
+    /// Puts the children that some of the groups go on to on the stack, the nearest last.
     #[inline(always)]
-    fn narrow(&self, node: &Node, index: u32, groups: u32) -> Option<Entry> {
-        let (origin, up, radius) = (self.start.origin, self.start.turn.z_axis, self.bundle.radius);
-        let (low, high) = (node.bounds.min() - origin, node.bounds.max() - origin);
-        let out = low.max(-high).max(Vec3::ZERO);
-        let distance = out.dot(out);
-        let highest = larger(up.x * low.x, up.x * high.x)
-            + larger(up.y * low.y, up.y * high.y)
-            + larger(up.z * low.z, up.z * high.z);
-        let size = high.abs().max(low.abs());
+    fn visit(&mut self, wide: &Wide, groups: u32) {
+        let boxes = self.boxes(wide);
+        let first = self.bundle.stack.len();
+        let mut left = boxes.lanes;
+        while left != 0 {
+            let lane = left.trailing_zeros() as usize % LANES;
+            left &= left - 1;
+            let few = |groups: u32| groups.count_ones() <= FEW_GROUPS;
+            let mut groups = if few(groups) { groups } else { self.touching(&boxes, lane, groups) };
+            if few(groups) {
+                groups = self.crossing(boxes.low.at(lane), boxes.high.at(lane), groups);
+            }
+            if groups == 0 {
+                continue;
+            }
+            let stack = &mut self.bundle.stack;
+            let entry = Entry { near: boxes.distance.array()[lane], child: wide.children[lane], groups };
+            let mut at = stack.len();
+            stack.push(entry);
+            while at > first && stack[at - 1].near < entry.near {
+                stack[at] = stack[at - 1];
+                at -= 1;
+            }
+            stack[at] = entry;
+        }
+    }
+
+    /// What is asked of all eight boxes of a node at once.
+    #[inline(always)]
+    fn boxes(&self, wide: &Wide) -> Boxes {
+        let simd = self.simd;
+        let splat = |value: f32| Lanes::splat(simd, value);
+        let (radius, zero) = (splat(self.bundle.radius), splat(0.0));
+        let origin = Lanes3::splat(simd, self.start.origin);
+        let up = Lanes3::splat(simd, self.start.turn.z_axis);
+        let (low, high) = (wide.low.load(simd).minus(&origin), wide.high.load(simd).minus(&origin));
+        let out = |low: Lanes<S>, high: Lanes<S>| low.max(-high).max(zero);
+        let out = Lanes3 { x: out(low.x, high.x), y: out(low.y, high.y), z: out(low.z, high.z) };
+        let distance = out.dot(&out);
+        let highest = (up.x * low.x).max(up.x * high.x)
+            + (up.y * low.y).max(up.y * high.y)
+            + (up.z * low.z).max(up.z * high.z);
+        let size = |low: Lanes<S>, high: Lanes<S>| high.abs().max(low.abs());
         // The tolerances cover the rounding of the sums and of the rays' own directions.
-        let slack = 1e-5 * (radius + size.x + size.y + size.z);
-        if distance > radius * radius || highest <= -slack {
-            return None;
+        let slack = splat(1e-5) * (radius + size(low.x, high.x) + size(low.y, high.y) + size(low.z, high.z));
+        let lanes = bits((radius * radius).simd_ge(distance) & highest.simd_ge(-slack));
+        let half = |low: Lanes<S>, high: Lanes<S>| (high - low) * splat(0.5);
+        let half = Lanes3 { x: half(low.x, high.x), y: half(low.y, high.y), z: half(low.z, high.z) };
+        let center = Lanes3 { x: low.x + half.x, y: low.y + half.y, z: low.z + half.z };
+        // Larger by more than the difference below rounds.
+        let ball = half.dot(&half) * splat(1.000_1);
+        let beyond = center.dot(&center) - ball;
+        let apart = zero.simd_lt(beyond);
+        let margin = Lanes3 { x: slack, y: slack, z: slack };
+        Boxes {
+            lanes,
+            distance: distance.into(),
+            center: center.into(),
+            ball: (ball.sqrt() + slack).into(),
+            tangent: apart.select(beyond.max(zero).sqrt() - slack, splat(-1e30)).into(),
+            low: low.minus(&margin).into(),
+            high: Packed3::from(Lanes3 { x: high.x + slack, y: high.y + slack, z: high.z + slack }),
         }
-        let groups = self.crossing(low - slack, high + slack, groups);
-        (groups != 0).then_some(Entry { near: distance, node: index, groups })
+    }
+
+    /// The groups whose cones touch the ball around a box and whose rays go as far as the box.
+    #[inline(always)]
+    fn touching(&self, boxes: &Boxes, lane: usize, groups: u32) -> u32 {
+        let simd = self.simd;
+        let splat = |value: f32| Lanes::splat(simd, value);
+        let center = Lanes3::splat(simd, boxes.center.at(lane));
+        let (ball, tangent) = (splat(boxes.ball.array()[lane]), splat(boxes.tangent.array()[lane]));
+        let distance = splat(boxes.distance.array()[lane] * 0.999_99);
+        let mut kept = 0;
+        for (eight, cones) in self.rays.cones(self.chunk).iter().enumerate() {
+            let reach = self.bundle.reach[eight].load(simd);
+            // Between axis and centre is at most the cone's half angle and that under which the ball is seen; all of it
+            // times the distance of the centre.
+            let along = self.bundle.axes[eight].load(simd).dot(&center);
+            let touched = (along + cones.sin.load(simd) * ball).simd_ge(cones.cos.load(simd) * tangent)
+                & (reach * reach).simd_ge(distance);
+            kept |= bits(touched) << (eight * LANES);
+        }
+        kept & groups
     }
 
     /// The groups of which some ray crosses the box from `low` to `high`, relative to the origin.
     #[inline(always)]
     fn crossing(&self, low: Vec3, high: Vec3, groups: u32) -> u32 {
+        let (low, high) = (Lanes3::splat(self.simd, low), Lanes3::splat(self.simd, high));
         let mut left = groups;
         let mut kept = 0;
         while left != 0 {
             let group = left.trailing_zeros() as usize % GROUPS;
             left &= left - 1;
-            kept |= u32::from(self.crossing_rays(low, high, group) != 0) << group;
+            kept |= u32::from(self.crossing_rays(&low, &high, group) != 0) << group;
         }
         kept
     }
 
     /// Bit per ray of a group: whether it crosses the box before its nearest hit.
     #[inline(always)]
-    fn crossing_rays(&self, low: Vec3, high: Vec3, group: usize) -> u32 {
-        let inverse = &self.bundle.inverses[group];
-        let ends = |low: f32, high: f32, inverse: Lanes| {
-            let (a, b) = (Lanes::splat(low) * inverse, Lanes::splat(high) * inverse);
-            (a.smaller(b), a.larger(b))
+    fn crossing_rays(&self, low: &Lanes3<S>, high: &Lanes3<S>, group: usize) -> u32 {
+        let simd = self.simd;
+        let inverse = self.bundle.inverses[group].load(simd);
+        let ends = |low: Lanes<S>, high: Lanes<S>, inverse: Lanes<S>| {
+            let (a, b) = (low * inverse, high * inverse);
+            (a.min(b), a.max(b))
         };
         let (x, y) = (ends(low.x, high.x, inverse.x), ends(low.y, high.y, inverse.y));
         let z = ends(low.z, high.z, inverse.z);
-        let enter = x.0.larger(y.0).larger(z.0).larger(Lanes::ZERO);
-        let leave = x.1.smaller(y.1).smaller(z.1).smaller(self.bundle.best[group]);
-        leave.at_least(enter).bits()
+        let enter = x.0.max(y.0).max(z.0).max(Lanes::splat(simd, 0.0));
+        let leave = x.1.min(y.1).min(z.1).min(self.bundle.best[group].load(simd));
+        bits(leave.simd_ge(enter))
     }
 
     /// One block of triangles.
     #[inline(always)]
     fn leaf(&mut self, node: &Node, groups: u32) {
-        let block = self.blas.block(node.first);
-        let prepared = block.prepare(self.start.origin);
-        let within = prepared.within(self.start.turn.z_axis, self.bundle.radius);
-        let lanes = within & ((1 << node.count) - 1);
-        let masked = u32::from(self.blas.masked_lanes(node.first));
-        if lanes & !masked != 0 {
-            self.plain(&prepared, lanes & !masked, node, groups);
-        }
-        let mut lanes = lanes & masked;
-        while lanes != 0 {
-            let lane = lanes.trailing_zeros() as usize % LANES;
-            lanes &= lanes - 1;
-            let triangle = self.blas.triangle_at(node.first, lane);
-            let accept = self.accept;
-            self.meet_masked(&prepared.facet(lane), groups, &|meeting| {
-                accept(&BlasHit { meeting, triangle })
-            });
-        }
-    }
-
-    /// The triangles `lanes` of a block, none of them masked.
-    #[inline(always)]
-    fn plain(&mut self, prepared: &Prepared, lanes: u32, node: &Node, groups: u32) {
-        // The eight at once include those that may be looked through: they are put out of reach.
-        let shut = Lanes::from_fn(|lane| if lanes >> lane & 1 == 1 { 0.0 } else { f32::INFINITY });
+        let simd = self.simd;
         let slack = 1e-5 * self.bundle.radius;
-        let low = node.bounds.min() - self.start.origin - slack;
-        let high = node.bounds.max() - self.start.origin + slack;
+        let low = Lanes3::splat(simd, node.bounds.min() - self.start.origin - slack);
+        let high = Lanes3::splat(simd, node.bounds.max() - self.start.origin + slack);
+        let masked = u32::from(self.blas.masked_lanes(node.first));
+        let mut rays_of = [0; GROUPS];
+        let (mut few, mut many) = (0, 0);
         let mut left = groups;
         while left != 0 {
             let group = left.trailing_zeros() as usize % GROUPS;
             left &= left - 1;
-            let rays = self.crossing_rays(low, high, group);
-            if rays.count_ones() <= FEW_RAYS {
-                self.by_ray(prepared, &shut, rays, group);
-            } else {
-                self.by_triangle(prepared, lanes, group);
+            let rays = self.crossing_rays(&low, &high, group);
+            rays_of[group] = rays as u8;
+            let is_many = masked != 0 || rays.count_ones() > FEW_RAYS;
+            many |= u32::from(is_many && rays != 0) << group;
+            few |= u32::from(!is_many && rays != 0) << group;
+        }
+        if few | many == 0 {
+            return;
+        }
+        let seen = self.blas.block(node.first).seen(simd, self.start.origin);
+        let prepared = seen.prepared();
+        while few != 0 {
+            let group = few.trailing_zeros() as usize % GROUPS;
+            few &= few - 1;
+            self.by_ray(&prepared, rays_of[group].into(), group);
+        }
+        if many != 0 {
+            let reachable = seen.within(self.start.turn.z_axis, self.bundle.radius);
+            self.groups(node, &prepared, &reachable, masked, many);
+        }
+    }
+
+    /// Groups many of whose rays cross a leaf.
+    #[inline(always)]
+    fn groups(
+        &mut self,
+        node: &Node,
+        prepared: &Prepared,
+        reachable: &Reachable,
+        masked: u32,
+        mut left: u32,
+    ) {
+        let used = (1 << node.count) - 1;
+        while left != 0 {
+            let group = left.trailing_zeros() as usize % GROUPS;
+            left &= left - 1;
+            let lanes = reachable.by(self.simd, prepared, &self.pencil(group)) & used;
+            if lanes & !masked != 0 {
+                self.by_triangle(prepared, lanes & !masked, group);
+            }
+            let mut lanes = lanes & masked;
+            while lanes != 0 {
+                let lane = lanes.trailing_zeros() as usize % LANES;
+                lanes &= lanes - 1;
+                let triangle = self.blas.triangle_at(node.first, lane);
+                let accept = self.accept;
+                self.meet_masked(&prepared.facet(lane), group, &|meeting| {
+                    accept(&BlasHit { meeting, triangle })
+                });
             }
         }
     }
 
-    /// Some rays of a group, one by one, against eight triangles at once; those that count are not `shut` at infinity.
+    /// The cone of a group and how far its rays go.
     #[inline(always)]
-    fn by_ray(&mut self, prepared: &Prepared, shut: &Lanes, mut rays: u32, group: usize) {
-        let bundle = &mut *self.bundle;
+    fn pencil(&self, group: usize) -> Pencil {
+        let (eight, lane) = (group / LANES, group % LANES);
+        Pencil {
+            axis: self.bundle.axes[eight].at(lane),
+            spread: self.rays.cones(self.chunk)[eight].spread.array()[lane],
+            reach: self.bundle.reach[eight].array()[lane],
+        }
+    }
+
+    /// Some rays of a group, one by one, against the eight triangles of a block at once.
+    #[inline(always)]
+    fn by_ray(&mut self, prepared: &Prepared, mut rays: u32, group: usize) {
+        let mut best = self.bundle.best[group];
+        let mut learnt = false;
         while rays != 0 {
             let ray = rays.trailing_zeros() as usize % LANES;
             rays &= rays - 1;
-            let t = prepared.distances(bundle.directions[group].at(ray)).larger(*shut).smallest();
-            let best = &mut bundle.best[group];
-            if t < best.array()[ray] {
-                best.array_mut()[ray] = if ANY { DONE } else { t };
+            let direction = self.bundle.directions[group].at(ray);
+            let known = &mut best.array_mut()[ray];
+            if let Some(t) = prepared.nearest(self.simd, direction, *known) {
+                *known = if ANY { DONE } else { t };
+                learnt = true;
             }
+        }
+        if learnt {
+            self.bundle.learn(group, best);
         }
     }
 
-    /// All rays of a group against the triangles of a block, one by one.
+    /// All rays of a group against the triangles `lanes` of a block, none of them masked, one by one.
     #[inline(always)]
     fn by_triangle(&mut self, prepared: &Prepared, mut lanes: u32, group: usize) {
-        let bundle = &mut *self.bundle;
-        let directions = &bundle.directions[group];
-        let mut best = bundle.best[group];
+        let simd = self.simd;
+        let directions = self.bundle.directions[group].load(simd);
+        let mut best = self.bundle.best[group].load(simd);
+        let mut learnt = false;
         while lanes != 0 {
             let lane = lanes.trailing_zeros() as usize % LANES;
             lanes &= lanes - 1;
-            let t = prepared.facet(lane).distances(directions);
-            let nearer = if ANY { Lanes::splat(DONE) } else { t };
-            best = t.below(best).choose(nearer, best);
+            if let Some(shorter) = prepared.facet(lane).shorten(&directions, best, ANY.then_some(DONE)) {
+                (best, learnt) = (shorter, true);
+            }
         }
-        bundle.best[group] = best;
+        if learnt {
+            self.bundle.learn(group, best.into());
+        }
     }
 
     /// One masked triangle: `opaque` decides about each hit that is nearer than what is known.
     #[inline(never)]
-    fn meet_masked(&mut self, facet: &Facet, groups: u32, opaque: &dyn Fn(Meeting) -> bool) {
-        let bundle = &mut *self.bundle;
-        for group in (0..bundle.groups).filter(|group| groups >> group & 1 == 1) {
-            let best = &mut bundle.best[group];
-            for ray in 0..LANES {
-                let meeting = facet.meet(bundle.directions[group].at(ray));
-                let Some(meeting) = meeting.filter(|meeting| meeting.t < best.array()[ray]) else { continue };
-                if opaque(meeting) {
-                    best.array_mut()[ray] = if ANY { DONE } else { meeting.t };
-                }
+    fn meet_masked(&mut self, facet: &Facet, group: usize, opaque: &dyn Fn(Meeting) -> bool) {
+        let mut best = self.bundle.best[group];
+        for ray in 0..LANES {
+            let meeting = facet.meet(self.bundle.directions[group].at(ray));
+            let Some(meeting) = meeting.filter(|meeting| meeting.t < best.array()[ray]) else { continue };
+            if opaque(meeting) {
+                best.array_mut()[ray] = if ANY { DONE } else { meeting.t };
             }
         }
+        self.bundle.learn(group, best);
     }
+}
+
+/// One over each number; numbers next to zero give large ones of the same sign, so that nothing is infinite.
+#[inline(always)]
+fn inverted<S: Simd>(numbers: Lanes<S>) -> Lanes<S> {
+    let tiny = Lanes::splat(numbers.simd, 1e-12);
+    Lanes::splat(numbers.simd, 1.0) / numbers.abs().max(tiny).copysign(numbers)
 }

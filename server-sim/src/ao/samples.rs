@@ -5,21 +5,40 @@
 //! disk (Malley's method), so that every ray carries the same weight. Its rays are sorted into groups of eight that
 //! point roughly the same way.
 
-use glam::Vec3;
+use fearless_simd::{Level, dispatch};
+use glam::{Mat3, Vec3};
 
 use super::bundle::GROUPS;
-use crate::bvh::{LANES, Lanes3};
+use crate::bvh::{LANES, Packed, Packed3, SPREAD_SLACK};
 use crate::points::random::{Random, mix, substream, unit};
 
 /// Number of sets that are computed ahead.
 const SETS: u64 = 64;
+
+/// Cosine of the widest half angle of a cone.
+const LEAST_COSINE: f32 = 1e-3;
 
 /// One set: groups of eight rays.
 #[derive(Clone, Debug)]
 pub(crate) struct SampleSet {
     rays: usize,
     /// Directions by group. Lanes past the last ray repeat it.
-    pub(crate) groups: Vec<Lanes3>,
+    pub(crate) groups: Vec<Packed3>,
+    /// Cones around the groups; those past the last group are around nothing.
+    cones: Vec<Cones>,
+}
+
+/// Cones that hold the rays of eight groups, a group in every lane.
+#[derive(Clone, Debug)]
+pub(super) struct Cones {
+    /// Unit.
+    pub(super) axes: Packed3,
+    /// Largest distance of a direction from the axis, with what [`SPREAD_SLACK`] adds.
+    pub(super) spread: Packed,
+    /// Cosine (above 0) and sine of the half angle, a hair wider than the rays take. A sine above 1 says that the cone
+    /// holds everything.
+    pub(super) cos: Packed,
+    pub(super) sin: Packed,
 }
 
 /// All sets of one seed and ray count.
@@ -52,6 +71,22 @@ impl SampleSets {
 }
 
 impl Turned<'_> {
+    /// Where the axes of the set point after its turn about the normal and `turn`.
+    #[inline(always)]
+    pub(super) fn axes(&self, turn: &Mat3) -> [Vec3; 3] {
+        let Mat3 { x_axis: x, y_axis: y, z_axis: z } = *turn;
+        [x * self.cos + y * self.sin, y * self.cos - x * self.sin, z]
+    }
+
+    /// Directions of all rays after `turn`, the very ones that a bundle has.
+    pub(super) fn directions(&self, turn: &Mat3) -> Vec<Vec3> {
+        let [x, y, z] = self.axes(turn);
+        let turned = |group: &Packed3| dispatch!(Level::baseline(), simd => Packed3::from(group.load(simd).turned(x, y, z)));
+        let all =
+            self.set.groups.iter().map(turned).flat_map(|group| (0..LANES).map(move |lane| group.at(lane)));
+        all.take(self.set.rays).collect()
+    }
+
     /// How many bundles the rays fill.
     pub(super) fn chunks(&self) -> usize {
         self.set.groups.len().div_ceil(GROUPS)
@@ -59,9 +94,17 @@ impl Turned<'_> {
 
     /// Directions of one bundle, by group.
     #[inline(always)]
-    pub(super) fn groups(&self, chunk: usize) -> &[Lanes3] {
+    pub(super) fn groups(&self, chunk: usize) -> &[Packed3] {
         let groups = &self.set.groups;
         &groups[chunk * GROUPS..groups.len().min((chunk + 1) * GROUPS)]
+    }
+
+    /// Cones of one bundle, eight groups each.
+    #[inline(always)]
+    pub(super) fn cones(&self, chunk: usize) -> &[Cones] {
+        const CONES: usize = GROUPS / LANES;
+        let cones = &self.set.cones;
+        &cones[chunk * CONES..cones.len().min((chunk + 1) * CONES)]
     }
 
     /// Lanes of the last group of a bundle that hold no ray of their own.
@@ -89,8 +132,10 @@ impl SampleSet {
     }
 
     fn from_sorted(directions: &[Vec3]) -> Self {
-        let lanes = |group: &[Vec3]| Lanes3::from_fn(|i| group[i.min(group.len() - 1)]);
-        Self { rays: directions.len(), groups: directions.chunks(LANES).map(lanes).collect() }
+        let lanes = |group: &[Vec3]| Packed3::from_fn(|i| group[i.min(group.len() - 1)]);
+        let groups: Vec<Packed3> = directions.chunks(LANES).map(lanes).collect();
+        let cones = groups.chunks(LANES).map(Cones::around).collect();
+        Self { rays: directions.len(), groups, cones }
     }
 
     /// Rays in the set, without the padding of the last group.
@@ -98,6 +143,39 @@ impl SampleSet {
     pub(crate) fn rays(&self) -> usize {
         self.rays
     }
+}
+
+impl Cones {
+    /// Around at most eight groups.
+    fn around(groups: &[Packed3]) -> Self {
+        let axes: Vec<Vec3> = groups.iter().map(axis).collect();
+        let axis = |i: usize| axes.get(i).copied().unwrap_or(Vec3::Z);
+        let rays =
+            |i: usize| groups.get(i).into_iter().flat_map(|group| (0..LANES).map(|lane| group.at(lane)));
+        let cos = Packed::from_fn(|i| rays(i).map(|d| d.dot(axis(i))).fold(1.0, f32::min) - 1e-5);
+        let spread = |i: usize| rays(i).map(|d| d.distance(axis(i))).fold(0.0, f32::max) + SPREAD_SLACK;
+        // Next to a right angle the half angle says nothing any more: then everything is in the cone.
+        let narrow = |i: usize| Some(cos.array()[i]).filter(|&cos| cos > LEAST_COSINE);
+        Self {
+            axes: Packed3::from_fn(axis),
+            spread: Packed::from_fn(spread),
+            sin: Packed::from_fn(|i| narrow(i).map_or(1e30, |cos| (1.0 - cos * cos).sqrt())),
+            cos: Packed::from_fn(|i| narrow(i).unwrap_or(LEAST_COSINE)),
+        }
+    }
+}
+
+/// The middle of a group's directions: nearly the least distance from the farthest of them (Badoiu and Clarkson 2003,
+/// "Smaller core-sets for balls").
+fn axis(group: &Packed3) -> Vec3 {
+    let rays = || (0..LANES).map(|lane| group.at(lane));
+    let mut axis = rays().sum::<Vec3>() / LANES as f32;
+    for step in 2..34 {
+        let farther = |a: &Vec3, b: &Vec3| a.distance_squared(axis).total_cmp(&b.distance_squared(axis));
+        let farthest = rays().max_by(farther).unwrap_or(axis);
+        axis += (farthest - axis) / step as f32;
+    }
+    axis.normalize_or(Vec3::Z)
 }
 
 fn fraction(value: f32) -> f32 {
@@ -150,7 +228,7 @@ mod tests {
     fn groups_point_roughly_the_same_way() {
         for (rays, least) in [(192, 0.85), (1000, 0.95)] {
             for set in &SampleSets::new(rays, 1).sets {
-                let cosine = |group: &Lanes3| {
+                let cosine = |group: &Packed3| {
                     let axis = (0..LANES).map(|i| group.at(i)).sum::<Vec3>().normalize();
                     (0..LANES).map(|i| group.at(i).dot(axis)).fold(1.0, f32::min)
                 };
@@ -158,6 +236,29 @@ mod tests {
                 assert!(mean > least, "{rays} rays: {mean}");
             }
         }
+    }
+
+    #[test]
+    fn cones_hold_their_rays() {
+        for rays in [1, 3, 8, 20, 192, 1000] {
+            for set in &SampleSets::new(rays, 4).sets {
+                for (group, rays) in set.groups.iter().enumerate() {
+                    let (cones, lane) = (&set.cones[group / LANES], group % LANES);
+                    let axis = cones.axes.at(lane);
+                    let [spread, cos, sin] =
+                        [&cones.spread, &cones.cos, &cones.sin].map(|all| all.array()[lane]);
+                    assert!(cos > 0.0 && sin > 0.0);
+                    for ray in (0..LANES).map(|ray| rays.at(ray)) {
+                        assert!(ray.distance(axis) < spread);
+                        assert!(ray.dot(axis) > cos || sin > 1.0);
+                    }
+                }
+                assert_eq!(set.cones.len(), set.groups.len().div_ceil(LANES));
+            }
+        }
+        // Rays all around the horizon are in no narrow cone.
+        let around = Packed3::from_fn(|i| [Vec3::X, Vec3::Y, Vec3::NEG_X, Vec3::NEG_Y][i % 4]);
+        assert!(Cones::around(&[around]).sin.array()[0] > 1.0);
     }
 
     #[test]

@@ -1,18 +1,21 @@
 //! The AO of one point against all bodies near it.
 
+use fearless_simd::{Simd, dispatch};
 use glam::{Mat3, Vec3};
 
 use super::bundle::{Bundle, Start, Trace};
 use super::frame::tangent_frame;
+use super::remembered::{Recorder, Remembered};
 use super::samples::SampleSets;
 use super::settings::{AoError, AoSettings, Occlusion};
-use crate::bvh::{BlasHit, Bodies, Placement, World};
+use crate::bvh::{BlasHit, Bodies, Instructions, Placement, World};
 
 /// Computes AO with the rays of one [`AoSettings`]. Shared by all threads; each has its own [`Scratch`].
 #[derive(Clone, Debug)]
 pub struct Tracer {
     settings: AoSettings,
     sets: SampleSets,
+    instructions: Instructions,
 }
 
 /// Working memory of a thread.
@@ -21,6 +24,7 @@ pub struct Scratch {
     bundle: Bundle,
     near: Vec<u32>,
     stack: Vec<u32>,
+    recorder: Recorder,
 }
 
 /// The AO of a point.
@@ -30,8 +34,20 @@ pub struct Traced {
     pub ao: f32,
     /// Whether no body but the point's own was within reach: then moving it rigidly changes nothing.
     pub alone: bool,
-    /// Rays that were traced: none where nothing was within reach.
+    /// Rays that had to be traced: those that come into the bounds of a body within reach, which a body whose hits are
+    /// remembered is not.
     pub rays: u32,
+}
+
+/// What is known of a point's rays in its own body, and whether to keep it.
+#[derive(Debug)]
+pub(crate) enum Memory<'a> {
+    /// Nothing is known or kept.
+    None,
+    /// Nothing is known; what the rays meet is put here if another body is near.
+    Vacant(&'a mut Option<Box<Remembered>>),
+    /// What they meet.
+    Known(&'a Remembered),
 }
 
 /// Where a point sits: in the space of its own body, if it has one, so that a body that moves alone keeps its AO to
@@ -47,6 +63,14 @@ pub(crate) struct Seat {
     pub(crate) edge: Vec3,
 }
 
+/// A point among bodies; `opaque` is asked about hits on masked triangles, with the body.
+struct Place<'a> {
+    bodies: &'a Bodies,
+    point: u32,
+    seat: &'a Seat,
+    opaque: &'a dyn Fn(u32, &BlasHit) -> bool,
+}
+
 impl Seat {
     /// Not in any body's space but in the world's.
     pub(crate) const WORLD: u32 = u32::MAX;
@@ -59,7 +83,14 @@ impl Tracer {
     /// A setting out of its range.
     pub fn new(settings: AoSettings) -> Result<Self, AoError> {
         settings.validate()?;
-        Ok(Self { settings, sets: SampleSets::new(settings.rays, settings.seed) })
+        let sets = SampleSets::new(settings.rays, settings.seed);
+        Ok(Self { settings, sets, instructions: Instructions::best() })
+    }
+
+    /// The same, by other instructions than the best that there are; for tests and measurements, as the AO is the same.
+    #[must_use]
+    pub fn with_instructions(self, instructions: Instructions) -> Self {
+        Self { instructions, ..self }
     }
 
     /// The settings given.
@@ -80,22 +111,30 @@ impl Tracer {
         scratch: &mut Scratch,
     ) -> Traced {
         let seat = Seat { body: Seat::WORLD, position, normal, edge: Vec3::ZERO };
-        self.trace(world.bodies(), point, &seat, &|body, hit| world.opaque(body, hit), scratch)
+        self.trace(world.bodies(), point, &seat, &|body, hit| world.opaque(body, hit), Memory::None, scratch)
     }
 
-    /// AO of point number `point` at `seat`; `opaque` is asked about hits on masked triangles, with the body.
+    /// AO of point number `point` at `seat`; `opaque` is asked about hits on masked triangles, with the body. `memory` must
+    /// be of the same point, and of its body in the same shape.
     pub(crate) fn trace(
         &self,
         bodies: &Bodies,
         point: u32,
         seat: &Seat,
         opaque: &dyn Fn(u32, &BlasHit) -> bool,
+        memory: Memory<'_>,
         scratch: &mut Scratch,
     ) -> Traced {
-        match self.settings.kind {
-            Occlusion::Obscurance => self.trace_kind::<false>(bodies, point, seat, opaque, scratch),
-            Occlusion::Binary => self.trace_kind::<true>(bodies, point, seat, opaque, scratch),
-        }
+        let place = Place { bodies, point, seat, opaque };
+        let mut hidden = 0.0;
+        let (alone, rays) = self.trace_all(&place, memory, scratch, &mut |bundle| {
+            hidden += match self.settings.kind {
+                Occlusion::Obscurance => bundle.hidden::<false>(),
+                Occlusion::Binary => bundle.hidden::<true>(),
+            };
+        });
+        let ao = 1.0 - hidden / self.settings.rays as f32;
+        Traced { ao: ao.clamp(0.0, 1.0), alone, rays }
     }
 
     /// Whether no body but its own is within reach of the point at `seat`.
@@ -109,9 +148,7 @@ impl Tracer {
         let home = home_of(bodies, seat);
         let origin = self.origin(seat);
         let in_world = if home == Placement::IDENTITY { origin } else { home.point(origin) };
-        scratch.near.clear();
-        let near = &mut scratch.near;
-        bodies.near(in_world, self.settings.radius, &mut scratch.stack, |body| near.push(body));
+        bodies.near(in_world, self.settings.radius, &mut scratch.stack, &mut scratch.near);
         in_world
     }
 
@@ -120,24 +157,79 @@ impl Tracer {
         seat.position + seat.normal * self.settings.bias()
     }
 
-    fn trace_kind<const ANY: bool>(
+    /// Appends what [`Tracer::trace`] finds, ray by ray: the distance of the hit, with binary occlusion 0, or infinity.
+    /// Every texel is there.
+    pub(super) fn distances(
         &self,
         bodies: &Bodies,
         point: u32,
         seat: &Seat,
-        opaque: &dyn Fn(u32, &BlasHit) -> bool,
         scratch: &mut Scratch,
-    ) -> Traced {
+        all: &mut Vec<f32>,
+    ) {
+        let place = Place { bodies, point, seat, opaque: &|_, _| true };
+        let end = all.len() + self.settings.rays as usize;
+        self.trace_all(&place, Memory::None, scratch, &mut |bundle| {
+            all.extend(bundle.distances(self.settings.kind));
+        });
+        all.resize(end, f32::INFINITY);
+    }
+
+    /// Origin and directions of a point's rays in the world.
+    pub(super) fn rays(&self, bodies: &Bodies, point: u32, seat: &Seat) -> (Vec3, Vec<Vec3>) {
+        let home = home_of(bodies, seat);
+        let mut directions = self.sets.of(point).directions(&tangent_frame(seat.normal, seat.edge));
+        if home == Placement::IDENTITY {
+            return (self.origin(seat), directions);
+        }
+        directions.iter_mut().for_each(|direction| *direction = home.direction(*direction));
+        (home.point(self.origin(seat)), directions)
+    }
+
+    /// Traces the rays of a place and calls `done` with every bundle of them; whether nothing but its own body is within
+    /// reach, and how many rays had to be traced.
+    fn trace_all(
+        &self,
+        place: &Place<'_>,
+        memory: Memory<'_>,
+        scratch: &mut Scratch,
+        done: &mut dyn FnMut(&Bundle),
+    ) -> (bool, u32) {
+        // All of a point is compiled once for each set of instructions.
+        dispatch!(self.instructions.level(), simd => match self.settings.kind {
+            Occlusion::Obscurance => self.trace_kind::<_, false>(simd, place, memory, scratch, done),
+            Occlusion::Binary => self.trace_kind::<_, true>(simd, place, memory, scratch, done),
+        })
+    }
+
+    #[inline(always)]
+    fn trace_kind<S: Simd, const ANY: bool>(
+        &self,
+        simd: S,
+        place: &Place<'_>,
+        mut memory: Memory<'_>,
+        scratch: &mut Scratch,
+        done: &mut dyn FnMut(&Bundle),
+    ) -> (bool, u32) {
+        let Place { bodies, point, seat, opaque } = *place;
         let in_world = self.gather(bodies, seat, scratch);
         let (home, origin) = (home_of(bodies, seat), self.origin(seat));
         let frame = tangent_frame(seat.normal, seat.edge);
-        let near = &mut scratch.near;
+        let Scratch { bundle, near, recorder, .. } = scratch;
         let alone = near.iter().all(|&body| body == seat.body);
         if near.is_empty() {
-            return Traced { ao: 1.0, alone, rays: 0 };
+            return (alone, 0);
         }
         // The point's own body first: it hides the most.
         near.sort_by_key(|&body| (body != seat.body, body));
+        let own = near.first().is_some_and(|&body| body == seat.body);
+        if alone || !own {
+            // There is nothing else, or nothing of its own, to tell apart.
+            memory = match memory {
+                Memory::Known(known) if own => Memory::Known(known),
+                _ => Memory::None,
+            };
+        }
         let rays = self.sets.of(point);
         let start = |number: u32| {
             let body = &bodies.list()[number as usize];
@@ -147,20 +239,31 @@ impl Tracer {
                 from_home(&home, &body.placement, &frame, in_world)
             }
         };
-        let mut sum = 0.0;
+        let mut recall = if let Memory::Known(known) = &memory { Some(known.recall()) } else { None };
+        let keep = matches!(memory, Memory::Vacant(_));
+        recorder.clear();
+        let mut traced = 0;
         for chunk in 0..rays.chunks() {
-            scratch.bundle.begin(&rays, chunk, self.settings.radius);
-            for &number in near.iter() {
+            bundle.begin(&rays, chunk, self.settings.radius);
+            if let Some(recall) = &mut recall {
+                recall.restore::<ANY>(bundle);
+            }
+            for (place, &number) in near.iter().enumerate().skip(usize::from(recall.is_some())) {
                 let blas = &bodies.list()[number as usize].blas;
                 let accept = |hit: &BlasHit| opaque(number, hit);
-                let (bundle, start) = (&mut scratch.bundle, start(number));
-                Trace::<ANY> { bundle, rays: &rays, chunk, start, blas, accept: &accept }.run();
+                let start = start(number);
+                Trace::<S, ANY> { simd, bundle, rays: &rays, chunk, start, blas, accept: &accept }.run();
+                if keep && place == 0 {
+                    recorder.record(bundle);
+                }
             }
-            sum += scratch.bundle.hidden::<ANY>();
+            traced += bundle.traced();
+            done(bundle);
         }
-        let count = self.settings.rays;
-        let ao = 1.0 - sum / count as f32;
-        Traced { ao: ao.clamp(0.0, 1.0), alone, rays: count }
+        if let Memory::Vacant(slot) = memory {
+            *slot = Some(Box::new(recorder.remembered()));
+        }
+        (alone, traced)
     }
 }
 
@@ -192,7 +295,7 @@ mod tests {
     }
 
     fn trace(tracer: &Tracer, bodies: &Bodies, point: u32, seat: &Seat) -> Traced {
-        tracer.trace(bodies, point, seat, &|_, _| true, &mut Scratch::default())
+        tracer.trace(bodies, point, seat, &|_, _| true, Memory::None, &mut Scratch::default())
     }
 
     fn floor(half: f32) -> Vec<[Vec3; 3]> {
@@ -314,8 +417,8 @@ mod tests {
             for kind in [Occlusion::Obscurance, Occlusion::Binary] {
                 let tracer = tracer(rays, kind);
                 let mut scratch = Scratch::default();
-                let shut = tracer.trace(&bodies, 1, &on_floor(0), &|_, _| true, &mut scratch);
-                let open = tracer.trace(&bodies, 1, &on_floor(0), &|_, _| false, &mut scratch);
+                let shut = tracer.trace(&bodies, 1, &on_floor(0), &|_, _| true, Memory::None, &mut scratch);
+                let open = tracer.trace(&bodies, 1, &on_floor(0), &|_, _| false, Memory::None, &mut scratch);
                 assert!(shut.ao < 0.8 && open.ao > shut.ao);
                 assert_eq!(open, trace(&tracer, &plain, 1, &on_floor(0)));
                 assert_eq!(shut, trace(&tracer, &whole, 1, &on_floor(0)));
@@ -356,6 +459,18 @@ mod tests {
             let seat = Seat { body: home, position: position.into(), normal, edge: Vec3::new(0.3, 0.4, 0.5) };
             let bodies = Bodies::new(list.iter().map(|(t, p)| body(t, *p)).collect());
             let fast = trace(&tracer, &bodies, point, &seat).ao;
+            let mut distances = Vec::new();
+            tracer.distances(&bodies, point, &seat, &mut Scratch::default(), &mut distances);
+            for instructions in Instructions::all() {
+                let other = tracer.clone().with_instructions(instructions);
+                prop_assert_eq!(trace(&other, &bodies, point, &seat).ao.to_bits(), fast.to_bits());
+                let mut found = Vec::new();
+                other.distances(&bodies, point, &seat, &mut Scratch::default(), &mut found);
+                prop_assert_eq!(&found, &distances);
+            }
+            let (origin, directions) = tracer.rays(&bodies, point, &seat);
+            prop_assert_eq!((distances.len(), directions.len()), (rays as usize, rays as usize));
+            prop_assert!((origin - home_of(&bodies, &seat).point(tracer.origin(&seat))).length() < 1e-5);
             let slow = naive_ao(&tracer, &list, point, &seat);
             // The twin rounds its directions in another order: a ray that grazes an edge may fall either way.
             prop_assert!((fast - slow).abs() <= 1e-4 + 1.01 / rays as f32 * f32::from(rays > 1), "{} {}", fast, slow);

@@ -1,16 +1,21 @@
 //! The triangles of one body in its own space: a box tree whose leaves are blocks of eight triangles.
 
+use fearless_simd::prelude::*;
+use fearless_simd::{Level, dispatch};
 use glam::Vec3;
 
 use super::block::{Block, Meeting};
 use super::bounds::Bounds;
-use super::lanes::{LANES, Lanes};
+use super::lanes::{LANES, Lanes, bits};
 use super::tree::{Effort, Tree, VACANT};
+use super::wide::{self, Wide};
 
 /// A body's triangles, ready for rays. Triangles with a corner that is not finite are left out.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Blas {
     tree: Tree,
+    /// The same tree, for bundles of rays.
+    wides: Vec<Wide>,
     blocks: Vec<Block>,
     /// Bit per lane of each block: a hit must ask for the texel. Empty where no triangle of the body is masked.
     masked: Vec<u8>,
@@ -37,7 +42,7 @@ impl Blas {
                 Block::new(&kept.map(|&member| triangles[member as usize]).collect::<Vec<_>>())
             })
             .collect();
-        Self { tree, blocks, masked: Vec::new() }
+        Self { wides: wide::widen(&tree), tree, blocks, masked: Vec::new() }
     }
 
     /// Marks the triangles whose hits must ask for the texel.
@@ -66,6 +71,7 @@ impl Blas {
             }
         }
         self.tree.refit(|member| bounds_of(&triangles[member as usize]));
+        wide::refit(&mut self.wides, &self.tree);
     }
 
     /// Bounds of all triangles.
@@ -84,10 +90,16 @@ impl Blas {
         (sum / area(&self.bounds()).max(f64::MIN_POSITIVE)) as f32
     }
 
-    /// The box tree, for bundles of rays.
+    /// The box tree.
     #[inline(always)]
     pub(crate) fn tree(&self) -> &Tree {
         &self.tree
+    }
+
+    /// The box tree eight children at a time, for bundles of rays; empty where it is.
+    #[inline(always)]
+    pub(crate) fn wides(&self) -> &[Wide] {
+        &self.wides
     }
 
     /// The block of a leaf that starts at `first`.
@@ -110,6 +122,18 @@ impl Blas {
         tmax: f32,
         any: bool,
         mut accept: impl FnMut(&BlasHit) -> bool,
+    ) -> Option<BlasHit> {
+        dispatch!(Level::new(), simd => self.nearest_by(simd, origin, direction, (tmax, any), &mut accept))
+    }
+
+    #[inline(always)]
+    fn nearest_by<S: Simd>(
+        &self,
+        simd: S,
+        origin: Vec3,
+        direction: Vec3,
+        (tmax, any): (f32, bool),
+        accept: &mut impl FnMut(&BlasHit) -> bool,
     ) -> Option<BlasHit> {
         let inverse = direction.recip();
         let mut best: Option<BlasHit> = None;
@@ -138,8 +162,8 @@ impl Blas {
                 }
                 continue;
             }
-            let prepared = self.block(node.first).prepare(origin);
-            let nearer = prepared.distances(direction).below(Lanes::splat(limit)).bits();
+            let prepared = self.block(node.first).prepare(simd, origin);
+            let nearer = bits(prepared.distances(simd, direction).simd_lt(Lanes::splat(simd, limit)));
             for lane in (0..node.count as usize).filter(|lane| nearer >> lane & 1 == 1) {
                 let Some(meeting) = prepared.facet(lane).meet(direction) else { continue };
                 let hit = BlasHit { meeting, triangle: self.triangle_at(node.first, lane) };
@@ -184,17 +208,18 @@ pub(crate) mod naive {
         tmax: f32,
         accept: impl Fn(&BlasHit) -> bool,
     ) -> Option<BlasHit> {
-        let mut best: Option<BlasHit> = None;
-        for (triangle, corners) in (0..).zip(triangles) {
-            let Some(meeting) = Block::new(&[*corners]).prepare(origin).facet(0).meet(direction) else {
-                continue;
-            };
-            let hit = BlasHit { meeting, triangle };
-            if meeting.t < best.map_or(tmax, |hit| hit.meeting.t) && accept(&hit) {
-                best = Some(hit);
+        dispatch!(Level::baseline(), simd => {
+            let mut best: Option<BlasHit> = None;
+            for (triangle, corners) in (0..).zip(triangles) {
+                let prepared = Block::new(&[*corners]).prepare(simd, origin);
+                let Some(meeting) = prepared.facet(0).meet(direction) else { continue };
+                let hit = BlasHit { meeting, triangle };
+                if meeting.t < best.map_or(tmax, |hit| hit.meeting.t) && accept(&hit) {
+                    best = Some(hit);
+                }
             }
-        }
-        best
+            best
+        })
     }
 
     /// A box of 12 triangles around the origin.

@@ -5,27 +5,50 @@
 //! two products with the opposite sign, to the bit, so no ray slips between them. All rays of one point share the
 //! three cross products; [`Block::prepare`] computes them once for eight triangles at a time.
 
+use fearless_simd::prelude::*;
 use glam::Vec3;
 
-use super::lanes::{LANES, Lanes, Lanes3};
+use super::lanes::{Answers, LANES, Lanes, Lanes3, Packed, Packed3, bits};
 
 /// The corners of eight triangles. Vacant lanes hold a point at zero, which no ray hits.
 #[derive(Clone, Debug)]
 pub(crate) struct Block {
-    corners: [Lanes3; 3],
+    corners: [Packed3; 3],
 }
 
 /// A block as seen from one origin: what is left for a ray are four dot products.
 pub(crate) struct Prepared {
-    /// Corners less the origin.
-    corners: [Lanes3; 3],
-    /// `b x c`, `c x a`, `a x b` of the corners less the origin.
-    volumes: [Lanes3; 3],
+    /// `b x c`, `c x a`, `a x b` of the corners less the origin; with `normal`, of the sign that makes `plane` positive.
+    volumes: [Packed3; 3],
     /// `(b - a) x (c - a)`, not normalised; from the edges, where nothing cancels.
-    normal: Lanes3,
-    /// `normal . a`: signed distance of the plane times the length of the normal.
-    plane: Lanes,
+    normal: Packed3,
+    /// `normal . a`: distance of the plane times the length of the normal.
+    plane: Packed,
 }
+
+/// What tells early which triangles of a [`Prepared`] block some rays can meet.
+pub(crate) struct Reachable {
+    /// Bit per lane: whether any ray may meet the triangle at all.
+    pub(crate) lanes: u32,
+    /// Squared distance to the box of the triangle.
+    near: Packed,
+    /// Lengths of the three volumes' vectors and of the normal; infinite for a triangle seen so edge-on that rounding
+    /// decides from which side it is met.
+    lengths: [Packed; 4],
+}
+
+/// Rays close together: all directions within `spread` of `axis`, none to go farther than `reach`.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Pencil {
+    pub(crate) axis: Vec3,
+    /// At least 1e-5 more than the rays take, for what rounds; see [`SPREAD_SLACK`].
+    pub(crate) spread: f32,
+    /// Above 0.
+    pub(crate) reach: f32,
+}
+
+/// Added to the spread of rays, it covers how their directions and dot products round.
+pub(crate) const SPREAD_SLACK: f32 = 2e-5;
 
 /// One triangle of a [`Prepared`] block, ready to meet many rays.
 pub(crate) struct Facet {
@@ -46,7 +69,7 @@ pub(crate) struct Meeting {
 impl Block {
     /// A block of at most eight triangles.
     pub(crate) fn new(triangles: &[[Vec3; 3]]) -> Self {
-        let mut block = Self { corners: [Lanes3::ZERO; 3] };
+        let mut block = Self { corners: [Packed3::ZERO; 3] };
         for (lane, triangle) in triangles.iter().take(LANES).enumerate() {
             block.set(lane, triangle);
         }
@@ -60,43 +83,105 @@ impl Block {
         }
     }
 
-    /// The corners less the origin, and all that rays from there share.
+    /// What all rays from `origin` share.
     #[inline(always)]
-    pub(crate) fn prepare(&self, origin: Vec3) -> Prepared {
+    pub(crate) fn prepare<S: Simd>(&self, simd: S, origin: Vec3) -> Prepared {
+        self.seen(simd, origin).prepared()
+    }
+
+    /// The same in registers, and more.
+    #[inline(always)]
+    pub(crate) fn seen<S: Simd>(&self, simd: S, origin: Vec3) -> Seen<S> {
         let [p, q, r] = &self.corners;
-        let origin = Lanes3::splat(origin);
+        let (p, q, r) = (p.load(simd), q.load(simd), r.load(simd));
+        let origin = Lanes3::splat(simd, origin);
         let corners = [p.minus(&origin), q.minus(&origin), r.minus(&origin)];
         let [a, b, c] = &corners;
-        let normal = q.minus(p).cross(&r.minus(p));
-        Prepared { volumes: [b.cross(c), c.cross(a), a.cross(b)], plane: normal.dot(a), normal, corners }
+        let normal = q.minus(&p).cross(&r.minus(&p));
+        let plane = normal.dot(a);
+        let behind = plane.simd_lt(Lanes::splat(simd, 0.0));
+        let facing = |volume: Lanes3<S>| volume.turned_about(behind);
+        let volumes = [facing(b.cross(c)), facing(c.cross(a)), facing(a.cross(b))];
+        Seen { volumes, normal: normal.turned_about(behind), plane: behind.select(-plane, plane), corners }
+    }
+}
+
+/// What [`Prepared`] is made of, and more.
+pub(crate) struct Seen<S: Simd> {
+    /// Corners less the origin.
+    corners: [Lanes3<S>; 3],
+    volumes: [Lanes3<S>; 3],
+    normal: Lanes3<S>,
+    plane: Lanes<S>,
+}
+
+impl<S: Simd> Seen<S> {
+    #[inline(always)]
+    pub(crate) fn prepared(&self) -> Prepared {
+        let [u, v, w] = self.volumes;
+        Prepared {
+            volumes: [u.into(), v.into(), w.into()],
+            normal: self.normal.into(),
+            plane: self.plane.into(),
+        }
+    }
+
+    /// What rays into the half-space of `up`, at most `reach` long, may meet. Never says no to a triangle that is met.
+    #[inline(always)]
+    pub(crate) fn within(&self, up: Vec3, reach: f32) -> Reachable {
+        let simd = self.plane.simd;
+        let splat = |value: f32| Lanes::splat(simd, value);
+        let [a, b, c] = &self.corners;
+        let low = |a: Lanes<S>, b: Lanes<S>, c: Lanes<S>| a.min(b).min(c);
+        let high = |a: Lanes<S>, b: Lanes<S>, c: Lanes<S>| a.max(b).max(c);
+        let (lx, hx) = (low(a.x, b.x, c.x), high(a.x, b.x, c.x));
+        let (ly, hy) = (low(a.y, b.y, c.y), high(a.y, b.y, c.y));
+        let (lz, hz) = (low(a.z, b.z, c.z), high(a.z, b.z, c.z));
+        let out = |low: Lanes<S>, high: Lanes<S>| low.max(-high).max(splat(0.0));
+        let (x, y, z) = (out(lx, hx), out(ly, hy), out(lz, hz));
+        let size = |low: Lanes<S>, high: Lanes<S>| high.max(-low);
+        let size = size(lx, hx) + size(ly, hy) + size(lz, hz);
+        let up = Lanes3::splat(simd, up);
+        let highest = a.dot(&up).max(b.dot(&up)).max(c.dot(&up));
+        // The tolerances cover the rounding of the sums they stand beside and of the rays' own directions.
+        let far = splat(reach * reach * 1.000_01);
+        let near = x * x + y * y + z * z;
+        let above = highest.simd_ge(splat(-1e-5) * (splat(reach) + size));
+        let slope = self.normal.dot(&self.normal);
+        let near_plane = (slope * far * splat(1.01)).simd_ge(self.plane * self.plane);
+        let lanes = bits(far.simd_ge(near) & above & near_plane);
+        // A ray that is outside by all three volumes has to pass the plane the other way, which it does within reach
+        // only if the volumes' rounding, some 1e-6 of the squared size, exceeds what the plane is away.
+        let sided = self.plane.simd_ge(splat(1e-5 * reach) * (size * size));
+        let length = |a: &Lanes3<S>| Packed::from(sided.select(a.length(), splat(f32::INFINITY)));
+        let [u, v, w] = &self.volumes;
+        Reachable {
+            lanes,
+            near: near.into(),
+            lengths: [length(u), length(v), length(w), length(&self.normal)],
+        }
+    }
+}
+
+impl Reachable {
+    /// Bit per lane: whether some ray of a pencil may meet the triangle. Never says no to one that is met.
+    #[inline(always)]
+    pub(crate) fn by<S: Simd>(&self, simd: S, prepared: &Prepared, pencil: &Pencil) -> u32 {
+        let axis = Lanes3::splat(simd, pencil.axis);
+        let spread = Lanes::splat(simd, pencil.spread);
+        let reach = Lanes::splat(simd, pencil.reach);
+        let most =
+            |vectors: &Packed3, length: &Packed| vectors.load(simd).dot(&axis) + spread * length.load(simd);
+        let [u, v, w] = &prepared.volumes;
+        let [lu, lv, lw, ln] = &self.lengths;
+        let inside = most(u, lu).min(most(v, lv)).min(most(w, lw)).simd_ge(Lanes::splat(simd, 0.0));
+        let plane = (reach * most(&prepared.normal, ln)).simd_ge(prepared.plane.load(simd));
+        let near = (reach * reach * Lanes::splat(simd, 1.000_01)).simd_ge(self.near.load(simd));
+        bits(inside & plane & near) & self.lanes
     }
 }
 
 impl Prepared {
-    /// Bit per lane: whether rays into the half-space of `up`, at most `reach` long, may meet the triangle.
-    /// Never says no to a triangle that is met.
-    #[inline(always)]
-    pub(crate) fn within(&self, up: Vec3, reach: f32) -> u32 {
-        let [a, b, c] = &self.corners;
-        let low = |a: Lanes, b: Lanes, c: Lanes| a.smaller(b).smaller(c);
-        let high = |a: Lanes, b: Lanes, c: Lanes| a.larger(b).larger(c);
-        let (lx, hx) = (low(a.x, b.x, c.x), high(a.x, b.x, c.x));
-        let (ly, hy) = (low(a.y, b.y, c.y), high(a.y, b.y, c.y));
-        let (lz, hz) = (low(a.z, b.z, c.z), high(a.z, b.z, c.z));
-        let out = |low: Lanes, high: Lanes| low.larger(-high).larger(Lanes::ZERO);
-        let (x, y, z) = (out(lx, hx), out(ly, hy), out(lz, hz));
-        let size = |low: Lanes, high: Lanes| high.larger(-low);
-        let extent = Lanes::splat(reach) + size(lx, hx) + size(ly, hy) + size(lz, hz);
-        let highest = a.dot_one(up).larger(b.dot_one(up)).larger(c.dot_one(up));
-        // The tolerances cover the rounding of the sums they stand beside and of the rays' own directions.
-        let far = Lanes::splat(reach * reach * 1.000_01);
-        let near_box = far.at_least(x * x + y * y + z * z);
-        let above = highest.at_least(Lanes::splat(-1e-5) * extent);
-        let slope = self.normal.dot(&self.normal);
-        let near_plane = (slope * far * Lanes::splat(1.01)).at_least(self.plane * self.plane);
-        near_box.and(above).and(near_plane).bits()
-    }
-
     /// The triangle of one lane, for many rays.
     #[inline(always)]
     pub(crate) fn facet(&self, lane: usize) -> Facet {
@@ -108,34 +193,56 @@ impl Prepared {
         }
     }
 
+    /// The least distance below `best` to any of the eight triangles along one unit direction.
+    #[inline(always)]
+    pub(crate) fn nearest<S: Simd>(&self, simd: S, direction: Vec3, best: f32) -> Option<f32> {
+        let t = self.distances(simd, direction);
+        (bits(t.simd_lt(Lanes::splat(simd, best))) != 0).then(|| Packed::from(t).smallest())
+    }
+
     /// Distance to each of the eight triangles along one unit direction, or infinity where it is missed.
     #[inline(always)]
-    pub(crate) fn distances(&self, direction: Vec3) -> Lanes {
+    pub(crate) fn distances<S: Simd>(&self, simd: S, direction: Vec3) -> Lanes<S> {
+        let along = Lanes3::splat(simd, direction);
         let [u, v, w] = &self.volumes;
-        let (u, v, w) = (u.dot_one(direction), v.dot_one(direction), w.dot_one(direction));
-        meetings([u, v, w], self.plane / self.normal.dot_one(direction))
+        let (u, v, w) = (u.load(simd).dot(&along), v.load(simd).dot(&along), w.load(simd).dot(&along));
+        let t = self.plane.load(simd) / self.normal.load(simd).dot(&along);
+        let (zero, none) = (Lanes::splat(simd, 0.0), Lanes::splat(simd, f32::INFINITY));
+        (inside(u, v, w) & zero.simd_lt(t)).select(t, none)
     }
 }
 
-/// The distances where the three volumes agree in sign, else infinity.
+/// Whether three volumes agree in sign.
 #[inline(always)]
-fn meetings([u, v, w]: [Lanes; 3], t: Lanes) -> Lanes {
-    let front = u.smaller(v).smaller(w).at_least(Lanes::ZERO);
-    let back = Lanes::ZERO.at_least(u.larger(v).larger(w));
-    // A triangle without area gives 0 / 0 for `t`, and every comparison with NaN says no.
-    front.or(back).and(Lanes::ZERO.below(t)).choose(t, Lanes::splat(f32::INFINITY))
+fn inside<S: Simd>(u: Lanes<S>, v: Lanes<S>, w: Lanes<S>) -> Answers<S> {
+    let zero = Lanes::splat(u.simd, 0.0);
+    u.min(v).min(w).simd_ge(zero) | zero.simd_ge(u.max(v).max(w))
 }
 
 impl Facet {
-    /// Distance to the triangle along each of eight unit directions, or infinity where it is missed.
+    /// Shortens those of eight rays that meet the triangle nearer than `best`: to where they do, or to `hit`. Says whether
+    /// any of them did.
     #[inline(always)]
-    pub(crate) fn distances(&self, directions: &Lanes3) -> Lanes {
-        let [u, v, w] = &self.volumes;
-        let (u, v, w) = (directions.dot_one(*u), directions.dot_one(*v), directions.dot_one(*w));
-        meetings([u, v, w], Lanes::splat(self.plane) / directions.dot_one(self.normal))
+    pub(crate) fn shorten<S: Simd>(
+        &self,
+        directions: &Lanes3<S>,
+        best: Lanes<S>,
+        hit: Option<f32>,
+    ) -> Option<Lanes<S>> {
+        let simd = best.simd;
+        let along = |vector: Vec3| directions.dot(&Lanes3::splat(simd, vector));
+        let [u, v, w] = self.volumes;
+        let inside = inside(along(u), along(v), along(w));
+        if bits(inside) == 0 {
+            return None;
+        }
+        // A triangle without area gives 0 / 0, and every comparison with NaN says no.
+        let t = Lanes::splat(simd, self.plane) / along(self.normal);
+        let met = inside & Lanes::splat(simd, 0.0).simd_lt(t) & t.simd_lt(best);
+        Some(met.select(hit.map_or(t, |hit| Lanes::splat(simd, hit)), best))
     }
 
-    /// Where one unit direction meets the triangle; the same bits as [`Facet::distances`].
+    /// Where one unit direction meets the triangle; the same bits as [`Facet::shorten`].
     #[inline(always)]
     pub(crate) fn meet(&self, direction: Vec3) -> Option<Meeting> {
         let along = |n: Vec3| direction.x * n.x + direction.y * n.y + direction.z * n.z;
@@ -156,15 +263,38 @@ impl Meeting {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use fearless_simd::{Level, dispatch};
     use proptest::prelude::*;
+
+    use super::*;
+    use crate::bvh::{Bounds, Instructions};
 
     fn vector(range: f32) -> impl Strategy<Value = Vec3> {
         prop::array::uniform3(-range..range).prop_map(Vec3::from)
     }
 
+    fn prepare(triangles: &[[Vec3; 3]], origin: Vec3) -> Prepared {
+        dispatch!(Level::baseline(), simd => Block::new(triangles).prepare(simd, origin))
+    }
+
     fn meet(triangle: [Vec3; 3], origin: Vec3, direction: Vec3) -> Option<Meeting> {
-        Block::new(&[triangle]).prepare(origin).facet(0).meet(direction)
+        prepare(&[triangle], origin).facet(0).meet(direction)
+    }
+
+    /// Distances to one triangle along eight directions, and along each of them to that triangle four lanes on.
+    #[inline(always)]
+    fn distances<S: Simd>(simd: S, triangle: [Vec3; 3], origin: Vec3, directions: &[Vec3]) -> [Packed; 2] {
+        let facet = Block::new(&[triangle]).prepare(simd, origin).facet(0);
+        let along = Packed3::from_fn(|i| directions[i]).load(simd);
+        let none = Lanes::splat(simd, f32::INFINITY);
+        let by_ray = facet.shorten(&along, none, None).unwrap_or(none);
+        let block = Block::new(&[triangle; 5]).prepare(simd, origin);
+        let by_triangle = Packed::from_fn(|i| {
+            let all = block.distances(simd, directions[i]);
+            assert_eq!(all[7], f32::INFINITY);
+            all[4]
+        });
+        [by_ray.into(), by_triangle]
     }
 
     #[test]
@@ -195,14 +325,12 @@ mod tests {
             directions in prop::collection::vec(vector(1.0), LANES),
         ) {
             let directions: Vec<Vec3> = directions.into_iter().map(Vec3::normalize_or_zero).collect();
-            let facet = Block::new(&[triangle]).prepare(origin).facet(0);
-            let by_ray = facet.distances(&Lanes3::from_fn(|i| directions[i]));
-            for (i, &t) in by_ray.array().iter().enumerate() {
-                let single = facet.meet(directions[i]).map_or(f32::INFINITY, |hit| hit.t);
-                prop_assert_eq!(t.to_bits(), single.to_bits());
-                let by_triangle = Block::new(&[triangle; 5]).prepare(origin).distances(directions[i]);
-                prop_assert_eq!(by_triangle.array()[4].to_bits(), single.to_bits());
-                prop_assert_eq!(by_triangle.array()[7], f32::INFINITY);
+            for instructions in Instructions::all() {
+                let both = dispatch!(instructions.level(), simd => distances(simd, triangle, origin, &directions));
+                for (i, &direction) in directions.iter().enumerate() {
+                    let single = meet(triangle, origin, direction).map_or(f32::INFINITY, |hit| hit.t);
+                    prop_assert_eq!(both.map(|by| by.array()[i].to_bits()), [single.to_bits(); 2]);
+                }
             }
         }
 
@@ -226,15 +354,51 @@ mod tests {
 
         #[test]
         fn what_is_met_is_never_culled(
-            triangle in prop::array::uniform3(vector(1.0)), origin in vector(1.0), up in vector(1.0),
-            direction in vector(1.0), reach in 0.1f32..1.5,
+            triangle in prop::array::uniform3(vector(1.0)), origin in vector(1.5), up in vector(1.0),
+            direction in vector(1.0), reach in 0.1f32..1.5, off in vector(1.0), turn in 0f32..0.6,
+            // Seen edge-on, or nearly so: from a place in the triangle's plane.
+            flat in prop_oneof![Just(0f32), Just(1.0), 0.999_99f32..1.0], aimed in any::<bool>(), at in 0f32..1.0,
         ) {
-            let (up, direction) = (up.normalize_or_zero(), direction.normalize_or_zero());
-            prop_assume!(up.dot(direction) >= 0.0);
-            let prepared = Block::new(&[triangle]).prepare(origin);
-            if let Some(hit) = prepared.facet(0).meet(direction) && hit.t <= reach {
-                prop_assert_eq!(prepared.within(up, reach) & 1, 1);
+            let [a, b, c] = triangle;
+            let level = a + (b - a) * origin.x + (c - a) * origin.y;
+            let origin = origin.lerp(level, flat);
+            let target = a.lerp(b, at).lerp(c, direction.x.abs());
+            let direction = if aimed { target - origin } else { direction }.normalize_or_zero();
+            let up = up.normalize_or_zero();
+            prop_assume!(up.dot(direction) >= 0.0 && direction != Vec3::ZERO);
+            let Some(hit) = meet(triangle, origin, direction).filter(|hit| hit.t <= reach) else { return Ok(()) };
+            let axis = (direction + off * turn).normalize_or(direction);
+            let spread = axis.distance(direction) + SPREAD_SLACK;
+            for instructions in Instructions::all() {
+                // The ray goes just as far as the triangle, too. Seen edge-on, rounding alone may say where it is met, and
+                // say nearer than its box is.
+                let beyond = Bounds::around(triangle).distance_squared(origin) > hit.t * hit.t;
+                for most in [reach, if beyond { reach } else { hit.t }] {
+                    let pencil = Pencil { axis, spread, reach: most };
+                    let lanes = dispatch!(instructions.level(), simd => {
+                        let seen = Block::new(&[triangle]).seen(simd, origin);
+                        seen.within(up, reach).by(simd, &seen.prepared(), &pencil)
+                    });
+                    prop_assert_eq!(lanes & 1, 1);
+                }
             }
         }
+    }
+
+    #[test]
+    fn pencils_that_miss_a_triangle_are_told_so() {
+        let triangle = [Vec3::new(0.0, 0.0, 1.0), Vec3::new(0.2, 0.0, 1.0), Vec3::new(0.0, 0.2, 1.0)];
+        let by = |axis: Vec3, spread: f32, reach: f32| {
+            let pencil = Pencil { axis: axis.normalize(), spread, reach };
+            dispatch!(Level::new(), simd => {
+                let seen = Block::new(&[triangle]).seen(simd, Vec3::ZERO);
+                seen.within(Vec3::Z, 2.0).by(simd, &seen.prepared(), &pencil)
+            }) & 1
+        };
+        assert_eq!(by(Vec3::Z, 0.1, 2.0), 1);
+        // Beside it, in front of it, and so oblique that its plane is too far.
+        assert_eq!(by(Vec3::new(-0.5, 0.0, 1.0), 0.1, 2.0), 0);
+        assert_eq!(by(Vec3::Z, 0.1, 0.9), 0);
+        assert_eq!(by(Vec3::new(0.9, 0.1, 0.2), 0.1, 1.9), 0);
     }
 }

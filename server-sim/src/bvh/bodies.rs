@@ -94,13 +94,19 @@ impl Bodies {
         self.top.bounds()
     }
 
-    /// Calls `visit` with each body whose bounds touch the closed ball, in an order that depends on the bodies only.
-    pub(crate) fn near(&self, center: Vec3, radius: f32, stack: &mut Vec<u32>, mut visit: impl FnMut(u32)) {
+    /// Puts into `near` the bodies of which some leaf touches the closed ball, in an order that depends on the bodies only.
+    pub(crate) fn near(&self, center: Vec3, radius: f32, stack: &mut Vec<u32>, near: &mut Vec<u32>) {
+        near.clear();
         let limit = radius * radius;
         self.top.near(center, radius, stack, |body| {
             if self.list[body as usize].bounds.distance_squared(center) <= limit {
-                visit(body);
+                near.push(body);
             }
+        });
+        // The bounds of all that stands still are those of the whole scene, and say little.
+        near.retain(|&number| {
+            let Body { blas, placement, .. } = &self.list[number as usize];
+            blas.tree().touches(placement.local_point(center), radius, stack)
         });
     }
 
@@ -176,16 +182,26 @@ mod tests {
     }
 
     #[test]
-    fn a_ball_meets_the_bodies_whose_bounds_it_touches() {
+    fn a_ball_meets_the_bodies_whose_leaves_it_touches() {
         let cube = Arc::new(Blas::build(&naive::cube(0.5), Effort::Best));
         let at = |x: f32| {
             Body::new(Arc::clone(&cube), Placement { translation: Vec3::X * x, ..Placement::IDENTITY })
         };
         let bodies = Bodies::new((0..20).map(|i| at(2.0 * i as f32)).collect());
         let mut found = Vec::new();
-        bodies.near(Vec3::X * 5.0, 0.51, &mut Vec::new(), |body| found.push(body));
+        bodies.near(Vec3::X * 5.0, 0.51, &mut Vec::new(), &mut found);
         found.sort_unstable();
         assert_eq!(found, [2, 3]);
+        // Between the parts of a body nothing of it is near.
+        let ends = [-9.0, 9.0].into_iter().flat_map(|z| {
+            naive::cube(0.5).into_iter().map(move |triangle| triangle.map(|corner| corner + Vec3::Z * z))
+        });
+        let ends = Arc::new(Blas::build(&ends.collect::<Vec<_>>(), Effort::Best));
+        let bodies = Bodies::new(vec![Body::new(ends, Placement::IDENTITY)]);
+        for (z, count) in [(0.0, 0), (8.2, 1)] {
+            bodies.near(Vec3::Z * z, 0.5, &mut Vec::new(), &mut found);
+            assert_eq!(found.len(), count);
+        }
         assert!(Bodies::new(Vec::new()).nearest(Vec3::ZERO, Vec3::X, 1.0, false, |_, _| true).is_none());
     }
 }

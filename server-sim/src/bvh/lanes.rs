@@ -1,30 +1,45 @@
-//! Eight numbers at a time.
+//! Eight numbers at a time, by the widest instructions that the machine has.
 //!
-//! Plain multiplications and additions in a fixed order, never fused: the result has the same bits whatever the
-//! width of the machine's registers.
+//! Numbers lie in memory as [`Packed`] and are computed with as [`Lanes`], which know the instructions they were chosen
+//! for. Plain multiplications and additions in a fixed order, never fused: the result has the same bits whatever the
+//! instructions. The smaller and the larger of two numbers may be either one if one of them is not a number.
 
-use std::ops::{Add, Div, Mul, Neg, Sub};
-
+use fearless_simd::prelude::*;
+use fearless_simd::{Level, f32x8, mask32x8};
 use glam::Vec3;
-use wide::f32x8;
 
 /// Triangles in a block, and rays in a group: eight `f32` fill one AVX register or two SSE ones.
 pub(crate) const LANES: usize = 8;
 
-/// Eight numbers.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Lanes(f32x8);
+/// Eight numbers in registers.
+pub(crate) type Lanes<S> = f32x8<S>;
 
-/// Eight answers, all bits of a lane set for yes.
+/// Eight answers.
+pub(crate) type Answers<S> = mask32x8<S>;
+
+/// A set of instructions that this machine has. The results are the same with all of them, to the bit.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Answers(f32x8);
+pub struct Instructions(Level);
 
-/// Three coordinates of eight vectors.
+/// Eight numbers in memory.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Lanes3 {
-    pub(crate) x: Lanes,
-    pub(crate) y: Lanes,
-    pub(crate) z: Lanes,
+#[repr(C, align(32))]
+pub(crate) struct Packed([f32; LANES]);
+
+/// Three coordinates of eight vectors in memory.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Packed3 {
+    pub(crate) x: Packed,
+    pub(crate) y: Packed,
+    pub(crate) z: Packed,
+}
+
+/// Three coordinates of eight vectors in registers.
+#[derive(Clone, Copy)]
+pub(crate) struct Lanes3<S: Simd> {
+    pub(crate) x: Lanes<S>,
+    pub(crate) y: Lanes<S>,
+    pub(crate) z: Lanes<S>,
 }
 
 /// The smaller number, or `b` if either is not a number: one instruction, which `f32::min` is not.
@@ -33,163 +48,162 @@ pub(crate) fn smaller(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
 }
 
-/// The larger number, or `b` if either is not a number.
+/// The larger number, or `b` if either is not a number: one instruction, which `f32::max` is not.
 #[inline(always)]
 pub(crate) fn larger(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
-impl Lanes {
-    pub(crate) const ZERO: Self = Self(f32x8::ZERO);
+impl Instructions {
+    /// The widest that this machine has.
+    #[must_use]
+    pub fn best() -> Self {
+        Self(Level::new())
+    }
+
+    /// All that this machine has, from what every machine of its kind has to the widest; for tests and measurements.
+    #[must_use]
+    pub fn all() -> Vec<Self> {
+        let best = Level::new();
+        let mut all = Vec::new();
+        #[cfg(test)]
+        all.push(Level::fallback());
+        all.push(Level::baseline());
+        #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
+        {
+            all.extend(best.as_sse4_2().map(Level::Sse4_2));
+            all.extend(best.as_avx2().map(Level::Avx2));
+        }
+        all.push(best);
+        all.dedup_by_key(|level| format!("{level:?}"));
+        all.into_iter().map(Self).collect()
+    }
+
+    /// Name of the set, such as `Avx2`.
+    #[must_use]
+    pub fn name(self) -> String {
+        let text = format!("{:?}", self.0);
+        text.split('(').next().unwrap_or_default().to_owned()
+    }
 
     #[inline(always)]
-    pub(crate) fn splat(value: f32) -> Self {
-        Self(f32x8::splat(value))
+    pub(crate) fn level(self) -> Level {
+        self.0
+    }
+}
+
+impl Packed {
+    pub(crate) const ZERO: Self = Self([0.0; LANES]);
+
+    pub(crate) const fn splat(value: f32) -> Self {
+        Self([value; LANES])
     }
 
     /// The number at `i` is `f(i)`.
     #[inline(always)]
     pub(crate) fn from_fn(f: impl FnMut(usize) -> f32) -> Self {
-        Self(f32x8::new(std::array::from_fn(f)))
+        Self(std::array::from_fn(f))
     }
 
     #[inline(always)]
     pub(crate) fn array(&self) -> &[f32; LANES] {
-        self.0.as_array()
+        &self.0
     }
 
     #[inline(always)]
     pub(crate) fn array_mut(&mut self) -> &mut [f32; LANES] {
-        self.0.as_mut_array()
-    }
-
-    /// The smaller number of each lane; where one is not a number, either.
-    #[inline(always)]
-    pub(crate) fn smaller(self, other: Self) -> Self {
-        Self(self.0.fast_min(other.0))
-    }
-
-    /// The larger number of each lane; where one is not a number, either.
-    #[inline(always)]
-    pub(crate) fn larger(self, other: Self) -> Self {
-        Self(self.0.fast_max(other.0))
+        &mut self.0
     }
 
     #[inline(always)]
-    pub(crate) fn below(self, other: Self) -> Answers {
-        Answers(self.0.simd_lt(other.0))
+    pub(crate) fn load<S: Simd>(&self, simd: S) -> Lanes<S> {
+        Lanes::simd_from(simd, self.0)
     }
 
-    #[inline(always)]
-    pub(crate) fn at_least(self, other: Self) -> Answers {
-        Answers(self.0.simd_ge(other.0))
+    /// Sum in a fixed tree.
+    pub(crate) fn sum(&self) -> f32 {
+        let l = self.0;
+        ((l[0] + l[4]) + (l[2] + l[6])) + ((l[1] + l[5]) + (l[3] + l[7]))
     }
 
     #[inline(always)]
     pub(crate) fn smallest(&self) -> f32 {
-        let l = self.array();
+        let l = self.0;
         let [a, b, c, d] =
             [smaller(l[0], l[4]), smaller(l[1], l[5]), smaller(l[2], l[6]), smaller(l[3], l[7])];
         smaller(smaller(a, c), smaller(b, d))
     }
 
-    /// Sum in a fixed tree.
     #[inline(always)]
-    pub(crate) fn sum(&self) -> f32 {
-        let l = self.array();
-        ((l[0] + l[4]) + (l[2] + l[6])) + ((l[1] + l[5]) + (l[3] + l[7]))
-    }
-
-    /// One over each number; numbers next to zero give large ones of the same sign, so that nothing is infinite.
-    #[inline(always)]
-    pub(crate) fn inverted(self) -> Self {
-        let tiny = Self::splat(1e-12);
-        let signed = Self::ZERO.at_least(self).choose(-tiny, tiny);
-        let small = self.larger(-self).below(tiny);
-        Self::splat(1.0) / small.choose(signed, self)
+    pub(crate) fn largest(&self) -> f32 {
+        let l = self.0;
+        let [a, b, c, d] = [larger(l[0], l[4]), larger(l[1], l[5]), larger(l[2], l[6]), larger(l[3], l[7])];
+        larger(larger(a, c), larger(b, d))
     }
 }
 
-impl Answers {
-    /// Bit `i` is set where the answer of lane `i` is yes.
+impl<S: Simd> From<Lanes<S>> for Packed {
     #[inline(always)]
-    pub(crate) fn bits(self) -> u32 {
-        self.0.to_bitmask()
-    }
-
-    #[inline(always)]
-    pub(crate) fn and(self, other: Self) -> Self {
-        Self(self.0 & other.0)
-    }
-
-    #[inline(always)]
-    pub(crate) fn or(self, other: Self) -> Self {
-        Self(self.0 | other.0)
-    }
-
-    #[inline(always)]
-    pub(crate) fn choose(self, yes: Lanes, no: Lanes) -> Lanes {
-        Lanes(self.0.select(yes.0, no.0))
+    fn from(lanes: Lanes<S>) -> Self {
+        Self(lanes.into())
     }
 }
 
-macro_rules! operator {
-    ($trait:ident, $method:ident) => {
-        impl $trait for Lanes {
-            type Output = Self;
-
-            #[inline(always)]
-            fn $method(self, other: Self) -> Self {
-                Self($trait::$method(self.0, other.0))
-            }
-        }
-    };
-}
-
-operator!(Add, add);
-operator!(Sub, sub);
-operator!(Mul, mul);
-operator!(Div, div);
-
-impl Neg for Lanes {
-    type Output = Self;
-
-    #[inline(always)]
-    fn neg(self) -> Self {
-        Self(-self.0)
-    }
-}
-
-impl Lanes3 {
-    pub(crate) const ZERO: Self = Self { x: Lanes::ZERO, y: Lanes::ZERO, z: Lanes::ZERO };
+impl Packed3 {
+    pub(crate) const ZERO: Self = Self { x: Packed::ZERO, y: Packed::ZERO, z: Packed::ZERO };
 
     /// The vector at `i` is `f(i)`.
     pub(crate) fn from_fn(f: impl Fn(usize) -> Vec3) -> Self {
-        let axis = |axis: usize| Lanes::from_fn(|i| f(i)[axis]);
+        let axis = |axis: usize| Packed::from_fn(|i| f(i)[axis]);
         Self { x: axis(0), y: axis(1), z: axis(2) }
     }
 
     #[inline(always)]
-    pub(crate) fn splat(value: Vec3) -> Self {
-        Self { x: Lanes::splat(value.x), y: Lanes::splat(value.y), z: Lanes::splat(value.z) }
+    pub(crate) fn load<S: Simd>(&self, simd: S) -> Lanes3<S> {
+        Lanes3 { x: self.x.load(simd), y: self.y.load(simd), z: self.z.load(simd) }
     }
 
     /// The vector of one lane.
     #[inline(always)]
     pub(crate) fn at(&self, lane: usize) -> Vec3 {
-        Vec3::new(self.x.array()[lane], self.y.array()[lane], self.z.array()[lane])
+        Vec3::new(self.x.0[lane], self.y.0[lane], self.z.0[lane])
     }
 
     /// Replaces the vector of one lane.
     pub(crate) fn set(&mut self, lane: usize, to: Vec3) {
-        self.x.array_mut()[lane] = to.x;
-        self.y.array_mut()[lane] = to.y;
-        self.z.array_mut()[lane] = to.z;
+        self.x.0[lane] = to.x;
+        self.y.0[lane] = to.y;
+        self.z.0[lane] = to.z;
+    }
+}
+
+impl<S: Simd> From<Lanes3<S>> for Packed3 {
+    #[inline(always)]
+    fn from(lanes: Lanes3<S>) -> Self {
+        Self { x: lanes.x.into(), y: lanes.y.into(), z: lanes.z.into() }
+    }
+}
+
+impl<S: Simd> Lanes3<S> {
+    #[inline(always)]
+    pub(crate) fn splat(simd: S, value: Vec3) -> Self {
+        let lanes = |value: f32| Lanes::splat(simd, value);
+        Self { x: lanes(value.x), y: lanes(value.y), z: lanes(value.z) }
     }
 
     #[inline(always)]
     pub(crate) fn minus(&self, other: &Self) -> Self {
         Self { x: self.x - other.x, y: self.y - other.y, z: self.z - other.z }
+    }
+
+    /// The same vectors, pointing the other way where the answer is yes.
+    #[inline(always)]
+    pub(crate) fn turned_about(&self, answers: Answers<S>) -> Self {
+        Self {
+            x: answers.select(-self.x, self.x),
+            y: answers.select(-self.y, self.y),
+            z: answers.select(-self.z, self.z),
+        }
     }
 
     #[inline(always)]
@@ -200,64 +214,92 @@ impl Lanes3 {
 
     /// Dot product lane by lane, summed in the order x, y, z.
     #[inline(always)]
-    pub(crate) fn dot(&self, other: &Self) -> Lanes {
+    pub(crate) fn dot(&self, other: &Self) -> Lanes<S> {
         self.x * other.x + self.y * other.y + self.z * other.z
     }
 
-    /// Dot product of every lane with one vector, summed in the order x, y, z.
     #[inline(always)]
-    pub(crate) fn dot_one(&self, other: Vec3) -> Lanes {
-        self.dot(&Self::splat(other))
+    pub(crate) fn length(&self) -> Lanes<S> {
+        self.dot(self).sqrt()
     }
 
     /// Every lane as coordinates along three axes.
     #[inline(always)]
     pub(crate) fn turned(&self, x: Vec3, y: Vec3, z: Vec3) -> Self {
-        let row = |a: f32, b: f32, c: f32| self.dot_one(Vec3::new(a, b, c));
+        let simd = self.x.simd;
+        let row = |a: f32, b: f32, c: f32| self.dot(&Self::splat(simd, Vec3::new(a, b, c)));
         Self { x: row(x.x, y.x, z.x), y: row(x.y, y.y, z.y), z: row(x.z, y.z, z.z) }
     }
 }
 
+/// Bit `i` is set where the answer of lane `i` is yes.
+#[inline(always)]
+pub(crate) fn bits<S: Simd>(answers: Answers<S>) -> u32 {
+    answers.to_bitmask() as u32
+}
+
 #[cfg(test)]
 mod tests {
+    use fearless_simd::dispatch;
+
     use super::*;
+
+    /// Runs a check with every set of instructions.
+    macro_rules! at_every_level {
+        ($simd:ident => $check:expr) => {
+            for instructions in Instructions::all() {
+                dispatch!(instructions.level(), $simd => $check);
+            }
+        };
+    }
+
+    #[test]
+    fn sets_of_instructions_have_names_of_their_own() {
+        let mut names: Vec<String> = Instructions::all().into_iter().map(Instructions::name).collect();
+        assert!(names.contains(&Instructions::best().name()) && names.len() >= 2);
+        let all = names.len();
+        names.sort();
+        names.dedup();
+        assert_eq!(names.len(), all);
+    }
 
     #[test]
     fn reductions_and_masks_see_every_lane() {
         for lane in 0..LANES {
-            let one = Lanes::from_fn(|i| f32::from(i == lane));
-            assert_eq!((one.sum(), one.smallest()), (1.0, 0.0));
-            assert_eq!((-one).smallest(), -1.0);
-            assert_eq!(Lanes::ZERO.below(one).bits(), 1 << lane);
-            assert_eq!(one.at_least(Lanes::splat(1.0)).bits(), 1 << lane);
+            let one = Packed::from_fn(|i| f32::from(i == lane));
+            assert_eq!((one.sum(), one.largest()), (1.0, 1.0));
+            at_every_level!(simd => {
+                let lanes = one.load(simd);
+                assert_eq!(bits(Lanes::splat(simd, 0.0).simd_lt(lanes)), 1 << lane);
+                assert_eq!(bits(lanes.simd_ge(Lanes::splat(simd, 1.0))), 1 << lane);
+                assert_eq!(Packed::from(-lanes).sum(), -1.0);
+            });
         }
     }
 
     #[test]
     fn comparisons_with_nan_say_no() {
-        let nan = Lanes::splat(f32::NAN);
-        assert_eq!(nan.below(Lanes::ZERO).or(nan.at_least(Lanes::ZERO)).bits(), 0);
-    }
-
-    #[test]
-    fn inverses_are_finite_and_keep_the_sign() {
-        let values = [1.0, -2.0, 0.0, -0.0, 1e-30, -1e-30, 1e-13, 0.5];
-        for (&value, &inverse) in values.iter().zip(Lanes::from_fn(|i| values[i]).inverted().array()) {
-            assert!(inverse.is_finite() && (value == 0.0 || inverse.signum() == value.signum()));
-        }
+        at_every_level!(simd => {
+            let (nan, zero) = (Lanes::splat(simd, f32::NAN), Lanes::splat(simd, 0.0));
+            assert_eq!(bits(nan.simd_lt(zero) | nan.simd_ge(zero) | zero.simd_lt(nan) | zero.simd_ge(nan)), 0);
+        });
     }
 
     #[test]
     fn vectors_agree_with_glam() {
-        let a = Lanes3::from_fn(|i| Vec3::new(i as f32, 1.5 - i as f32, 0.25 * i as f32));
-        let b = Lanes3::from_fn(|i| Vec3::new(2.0, i as f32, -1.0));
+        let a = Packed3::from_fn(|i| Vec3::new(i as f32, 1.5 - i as f32, 0.25 * i as f32));
+        let b = Packed3::from_fn(|i| Vec3::new(2.0, i as f32, -1.0));
         let (x, y, z) = (Vec3::new(0.6, 0.8, 0.0), Vec3::new(-0.8, 0.6, 0.0), Vec3::Z);
-        for i in 0..LANES {
-            assert_eq!(a.cross(&b).at(i), a.at(i).cross(b.at(i)));
-            assert_eq!(a.dot(&b).array()[i], a.at(i).dot(b.at(i)));
-            assert_eq!(a.minus(&b).at(i), a.at(i) - b.at(i));
+        at_every_level!(simd => for i in 0..LANES {
+            let (l, m) = (a.load(simd), b.load(simd));
+            assert_eq!(Packed3::from(l.cross(&m)).at(i), a.at(i).cross(b.at(i)));
+            assert_eq!(l.dot(&m)[i], a.at(i).dot(b.at(i)));
+            assert_eq!(l.length()[i], a.at(i).length());
+            assert_eq!(Packed3::from(l.minus(&m)).at(i), a.at(i) - b.at(i));
+            let about = l.turned_about(l.x.simd_lt(Lanes::splat(simd, 2.5)));
+            assert_eq!(Packed3::from(about).at(i), if i < 3 { -a.at(i) } else { a.at(i) });
             let turned = x * a.at(i).x + y * a.at(i).y + z * a.at(i).z;
-            assert!((a.turned(x, y, z).at(i) - turned).length() < 1e-6);
-        }
+            assert!((Packed3::from(l.turned(x, y, z)).at(i) - turned).length() < 1e-6);
+        });
     }
 }

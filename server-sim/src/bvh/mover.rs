@@ -8,6 +8,7 @@ use super::bounds::Bounds;
 use super::world::{build, corners, placement};
 use crate::points::PosedMesh;
 use crate::scene::{Geometry, InstanceId, Motion, Scene, ScenePose};
+use crate::server::Shortcuts;
 
 /// What happened to an instance from one moment to the next.
 #[derive(Clone, Debug, PartialEq)]
@@ -52,7 +53,7 @@ pub(super) struct Mover {
     /// World bounds of the nodes `cut` of the tree.
     parts: Vec<Bounds>,
     cut: Vec<u32>,
-    /// Geometry of a deforming instance and the work its tree took when it was built.
+    /// Geometry of an instance that is posed vertex by vertex, and the work its tree took when it was built.
     shape: Option<Shape>,
 }
 
@@ -76,6 +77,7 @@ impl Mover {
         pose: &ScenePose,
         index: usize,
         rest: Option<&Arc<Blas>>,
+        shortcuts: Shortcuts,
     ) -> Self {
         let instance = &scene.instances()[index];
         let at = &pose.instances()[index];
@@ -84,9 +86,9 @@ impl Mover {
             _ => {
                 let mut geometry = Geometry::default();
                 scene.local_geometry(InstanceId(index as u32), pose, &mut geometry);
-                let blas = build(&PosedMesh::posed(scene, scene.rest(instance), &geometry));
-                let built_cost = blas.cost();
-                (Arc::new(blas), Some(Shape { geometry, spare: Geometry::default(), built_cost }))
+                let blas = build(&PosedMesh::posed(scene, scene.rest(instance), &geometry), shortcuts);
+                let shape = Shape::new(geometry, &blas);
+                (Arc::new(blas), Some(shape))
             }
         };
         Self { shape, visible: at.visible(), ..Self::rigid(index, blas, placement(at.frame())) }
@@ -100,19 +102,20 @@ impl Mover {
         Self { instance, placement, visible: true, bounds, blas, parts, cut, shape: None }
     }
 
-    /// Geometry of an instance that deforms, as of when it was last in sight.
+    /// Geometry of an instance that is posed vertex by vertex, as of when that was last done.
     pub(super) fn geometry(&self) -> Option<&Geometry> {
         self.shape.as_ref().map(|shape| &shape.geometry)
     }
 
     /// Moves on to another pose.
-    pub(super) fn update(&mut self, scene: &Arc<Scene>, pose: &ScenePose) -> Stir {
+    pub(super) fn update(&mut self, scene: &Arc<Scene>, pose: &ScenePose, shortcuts: Shortcuts) -> Stir {
         let at = &pose.instances()[self.instance];
         let now = placement(at.frame());
         let was_visible = std::mem::replace(&mut self.visible, at.visible());
         let moved = std::mem::replace(&mut self.placement, now) != now || was_visible != self.visible;
         // Out of sight it keeps the geometry that it had: nothing asks for it, and its points are not kept up to date.
-        let (deformed, rebuilt) = if self.visible { self.deform(scene, pose) } else { (false, false) };
+        let posed = self.visible || !shortcuts.contains(Shortcuts::HIDDEN);
+        let (deformed, rebuilt) = if posed { self.deform(scene, pose, shortcuts) } else { (false, false) };
         if !moved && !deformed {
             return Stir::Still;
         }
@@ -127,25 +130,39 @@ impl Mover {
         if deformed { Stir::Deformed(swept) } else { Stir::Moved(swept) }
     }
 
-    /// Brings a deforming instance's geometry up to date; says whether any bit of it changed, and whether its tree is a
-    /// new one.
-    fn deform(&mut self, scene: &Arc<Scene>, pose: &ScenePose) -> (bool, bool) {
-        let Some(shape) = &mut self.shape else { return (false, false) };
+    /// Brings the geometry of an instance that is posed vertex by vertex up to date; says whether to take it for another
+    /// shape than before, and whether its tree is a new one.
+    fn deform(&mut self, scene: &Arc<Scene>, pose: &ScenePose, shortcuts: Shortcuts) -> (bool, bool) {
+        let instance = &scene.instances()[self.instance];
+        let deforming = instance.motion() == Motion::Deforming;
+        if !deforming && shortcuts.contains(Shortcuts::RIGID) {
+            return (false, false);
+        }
+        let blas = &mut self.blas;
+        let at_rest = || Shape::new(scene.rest(instance).geometry().clone(), blas);
+        let shape = self.shape.get_or_insert_with(at_rest);
         scene.local_geometry(InstanceId(self.instance as u32), pose, &mut shape.spare);
-        if shape.spare == shape.geometry {
+        if deforming && shortcuts.contains(Shortcuts::SHAPES) && shape.spare == shape.geometry {
             return (false, false);
         }
         std::mem::swap(&mut shape.spare, &mut shape.geometry);
-        let posed = PosedMesh::posed(scene, scene.rest(&scene.instances()[self.instance]), &shape.geometry);
-        let blas = Arc::make_mut(&mut self.blas);
+        let posed = PosedMesh::posed(scene, scene.rest(instance), &shape.geometry);
+        let blas = Arc::make_mut(blas);
         blas.refit(&corners(&posed));
         let worn = blas.cost() > WORN * shape.built_cost;
         if worn {
-            *blas = build(&posed);
+            *blas = build(&posed, shortcuts);
             shape.built_cost = blas.cost();
             self.cut = blas.tree().cut(PARTS);
         }
-        (true, worn)
+        (deforming, worn)
+    }
+}
+
+impl Shape {
+    /// A geometry that a tree was built for.
+    fn new(geometry: Geometry, blas: &Blas) -> Self {
+        Self { geometry, spare: Geometry::default(), built_cost: blas.cost() }
     }
 }
 

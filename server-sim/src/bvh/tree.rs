@@ -183,6 +183,24 @@ impl Tree {
         );
     }
 
+    /// Whether a leaf touches the closed ball (`center`, `radius`).
+    pub(crate) fn touches(&self, center: Vec3, radius: f32, stack: &mut Vec<u32>) -> bool {
+        let limit = radius * radius;
+        let within = |node: u32| self.nodes[node as usize].bounds.distance_squared(center) <= limit;
+        stack.clear();
+        if !self.nodes.is_empty() && within(0) {
+            stack.push(0);
+        }
+        while let Some(index) = stack.pop() {
+            let Node { first, count, .. } = self.nodes[index as usize];
+            if count > 0 {
+                return true;
+            }
+            stack.extend([first + 1, first].into_iter().filter(|&child| within(child)));
+        }
+        false
+    }
+
     /// Calls `visit` with the members of every leaf whose node and ancestors all pass `enter`.
     pub(crate) fn leaves(
         &self,

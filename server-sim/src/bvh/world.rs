@@ -9,10 +9,12 @@ use super::blas::{Blas, BlasHit};
 use super::bodies::{Bodies, Body, Placement};
 use super::bounds::Bounds;
 use super::mover::{Mover, Stir};
+use super::still::Still;
 use super::tree::Effort;
 use crate::ao::Seat;
 use crate::points::PosedMesh;
 use crate::scene::{InstanceId, Motion, Scene, ScenePose};
+use crate::server::Shortcuts;
 
 /// Where a ray hit.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -51,27 +53,40 @@ pub struct World {
     scene: Arc<Scene>,
     /// Whether each instance is in the body of the still ones.
     shared: Vec<bool>,
-    /// Triangles of the instances that were still when it was built, but of those that have left; the numbers of each
-    /// one's first triangle there.
-    still: Arc<Blas>,
-    still_starts: Vec<(u32, u32)>,
+    /// The instances that were still when it was built, but for those that have left: one body of all of them.
+    still: Vec<Still>,
     /// Meshes at rest of what does not deform, as far as movers need them.
     rests: Vec<Option<Arc<Blas>>>,
     /// By instance.
     movers: Vec<Mover>,
     bodies: Bodies,
-    /// Instance of each body; the static one has none.
-    body_instances: Vec<Option<u32>>,
+    owners: Vec<Owner>,
     /// Body of each instance, [`Seat::WORLD`] while it has none.
     instance_bodies: Vec<u32>,
     placements: Vec<Placement>,
     stirs: Vec<Stir>,
+    shortcuts: Shortcuts,
+}
+
+/// Whose triangles a body holds.
+#[derive(Clone, Copy, Debug)]
+enum Owner {
+    /// Those of a list of still instances, by number.
+    Still(u32),
+    /// Those of one instance.
+    Instance(u32),
 }
 
 impl World {
     /// Builds the structures of the scene at a pose of it.
     #[must_use]
     pub fn new(scene: &Arc<Scene>, pose: &ScenePose) -> Self {
+        Self::with_shortcuts(scene, pose, Shortcuts::ALL)
+    }
+
+    /// As [`World::new`], leaving out no more than `shortcuts` say: what rays meet is the same.
+    #[must_use]
+    pub fn with_shortcuts(scene: &Arc<Scene>, pose: &ScenePose, shortcuts: Shortcuts) -> Self {
         let count = scene.instances().len();
         let placements: Vec<Placement> = pose.instances().iter().map(|at| placement(at.frame())).collect();
         let shared: Vec<bool> = (0..count)
@@ -81,34 +96,40 @@ impl World {
                 fixed.is_some_and(|fixed| stands(pose, index, &placement(&fixed)))
             })
             .collect();
-        let (still, still_starts) = build_still(scene, &shared, &placements);
+        let standing: Vec<usize> = (0..count).filter(|&index| shared[index]).collect();
+        let together = if shortcuts.contains(Shortcuts::STILL) { standing.len().max(1) } else { 1 };
+        let still = standing
+            .par_chunks(together)
+            .map(|instances| Still::build(scene, pose, instances, &placements, shortcuts))
+            .collect();
         let rigid = |&index: &usize| !shared[index] && scene.instances()[index].motion() != Motion::Deforming;
         let mut rests = vec![None; scene.rests().len()];
         let mut used: Vec<usize> =
             (0..count).filter(rigid).map(|index| scene.instances()[index].rest().index()).collect();
         used.sort_unstable();
         used.dedup();
-        let built: Vec<Arc<Blas>> = used.par_iter().map(|&rest| build_rest(scene, rest)).collect();
+        let built: Vec<Arc<Blas>> = used.par_iter().map(|&rest| build_rest(scene, rest, shortcuts)).collect();
         for (rest, blas) in used.into_iter().zip(built) {
             rests[rest] = Some(blas);
         }
         let movers: Vec<usize> = (0..count).filter(|&index| !shared[index]).collect();
         let mover = |&index: &usize| {
-            Mover::posed(scene, pose, index, rests[scene.instances()[index].rest().index()].as_ref())
+            let rest = rests[scene.instances()[index].rest().index()].as_ref();
+            Mover::posed(scene, pose, index, rest, shortcuts)
         };
         let movers = movers.par_iter().map(mover).collect();
         let mut world = Self {
             scene: Arc::clone(scene),
             shared,
-            still: Arc::new(still),
-            still_starts,
+            still,
             rests,
             movers,
             bodies: Bodies::default(),
-            body_instances: Vec::new(),
+            owners: Vec::new(),
             instance_bodies: vec![Seat::WORLD; count],
             placements,
             stirs: vec![Stir::Still; count],
+            shortcuts,
         };
         world.assemble();
         world
@@ -117,9 +138,19 @@ impl World {
     /// Moves on to another pose of the same scene.
     pub fn update(&mut self, pose: &ScenePose) {
         let left = self.part(pose);
-        let scene = &self.scene;
-        let stirs: Vec<(usize, Stir)> =
-            self.movers.par_iter_mut().map(|mover| (mover.instance, mover.update(scene, pose))).collect();
+        let refits_still = !left.is_empty() || !self.shortcuts.contains(Shortcuts::RIGID);
+        let refits = refits_still || self.movers.iter().any(|mover| mover.geometry().is_some());
+        if refits {
+            // A tree that the bodies share would be copied before it is refitted.
+            self.bodies = Bodies::default();
+        }
+        if refits_still {
+            let refit = |still: &mut Still| still.refit(&self.scene, pose, &self.placements, &self.shared);
+            self.still.par_iter_mut().for_each(refit);
+        }
+        let (scene, shortcuts) = (&self.scene, self.shortcuts);
+        let update = |mover: &mut Mover| (mover.instance, mover.update(scene, pose, shortcuts));
+        let stirs: Vec<(usize, Stir)> = self.movers.par_iter_mut().map(update).collect();
         for (instance, stir) in stirs {
             self.stirs[instance] = match stir {
                 Stir::Moved(swept) if left.binary_search(&instance).is_ok() => Stir::Left(swept),
@@ -129,47 +160,43 @@ impl World {
         for mover in &self.movers {
             self.placements[mover.instance] = mover.placement;
         }
-        if self.stirs.iter().any(|stir| stir.swept().is_some()) {
+        if refits || self.stirs.iter().any(|stir| stir.swept().is_some()) {
             self.assemble();
         }
     }
 
     /// Gives bodies of their own to the still instances that a pose has elsewhere or out of sight: where they stood, so
-    /// that their first move is seen as one. Gives those instances, ascending.
+    /// that their first move is seen as one. Gives those instances, ascending; the body that they shared still has them.
     fn part(&mut self, pose: &ScenePose) -> Vec<usize> {
         let gone = |&index: &usize| self.shared[index] && !stands(pose, index, &self.placements[index]);
         let gone: Vec<usize> = (0..self.shared.len()).filter(gone).collect();
-        if gone.is_empty() {
-            return gone;
-        }
         for &index in &gone {
             self.shared[index] = false;
             let rest = self.scene.instances()[index].rest().index();
-            let blas = self.rests[rest].get_or_insert_with(|| build_rest(&self.scene, rest));
+            let blas = self.rests[rest].get_or_insert_with(|| build_rest(&self.scene, rest, self.shortcuts));
             self.movers.push(Mover::rigid(index, Arc::clone(blas), self.placements[index]));
         }
         self.movers.sort_unstable_by_key(|mover| mover.instance);
-        let triangles = still_triangles(&self.scene, &self.still_starts, &self.shared, &self.placements);
-        Arc::make_mut(&mut self.still).refit(&triangles);
         gone
     }
 
     fn assemble(&mut self) {
         self.instance_bodies.fill(Seat::WORLD);
-        let mut list = Vec::with_capacity(self.movers.len() + 1);
-        self.body_instances.clear();
-        if !self.still.bounds().is_empty() {
-            list.push(Body::new(Arc::clone(&self.still), Placement::IDENTITY));
-            self.body_instances.push(None);
-            for (body, _) in self.instance_bodies.iter_mut().zip(&self.shared).filter(|(_, shared)| **shared)
-            {
-                *body = 0;
+        let mut list = Vec::with_capacity(self.movers.len() + self.still.len());
+        self.owners.clear();
+        for (number, still) in
+            self.still.iter().enumerate().filter(|(_, still)| !still.blas.bounds().is_empty())
+        {
+            for index in still.instances().filter(|&index| self.shared[index]) {
+                self.instance_bodies[index] = list.len() as u32;
             }
+            list.push(Body::new(Arc::clone(&still.blas), Placement::IDENTITY));
+            self.owners.push(Owner::Still(number as u32));
         }
         for mover in self.movers.iter().filter(|mover| mover.visible && !mover.bounds.is_empty()) {
             self.instance_bodies[mover.instance] = list.len() as u32;
             list.push(Body::new(Arc::clone(&mover.blas), mover.placement));
-            self.body_instances.push(Some(mover.instance as u32));
+            self.owners.push(Owner::Instance(mover.instance as u32));
         }
         self.bodies = Bodies::new(list);
     }
@@ -277,13 +304,9 @@ impl World {
 
     /// Instance and triangle of a triangle of a body.
     fn source(&self, body: u32, triangle: u32) -> (u32, u32) {
-        match self.body_instances[body as usize] {
-            Some(instance) => (instance, triangle),
-            None => {
-                let at = self.still_starts.partition_point(|&(first, _)| first <= triangle) - 1;
-                let (first, instance) = self.still_starts[at];
-                (instance, triangle - first)
-            }
+        match self.owners[body as usize] {
+            Owner::Still(number) => self.still[number as usize].source(triangle),
+            Owner::Instance(instance) => (instance, triangle),
         }
     }
 }
@@ -309,48 +332,17 @@ pub(super) fn corners(posed: &PosedMesh<'_>) -> Vec<[Vec3; 3]> {
     (0..posed.triangles.len() as u32).map(|triangle| posed.corners(triangle)).collect()
 }
 
-pub(super) fn build(posed: &PosedMesh<'_>) -> Blas {
+pub(super) fn build(posed: &PosedMesh<'_>, shortcuts: Shortcuts) -> Blas {
     let blas = Blas::build(&corners(posed), Effort::Best);
-    if posed.masked() { blas.with_masks(|_| true) } else { blas }
+    if posed.masked() || !shortcuts.contains(Shortcuts::MASKS) { blas.with_masks(|_| true) } else { blas }
 }
 
-fn build_rest(scene: &Arc<Scene>, rest: usize) -> Arc<Blas> {
-    Arc::new(build(&PosedMesh::at_rest(scene, &scene.rests()[rest])))
+fn build_rest(scene: &Arc<Scene>, rest: usize, shortcuts: Shortcuts) -> Arc<Blas> {
+    Arc::new(build(&PosedMesh::at_rest(scene, &scene.rests()[rest]), shortcuts))
 }
 
 /// Whether a pose has an instance in sight and at this very place.
 fn stands(pose: &ScenePose, index: usize, at: &Placement) -> bool {
     let now = &pose.instances()[index];
     now.visible() && placement(now.frame()) == *at
-}
-
-/// The still instances in one body, with the number of each one's first triangle.
-fn build_still(scene: &Arc<Scene>, still: &[bool], placements: &[Placement]) -> (Blas, Vec<(u32, u32)>) {
-    let (mut starts, mut masked) = (Vec::new(), Vec::new());
-    for (index, instance) in scene.instances().iter().enumerate().filter(|(index, _)| still[*index]) {
-        let posed = PosedMesh::at_rest(scene, scene.rest(instance));
-        starts.push((masked.len() as u32, index as u32));
-        masked.resize(masked.len() + posed.triangles.len(), posed.masked());
-    }
-    let triangles = still_triangles(scene, &starts, still, placements);
-    let blas = Blas::build(&triangles, Effort::Best).with_masks(|triangle| masked[triangle as usize]);
-    (blas, starts)
-}
-
-/// Triangles of the instances at `starts`, in the world; of those that are not `still`, ones that nothing meets.
-fn still_triangles(
-    scene: &Arc<Scene>,
-    starts: &[(u32, u32)],
-    still: &[bool],
-    placements: &[Placement],
-) -> Vec<[Vec3; 3]> {
-    let mut triangles = Vec::new();
-    for &(_, index) in starts {
-        let index = index as usize;
-        let posed = PosedMesh::at_rest(scene, scene.rest(&scene.instances()[index]));
-        let at = &placements[index];
-        let placed = |corner: Vec3| if still[index] { at.point(corner) } else { Vec3::NAN };
-        triangles.extend(corners(&posed).into_iter().map(|triangle| triangle.map(placed)));
-    }
-    triangles
 }

@@ -18,6 +18,18 @@ pub enum Motion {
     Deforming,
 }
 
+impl Motion {
+    /// In a word, for people and documents.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Static => "static",
+            Self::Rigid => "rigid",
+            Self::Deforming => "deforming",
+        }
+    }
+}
+
 /// How an instance's local geometry comes about.
 #[derive(Debug, Clone)]
 pub(crate) enum Shape {

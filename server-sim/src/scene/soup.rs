@@ -4,6 +4,7 @@ use glam::Vec3;
 
 use super::camera::CameraPath;
 use super::error::SceneError;
+use super::limits;
 use super::material::Material;
 use super::model::{Local, Model};
 use super::prepare::RawMesh;
@@ -22,7 +23,7 @@ impl Scene {
     /// # Errors
     ///
     /// [`SceneError::NoTriangles`] when nothing has a surface, [`SceneError::TooFar`] and [`SceneError::TooMany`]
-    /// beyond the [`limits`](super::limits).
+    /// beyond the [`limits`].
     ///
     /// ```
     /// use glam::Vec3;
@@ -38,6 +39,12 @@ impl Scene {
         lists: &[Vec<[Vec3; 3]>],
         ao_radius_m: f32,
     ) -> Result<Self, SceneError> {
+        let limited = |what, count: usize, limit: usize| {
+            let error = || SceneError::TooMany { origin: name.to_owned(), what, count, limit };
+            if count > limit { Err(error()) } else { Ok(()) }
+        };
+        limited("lists", lists.len(), limits::MAX_INSTANCES)?;
+        limited("triangles", lists.iter().map(Vec::len).sum(), limits::MAX_TRIANGLES)?;
         let mut model = Model::default();
         let material = model.material(Material::default());
         let node = model.node(None, Local::IDENTITY);
@@ -114,5 +121,15 @@ mod tests {
         let far = [Vec3::ZERO, Vec3::Z, Vec3::X].map(|corner| corner * 3e9);
         assert!(matches!(Scene::from_triangles("far", &[vec![far]], 0.6), Err(SceneError::TooFar { .. })));
         assert!(Scene::from_triangles("none", &[], 0.6).is_err());
+    }
+
+    #[test]
+    fn a_million_instances_are_refused_before_anything_is_made_of_them() {
+        let lists = vec![Vec::new(); 1_000_000];
+        let refused = Scene::from_triangles("dust", &lists, 0.6);
+        let limit = limits::MAX_INSTANCES;
+        assert!(
+            matches!(refused, Err(SceneError::TooMany { count: 1_000_000, limit: found, .. }) if found == limit)
+        );
     }
 }

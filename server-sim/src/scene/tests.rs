@@ -4,7 +4,8 @@ use std::path::PathBuf;
 
 use glam::{Mat3, Quat, Vec3};
 
-use super::gltf::tests::{Doc, load_text};
+pub(crate) use super::gltf::tests::Doc;
+use super::gltf::tests::load_text;
 use super::*;
 
 const QUAD: [[f32; 3]; 4] = [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 2.0, 0.0], [-1.0, 2.0, 0.0]];
@@ -393,9 +394,9 @@ fn shared() -> Option<PathBuf> {
     None
 }
 
-#[test]
-fn real_files_load_and_stay_finite() {
-    let Some(folder) = shared() else { return };
+/// Every scene and model there; none without the folder.
+pub(crate) fn shared_files() -> Vec<PathBuf> {
+    let Some(folder) = shared() else { return Vec::new() };
     let mut files: Vec<PathBuf> = Vec::new();
     for entry in std::fs::read_dir(&folder).unwrap().flatten().filter(|e| e.path().is_dir()) {
         let inside = std::fs::read_dir(entry.path()).unwrap().flatten().map(|e| e.path());
@@ -403,7 +404,12 @@ fn real_files_load_and_stay_finite() {
         files.extend(inside.filter(|path| path.extension().is_some_and(|e| e == wanted)));
     }
     assert!(!files.is_empty());
-    for file in files {
+    files
+}
+
+#[test]
+fn real_files_load_and_stay_finite() {
+    for file in shared_files() {
         let scene = Scene::load(file.to_str().unwrap()).unwrap_or_else(|error| panic!("{error}"));
         let mut out = Geometry::default();
         for time in [0.0, scene.duration_s() * 0.37] {

@@ -8,6 +8,8 @@ use std::ops::Range;
 use glam::Vec3;
 use rayon::prelude::*;
 
+use super::Shortcuts;
+use super::memory::{self, ChunkMemory};
 use crate::ao::Seat;
 use crate::bvh::{Bounds, Stir, Swept, World};
 use crate::points::{PlacedPoint, ScenePoints};
@@ -46,6 +48,7 @@ pub(super) struct Part<'a> {
     pub(super) ao: &'a mut [u8],
     /// Empty unless the field keeps them.
     pub(super) exact: &'a mut [f32],
+    pub(super) memory: &'a mut ChunkMemory,
 }
 
 /// The points of a scene.
@@ -56,11 +59,15 @@ pub(super) struct Field {
     ao: Vec<u8>,
     /// AO as traced, not rounded; empty unless asked for.
     exact: Vec<f32>,
+    /// What rays met, by chunk.
+    memories: Vec<ChunkMemory>,
     /// Points in instance-local space, by instance; those of instances that do not deform are shared by set.
     places: Vec<Places>,
     shared: Vec<Vec<PlacedPoint>>,
     /// Points in world space of instances that are still, where the body that those share is; empty for others.
     worlds: Vec<Vec<PlacedPoint>>,
+    /// Whether only points of deforming instances have places of their own.
+    rigid: bool,
 }
 
 #[derive(Debug)]
@@ -73,7 +80,7 @@ enum Places {
 
 impl Field {
     /// The field of a scene. With `exact` it keeps the AO of every point as it was traced, besides its byte.
-    pub(super) fn new(world: &World, points: &ScenePoints, exact: bool) -> Self {
+    pub(super) fn new(world: &World, points: &ScenePoints, exact: bool, shortcuts: Shortcuts) -> Self {
         let scene = world.scene();
         let instances = scene.instances();
         let shared = (0..points.sets().len()).into_par_iter().map(|rest| {
@@ -92,14 +99,16 @@ impl Field {
             flags: vec![0; points.total() as usize],
             ao: vec![0; points.total() as usize],
             exact: if exact { vec![0.0; points.total() as usize] } else { Vec::new() },
+            memories: Vec::new(),
             places: Vec::new(),
             worlds: Vec::new(),
             shared,
+            rigid: shortcuts.contains(Shortcuts::RIGID),
         };
         for (index, instance) in instances.iter().enumerate() {
             let rest = instance.rest().index();
-            let deforming = instance.motion() == Motion::Deforming;
-            field.places.push(if deforming { Places::Own(Vec::new()) } else { Places::Shared(rest) });
+            let own = instance.motion() == Motion::Deforming || !field.rigid;
+            field.places.push(if own { Places::Own(Vec::new()) } else { Places::Shared(rest) });
             let at = world.placement(InstanceId(index as u32));
             let in_world = |point: &PlacedPoint| PlacedPoint {
                 position: at.point(point.position),
@@ -122,6 +131,7 @@ impl Field {
                 bounds: Bounds::EMPTY,
             }));
         }
+        field.memories.resize_with(field.chunks.len(), ChunkMemory::default);
         field.place(world, points, true);
         field.measure(|_| true);
         field
@@ -148,6 +158,7 @@ impl Field {
                 .for_each(|(_, seats)| seats.clear());
             self.measure(left);
         }
+        let all = all || !self.rigid;
         self.places.par_iter_mut().enumerate().for_each(|(instance, places)| {
             let Places::Own(own) = places else { return };
             if !all && !matches!(world.stirs()[instance], Stir::Deformed(_)) {
@@ -210,16 +221,36 @@ impl Field {
         });
     }
 
+    /// Points of each chunk that are in view and whose AO may have changed; all in view unless `untouched` ones are left out.
+    pub(super) fn stale(&self, untouched: bool) -> Vec<u32> {
+        let (mask, wanted) = if untouched {
+            (flag::VISIBLE | flag::FRESH, flag::VISIBLE)
+        } else {
+            (flag::VISIBLE, flag::VISIBLE)
+        };
+        let of_chunk = |chunk: &Chunk| {
+            let first = chunk.first as usize;
+            let flags = &self.flags[first..first + chunk.points.len()];
+            flags.iter().filter(|&&flags| flags & mask == wanted).count() as u32
+        };
+        self.chunks.iter().map(of_chunk).collect()
+    }
+
+    /// Ends a frame: bytes that points remember of their rays, at most `limit`.
+    pub(super) fn settle(&mut self, limit: usize) -> usize {
+        memory::settle(&mut self.memories, limit)
+    }
+
     /// The field in parts that can be worked on side by side, and what they share.
     pub(super) fn split(&mut self) -> (Vec<Part<'_>>, Placed<'_>) {
         let mut parts = Vec::with_capacity(self.chunks.len());
         let (mut flags, mut ao) = (self.flags.as_mut_slice(), self.ao.as_mut_slice());
         let mut exact = self.exact.as_mut_slice();
-        for chunk in &self.chunks {
+        for (chunk, memory) in self.chunks.iter().zip(&mut self.memories) {
             let (head, tail) = flags.split_at_mut(chunk.points.len());
             let (bytes, others) = ao.split_at_mut(chunk.points.len());
             let (values, rest) = exact.split_at_mut(exact.len().min(chunk.points.len()));
-            parts.push(Part { chunk, flags: head, ao: bytes, exact: values });
+            parts.push(Part { chunk, flags: head, ao: bytes, exact: values, memory });
             (flags, ao, exact) = (tail, others, rest);
         }
         (parts, Placed { places: &self.places, shared: &self.shared, worlds: &self.worlds })
@@ -290,6 +321,11 @@ impl Chunk {
 }
 
 impl Part<'_> {
+    /// Points in view.
+    pub(super) fn visible(&self) -> u32 {
+        self.flags.iter().filter(|&&flags| flags & flag::VISIBLE != 0).count() as u32
+    }
+
     /// Marks the points in view.
     fn see(&mut self, placed: &Placed<'_>, world: &World, views: Option<&Views>) {
         let present = world.is_present(self.chunk.instance);
@@ -321,6 +357,7 @@ impl Part<'_> {
             Stir::Still => {}
             Stir::Moved(_) => return self.flags.iter_mut().for_each(|flags| *flags &= !flag::FRESH),
             Stir::Deformed(_) | Stir::Left(_) => {
+                self.memory.clear();
                 return self.flags.iter_mut().for_each(|flags| *flags &= !(flag::FRESH | flag::ALONE));
             }
         }
@@ -336,6 +373,7 @@ impl Part<'_> {
         }
         // A point that had the body of the still ones to itself had that of an instance that has left it, too.
         let kept = if *left && world.is_still(self.chunk.instance) {
+            self.memory.clear();
             !(flag::FRESH | flag::ALONE)
         } else {
             !flag::FRESH

@@ -6,8 +6,13 @@ mod both;
 mod cells;
 mod field;
 mod grids;
+mod halves;
+mod memory;
 mod nearness;
+mod pacing;
+mod ration;
 mod settings;
+mod shortcuts;
 mod stats;
 mod stream;
 mod surface;
@@ -29,7 +34,11 @@ use psao_proto::{Limits, Profile, SceneError, SceneTable};
 use thiserror::Error;
 
 pub use both::{AoError, BothProfiles, Each};
+pub use halves::{TracedFrame, TracingHalf, WritingHalf};
+pub use pacing::Pacing;
+pub use ration::{RayBudget, Waiting};
 pub use settings::{ServerSettings, SettingsError};
+pub use shortcuts::Shortcuts;
 pub use stats::{FrameStats, Progress, StageMicros, Work};
 
 use crate::ao::Tracer;
@@ -206,6 +215,15 @@ impl Server {
     /// As [`Edits::apply`]; nothing has changed then.
     pub fn edit(&mut self, edit: &Edit) -> Result<bool, EditError> {
         self.tracing.edits.apply(edit)
+    }
+
+    /// Sets how many rays frames may take from the next step on: for live servers, which learn what they have time for
+    /// ([`Pacing`]). The bytes then depend on what was set when.
+    ///
+    /// # Errors
+    /// [`SettingsError::RayBudget`].
+    pub fn set_ray_budget(&mut self, budget: Option<RayBudget>) -> Result<(), SettingsError> {
+        self.tracing.set_ray_budget(budget)
     }
 
     /// The edits in force from the next step on.

@@ -5,6 +5,7 @@ use psao_codec::surface::{Budget, GeometrySource};
 use psao_proto::Profile;
 use thiserror::Error;
 
+use super::{RayBudget, Shortcuts};
 use crate::ao::{AoError, AoSettings};
 use crate::points::{Fineness, PointError, PointSettings};
 
@@ -37,14 +38,19 @@ pub struct ServerSettings {
     /// Profile `surface`: how many bytes a frame may take, 64 or more. What does not fit goes later, what is near and in
     /// view first.
     pub budget: Option<Budget>,
+    /// How many rays a frame may take, 1 or more; what is left over goes later, what is near and in view first. With it
+    /// the AO of points that wait is behind the scene.
+    pub ray_budget: Option<RayBudget>,
     /// Frames a second, above 0 and at most 1,000: announced to clients, and the step at which the clip is sampled for
     /// the grids.
     pub fps: f32,
     /// Frames that will be sent, 0 when that is open.
     pub frames_hint: u32,
-    /// Traces every visible point in every frame, also where nothing can have changed. The bytes are the same; it is
-    /// there to check and to measure that.
-    pub exhaustive: bool,
+    /// What is left out because it cannot change anything. The bytes are the same without; it is there to check and to
+    /// measure that.
+    pub shortcuts: Shortcuts,
+    /// Most bytes for [`Shortcuts::REMEMBERED`]. What is kept beyond that is forgotten when the frame ends.
+    pub ray_memory: u64,
 }
 
 impl Default for ServerSettings {
@@ -62,9 +68,11 @@ impl Default for ServerSettings {
             kernel: 2.5,
             coder: BlockCoder::Range,
             budget: None,
+            ray_budget: None,
             fps: 60.0,
             frames_hint: 0,
-            exhaustive: false,
+            shortcuts: Shortcuts::ALL,
+            ray_memory: 256 << 20,
         }
     }
 }
@@ -90,6 +98,9 @@ impl ServerSettings {
             if bytes < LEAST_BUDGET {
                 return Err(SettingsError::Budget { found: bytes });
             }
+        }
+        if self.ray_budget.is_some_and(|budget| budget.rays == 0) {
+            return Err(SettingsError::RayBudget);
         }
         let within = |name, value: f32, low: f32, high: f32| {
             // Written so that NaN fails.
@@ -147,6 +158,9 @@ pub enum SettingsError {
         /// Bytes as given.
         found: u32,
     },
+    /// Nothing would ever be traced.
+    #[error("a budget of 0 rays a frame: give 1 or more")]
+    RayBudget,
     /// A budget for a profile in which points cannot wait.
     #[error(
         "profile paper takes no byte budget: a point that moves must be taken out of its old cell and put into its new one \
@@ -186,6 +200,10 @@ mod tests {
         assert_eq!(refused, Err(SettingsError::Budget { found: 63 }));
         let paper = ServerSettings { profile: Profile::PAPER, budget: budget(64), ..good };
         assert_eq!(paper.validate(), Err(SettingsError::BudgetProfile));
+        let rays = |rays| Some(RayBudget { rays, longest_age: 0 });
+        assert_eq!(ServerSettings { ray_budget: rays(1), ..good }.validate(), Ok(()));
+        let refused = ServerSettings { ray_budget: rays(0), ..good }.validate();
+        assert_eq!(refused, Err(SettingsError::RayBudget));
         let ao = AoSettings { rays: 0, ..good.ao };
         assert!(matches!(ServerSettings { ao, ..good }.validate(), Err(SettingsError::Ao(_))));
         let profile = Profile(9);

@@ -3,6 +3,8 @@
 use psao_codec::cells::Occupancy;
 use psao_codec::surface::Postponed;
 
+use super::Waiting;
+use super::tracing::Traces;
 use crate::clock::Clock;
 
 /// Microseconds that the stages of a step took (paper, section 3.3 and 3.4).
@@ -29,16 +31,28 @@ pub struct FrameStats {
     pub visible: u32,
     /// Points whose AO was traced.
     pub traced: u32,
-    /// Rays traced.
+    /// Rays traced: those that came into the bounds of a body that they had to be tested against.
     pub rays: u64,
+    /// What was left for later frames for want of rays; nothing without a budget of them.
+    pub waiting: Option<Waiting>,
+    /// Whether it is the first frame, in which every point is traced.
+    pub first: bool,
     /// Points sent.
     pub changed: u32,
-    /// What was left for later frames; nothing without a byte budget.
+    /// What was left for later frames for want of bytes; nothing without a budget of them.
     pub postponed: Option<Postponed>,
     /// How full the client's tables are, and what did not fit; nothing in profile `surface`, which has none.
     pub occupancy: Option<Occupancy>,
     /// Times.
     pub micros: StageMicros,
+}
+
+impl FrameStats {
+    /// Of a frame that is traced.
+    pub(super) fn traced(traces: Traces, micros: StageMicros) -> Self {
+        let Traces { visible, traced, rays, waiting } = traces;
+        Self { visible, traced, rays, waiting, micros, ..Self::default() }
+    }
 }
 
 /// Reads a clock between stages.

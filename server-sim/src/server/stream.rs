@@ -1,14 +1,12 @@
 //! The stream that a server writes, of either profile.
 
 use psao_codec::block::BlockCoder;
-use psao_codec::cells::Occupancy;
-use psao_codec::frame::{EncodedFrame, FrameIndex, FrameKind, FrameMeta, StreamTime, keyframe};
+use psao_codec::frame::{EncodedFrame, FrameIndex, FrameInfo, FrameKind, FrameMeta, StreamTime, keyframe};
 use psao_codec::stream::StateRef;
-use psao_codec::surface::Postponed;
 use psao_proto::message::CameraPose;
 
 use super::cells::CellsStream;
-use super::surface::SurfaceStream;
+use super::surface::{Gathered, SurfaceStream};
 use super::tracing::Tracing;
 use super::{FrameStats, ServerError, StepOutput};
 use crate::server::stats::{Lap, StageMicros};
@@ -29,6 +27,37 @@ pub(super) struct Frame<'a> {
     pub(super) cameras: &'a [CameraPose],
 }
 
+/// A frame of which it is known what goes into it.
+pub(super) struct Decided {
+    pub(super) meta: FrameMeta,
+    pub(super) stats: FrameStats,
+}
+
+impl Decided {
+    /// `changed` points go into it; the time since the last lap went into finding them.
+    pub(super) fn new(
+        first: bool,
+        frame: Frame<'_>,
+        changed: u32,
+        (traces, mut micros): (Traces, StageMicros),
+        lap: &mut Lap<'_>,
+    ) -> Self {
+        micros.decide = lap.micros();
+        let kind = if first { FrameKind::Key } else { FrameKind::Delta };
+        let meta = FrameMeta { kind, frame: frame.index, time: frame.time, changed_points: changed };
+        Self { meta, stats: FrameStats { first, ..FrameStats::traced(traces, micros) } }
+    }
+}
+
+impl StepOutput {
+    /// A frame that was written in the time since the last lap.
+    pub(super) fn new(body: Vec<u8>, info: FrameInfo, mut stats: FrameStats, lap: &mut Lap<'_>) -> Self {
+        stats.micros.encode = lap.micros();
+        stats.changed = info.changed_points;
+        Self { body, info, stats }
+    }
+}
+
 impl Stream {
     /// The last frame written; nothing before the first.
     pub(super) fn last(&self) -> Option<FrameIndex> {
@@ -43,47 +72,28 @@ impl Stream {
         }
     }
 
-    /// How full the paper's tables are; nothing in profile `surface`, which has none.
-    pub(super) fn occupancy(&self) -> Option<Occupancy> {
-        match self {
-            Self::Cells(stream) => Some(stream.encoder.counts()),
-            Self::Surface(_) => None,
-        }
-    }
-
-    /// What the last frame left for later; nothing without a byte budget.
-    fn postponed(&self) -> Option<Postponed> {
-        match self {
-            Self::Cells(_) => None,
-            Self::Surface(stream) => stream.encoder.postponed().copied(),
-        }
-    }
-
     /// Writes the frame of what was traced. The first one is a keyframe.
     pub(super) fn write(
         &mut self,
         tracing: &Tracing,
         frame: Frame<'_>,
-        (traces, mut micros): (Traces, StageMicros),
+        traced: (Traces, StageMicros),
         lap: &mut Lap<'_>,
     ) -> Result<StepOutput, ServerError> {
-        let kind = if self.last().is_none() { FrameKind::Key } else { FrameKind::Delta };
-        let changed = match self {
-            Self::Cells(stream) => stream.decide(tracing),
-            Self::Surface(stream) => stream.decide(tracing, frame.cameras),
-        };
-        micros.decide = lap.micros();
-        let meta = FrameMeta { kind, frame: frame.index, time: frame.time, changed_points: changed };
-        let EncodedFrame { body, info } = match self {
-            Self::Cells(stream) => stream.encode(tracing, meta)?,
-            Self::Surface(stream) => stream.encode(meta)?,
-        };
-        micros.encode = lap.micros();
-        let Traces { visible, traced, rays } = traces;
-        let (occupancy, postponed) = (self.occupancy(), self.postponed());
-        let changed = info.changed_points;
-        let stats = FrameStats { visible, traced, rays, changed, postponed, occupancy, micros };
-        Ok(StepOutput { body, info, stats })
+        let first = self.last().is_none();
+        match self {
+            Self::Cells(stream) => {
+                let changed = stream.decide(tracing);
+                let decided = Decided::new(first, frame, changed, traced, lap);
+                let EncodedFrame { body, info } = stream.encode(tracing, decided.meta)?;
+                let stats = FrameStats { occupancy: Some(stream.encoder.counts()), ..decided.stats };
+                Ok(StepOutput::new(body, info, stats, lap))
+            }
+            Self::Surface(stream) => {
+                let gathered = Gathered::new(tracing, frame.cameras, first, stream.is_weighed());
+                stream.write(gathered, first, frame, traced, lap)
+            }
+        }
     }
 
     /// A keyframe of what clients hold.
@@ -94,16 +104,13 @@ impl Stream {
         time: StreamTime,
         coder: BlockCoder,
     ) -> Result<Vec<u8>, ServerError> {
-        let meta = |changed_points| FrameMeta { kind: FrameKind::Key, frame, time, changed_points };
         match self {
             Self::Cells(stream) => {
-                let meta = meta(stream.encoder.counts().points_stored);
+                let changed_points = stream.encoder.counts().points_stored;
+                let meta = FrameMeta { kind: FrameKind::Key, frame, time, changed_points };
                 Ok(keyframe(stream.encoder.state(), meta, coder)?)
             }
-            Self::Surface(stream) => {
-                let points = stream.encoder.state().present_points();
-                stream.keyframe(tracing, meta(u32::try_from(points).unwrap_or(u32::MAX)), coder)
-            }
+            Self::Surface(stream) => stream.keyframe(&stream.in_view(tracing), frame, time, coder),
         }
     }
 }

@@ -1,7 +1,10 @@
 //! The loop as a whole, on scenes with static, rigid and skinned instances.
 
+mod bad_scenes;
 mod budget;
 mod edits;
+mod ration;
+mod shortcuts;
 
 use std::collections::BTreeMap;
 
@@ -93,24 +96,35 @@ fn scenes_by_profile() -> impl Iterator<Item = (Arc<Scene>, Profile)> {
 }
 
 #[test]
-fn tracing_everything_gives_the_same_bytes() {
-    for (turn, (scene, profile)) in scenes_by_profile().enumerate() {
-        let mut lazy = settings(profile, 12.0);
-        lazy.ao.kind = if turn < 2 { Occlusion::Obscurance } else { Occlusion::Binary };
-        lazy.threshold = 2;
-        let mut all = Vec::new();
-        let mut rays = [0u64; 2];
-        clip(&scene, ServerSettings { exhaustive: true, ..lazy }, 24, |_, output| {
-            rays[0] += output.stats.rays;
-            all.push(output.body.clone());
+fn halves_that_work_side_by_side_write_the_same() {
+    let budget = Some(surface::Budget { bytes: 400, longest_age: 9 });
+    for budget in [None, budget] {
+        let scene = colonnade();
+        let settings = ServerSettings { budget, ..settings(Profile::SURFACE, 8.0) };
+        let mut bodies = Vec::new();
+        clip(&scene, settings, 12, |server, output| {
+            bodies.push((output.body.clone(), output.stats, server.hash()));
         });
-        let mut next = all.iter();
-        clip(&scene, lazy, 24, |_, output| {
-            rays[1] += output.stats.rays;
-            assert_eq!(Some(&output.body), next.next(), "{profile}, frame {}", output.info.frame);
+        let (mut front, mut back) = server(&scene, settings).split().unwrap();
+        let (give, take) = std::sync::mpsc::sync_channel(1);
+        std::thread::scope(|scope| {
+            scope.spawn(move || {
+                for frame in 0..12 {
+                    let traced = front.trace(FrameIndex(frame), time(frame), &views(&scene, frame), &NoClock);
+                    give.send(traced).unwrap();
+                }
+            });
+            let written: Vec<_> = take
+                .into_iter()
+                .map(|traced| {
+                    let output = back.write(traced, &NoClock).unwrap();
+                    (output.body, output.stats, back.state().hash())
+                })
+                .collect();
+            assert_eq!(written, bodies);
         });
-        assert!(rays[1] * 4 < rays[0] * 3, "the skip saves rays: {rays:?}");
     }
+    assert!(server(&colonnade(), settings(Profile::PAPER, 8.0)).split().is_err());
 }
 
 #[test]

@@ -9,10 +9,11 @@ use psao_proto::message::CameraPose;
 use rayon::prelude::*;
 
 use super::field::{Field, Part, Placed, flag, set};
+use super::ration::{Ration, RayBudget, Waiting};
 use super::stats::{Lap, Progress, StageMicros, Work};
-use super::{ProgressFn, ServerSettings};
+use super::{ProgressFn, ServerSettings, SettingsError, Shortcuts};
 use crate::ao::{Scratch, Tracer};
-use crate::bvh::{BlasHit, World};
+use crate::bvh::{BlasHit, Stir, World};
 use crate::points::ScenePoints;
 use crate::scene::{Edits, Scene, ScenePose};
 use crate::visibility::Views;
@@ -27,8 +28,12 @@ pub(super) struct Tracing {
     pub(super) world: World,
     pub(super) field: Field,
     tracer: Tracer,
+    pub(super) ration: Ration,
+    ray_budget: Option<RayBudget>,
     view_margin: f32,
-    exhaustive: bool,
+    shortcuts: Shortcuts,
+    /// Most bytes that points may remember of their rays, and how many they do.
+    memory: [usize; 2],
     progress: Arc<ProgressFn>,
 }
 
@@ -38,6 +43,8 @@ pub(super) struct Traces {
     pub(super) visible: u32,
     pub(super) traced: u32,
     pub(super) rays: u64,
+    /// Nothing without a budget of rays.
+    pub(super) waiting: Option<Waiting>,
 }
 
 impl Tracing {
@@ -51,11 +58,36 @@ impl Tracing {
         exact: bool,
     ) -> Self {
         let pose = scene.pose(0.0);
-        let world = World::new(&scene, &pose);
-        let field = Field::new(&world, &points, exact);
-        let ServerSettings { view_margin, exhaustive, .. } = *settings;
+        let ServerSettings { view_margin, shortcuts, ray_memory, ray_budget, .. } = *settings;
+        let world = World::with_shortcuts(&scene, &pose, shortcuts);
+        let field = Field::new(&world, &points, exact, shortcuts);
+        let ration = Ration::new(field.chunks().len(), settings.ao.rays);
+        let memory = [usize::try_from(ray_memory).unwrap_or(usize::MAX), 0];
         let edits = Edits::new(scene.instances().len() as u32);
-        Self { scene, points, pose, edits, world, field, tracer, view_margin, exhaustive, progress }
+        Self {
+            scene,
+            points,
+            pose,
+            edits,
+            world,
+            field,
+            tracer,
+            ration,
+            ray_budget,
+            view_margin,
+            shortcuts,
+            memory,
+            progress,
+        }
+    }
+
+    /// Sets what frames may take from the next one on.
+    pub(super) fn set_ray_budget(&mut self, budget: Option<RayBudget>) -> Result<(), SettingsError> {
+        if budget.is_some_and(|budget| budget.rays == 0) {
+            return Err(SettingsError::RayBudget);
+        }
+        self.ray_budget = budget;
+        Ok(())
     }
 
     /// Numbers of an instance's points in the order in which they were made.
@@ -86,14 +118,35 @@ impl Tracing {
         let views = if first { None } else { self.views(cameras) };
         let ao = self.tracer.settings();
         self.field.mark(&self.world, views.as_ref(), ao.bias(), ao.influence());
+        let budget = self.ray_budget.filter(|_| !first);
+        let stale = self.choose(budget, cameras);
         micros.place = lap.micros();
-        let traces = self.trace(first);
+        let chunks = self.trace(first);
+        let mut traces = chunks.iter().fold(Traces::default(), |sum, part| Traces {
+            visible: sum.visible + part.visible,
+            traced: sum.traced + part.traced,
+            rays: sum.rays + part.rays,
+            waiting: None,
+        });
+        let each = chunks.iter().map(|part| (part.traced, part.rays));
+        traces.waiting = budget.map(|_| self.ration.settle(each, &stale));
         micros.trace = lap.micros();
         (traces, micros)
     }
 
-    /// Traces the visible points whose AO may have changed.
-    fn trace(&mut self, first: bool) -> Traces {
+    /// Chooses the chunks that are traced; gives the stale points in view of each, where that matters.
+    fn choose(&mut self, budget: Option<RayBudget>, cameras: &[CameraPose]) -> Vec<u32> {
+        let Some(budget) = budget else {
+            self.ration.choose_all();
+            return Vec::new();
+        };
+        let stale = self.field.stale(self.shortcuts.contains(Shortcuts::UNTOUCHED));
+        self.ration.choose(budget, &stale, (&self.world, &self.points, &self.field), cameras);
+        stale
+    }
+
+    /// Traces the visible points whose AO may have changed, as far as they are chosen; what was done by chunk.
+    fn trace(&mut self, first: bool) -> Vec<Traces> {
         let total = self.points.total().into();
         let done = AtomicU64::new(0);
         let progress = |points: usize| {
@@ -106,22 +159,26 @@ impl Tracing {
             world: &self.world,
             points: &self.points,
             tracer: &self.tracer,
-            exhaustive: self.exhaustive,
+            shortcuts: self.shortcuts,
+            remember: self.shortcuts.contains(Shortcuts::REMEMBERED) && self.memory[1] < self.memory[0],
         };
         let (parts, placed) = self.field.split();
-        let traces: Vec<Traces> = parts
+        let ration = &self.ration;
+        let traces = parts
             .into_par_iter()
-            .map_init(Scratch::default, |scratch, mut part| {
-                let traces = trace.part(&mut part, &placed, scratch);
+            .enumerate()
+            .map_init(Scratch::default, |scratch, (number, mut part)| {
+                let traces = if ration.is_chosen(number) {
+                    trace.part(&mut part, &placed, scratch)
+                } else {
+                    Traces { visible: part.visible(), ..Traces::default() }
+                };
                 progress(part.flags.len());
                 traces
             })
             .collect();
-        traces.iter().fold(Traces::default(), |sum, part| Traces {
-            visible: sum.visible + part.visible,
-            traced: sum.traced + part.traced,
-            rays: sum.rays + part.rays,
-        })
+        self.memory[1] = self.field.settle(self.memory[0]);
+        traces
     }
 }
 
@@ -130,33 +187,43 @@ struct Trace<'a> {
     world: &'a World,
     points: &'a ScenePoints,
     tracer: &'a Tracer,
-    exhaustive: bool,
+    shortcuts: Shortcuts,
+    /// Whether points may remember more.
+    remember: bool,
 }
 
 impl Trace<'_> {
-    /// Brings the AO of a part's visible points up to date.
+    /// Brings the AO of a part's visible points up to date; of all its points, where that is not left out.
     fn part(&self, part: &mut Part<'_>, placed: &Placed<'_>, scratch: &mut Scratch) -> Traces {
-        let Self { world, tracer, exhaustive, .. } = *self;
+        let Self { world, tracer, shortcuts, remember, .. } = *self;
+        let (untouched, alone) =
+            (shortcuts.contains(Shortcuts::UNTOUCHED), shortcuts.contains(Shortcuts::ALONE));
         let instance = part.chunk.instance;
+        let everywhere = !shortcuts.contains(Shortcuts::OUT_OF_VIEW) && world.is_present(instance);
+        let remember = remember && !matches!(world.stirs()[instance], Stir::Deformed(_));
         let opaque = |body: u32, hit: &BlasHit| world.opaque(body, hit);
         let numbers = self.points.sets()[world.scene().instances()[instance].rest().index()].numbers();
         let base = self.points.firsts()[instance];
+        let count = part.chunk.points.len();
         let mut traces = Traces::default();
         for (index, point) in part.chunk.points.clone().enumerate() {
             let flags = &mut part.flags[index];
-            if *flags & flag::VISIBLE == 0 {
+            if *flags & flag::VISIBLE != 0 {
+                traces.visible += 1;
+            } else if !everywhere {
                 continue;
             }
-            traces.visible += 1;
-            if *flags & flag::FRESH != 0 && !exhaustive {
+            if *flags & flag::FRESH != 0 && untouched {
                 continue;
             }
             let seat = placed.seat(world, instance, point);
             // A body that has nothing near it, then and now, sees what it saw: its points lie in its own space.
             let unchanged =
-                *flags & flag::ALONE != 0 && !exhaustive && tracer.is_alone(world.bodies(), &seat, scratch);
+                *flags & flag::ALONE != 0 && alone && tracer.is_alone(world.bodies(), &seat, scratch);
             if !unchanged {
-                let traced = tracer.trace(world.bodies(), base + numbers[point], &seat, &opaque, scratch);
+                let memory = part.memory.of(index, count, remember);
+                let point = base + numbers[point];
+                let traced = tracer.trace(world.bodies(), point, &seat, &opaque, memory, scratch);
                 part.ao[index] = unorm::quantise(traced.ao);
                 if let Some(exact) = part.exact.get_mut(index) {
                     *exact = traced.ao;

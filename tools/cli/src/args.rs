@@ -35,6 +35,10 @@ pub(crate) struct TuningArgs {
     pub(crate) compress: Option<Coder>,
     #[command(flatten)]
     pub(crate) budget: BudgetArgs,
+    /// Rays that a frame may take after the first; points that are left over keep the AO they had and are traced later,
+    /// what is largest on the screen and has waited longest first, none later than half a second at 60 Hz before all others
+    #[arg(long, value_name = "RAYS", value_parser = clap::value_parser!(u64).range(1..))]
+    pub(crate) ray_budget: Option<u64>,
 }
 
 /// The options that mean the same in both profiles: the points, their rays, when they are sent.
@@ -77,7 +81,7 @@ pub(crate) struct PointArgs {
     /// Keep every point of the scene up to date, whatever the camera sees
     #[arg(long)]
     pub(crate) all_visible: bool,
-    /// Trace every visible point in every frame, also where nothing near it has moved
+    /// Do the work, too, that changes no byte: trace every point in every frame, also where nothing near it has moved
     #[arg(long)]
     pub(crate) exhaustive: bool,
     /// Kernel radius r of the paper's Eq. 2, in Poisson-disk radii of the points

@@ -51,7 +51,9 @@ enum Command {
     CompareProfiles(commands::compare_profiles::Args),
     CompareBudgets(commands::compare_budgets::Args),
     Stress(commands::stress::Args),
+    Bench(commands::bench::Args),
     Netlab(commands::netlab::Args),
+    Needs(commands::needs::Args),
 }
 
 fn main() -> ExitCode {
@@ -72,7 +74,9 @@ fn main() -> ExitCode {
         Command::CompareProfiles(args) => commands::compare_profiles::run(&args),
         Command::CompareBudgets(args) => commands::compare_budgets::run(&args),
         Command::Stress(args) => commands::stress::run(&args),
+        Command::Bench(args) => commands::bench::run(&args),
         Command::Netlab(args) => commands::netlab::run(&args),
+        Command::Needs(args) => commands::needs::run(&args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -14,7 +14,8 @@ use psao_server_sim::clock::Clock;
 use psao_server_sim::points::PointSettings;
 use psao_server_sim::scene::{EditError, Scene};
 use psao_server_sim::server::{
-    FrameStats, Progress, ProgressFn, Server, ServerError, ServerSettings, StepOutput, Work,
+    Progress, ProgressFn, RayBudget, Server, ServerError, ServerSettings, Shortcuts, StageMicros, StepOutput,
+    TracedFrame, TracingHalf, Waiting, Work, WritingHalf,
 };
 
 use crate::args::{OcclusionArg, PointArgs, TuningArgs};
@@ -35,13 +36,50 @@ pub(crate) const STAGES: [(&str, StageId); 6] = [
 
 /// A scene being streamed.
 pub(crate) struct Producer {
-    scene: Arc<Scene>,
+    timetable: Timetable,
     server: Server,
     table: Arc<SceneTable>,
-    fps: f64,
-    all_visible: bool,
     coder: BlockCoder,
     budget: Option<surface::Budget>,
+}
+
+/// The half of a producer that traces.
+pub(crate) struct Front {
+    timetable: Timetable,
+    half: TracingHalf,
+}
+
+/// The half of a producer that writes.
+pub(crate) struct Back {
+    half: WritingHalf,
+    coder: BlockCoder,
+    budget: Option<surface::Budget>,
+}
+
+/// When frames are, and from where they are seen.
+pub(crate) struct Timetable {
+    scene: Arc<Scene>,
+    fps: f64,
+    all_visible: bool,
+}
+
+impl Timetable {
+    /// Of a scene, as the options say.
+    pub(crate) fn new(scene: &Arc<Scene>, points: &PointArgs) -> Self {
+        Self { scene: Arc::clone(scene), fps: f64::from(points.fps), all_visible: points.all_visible }
+    }
+
+    /// Time of frame `number`, and the cameras that decide what is kept up to date: those of the clients, else the
+    /// scene's own.
+    pub(crate) fn frame(&self, number: u32, views: &[CameraPose]) -> (StreamTime, Vec<CameraPose>) {
+        let time_s = f64::from(number) / self.fps;
+        let views = match views {
+            _ if self.all_visible => Vec::new(),
+            [] => vec![self.scene.camera(time_s)],
+            views => views.to_vec(),
+        };
+        (StreamTime((time_s * 1e6).round() as u64), views)
+    }
 }
 
 impl Producer {
@@ -54,21 +92,15 @@ impl Producer {
             profile: tuning.profile.into(),
             coder,
             budget,
+            ray_budget: tuning.ray_budget.map(ray_budget),
             ..settings(&tuning.points, &scene, frames_hint)
         };
         let cache = Folder::of(&tuning.points.cache);
         let server = Server::with_cache(scene.clone(), settings, as_cache(&cache), show_progress());
         let server = server.map_err(refused)?;
         let table = Arc::new(server.table().clone());
-        Ok(Self {
-            scene,
-            server,
-            table,
-            fps: f64::from(tuning.points.fps),
-            all_visible: tuning.points.all_visible,
-            coder,
-            budget,
-        })
+        let timetable = Timetable::new(&scene, &tuning.points);
+        Ok(Self { timetable, server, table, coder, budget })
     }
 
     /// What clients are told first.
@@ -83,12 +115,17 @@ impl Producer {
 
     /// The scene that is streamed.
     pub(crate) fn scene(&self) -> &Scene {
-        &self.scene
+        &self.timetable.scene
     }
 
     /// Changes the scene from the next frame on; says whether it changed anything.
     pub(crate) fn edit(&mut self, edit: &Edit) -> Result<bool, EditError> {
         self.server.edit(edit)
+    }
+
+    /// Sets how many rays the next frames may take.
+    pub(crate) fn set_rays(&mut self, rays: u64) -> Outcome {
+        self.server.set_ray_budget(Some(ray_budget(rays))).map_err(Failure::usage)
     }
 
     /// Computes frame `number`. `views` are the clients' cameras; without any, the scene's own camera decides what is
@@ -99,21 +136,19 @@ impl Producer {
         views: &[CameraPose],
         clock: &WallClock,
     ) -> Outcome<(StepOutput, Produced)> {
-        let time_s = f64::from(number) / self.fps;
-        let time = StreamTime((time_s * 1e6).round() as u64);
-        let own = [self.scene.camera(time_s)];
-        let views = match views {
-            _ if self.all_visible => &[],
-            [] => &own[..],
-            views => views,
-        };
-        let output = self.server.step(FrameIndex(number), time, views, clock).map_err(refused)?;
-        let mut produced = Produced::of(&output.stats);
-        produced.budget = self
-            .budget
-            .zip(output.stats.postponed)
-            .map(|(budget, postponed)| message(output.info.frame, budget, postponed));
+        let (time, views) = self.timetable.frame(number, views);
+        let output = self.server.step(FrameIndex(number), time, &views, clock).map_err(refused)?;
+        let produced = Produced::of(&output, self.budget);
         Ok((output, produced))
+    }
+
+    /// Takes the producer apart; one whose profile does not allow that comes back whole.
+    pub(crate) fn split(self) -> Result<(Front, Back), Box<Self>> {
+        let Self { timetable, server, table, coder, budget } = self;
+        match server.split() {
+            Ok((front, back)) => Ok((Front { timetable, half: front }, Back { half: back, coder, budget })),
+            Err(server) => Err(Box::new(Self { timetable, server: *server, table, coder, budget })),
+        }
     }
 
     /// The state that clients hold after the last frame.
@@ -130,6 +165,52 @@ impl Producer {
     pub(crate) const fn coder(&self) -> BlockCoder {
         self.coder
     }
+}
+
+impl Front {
+    /// Changes the scene from the next traced frame on; says whether it changed anything.
+    pub(crate) fn edit(&mut self, edit: &Edit) -> Result<bool, EditError> {
+        self.half.edit(edit)
+    }
+
+    /// Sets how many rays the next frames may take.
+    pub(crate) fn set_rays(&mut self, rays: u64) -> Outcome {
+        self.half.set_ray_budget(Some(ray_budget(rays))).map_err(Failure::usage)
+    }
+
+    /// Traces frame `number`, as [`Producer::step`].
+    pub(crate) fn trace(&mut self, number: u32, views: &[CameraPose], clock: &WallClock) -> TracedFrame {
+        let (time, views) = self.timetable.frame(number, views);
+        self.half.trace(FrameIndex(number), time, &views, clock)
+    }
+}
+
+impl Back {
+    /// Writes a traced frame.
+    pub(crate) fn write(
+        &mut self,
+        traced: TracedFrame,
+        clock: &WallClock,
+    ) -> Outcome<(StepOutput, Produced)> {
+        let output = self.half.write(traced, clock).map_err(refused)?;
+        let produced = Produced::of(&output, self.budget);
+        Ok((output, produced))
+    }
+
+    /// The state that clients hold after the last frame.
+    pub(crate) fn state(&self) -> StateRef<'_> {
+        self.half.state()
+    }
+
+    /// A keyframe of the last frame's state.
+    pub(crate) fn keyframe(&self, last: &FrameInfo) -> Outcome<Vec<u8>> {
+        self.half.keyframe(last.frame, last.time, self.coder).map_err(refused)
+    }
+}
+
+/// So many rays a frame, and how long points wait for them at most.
+fn ray_budget(rays: u64) -> RayBudget {
+    RayBudget { rays, longest_age: RayBudget::LONGEST_AGE }
 }
 
 /// A server that could not be made, or did not go on.
@@ -161,7 +242,7 @@ pub(crate) fn settings(points: &PointArgs, scene: &Scene, frames_hint: u32) -> S
         kernel: points.kernel,
         fps: points.fps,
         frames_hint,
-        exhaustive: points.exhaustive,
+        shortcuts: if points.exhaustive { Shortcuts::NONE } else { Shortcuts::ALL },
         ..ServerSettings::default()
     }
 }
@@ -202,6 +283,11 @@ impl Bars {
     }
 }
 
+/// Microseconds of a frame by stage, in the order of [`STAGES`].
+pub(crate) const fn micros(times: &StageMicros) -> [u64; STAGES.len()] {
+    [times.pose, times.bvh, times.place, times.trace, times.decide, times.encode]
+}
+
 /// What one frame took, or the sum over several.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Produced {
@@ -218,12 +304,15 @@ pub(crate) struct Produced {
     pub(crate) id_collisions: u64,
     /// What was done with the byte budget, where there is one; of a sum, in the newest frame.
     pub(crate) budget: Option<Budget>,
+    /// Points that waited for rays, and frames that the oldest waited; of a sum, all points and the longest wait.
+    pub(crate) waiting: Waiting,
     /// By stage, in the order of [`STAGES`].
     pub(crate) micros: [u64; STAGES.len()],
 }
 
 impl Produced {
-    fn of(stats: &FrameStats) -> Self {
+    fn of(output: &StepOutput, budget: Option<surface::Budget>) -> Self {
+        let stats = &output.stats;
         let (tables, times) = (stats.occupancy.unwrap_or_default(), &stats.micros);
         Self {
             visible: stats.visible.into(),
@@ -237,8 +326,11 @@ impl Produced {
             no_cell: tables.no_cell.into(),
             outside_grid: tables.outside_grid.into(),
             id_collisions: tables.id_collisions.into(),
-            budget: None,
-            micros: [times.pose, times.bvh, times.place, times.trace, times.decide, times.encode],
+            budget: budget
+                .zip(stats.postponed)
+                .map(|(budget, postponed)| message(output.info.frame, budget, postponed)),
+            waiting: stats.waiting.unwrap_or_default(),
+            micros: micros(times),
         }
     }
 
@@ -249,6 +341,10 @@ impl Produced {
             traced: self.traced + frame.traced,
             rays: self.rays + frame.rays,
             changed: self.changed + frame.changed,
+            waiting: Waiting {
+                points: self.waiting.points.saturating_add(frame.waiting.points),
+                oldest: self.waiting.oldest.max(frame.waiting.oldest),
+            },
             micros: std::array::from_fn(|stage| self.micros[stage] + frame.micros[stage]),
             ..frame.clone()
         };

@@ -8,7 +8,7 @@ use crate::scene::InstanceId;
 /// Clips of these tests: every kind of view comes up with every kind of edit.
 const FRAMES: u32 = 18;
 
-fn first(scene: &Scene, motion: Motion) -> Option<u32> {
+pub(super) fn first(scene: &Scene, motion: Motion) -> Option<u32> {
     scene.instances().iter().position(|instance| instance.motion() == motion).map(|index| index as u32)
 }
 
@@ -57,7 +57,11 @@ fn script(scene: &Scene) -> Vec<(u32, Edit)> {
 }
 
 /// Steps through the clip with the script's edits.
-fn edited(scene: &Arc<Scene>, settings: ServerSettings, mut check: impl FnMut(&Server, &StepOutput)) {
+pub(super) fn edited(
+    scene: &Arc<Scene>,
+    settings: ServerSettings,
+    mut check: impl FnMut(&Server, &StepOutput),
+) {
     let script = script(scene);
     let mut server = server(scene, settings);
     for frame in 0..FRAMES {
@@ -68,28 +72,6 @@ fn edited(scene: &Arc<Scene>, settings: ServerSettings, mut check: impl FnMut(&S
         check(&server, &output);
     }
     assert!(server.edits().is_empty());
-}
-
-#[test]
-fn tracing_everything_gives_the_same_bytes_when_the_scene_is_edited() {
-    let mut motions = [0; 3];
-    for (scene, profile) in scenes_by_profile() {
-        let has = |motion| usize::from(first(&scene, motion).is_some());
-        motions = [Motion::Static, Motion::Rigid, Motion::Deforming].map(has).map(|has| has + motions[0]);
-        let lazy = ServerSettings { threshold: 2, ..settings(profile, 12.0) };
-        let (mut all, mut rays) = (Vec::new(), [0_u64; 2]);
-        edited(&scene, ServerSettings { exhaustive: true, ..lazy }, |_, output| {
-            rays[0] += output.stats.rays;
-            all.push(output.body.clone());
-        });
-        let mut next = all.iter();
-        edited(&scene, lazy, |_, output| {
-            rays[1] += output.stats.rays;
-            assert_eq!(Some(&output.body), next.next(), "{profile}, frame {}", output.info.frame);
-        });
-        assert!(rays[1] * 4 < rays[0] * 3, "the skip saves rays: {rays:?}");
-    }
-    assert!(motions.iter().all(|&count| count > 0), "{motions:?}");
 }
 
 #[test]

@@ -13,6 +13,7 @@ use crate::context::say;
 use crate::error::{Exit, Failure, Outcome};
 use crate::output::number;
 use crate::output::plot::{Bar, Plot};
+use crate::output::stages::stage_table;
 use crate::output::table::Figures;
 
 /// Bytes per frame and part of a recording
@@ -106,6 +107,12 @@ fn table(analysis: &Analysis, per_frame: bool) -> Outcome {
     }
     say(parts)?;
     say(summary_lines(analysis, &totals))?;
+    let reports = analysis.frames.iter().enumerate();
+    let reports = reports.filter_map(|(number, line)| Some((number == 0, line.report.as_ref()?)));
+    if let Some(stages) = stage_table(reports) {
+        say("Server time by stage (wall clock; the first frame traces every point):")?;
+        say(stages)?;
+    }
     if per_frame {
         say(frames_table(analysis))?;
     }

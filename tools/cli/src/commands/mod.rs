@@ -1,5 +1,6 @@
 //! One file per command.
 
+pub(crate) mod bench;
 pub(crate) mod cat;
 pub(crate) mod client;
 pub(crate) mod compare_budgets;
@@ -8,6 +9,7 @@ pub(crate) mod cut;
 pub(crate) mod demo;
 pub(crate) mod inspect;
 pub(crate) mod keys;
+pub(crate) mod needs;
 pub(crate) mod netlab;
 pub(crate) mod reconstruct;
 pub(crate) mod record;

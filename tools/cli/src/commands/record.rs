@@ -148,8 +148,18 @@ pub(crate) fn record_frames(
 /// What was traced, in words.
 pub(crate) fn summary(info: &SceneInfo, totals: &Totals) -> String {
     let later = totals.frames.saturating_sub(1).max(1);
+    let waiting = &totals.later.waiting;
+    let waited = if waiting.points > 0 {
+        format!(
+            "; {} points a frame waited for rays, for {} frames at most",
+            number::count(u64::from(waiting.points) / later),
+            waiting.oldest
+        )
+    } else {
+        String::new()
+    };
     format!(
-        "{}: {} points; first frame {} rays; then {} visible points, {} traced, {} rays a frame",
+        "{}: {} points; first frame {} rays; then {} visible points, {} traced, {} rays a frame{waited}",
         info.name,
         number::count(u64::from(info.point_count)),
         number::count(totals.first.rays),

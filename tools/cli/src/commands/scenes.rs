@@ -108,11 +108,7 @@ fn instances(scene: &Scene) -> Vec<InstanceLine> {
             scene: scene.name().to_owned(),
             instance: index,
             name: instance.name().to_owned(),
-            motion: match instance.motion() {
-                Motion::Static => "static",
-                Motion::Rigid => "rigid",
-                Motion::Deforming => "deforming",
-            },
+            motion: instance.motion().name(),
             triangles: scene.rest(instance).triangles().len(),
             translation: at.frame().translation.to_array(),
             rotation: at.frame().rotation.to_array(),

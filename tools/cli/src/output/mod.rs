@@ -5,4 +5,5 @@ pub(crate) mod latency;
 pub(crate) mod number;
 pub(crate) mod plot;
 pub(crate) mod report;
+pub(crate) mod stages;
 pub(crate) mod table;

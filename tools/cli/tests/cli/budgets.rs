@@ -46,6 +46,30 @@ fn a_recording_says_what_its_budget_left_for_later() {
 }
 
 #[test]
+fn a_recording_with_few_rays_is_the_same_every_time_and_says_what_waited() {
+    let folder = folder();
+    let [path, again] = ["a.psao", "b.psao"].map(|name| folder.path().join(name));
+    let mut arguments = vec!["record", "--scene", "robot-lab", "--frames", "12", "--ray-budget", "1000"];
+    arguments.extend(SMALL);
+    arguments.extend(["-o", text(&path)]);
+    let summary = fine(&arguments);
+    assert!(summary.contains("points a frame waited for rays"), "{summary}");
+    *arguments.last_mut().unwrap() = text(&again);
+    fine(&arguments);
+    assert!(std::fs::read(&path).unwrap() == std::fs::read(&again).unwrap(), "same options, same bytes");
+    fine(&["verify", text(&path)]);
+    assert!(!fine(&["inspect", text(&path)]).contains("trace"), "no times unless asked for");
+    arguments.push("--timings");
+    fine(&arguments);
+    let table = fine(&["inspect", text(&again)]);
+    assert!(table.contains("trace") && table.contains("95 of 100"), "{table}");
+    assert_eq!(
+        psao(&["record", "--scene", "robot-lab", "--ray-budget", "0", "-o", text(&path)]).code,
+        Some(2)
+    );
+}
+
+#[test]
 fn a_client_hears_of_the_budget() {
     let mut arguments = vec!["serve", "--scene", "colonnade", "--frames", "4", "--budget", "100kbit/s"];
     arguments.extend(["--fps", "30", "--threshold", "1"]);

@@ -58,8 +58,14 @@ impl Server {
     }
 
     /// Its exit code, once it has ended.
-    pub(crate) fn wait(mut self) -> Option<i32> {
-        self.process.wait().expect("it ends").code()
+    pub(crate) fn wait(self) -> Option<i32> {
+        self.wait_and_hear().0
+    }
+
+    /// Its exit code, once it has ended, and all that it said.
+    pub(crate) fn wait_and_hear(mut self) -> (Option<i32>, String) {
+        let code = self.process.wait().expect("it ends").code();
+        (code, self.said.take().expect("not taken before").join().expect("it reads to the end"))
     }
 }
 
@@ -137,6 +143,21 @@ fn a_live_server_is_followed_and_recorded() {
         assert_eq!(client.code, Some(0), "{}", client.err);
         assert!(client.out.contains("5 frames applied"), "{}", client.out);
         fine(&["verify", text(&path)]);
+    }
+}
+
+#[test]
+fn what_there_is_no_time_to_trace_is_traced_later() {
+    for profile in Profile::ALL {
+        let mut arguments = vec!["serve", "--scene", "robot-lab", "--fps", "50", "--profile", profile.name()];
+        arguments.extend(SMALL);
+        arguments.extend(["--frames", "12", "--frame-time", "0.1"]);
+        let (server, address) = Server::start(&arguments);
+        let run = psao(&["client", &address]);
+        assert_eq!(run.code, Some(0), "{}", run.err);
+        let (code, said) = server.wait_and_hear();
+        assert_eq!(code, Some(0));
+        assert!(said.contains("12 frames sent") && said.contains("points waited for rays"), "{said}");
     }
 }
 

@@ -7,12 +7,14 @@
 )]
 
 mod bad_input;
+mod bench;
 mod budgets;
 mod cache;
 mod crashes;
 mod edits;
 mod live;
 mod main_job;
+mod needs;
 mod netlab;
 mod network;
 mod packings;

@@ -1,0 +1,121 @@
+//! The rays of a sample of a scene's points, to measure tracers by.
+
+use std::sync::Arc;
+
+use glam::Vec3;
+
+use super::tracer::{Memory, Scratch, Seat, Tracer};
+use crate::bvh::World;
+use crate::points::ScenePoints;
+use crate::points::random::{mix, unit};
+use crate::scene::{InstanceId, Scene};
+
+/// One ray, in the world.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ray {
+    /// Metres.
+    pub origin: Vec3,
+    /// Unit.
+    pub direction: Vec3,
+    /// Metres; what is farther is not hit.
+    pub length: f32,
+}
+
+/// Some points of a scene at its first pose, and all rays that AO takes from them. Masks count for nothing here: their
+/// triangles are solid, as they are to a tracer that has no textures.
+pub struct Probe {
+    world: World,
+    tracer: Tracer,
+    /// Number, which chooses the rays, and place of each point.
+    points: Vec<(u32, Seat)>,
+}
+
+impl Probe {
+    /// Takes `count` points (at most; at least 1), evenly spread over all in the order in which a server traces them;
+    /// `seed` says which.
+    #[must_use]
+    pub fn new(scene: &Arc<Scene>, points: &ScenePoints, tracer: Tracer, count: u32, seed: u64) -> Self {
+        let world = World::new(scene, &scene.pose(0.0));
+        let step = f64::from(points.total()) / f64::from(count.clamp(1, points.total().max(1)));
+        let mut next = f64::from(unit(mix(seed))) * step;
+        let mut taken = Vec::new();
+        for (index, instance) in scene.instances().iter().enumerate() {
+            let id = InstanceId(index as u32);
+            let (Some(posed), true) = (world.posed(id), world.is_present(index)) else { continue };
+            let set = &points.sets()[instance.rest().index()];
+            let first = points.firsts()[index];
+            let at = world.placement(id);
+            while next < f64::from(first) + set.points().len() as f64 {
+                let point = (next as u32).saturating_sub(first) as usize;
+                next += step;
+                let Some(placed) = set.points().get(point).map(|point| posed.place(point)) else { continue };
+                let (mut position, mut normal, mut edge) = (placed.position, placed.normal, placed.edge);
+                if world.is_still(index) {
+                    (position, normal, edge) = (at.point(position), at.direction(normal), at.direction(edge));
+                }
+                let seat = Seat { body: world.body(index), position, normal, edge };
+                taken.push((first + set.numbers()[point], seat));
+            }
+        }
+        Self { world, tracer, points: taken }
+    }
+
+    /// The same points and rays, traced by other settings of the same [`super::AoSettings::rays`], radius and seed, or by
+    /// other instructions.
+    #[must_use]
+    pub fn with_tracer(self, tracer: Tracer) -> Self {
+        Self { tracer, ..self }
+    }
+
+    /// How many points were taken.
+    #[must_use]
+    pub fn points(&self) -> usize {
+        self.points.len()
+    }
+
+    /// Traces all rays as a server does, on the calling thread; gives the mean AO.
+    #[must_use]
+    pub fn trace(&self, scratch: &mut Scratch) -> f64 {
+        let bodies = self.world.bodies();
+        let ao = self.points.iter().map(|&(number, seat)| {
+            f64::from(self.tracer.trace(bodies, number, &seat, &|_, _| true, Memory::None, scratch).ao)
+        });
+        ao.sum::<f64>() / self.points.len().max(1) as f64
+    }
+
+    /// What [`Probe::trace`] found, ray by ray: the distance in metres of the nearest hit, with binary occlusion 0 for
+    /// any, and infinity for none.
+    #[must_use]
+    pub fn distances(&self, scratch: &mut Scratch) -> Vec<f32> {
+        let mut all = Vec::with_capacity(self.points.len() * self.tracer.settings().rays as usize);
+        for (number, seat) in &self.points {
+            self.tracer.distances(self.world.bodies(), *number, seat, scratch, &mut all);
+        }
+        all
+    }
+
+    /// All rays, in the order of [`Probe::distances`].
+    #[must_use]
+    pub fn rays(&self) -> Vec<Ray> {
+        let rays = self.points.iter().flat_map(|(number, seat)| {
+            let (origin, directions) = self.tracer.rays(self.world.bodies(), *number, seat);
+            let length = self.tracer.settings().radius;
+            directions.into_iter().map(move |direction| Ray { origin, direction, length })
+        });
+        rays.collect()
+    }
+
+    /// All triangles in sight, in the world.
+    #[must_use]
+    pub fn triangles(&self) -> Vec<[Vec3; 3]> {
+        let mut all = Vec::new();
+        let present = |index: &u32| self.world.is_present(*index as usize);
+        for index in (0..self.world.scene().instances().len() as u32).filter(present) {
+            let Some(posed) = self.world.posed(InstanceId(index)) else { continue };
+            let at = self.world.placement(InstanceId(index));
+            let triangles = 0..posed.triangles.len() as u32;
+            all.extend(triangles.map(|triangle| posed.corners(triangle).map(|corner| at.point(corner))));
+        }
+        all
+    }
+}

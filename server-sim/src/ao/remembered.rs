@@ -1,0 +1,93 @@
+//! What the rays of a point met in the body that it sits on.
+//!
+//! A point's rays turn with its body. As long as the body keeps its shape they meet it where they met it before, to the
+//! bit, so near something that moves only the rest of the world has to be asked again.
+
+use super::bundle::{Bundle, Reach};
+
+/// Distances of the hits of one point's rays in its own body.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Remembered {
+    /// Bit per ray, groups of eight: whether it hit.
+    hits: Box<[u8]>,
+    /// Distances of those that hit, in the order of the rays; empty where a hit at any distance is all the same.
+    distances: Box<[f32]>,
+}
+
+/// Collects a [`Remembered`] from one bundle after the other.
+#[derive(Debug, Default)]
+pub(super) struct Recorder {
+    hits: Vec<u8>,
+    distances: Vec<f32>,
+}
+
+/// Gives a [`Remembered`] back to one bundle after the other.
+#[derive(Debug)]
+pub(super) struct Recall<'a> {
+    hits: &'a [u8],
+    distances: &'a [f32],
+}
+
+impl Remembered {
+    /// Bytes of memory.
+    pub(crate) fn bytes(&self) -> usize {
+        size_of::<Self>() + self.hits.len() + size_of_val(&*self.distances)
+    }
+
+    pub(super) fn recall(&self) -> Recall<'_> {
+        Recall { hits: &self.hits, distances: &self.distances }
+    }
+}
+
+impl Recorder {
+    /// Starts with a new point.
+    pub(super) fn clear(&mut self) {
+        self.hits.clear();
+        self.distances.clear();
+    }
+
+    /// Takes down what a bundle's rays have met.
+    pub(super) fn record(&mut self, bundle: &Bundle) {
+        for rays in bundle.reaches() {
+            let mut hits = 0;
+            for (ray, reach) in rays.enumerate() {
+                match reach {
+                    Reach::Open => continue,
+                    Reach::Hit => {}
+                    Reach::At(distance) => self.distances.push(distance),
+                }
+                hits |= 1 << ray;
+            }
+            self.hits.push(hits);
+        }
+    }
+
+    /// What was taken down since the last [`Recorder::clear`].
+    pub(super) fn remembered(&self) -> Remembered {
+        Remembered { hits: self.hits.as_slice().into(), distances: self.distances.as_slice().into() }
+    }
+}
+
+impl Recall<'_> {
+    /// Puts a bundle that was just begun where it was when it was taken down.
+    pub(super) fn restore<const ANY: bool>(&mut self, bundle: &mut Bundle) {
+        let groups = bundle.groups();
+        let (hits, rest) = self.hits.split_at(groups.min(self.hits.len()));
+        self.hits = rest;
+        for (group, &hits) in hits.iter().enumerate().filter(|(_, hits)| **hits != 0) {
+            let rays = (0..8).filter(|ray| hits >> ray & 1 == 1);
+            bundle.set(group, rays.map(|ray| (ray, self.next::<ANY>())));
+        }
+    }
+
+    /// How far the next ray that hit something got.
+    fn next<const ANY: bool>(&mut self) -> Reach {
+        match self.distances.split_first() {
+            Some((&distance, rest)) if !ANY => {
+                self.distances = rest;
+                Reach::At(distance)
+            }
+            _ => Reach::Hit,
+        }
+    }
+}

@@ -1,0 +1,113 @@
+//! Single rays through the box tree of `obvhs`, one triangle at a time, in double precision: the plain twin that the
+//! bundles are measured by and held against. It shares neither tree layout nor arithmetic with them.
+
+use std::time::Duration;
+
+use glam::{DVec3, Vec3, Vec3A};
+use obvhs::bvh2::Bvh2;
+use obvhs::bvh2::builder::build_bvh2_from_tris;
+use obvhs::ray::{Ray as PlainRay, RayHit};
+use obvhs::{BvhBuildParams, triangle::Triangle};
+
+use super::probe::Ray;
+
+/// Triangles of a world, all in one tree.
+pub struct Twin {
+    bvh: Bvh2,
+    /// In the order of the leaves.
+    triangles: Vec<[DVec3; 3]>,
+}
+
+impl Twin {
+    /// Builds the tree. Triangles with a corner that is not finite are left out.
+    #[must_use]
+    pub fn new(triangles: &[[Vec3; 3]]) -> Self {
+        let finite = triangles.iter().filter(|triangle| triangle.iter().all(|corner| corner.is_finite()));
+        let plain: Vec<Triangle> =
+            finite.map(|&[a, b, c]| Triangle { v0: a.into(), v1: b.into(), v2: c.into() }).collect();
+        let bvh = build_bvh2_from_tris(&plain, BvhBuildParams::medium_build(), &mut Duration::default());
+        let corners =
+            |&Triangle { v0, v1, v2 }: &Triangle| [v0, v1, v2].map(|corner| Vec3::from(corner).as_dvec3());
+        let triangles = bvh.primitive_indices.iter().map(|&index| corners(&plain[index as usize])).collect();
+        Self { bvh, triangles }
+    }
+
+    /// Distance to the nearest triangle nearer than the ray's length, or infinity.
+    #[must_use]
+    pub fn closest(&self, ray: &Ray) -> f32 {
+        let mut hit = RayHit::none();
+        self.bvh.ray_traverse(plain(ray), &mut hit, |_, index| distance(&self.triangles[index], ray));
+        if hit.t < ray.length { hit.t } else { f32::INFINITY }
+    }
+
+    /// Whether any triangle is nearer than the ray's length.
+    #[must_use]
+    pub fn occluded(&self, ray: &Ray) -> bool {
+        !self.bvh.ray_traverse_miss(plain(ray), |_, index| distance(&self.triangles[index], ray))
+    }
+}
+
+fn plain(ray: &Ray) -> PlainRay {
+    PlainRay::new(Vec3A::from(ray.origin), Vec3A::from(ray.direction), 0.0, ray.length)
+}
+
+/// Distance to a triangle by the signed volumes of ray and edges, or infinity.
+fn distance(corners: &[DVec3; 3], ray: &Ray) -> f32 {
+    let (origin, along) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
+    let [a, b, c] = [corners[0] - origin, corners[1] - origin, corners[2] - origin];
+    let volumes = [along.dot(b.cross(c)), along.dot(c.cross(a)), along.dot(a.cross(b))];
+    let inside = volumes.iter().all(|&volume| volume >= 0.0) || volumes.iter().all(|&volume| volume <= 0.0);
+    let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
+    let t = normal.dot(a) / along.dot(normal);
+    if inside && t > 0.0 { t as f32 } else { f32::INFINITY }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::ao::{AoSettings, Instructions, Occlusion, Probe, Scratch, Tracer};
+    use crate::points::{PointSettings, generate};
+    use crate::scene::Scene;
+
+    #[test]
+    fn a_scenes_rays_hit_the_same_by_every_set_of_instructions_and_but_for_grazing_ones_by_the_twin() {
+        for name in ["colonnade", "robot-lab"] {
+            let scene = Arc::new(Scene::load(name).unwrap());
+            let settings = PointSettings { per_m2: 1.0, minimum: 16, seed: 3 };
+            let points = generate(&scene, &settings, &|_, _| {}).unwrap();
+            for kind in [Occlusion::Obscurance, Occlusion::Binary] {
+                let ao = AoSettings { rays: 48, kind, ..AoSettings::default() };
+                let tracer = Tracer::new(ao).unwrap();
+                let probe = Probe::new(&scene, &points, tracer.clone(), 150, 7);
+                assert_eq!(probe.points(), 150);
+                let found = probe.distances(&mut Scratch::default());
+                let twin = Twin::new(&probe.triangles());
+                let (mut hits, mut differ) = (0, 0);
+                for (ray, &fast) in probe.rays().iter().zip(&found) {
+                    let slow = twin.closest(ray);
+                    assert_eq!(twin.occluded(ray), slow.is_finite());
+                    let same = match kind {
+                        Occlusion::Obscurance => fast == slow || (fast - slow).abs() < 1e-4,
+                        Occlusion::Binary => fast.is_finite() == slow.is_finite(),
+                    };
+                    hits += u32::from(fast.is_finite());
+                    differ += u32::from(!same);
+                }
+                assert!(hits > 500 && differ <= 3, "{name}: {differ} of {hits} hits differ");
+                let probe = Instructions::all().into_iter().fold(probe, |probe, instructions| {
+                    let probe = probe.with_tracer(tracer.clone().with_instructions(instructions));
+                    assert_eq!(probe.distances(&mut Scratch::default()), found);
+                    probe
+                });
+                let hidden: f64 =
+                    found.iter().map(|&t| if t.is_finite() { 1.0 - f64::from(t / 0.6) } else { 0.0 }).sum();
+                if kind == Occlusion::Obscurance {
+                    let mean = 1.0 - hidden / found.len() as f64;
+                    assert!((probe.trace(&mut Scratch::default()) - mean).abs() < 1e-5);
+                }
+            }
+        }
+    }
+}

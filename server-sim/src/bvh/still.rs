@@ -1,0 +1,89 @@
+//! Instances that stand still, in one body in world space.
+
+use std::sync::Arc;
+
+use glam::Vec3;
+
+use super::blas::Blas;
+use super::bodies::Placement;
+use super::tree::Effort;
+use super::world::corners;
+use crate::points::PosedMesh;
+use crate::scene::{Geometry, InstanceId, Scene, ScenePose};
+use crate::server::Shortcuts;
+
+/// A body of instances that stand still.
+#[derive(Clone, Debug)]
+pub(super) struct Still {
+    pub(super) blas: Arc<Blas>,
+    /// Number of each instance's first triangle, and the instance.
+    starts: Vec<(u32, u32)>,
+}
+
+impl Still {
+    /// Of some instances of a scene, where they are.
+    pub(super) fn build(
+        scene: &Scene,
+        pose: &ScenePose,
+        instances: &[usize],
+        placements: &[Placement],
+        shortcuts: Shortcuts,
+    ) -> Self {
+        let (mut starts, mut masked) = (Vec::new(), Vec::new());
+        for &index in instances {
+            let posed = PosedMesh::at_rest(scene, scene.rest(&scene.instances()[index]));
+            starts.push((masked.len() as u32, index as u32));
+            let asked = posed.masked() || !shortcuts.contains(Shortcuts::MASKS);
+            masked.resize(masked.len() + posed.triangles.len(), asked);
+        }
+        let mut still = Self { blas: Arc::default(), starts };
+        let triangles = still.triangles(scene, pose, placements, |_| true);
+        let blas = Blas::build(&triangles, Effort::Best).with_masks(|triangle| masked[triangle as usize]);
+        still.blas = Arc::new(blas);
+        still
+    }
+
+    /// Brings the body up to date: of the instances that are not `present`, nothing is left.
+    pub(super) fn refit(
+        &mut self,
+        scene: &Scene,
+        pose: &ScenePose,
+        placements: &[Placement],
+        present: &[bool],
+    ) {
+        let triangles = self.triangles(scene, pose, placements, |index| present[index]);
+        Arc::make_mut(&mut self.blas).refit(&triangles);
+    }
+
+    /// The instances that it was built of.
+    pub(super) fn instances(&self) -> impl Iterator<Item = usize> + '_ {
+        self.starts.iter().map(|&(_, index)| index as usize)
+    }
+
+    /// Instance and triangle of a triangle of the body.
+    pub(super) fn source(&self, triangle: u32) -> (u32, u32) {
+        let at = self.starts.partition_point(|&(first, _)| first <= triangle) - 1;
+        let (first, instance) = self.starts[at];
+        (instance, triangle - first)
+    }
+
+    /// Its triangles in the world; of instances that are not present, ones that nothing meets.
+    fn triangles(
+        &self,
+        scene: &Scene,
+        pose: &ScenePose,
+        placements: &[Placement],
+        present: impl Fn(usize) -> bool,
+    ) -> Vec<[Vec3; 3]> {
+        let mut geometry = Geometry::default();
+        let mut triangles = Vec::new();
+        for index in self.instances() {
+            scene.local_geometry(InstanceId(index as u32), pose, &mut geometry);
+            let posed = PosedMesh::posed(scene, scene.rest(&scene.instances()[index]), &geometry);
+            let (at, there) = (&placements[index], present(index));
+            let placed = |corner: Vec3| if there { at.point(corner) } else { Vec3::NAN };
+            triangles.extend(corners(&posed).into_iter().map(|triangle| triangle.map(placed)));
+        }
+        triangles
+    }
+}

@@ -1,0 +1,120 @@
+//! The inner nodes of a [`Tree`], eight children at a time, so that eight boxes are tested at once.
+
+use glam::Vec3;
+
+use super::bounds::Bounds;
+use super::lanes::{LANES, Packed3};
+use super::tree::{Node, Tree, VACANT};
+
+/// Up to eight children.
+#[derive(Clone, Debug)]
+pub(crate) struct Wide {
+    /// Corners of the children's boxes; a vacant lane has an empty box.
+    pub(crate) low: Packed3,
+    pub(crate) high: Packed3,
+    pub(crate) children: [Child; LANES],
+    /// The tree's nodes that the children were made from, or [`VACANT`].
+    nodes: [u32; LANES],
+}
+
+/// Where a child is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Child {
+    /// Number of a leaf of the tree.
+    Leaf(u32),
+    /// Number of a wide node.
+    Inner(u32),
+    /// There is none.
+    Vacant,
+}
+
+/// Every leaf of the tree is below the first node, once; empty where the tree is.
+pub(crate) fn widen(tree: &Tree) -> Vec<Wide> {
+    let nodes = tree.nodes();
+    let mut wides: Vec<Wide> = Vec::new();
+    let mut work: Vec<u32> = if nodes.is_empty() { Vec::new() } else { vec![0] };
+    // Wide nodes are numbered in the order in which their roots enter the queue.
+    let mut next = 0;
+    while let Some(&root) = work.get(next) {
+        next += 1;
+        let (mut children, mut members) = ([Child::Vacant; LANES], [VACANT; LANES]);
+        for ((child, slot), member) in children.iter_mut().zip(&mut members).zip(open(nodes, root)) {
+            *slot = member;
+            *child = if nodes[member as usize].count > 0 {
+                Child::Leaf(member)
+            } else {
+                work.push(member);
+                Child::Inner(work.len() as u32 - 1)
+            };
+        }
+        wides.push(Wide { low: Packed3::ZERO, high: Packed3::ZERO, children, nodes: members });
+    }
+    refit(&mut wides, tree);
+    wides
+}
+
+/// Takes over the boxes of the tree that the nodes were made from.
+pub(crate) fn refit(wides: &mut [Wide], tree: &Tree) {
+    for Wide { low, high, nodes, .. } in wides {
+        let node = |lane: usize| tree.nodes().get(nodes[lane] as usize);
+        let bounds = |lane: usize| node(lane).map_or(Bounds::EMPTY, |node| node.bounds);
+        *low = Packed3::from_fn(|lane| bounds(lane).min());
+        *high = Packed3::from_fn(|lane| bounds(lane).max());
+    }
+}
+
+/// At most eight nodes that hold what is below a node, the largest ones being taken apart first.
+fn open(nodes: &[Node], root: u32) -> Vec<u32> {
+    let area = |node: u32| {
+        let Vec3 { x, y, z } = nodes[node as usize].bounds.size();
+        x * y + y * z + z * x
+    };
+    let mut open = vec![root];
+    while open.len() < LANES {
+        let inner = (0..open.len()).filter(|&i| nodes[open[i] as usize].count == 0);
+        let Some(largest) = inner.max_by(|&a, &b| area(open[a]).total_cmp(&area(open[b]))) else { break };
+        let first = nodes[open[largest] as usize].first;
+        open[largest] = first;
+        open.push(first + 1);
+    }
+    open
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bvh::Effort;
+
+    #[test]
+    fn every_leaf_is_below_the_first_node_once_within_the_boxes_on_the_way() {
+        for count in [0, 1, 2, 9, 300] {
+            let list: Vec<Bounds> =
+                (0..count).map(|i| Bounds::new(Vec3::splat(i as f32), Vec3::splat(i as f32 + 0.5))).collect();
+            let mut tree = Tree::build(&list, 2, 1, Effort::Best);
+            let mut wides = widen(&tree);
+            for shift in [0.0, 0.25] {
+                tree.refit(|i| Bounds::new(list[i as usize].min() + shift, list[i as usize].max() + shift));
+                refit(&mut wides, &tree);
+                let mut found = Vec::new();
+                let mut work: Vec<(usize, Bounds)> =
+                    wides.first().map(|_| (0, tree.bounds())).into_iter().collect();
+                while let Some((wide, within)) = work.pop() {
+                    let Wide { low, high, children, .. } = &wides[wide];
+                    for (lane, child) in children.iter().enumerate() {
+                        let bounds = Bounds::new(low.at(lane), high.at(lane));
+                        assert_eq!(bounds.is_empty(), *child == Child::Vacant);
+                        assert_eq!(within.union(bounds), within);
+                        match *child {
+                            Child::Leaf(node) => found.push((node, bounds)),
+                            Child::Inner(wide) => work.push((wide as usize, bounds)),
+                            Child::Vacant => {}
+                        }
+                    }
+                }
+                found.sort_unstable_by_key(|&(node, _)| node);
+                let leaves = (0..).zip(tree.nodes()).filter(|(_, node)| node.count > 0);
+                assert_eq!(found, leaves.map(|(i, node)| (i, node.bounds)).collect::<Vec<_>>());
+            }
+        }
+    }
+}

@@ -1,0 +1,82 @@
+//! What a server leaves out because it cannot change anything.
+
+use std::ops::{BitOr, Sub};
+
+/// A set of things that a server does not do because the result would be the same. Each can be left away, to check that
+/// and to measure what it saves: every frame is the same to the bit, unless a budget of rays chooses what is traced.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shortcuts(u16);
+
+impl Shortcuts {
+    /// None of them: every point that is there is traced in every frame, all of its rays against all that is near.
+    pub const NONE: Self = Self(0);
+    /// Points that nothing moved near, in this frame or since they were last traced, keep their AO.
+    pub const UNTOUCHED: Self = Self(1);
+    /// Points of a rigid body with nothing else near keep their AO wherever it goes.
+    pub const ALONE: Self = Self(2);
+    /// What the rays of a point met in its own body is remembered as long as that keeps its shape, so that only the rest
+    /// is traced.
+    pub const REMEMBERED: Self = Self(4);
+    /// Only hits on faces with a mask are looked up in a texture.
+    pub const MASKS: Self = Self(8);
+    /// Only instances with a skin, morph targets or a changing scale are posed vertex by vertex, their trees adapted and
+    /// their points placed anew.
+    pub const RIGID: Self = Self(16);
+    /// A deforming instance that keeps its shape from one frame to the next keeps its tree, and the points near it their AO.
+    pub const SHAPES: Self = Self(32);
+    /// What is out of sight is not posed, nor its tree adapted.
+    pub const HIDDEN: Self = Self(64);
+    /// Points that no camera's widened view holds are not traced before they come into view.
+    pub const OUT_OF_VIEW: Self = Self(128);
+    /// What never moves is one body with one tree, not a body for each instance.
+    pub const STILL: Self = Self(256);
+    /// Each of them alone.
+    pub const EACH: [Self; 9] = [
+        Self::UNTOUCHED,
+        Self::ALONE,
+        Self::REMEMBERED,
+        Self::MASKS,
+        Self::RIGID,
+        Self::SHAPES,
+        Self::HIDDEN,
+        Self::OUT_OF_VIEW,
+        Self::STILL,
+    ];
+    /// All of them.
+    pub const ALL: Self = Self(511);
+
+    /// Whether all of `other` are among these.
+    #[must_use]
+    pub const fn contains(self, other: Self) -> bool {
+        self.0 & other.0 == other.0
+    }
+}
+
+impl BitOr for Shortcuts {
+    type Output = Self;
+
+    fn bitor(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+}
+
+impl Sub for Shortcuts {
+    type Output = Self;
+
+    fn sub(self, other: Self) -> Self {
+        Self(self.0 & !other.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn all_is_each_of_them() {
+        let each = Shortcuts::EACH;
+        assert_eq!(each.into_iter().fold(Shortcuts::NONE, BitOr::bitor), Shortcuts::ALL);
+        assert_eq!(each.into_iter().fold(Shortcuts::ALL, Sub::sub), Shortcuts::NONE);
+        assert!(!(Shortcuts::ALL - Shortcuts::ALONE).contains(Shortcuts::ALONE));
+    }
+}

@@ -1,0 +1,281 @@
+//! `psao bench rays`: rays a second of the server's tracer and of its plain twin, and whether they hit the same.
+
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Instant;
+
+use psao_server_sim::ao::{AoSettings, Instructions, Occlusion, Probe, Ray, Scratch, Tracer, Twin};
+use psao_server_sim::points::{PointSettings, generate_cached};
+use psao_server_sim::scene::Scene;
+use serde::Serialize;
+
+use crate::args::{CacheArgs, OcclusionArg};
+use crate::cache::{Folder, as_cache};
+use crate::context::say;
+use crate::error::{Exit, Failure, Outcome};
+use crate::output::number;
+use crate::output::table::Figures;
+
+/// Differing rays that are shown.
+const SHOWN: usize = 8;
+
+/// Rays a second on one thread: the server's own tracer, and single rays through a plain box tree
+///
+/// Takes all AO rays of some points of the scene's first frame, traces them both ways in turns, and compares hit by hit.
+/// Masked triangles are solid here. A ray that grazes an edge may be a hit for one and not for the other, as they
+/// round differently. --dump writes the same rays and triangles for other tracers: three u32 (vertices, triangles, rays),
+/// vertices of three f32, triangles of three u32, rays of seven f32 (origin, unit direction, length), little endian, metres.
+#[derive(clap::Args, Debug)]
+pub(crate) struct Args {
+    /// Built-in scene (see `psao scenes`), or a .toml scene file, .gltf or .glb
+    #[arg(long, value_name = "NAME|FILE")]
+    scene: String,
+    /// Points per square metre of surface, of which the sample is taken
+    #[arg(long = "points", visible_alias = "per-m2", default_value_t = 64.0, value_name = "N_PER_M2")]
+    per_m2: f32,
+    /// Points to trace, at most, evenly spread over all
+    #[arg(long, default_value_t = 3000, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    sample: u32,
+    /// Rays a point
+    #[arg(long, default_value_t = 192, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
+    rays: u32,
+    /// Length of the rays in metres; the scene's own by default
+    #[arg(long, value_name = "M")]
+    radius: Option<f32>,
+    /// What a ray looks for: the nearest hit, or any
+    #[arg(long, value_enum, default_value_t = OcclusionArg::Obscurance)]
+    occlusion: OcclusionArg,
+    /// Seed of the points, of which are taken, and of their rays
+    #[arg(long, default_value_t = 1, value_name = "S")]
+    seed: u64,
+    /// How often each is measured
+    #[arg(long, default_value_t = 9, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1000))]
+    rounds: u32,
+    /// Instructions to trace with, such as sse2 or avx2; the best of this machine by default
+    #[arg(long, value_name = "NAME")]
+    instructions: Option<String>,
+    /// Writes triangles and rays to a file
+    #[arg(long, value_name = "FILE")]
+    dump: Option<PathBuf>,
+    /// Prints JSON
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    cache: CacheArgs,
+}
+
+#[derive(Serialize)]
+struct Report {
+    schema: &'static str,
+    scene: String,
+    points: usize,
+    rays: usize,
+    triangles: usize,
+    radius_m: f32,
+    occlusion: &'static str,
+    seed: u64,
+    rounds: u32,
+    instructions: String,
+    bundles: Tally,
+    twin: Tally,
+    /// Rays a second of the bundles over those of the twin in the same round.
+    ratio: Spread,
+    /// Rays that hit for one and not for the other.
+    differing: usize,
+    /// Largest difference of the distances where both hit, in metres.
+    farthest_apart_m: f32,
+    differences: Vec<Difference>,
+}
+
+/// What one way of tracing found, and how fast.
+#[derive(Serialize)]
+struct Tally {
+    hits: usize,
+    rays_a_second: Spread,
+}
+
+#[derive(Clone, Copy, Serialize)]
+struct Spread {
+    median: f64,
+    least: f64,
+    most: f64,
+}
+
+/// A ray on which the two disagree; no distance where there is no hit.
+#[derive(Serialize)]
+struct Difference {
+    ray: usize,
+    bundles_m: Option<f32>,
+    twin_m: Option<f32>,
+}
+
+pub(crate) fn run(args: &Args) -> Outcome {
+    let scene = Arc::new(Scene::load(&args.scene).map_err(Failure::input)?);
+    let settings = PointSettings { per_m2: args.per_m2, minimum: 64, seed: args.seed };
+    let cache = Folder::of(&args.cache);
+    let points = generate_cached(&scene, &settings, as_cache(&cache), &|_, _| {}).map_err(Failure::input)?;
+    let kind = match args.occlusion {
+        OcclusionArg::Obscurance => Occlusion::Obscurance,
+        OcclusionArg::Binary => Occlusion::Binary,
+    };
+    let radius = args.radius.unwrap_or_else(|| scene.ao_radius_m());
+    let ao = AoSettings { rays: args.rays, radius, kind, seed: args.seed };
+    let instructions = instructions(args.instructions.as_deref())?;
+    let tracer = Tracer::new(ao).map_err(Failure::input)?.with_instructions(instructions);
+    let probe = Probe::new(&scene, &points, tracer, args.sample, args.seed);
+    let (rays, triangles) = (probe.rays(), probe.triangles());
+    if rays.is_empty() {
+        return Err(Failure::new(
+            Exit::Input,
+            "nothing of the scene is in sight at its start: no rays to trace",
+        ));
+    }
+    if let Some(path) = &args.dump {
+        dump(path, &triangles, &rays).map_err(|error| Failure::writing(path, &error))?;
+    }
+    let report = measure(args, &probe, &rays, &Twin::new(&triangles), kind);
+    let report = Report {
+        scene: args.scene.clone(),
+        triangles: triangles.len(),
+        radius_m: radius,
+        instructions: instructions.name(),
+        ..report
+    };
+    if args.json {
+        return say(serde_json::to_string_pretty(&report)
+            .map_err(|error| Failure::new(Exit::System, format_args!("cannot write JSON: {error}")))?);
+    }
+    table(&report)
+}
+
+/// The instructions of a name, or the best.
+fn instructions(name: Option<&str>) -> Outcome<Instructions> {
+    let Some(name) = name else { return Ok(Instructions::best()) };
+    let all = Instructions::all();
+    let found = all.iter().find(|one| one.name().eq_ignore_ascii_case(name));
+    found.copied().ok_or_else(|| {
+        let names: Vec<String> = all.iter().map(|one| one.name().to_lowercase()).collect();
+        Failure::usage(format_args!(
+            "no instructions {name:?} on this machine: there are {}",
+            names.join(", ")
+        ))
+    })
+}
+
+/// Traces both ways in turns.
+fn measure(args: &Args, probe: &Probe, rays: &[Ray], twin: &Twin, kind: Occlusion) -> Report {
+    let mut scratch = Scratch::default();
+    let bundles = probe.distances(&mut scratch);
+    let single = |ray: &Ray| match kind {
+        Occlusion::Obscurance => twin.closest(ray),
+        Occlusion::Binary if twin.occluded(ray) => 0.0,
+        Occlusion::Binary => f32::INFINITY,
+    };
+    let plain: Vec<f32> = rays.iter().map(single).collect();
+    let rate = |start: Instant| rays.len() as f64 / start.elapsed().as_secs_f64().max(1e-9);
+    let (mut fast, mut slow) = (Vec::new(), Vec::new());
+    for _ in 0..args.rounds {
+        let start = Instant::now();
+        std::hint::black_box(probe.trace(&mut scratch));
+        fast.push(rate(start));
+        let start = Instant::now();
+        std::hint::black_box(rays.iter().filter(|ray| single(ray).is_finite()).count());
+        slow.push(rate(start));
+    }
+    let ratios = fast.iter().zip(&slow).map(|(fast, slow)| fast / slow).collect();
+    let both = || bundles.iter().zip(&plain).enumerate();
+    let differ = || both().filter(|(_, (a, b))| a.is_finite() != b.is_finite());
+    let met = |distance: &f32| distance.is_finite().then_some(*distance);
+    let hits = |distances: &[f32]| distances.iter().filter(|distance| distance.is_finite()).count();
+    let apart = both().filter(|(_, (a, b))| a.is_finite() && b.is_finite()).map(|(_, (a, b))| (a - b).abs());
+    Report {
+        schema: "psao-bench-rays/1",
+        scene: String::new(),
+        points: probe.points(),
+        rays: rays.len(),
+        triangles: 0,
+        radius_m: 0.0,
+        occlusion: if kind == Occlusion::Binary { "binary" } else { "obscurance" },
+        seed: args.seed,
+        rounds: args.rounds,
+        instructions: String::new(),
+        bundles: Tally { hits: hits(&bundles), rays_a_second: Spread::of(fast) },
+        twin: Tally { hits: hits(&plain), rays_a_second: Spread::of(slow) },
+        ratio: Spread::of(ratios),
+        differing: differ().count(),
+        farthest_apart_m: apart.fold(0.0, f32::max),
+        differences: differ()
+            .take(SHOWN)
+            .map(|(ray, (a, b))| Difference { ray, bundles_m: met(a), twin_m: met(b) })
+            .collect(),
+    }
+}
+
+impl Spread {
+    /// Of at least one figure.
+    fn of(mut figures: Vec<f64>) -> Self {
+        figures.sort_by(f64::total_cmp);
+        let at = |index: usize| figures.get(index).copied().unwrap_or_default();
+        Self { median: at(figures.len() / 2), least: at(0), most: at(figures.len().saturating_sub(1)) }
+    }
+
+    /// In millions.
+    fn millions(&self) -> [String; 3] {
+        [self.median, self.least, self.most].map(|figure| format!("{:.2}", figure / 1e6))
+    }
+}
+
+fn table(report: &Report) -> Outcome {
+    let rays = number::count(report.rays as u64);
+    say(format_args!(
+        "{}: {rays} rays of {} m from {} points against {} triangles, {}, {} rounds, one thread, {}",
+        report.scene,
+        report.radius_m,
+        number::count(report.points as u64),
+        number::count(report.triangles as u64),
+        report.occlusion,
+        report.rounds,
+        report.instructions,
+    ))?;
+    let mut figures = Figures::new(["", "Mrays/s, median", "least", "most", "hits"]);
+    for (name, tally) in [("bundles", &report.bundles), ("single rays, plain tree", &report.twin)] {
+        let rates = tally.rays_a_second.millions();
+        let hits = number::count(tally.hits as u64);
+        figures.row([name.to_owned()].into_iter().chain(rates).chain([hits]));
+    }
+    say(figures)?;
+    let Spread { median, least, most } = report.ratio;
+    say(format_args!("ratio {median:.2} ({least:.2} to {most:.2})"))?;
+    if report.differing == 0 {
+        return say(format_args!("the same hits, at most {:.1e} m apart", report.farthest_apart_m));
+    }
+    say(format_args!(
+        "{} rays hit for one and not for the other; distances where both hit are at most {:.1e} m apart",
+        report.differing, report.farthest_apart_m
+    ))?;
+    for Difference { ray, bundles_m, twin_m } in &report.differences {
+        let distance = |met: &Option<f32>| met.map_or_else(|| "no hit".to_owned(), |t| format!("{t} m"));
+        say(format_args!("  ray {ray}: bundles {}, single {}", distance(bundles_m), distance(twin_m)))?;
+    }
+    Ok(())
+}
+
+/// Writes triangles and rays as the help says.
+fn dump(path: &Path, triangles: &[[impl Into<[f32; 3]> + Copy; 3]], rays: &[Ray]) -> std::io::Result<()> {
+    let mut file = BufWriter::new(File::create(path)?);
+    let vertices = triangles.len() as u32 * 3;
+    for count in [vertices, triangles.len() as u32, rays.len() as u32] {
+        file.write_all(&count.to_le_bytes())?;
+    }
+    for &corner in triangles.iter().flatten() {
+        corner.into().iter().try_for_each(|axis| file.write_all(&axis.to_le_bytes()))?;
+    }
+    (0..vertices).try_for_each(|vertex| file.write_all(&vertex.to_le_bytes()))?;
+    for Ray { origin, direction, length } in rays {
+        let numbers = origin.to_array().into_iter().chain(direction.to_array()).chain([*length]);
+        numbers.into_iter().try_for_each(|number| file.write_all(&number.to_le_bytes()))?;
+    }
+    file.into_inner()?.sync_data()
+}

@@ -1,0 +1,224 @@
+//! `psao serve`: a live server.
+
+mod line;
+mod outlet;
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::str::FromStr;
+use std::time::{Duration, Instant};
+
+use psao_proto::Limits;
+use psao_proto::message::{CloseCode, Edit};
+use psao_proto::net::{Hub, HubEvent};
+use psao_server_sim::server::Pacing;
+
+use crate::args::{BufferArg, EditsArg, StreamArgs};
+use crate::context::runtime;
+use crate::error::Outcome;
+use crate::network::{self, ListenArgs};
+use crate::output::number;
+use crate::producer::Producer;
+use crate::recorder::{Recorder, check_place};
+use line::{Late, Line};
+use outlet::Outlet;
+
+/// A live server: traces the scene as it plays and sends what changed to every client
+///
+/// The clip plays over and over until Ctrl-C or --frames. Nothing is traced while nobody listens. A frame that takes
+/// longer than its time is followed by the one that is then due; how many were skipped is printed at the end. So that few
+/// are, points are left over when time is short and traced later (--frame-time). A frame is written and sent while the next
+/// one is traced (profile surface). With --record
+/// the recording listens too: the clip plays from the start. A slow or full disk costs frames of the recording, never of
+/// the stream; exit code 1 then means that the disk failed.
+#[derive(clap::Args, Debug)]
+pub(crate) struct Args {
+    #[command(flatten)]
+    stream: StreamArgs,
+    #[command(flatten)]
+    network: ListenArgs,
+    /// Stop after so many frames
+    #[arg(long, value_name = "N")]
+    frames: Option<u64>,
+    /// Whether clients may change the scene: what one moves, hides or shows, all of them get, and the AO follows
+    #[arg(long, value_enum, default_value_t = EditsArg::Allow)]
+    edits: EditsArg,
+    /// Time for tracing a frame: what is left over then is traced in later ones, what is largest on the screen and has
+    /// waited longest first. auto is the time from frame to frame; off traces everything, however long that takes. Clients
+    /// draw as often as they like
+    #[arg(long, value_name = "auto|off|MS", default_value = "auto", conflicts_with = "ray_budget")]
+    frame_time: FrameTime,
+    /// Send stage times with every frame
+    #[arg(long)]
+    timings: bool,
+    /// Record the stream into this file as well
+    #[arg(long, value_name = "FILE")]
+    record: Option<PathBuf>,
+    #[command(flatten)]
+    buffer: BufferArg,
+}
+
+/// `--frame-time`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum FrameTime {
+    /// As long as until the next frame.
+    Auto,
+    /// As long as it takes.
+    Off,
+    Millis(f64),
+}
+
+impl FromStr for FrameTime {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        match text {
+            "auto" => Ok(Self::Auto),
+            "off" => Ok(Self::Off),
+            _ => match text.parse() {
+                Ok(millis) if (0.1..=1e6).contains(&millis) => Ok(Self::Millis(millis)),
+                _ => Err(format!("\"{text}\" is none of auto, off and milliseconds from 0.1 to 1e6")),
+            },
+        }
+    }
+}
+
+impl Args {
+    /// From frame to frame.
+    fn tick(&self) -> Duration {
+        Duration::from_secs_f64(1.0 / f64::from(self.stream.tuning.points.fps))
+    }
+
+    /// What plans the rays of frames.
+    fn pacing(&self) -> Option<Pacing> {
+        let seconds = match self.frame_time {
+            _ if self.stream.tuning.ray_budget.is_some() => return None,
+            FrameTime::Off => return None,
+            FrameTime::Auto => self.tick().as_secs_f64(),
+            FrameTime::Millis(millis) => millis * 1e-3,
+        };
+        Some(Pacing::new((seconds * 1e6) as u64))
+    }
+}
+
+/// How long to wait for clients before looking again, and for goodbyes.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+pub(crate) fn run(args: &Args) -> Outcome {
+    if let Some(path) = &args.record {
+        check_place(path)?;
+    }
+    let producer = Producer::new(&args.stream.scene, &args.stream.tuning, 0)?;
+    runtime()?.block_on(serve(args, producer))
+}
+
+async fn serve(args: &Args, producer: Producer) -> Outcome {
+    let hub = Hub::new(producer.table().clone(), producer.coder(), args.network.access()?, Limits::default());
+    let bound = args.network.serve(&hub).await?;
+    eprintln!("serving {} at {bound}; stop with Ctrl-C", producer.info().name);
+    let mut recorder = match &args.record {
+        Some(path) => Some(Recorder::live(path, args.buffer.bytes())?),
+        None => None,
+    };
+    if let Some(recorder) = &mut recorder {
+        recorder.scene(producer.table())?;
+    }
+    let outlet = Outlet::new(hub.clone(), recorder, args.timings);
+    let mut line = Line::new(producer, outlet, args.pacing())?;
+    let mut counts = Counts::default();
+    let ended = tokio::select! {
+        () = network::stop() => Ok(()),
+        result = frames(args, &mut line, &hub, &mut counts) => result,
+    };
+    // A writer that failed says more than the frame that it could not be given.
+    let (outlet, late) = tokio::task::block_in_place(|| line.finish())?;
+    ended?;
+    let goodbye = "the server stops";
+    hub.close(CloseCode::STOPPED, goodbye, PATIENCE).await;
+    handle(args.edits, None, &hub);
+    counts.tell(late);
+    if let Some(bytes) = outlet.finish(goodbye)? {
+        eprintln!("recorded {}", number::bytes(bytes));
+    }
+    Ok(())
+}
+
+/// Frames of a live server.
+#[derive(Default)]
+struct Counts {
+    sent: u64,
+    skipped: u64,
+}
+
+impl Counts {
+    /// Says how it went.
+    fn tell(&self, late: Late) {
+        eprintln!("{} frames sent, {} skipped because the one before took too long", self.sent, self.skipped);
+        if late.frames > 0 {
+            eprintln!(
+                "in {} frames points waited for rays: {} at most, for {} frames at most (--frame-time)",
+                number::count(late.frames),
+                number::count(late.points.into()),
+                late.oldest
+            );
+        }
+    }
+}
+
+async fn frames(args: &Args, line: &mut Line, hub: &Hub, counts: &mut Counts) -> Outcome {
+    let tick = args.tick();
+    let mut start = Instant::now();
+    let mut number = 0_u32;
+    while args.frames.is_none_or(|frames| counts.sent < frames) {
+        handle(args.edits, Some(line), hub);
+        if hub.joined() == 0 && args.record.is_none() {
+            // The stream's clock stands still while nobody listens.
+            let waited = Instant::now();
+            hub.wait_joined(1, PATIENCE).await;
+            start += waited.elapsed();
+            continue;
+        }
+        tokio::time::sleep((tick * number).saturating_sub(start.elapsed())).await;
+        let captured = hub.now();
+        tokio::task::block_in_place(|| line.frame(number, &hub.views(), captured))?;
+        if number == 0 {
+            // It traced every point of the scene, and would put hundreds of frames behind.
+            start = Instant::now();
+        }
+        counts.sent += 1;
+        let due = (start.elapsed().as_secs_f64() / tick.as_secs_f64()) as u32;
+        counts.skipped += u64::from(due.saturating_sub(number + 1));
+        number = due.max(number + 1);
+    }
+    Ok(())
+}
+
+/// Edits the scene as clients ask, and says who came and went and what was refused.
+fn handle(edits: EditsArg, mut line: Option<&mut Line>, hub: &Hub) {
+    let mut refused = BTreeMap::new();
+    for event in hub.take_events() {
+        match event {
+            HubEvent::Edit { client, edit } => {
+                if let Err(reason) = take(edits, line.as_deref_mut(), &edit) {
+                    refused.entry(client).or_insert((reason, 0_u64)).1 += 1;
+                }
+            }
+            other => network::tell(&other),
+        }
+    }
+    // A line for each client, however much it asks for.
+    for (client, (reason, count)) in refused {
+        let more =
+            if count > 1 { format!(", and {} more edits", number::count(count - 1)) } else { String::new() };
+        eprintln!("client {}: edit refused: {reason}{more}", number::count(client.0));
+    }
+}
+
+/// Takes an edit in from the next frame on.
+fn take(edits: EditsArg, line: Option<&mut Line>, edit: &Edit) -> Result<(), String> {
+    match line {
+        _ if edits == EditsArg::Deny => Err("the server runs with --edits deny".to_owned()),
+        None => Err("the server stops".to_owned()),
+        Some(line) => line.edit(edit).map(drop).map_err(|error| error.to_string()),
+    }
+}

@@ -107,11 +107,27 @@ impl Camera {
     /// The image spans the camera's whole field of view: its pixels are square when the camera's aspect is
     /// [`Size::aspect`].
     pub fn ray(&self, size: Size, x: u32, y: u32) -> Ray {
-        let across = (f64::from(x) + 0.5) / f64::from(size.width()) * 2.0 - 1.0;
-        let down = (f64::from(y) + 0.5) / f64::from(size.height()) * 2.0 - 1.0;
+        self.ray_around(size, i64::from(x), i64::from(y))
+    }
+
+    /// As [`Camera::ray`], for pixels beside the image as well: (-1, 0) is the one left of the top left.
+    pub fn ray_around(&self, size: Size, x: i64, y: i64) -> Ray {
+        let across = (x as f64 + 0.5) / f64::from(size.width()) * 2.0 - 1.0;
+        let down = (y as f64 + 0.5) / f64::from(size.height()) * 2.0 - 1.0;
         let direction =
             self.forward + self.right * (across * self.half_width) - self.up * (down * self.half_height);
         Ray { origin: self.eye, direction: direction.normalize().as_vec3() }
+    }
+
+    /// `direction` in view space: x to the right, y *down* as rows of an image go, z into the view.
+    pub fn view_direction(&self, direction: Vec3) -> Vec3 {
+        let direction = direction.as_dvec3();
+        DVec3::new(direction.dot(self.right), -direction.dot(self.up), direction.dot(self.forward)).as_vec3()
+    }
+
+    /// Tangents of the half angles of view, across and down.
+    pub fn tangents(&self) -> [f64; 2] {
+        [self.half_width, self.half_height]
     }
 
     /// Where the camera stands, in metres, world space.
@@ -161,6 +177,21 @@ mod tests {
         assert!((top_left - want).length() < 1e-6, "{top_left}");
         let bottom_right = camera.ray(Size::new(2, 2).unwrap(), 1, 1).direction;
         assert!((bottom_right - Vec3::new(1.0, -0.5, -1.0).normalize()).length() < 1e-6);
+    }
+
+    #[test]
+    fn pixels_beside_the_image_continue_its_grid() {
+        let camera = Camera::new(&pose()).unwrap();
+        let size = Size::new(4, 2).unwrap();
+        let view = |x, y| camera.view_direction(camera.ray_around(size, x, y).direction);
+        for (x, y) in [(-3, 0), (0, 0), (3, 1), (6, -2), (2, 7)] {
+            // 90 degrees down and an aspect of 2: pixels are one unit of the plane at distance 1.
+            let want = Vec3::new(x as f32 + 0.5 - 2.0, y as f32 + 0.5 - 1.0, 1.0).normalize();
+            assert!((view(x, y) - want).length() < 1e-6, "{x} {y}: {}", view(x, y));
+        }
+        assert_eq!(camera.ray(size, 3, 1), camera.ray_around(size, 3, 1));
+        let [across, down] = camera.tangents();
+        assert!((across - 2.0).abs() < 1e-12 && (down - 1.0).abs() < 1e-12);
     }
 
     #[test]

@@ -3,7 +3,9 @@
 //! What a client reconstructs is compared with a picture traced by many rays a pixel ([`reference`](mod@reference)),
 //! in figures ([`metric`]). Geometry is shared knowledge of client and server, so the client looks at the server's
 //! world through [`adapter`]; ambient occlusion reaches it through the stream alone. [`stress`] is a table of cases
-//! that strain the stream on purpose, each with its bound and the worst that was measured.
+//! that strain the stream on purpose, each with its bound and the worst that was measured. [`screen`] holds the
+//! screen-space methods that the paper and others compare with, each from its own paper, over one input. [`sweep`] measures
+//! settings and methods side by side, and [`report`] says what came of it.
 //!
 //! # Trace a reference and compare
 //!
@@ -43,5 +45,8 @@ pub mod metric;
 #[cfg(test)]
 mod profiles;
 pub mod reference;
+pub mod report;
+pub mod screen;
 mod shapes;
 pub mod stress;
+pub mod sweep;

@@ -131,7 +131,7 @@ fn accessibility<R: Rays + ?Sized>(
 }
 
 /// A Hammersley set, shifted by an amount of its own, mapped to cosine-distributed directions about +Z.
-fn directions(settings: &AoSettings, set: usize) -> Vec<Vec3> {
+pub(crate) fn directions(settings: &AoSettings, set: usize) -> Vec<Vec3> {
     let shift = mix(settings.seed.wrapping_add(set as u64 + 1));
     let shift = [fraction(shift as u32), fraction((shift >> 32) as u32)];
     (0..settings.rays)
@@ -146,7 +146,7 @@ fn directions(settings: &AoSettings, set: usize) -> Vec<Vec3> {
 }
 
 /// A frame whose z axis is `normal`, turned about it by `turn` / 2^32 of a full turn.
-fn frame(normal: Vec3, turn: u32) -> Mat3 {
+pub(crate) fn frame(normal: Vec3, turn: u32) -> Mat3 {
     let helper = if normal.x.abs() < 0.5 { Vec3::X } else { Vec3::Y };
     let side = normal.cross(helper).normalize();
     let other = normal.cross(side);
@@ -156,12 +156,12 @@ fn frame(normal: Vec3, turn: u32) -> Mat3 {
 }
 
 /// `bits` / 2^32, in `[0, 1)`.
-fn fraction(bits: u32) -> f64 {
+pub(crate) fn fraction(bits: u32) -> f64 {
     f64::from(bits) / 4_294_967_296.0
 }
 
 /// The finaliser of `SplitMix64` (Steele et al. 2014), after its increment.
-fn mix(value: u64) -> u64 {
+pub(crate) fn mix(value: u64) -> u64 {
     let mut h = value.wrapping_add(0x9E37_79B9_7F4A_7C15);
     h = (h ^ (h >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
     h = (h ^ (h >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);

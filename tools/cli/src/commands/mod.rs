@@ -7,6 +7,7 @@ pub(crate) mod compare_budgets;
 pub(crate) mod compare_profiles;
 pub(crate) mod cut;
 pub(crate) mod demo;
+pub(crate) mod evaluate;
 pub(crate) mod inspect;
 pub(crate) mod keys;
 pub(crate) mod needs;

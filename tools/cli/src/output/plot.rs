@@ -5,6 +5,8 @@
 
 use std::fmt::Write as _;
 
+use psao_eval::report::{COLOURS, escape};
+
 use super::number;
 
 const WIDTH: f64 = 960.0;
@@ -13,10 +15,6 @@ const LEFT: f64 = 70.0;
 const RIGHT: f64 = 20.0;
 const TOP: f64 = 64.0;
 const BOTTOM: f64 = 44.0;
-
-/// Colours that stay apart for colour-blind readers (Okabe and Ito's palette).
-const COLOURS: [&str; 8] =
-    ["#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442", "#555555"];
 
 /// One bar: a frame and its bytes by part, in the order of [`Plot::parts`].
 pub(crate) struct Bar {
@@ -169,11 +167,6 @@ fn nice_above(value: f64) -> f64 {
         .map(|step| step * power)
         .find(|&nice| nice >= value)
         .unwrap_or(value)
-}
-
-/// Text for SVG and HTML.
-pub(crate) fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 #[cfg(test)]

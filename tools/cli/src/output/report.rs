@@ -4,8 +4,7 @@ use std::fmt::Write as _;
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
-
-use super::plot::escape;
+use psao_eval::report::escape;
 
 /// A picture with its caption; `png` is the file's bytes.
 pub(crate) struct Picture {

@@ -12,6 +12,7 @@ mod budgets;
 mod cache;
 mod crashes;
 mod edits;
+mod evaluate;
 mod live;
 mod main_job;
 mod needs;

@@ -1,23 +1,13 @@
-//! How far an image is from its reference.
-//!
-//! Sums run in f64 over the pixels in row order, so a figure does not depend on the number of threads.
+//! Errors pixel by pixel, and their means, quantiles and largest.
 
-use psao_client::{AoImage, Size};
+use psao_client::AoImage;
 
-/// Two images that cannot be compared.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("the reference has {reference} pixels and the image under test {test}; compare images of one size")]
-pub struct SizeMismatch {
-    /// Size of the reference.
-    pub reference: Size,
-    /// Size of the image under test.
-    pub test: Size,
-}
+use super::{SizeMismatch, obscurance, one_size};
 
 /// All the error figures of one pair of images. Units: AO, where 1 is the whole range from closed to open.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Comparison {
-    /// Mean absolute error, in `[0, 1]`.
+    /// Mean absolute error, in `[0, 1]`; the `e_A` of [`obscurance`].
     pub mae: f64,
     /// Root of the mean squared error, in `[0, 1]`, at least `mae`.
     pub rmse: f64,
@@ -29,6 +19,8 @@ pub struct Comparison {
     pub p99: f64,
     /// The largest absolute error, in `[0, 1]`.
     pub max: f64,
+    /// Share of the pixels whose absolute error is below 5 % of the range, in `[0, 1]`; the `e_<5%` of [`obscurance`].
+    pub within_5: f64,
 }
 
 impl Comparison {
@@ -59,12 +51,21 @@ impl Comparison {
             *error = error.abs();
         }
         let mae = errors.iter().sum::<f64>() / count;
+        let right = errors.iter().filter(|error| **error < obscurance::RIGHT).count();
         // The least rank that leaves at most 1 % of the pixels above it.
         let rank = (errors.len() * 99).div_ceil(100) - 1;
         let (_, p99, _) = errors.select_nth_unstable_by(rank, f64::total_cmp);
         let p99 = *p99;
         let max = errors.iter().copied().fold(0.0, f64::max);
-        Ok(Self { mae, rmse: mean_square.sqrt(), psnr: decibels(mean_square), bias, p99, max })
+        Ok(Self {
+            mae,
+            rmse: mean_square.sqrt(),
+            psnr: decibels(mean_square),
+            bias,
+            p99,
+            max,
+            within_5: right as f64 / count,
+        })
     }
 }
 
@@ -106,19 +107,18 @@ fn decibels(mean_square: f64) -> f64 {
 }
 
 /// `test - reference` of each pixel, in row order.
-fn differences<'a>(
+pub(super) fn differences<'a>(
     reference: &'a AoImage,
     test: &'a AoImage,
 ) -> Result<impl Iterator<Item = f64> + 'a, SizeMismatch> {
-    if reference.size() != test.size() {
-        return Err(SizeMismatch { reference: reference.size(), test: test.size() });
-    }
+    one_size(reference, test)?;
     Ok(reference.values().iter().zip(test.values()).map(|(r, t)| f64::from(*t) - f64::from(*r)))
 }
 
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
+    use psao_client::Size;
 
     use super::*;
 
@@ -132,14 +132,25 @@ mod tests {
         let found = Comparison::new(&a, &a).unwrap();
         assert_eq!(
             found,
-            Comparison { mae: 0.0, rmse: 0.0, psnr: f64::INFINITY, bias: 0.0, p99: 0.0, max: 0.0 }
+            Comparison {
+                mae: 0.0,
+                rmse: 0.0,
+                psnr: f64::INFINITY,
+                bias: 0.0,
+                p99: 0.0,
+                max: 0.0,
+                within_5: 1.0
+            }
         );
     }
 
     #[test]
     fn black_against_white_is_the_worst_there_is() {
         let found = Comparison::new(&image(3, 1, vec![0.0; 3]), &image(3, 1, vec![1.0; 3])).unwrap();
-        assert_eq!(found, Comparison { mae: 1.0, rmse: 1.0, psnr: 0.0, bias: 1.0, p99: 1.0, max: 1.0 });
+        assert_eq!(
+            found,
+            Comparison { mae: 1.0, rmse: 1.0, psnr: 0.0, bias: 1.0, p99: 1.0, max: 1.0, within_5: 0.0 }
+        );
     }
 
     #[test]
@@ -163,40 +174,6 @@ mod tests {
         assert_eq!(error, SizeMismatch { reference: a.size(), test: b.size() });
     }
 
-    /// Reference figures of independent implementations, where the shared data is at hand: in the folder that
-    /// `PSAO_SHARED` names, or in `shared` beside the repository.
-    #[test]
-    fn figures_equal_those_of_other_implementations() {
-        let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared").to_owned();
-        let folder = format!("{}/metrics", std::env::var("PSAO_SHARED").unwrap_or(beside));
-        let Ok(text) = std::fs::read_to_string(format!("{folder}/metrics.json")) else {
-            assert!(std::env::var_os("PSAO_REQUIRE_SHARED").is_none(), "no reference figures in {folder}");
-            eprintln!(
-                "SKIPPED: no reference figures at {folder}/metrics.json; set PSAO_SHARED to check against them"
-            );
-            return;
-        };
-        let json: serde_json::Value = serde_json::from_str(&text).unwrap();
-        let mut compared = 0;
-        for pair in json["pairs"].as_array().unwrap().iter().filter(|pair| pair["channels"] == 1) {
-            let name = pair["name"].as_str().unwrap();
-            let [reference, test] = ["ref", "test"].map(|side| {
-                let grey = image::open(format!("{folder}/pairs/{name}.{side}.png")).unwrap().into_luma8();
-                AoImage::from_bytes(Size::new(grey.width(), grey.height()).unwrap(), grey.as_raw()).unwrap()
-            });
-            let found = Comparison::new(&reference, &test).unwrap();
-            // The figures were made from bytes / 255 in f64; ours is an image of f32, rounded to 6e-8.
-            let mae = pair["mae"].as_f64().unwrap();
-            assert!((found.mae - mae).abs() < 1e-7, "{name}: mae {} against {mae}", found.mae);
-            match pair["psnr_db"].as_f64() {
-                Some(db) => assert!((found.psnr - db).abs() < 2e-4, "{name}: {} dB against {db}", found.psnr),
-                None => assert_eq!(found.psnr, f64::INFINITY, "{name} is identical"),
-            }
-            compared += 1;
-        }
-        assert!(compared > 10, "only {compared} grey pairs in {folder}");
-    }
-
     proptest! {
         #[test]
         fn one_pass_and_single_figures_agree(pixels in prop::collection::vec((0.0_f32..=1.0, 0.0_f32..=1.0), 1..300)) {
@@ -207,6 +184,7 @@ mod tests {
             prop_assert_eq!(all.mae, mae(&r, &t).unwrap());
             prop_assert_eq!(all.rmse, rmse(&r, &t).unwrap());
             prop_assert_eq!(all.psnr, psnr(&r, &t).unwrap());
+            prop_assert_eq!(all.within_5, obscurance::right(&r, &t).unwrap());
             prop_assert!(all.bias.abs() <= all.mae + 1e-12);
             prop_assert!(all.mae <= all.rmse + 1e-12 && all.rmse <= all.max + 1e-12 && all.p99 <= all.max);
             prop_assert!(all.psnr >= 0.0);

@@ -1,0 +1,269 @@
+//! `psao evaluate`: settings of the stream and other methods, error against cost.
+
+mod far_field;
+mod machine;
+mod output;
+mod plan;
+mod preset;
+mod store;
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use psao_client::Size;
+use psao_client::picture::Picture;
+use psao_codec::block::BlockCoder;
+use psao_eval::metric::{Lpips, obscurance};
+use psao_eval::sweep::{Bench, Bytes, Clip, Runs, Sample, SweepError, views};
+use psao_proto::Profile;
+use psao_server_sim::scene::Scene;
+
+use self::plan::{Job, Plan, Sweep};
+use self::preset::TableArg;
+use self::store::Store;
+use crate::analysis::{paper_bytes, parts_of};
+use crate::args::{CacheArgs, Coder, OcclusionArg, ProfileArg, SizeArg};
+use crate::cache::{Folder, as_cache};
+use crate::context::{WallClock, progress};
+use crate::error::{Exit, Failure, Outcome};
+
+/// Settings of the stream and other methods, swept: error against bytes, time and memory
+///
+/// Each scene is streamed in memory once for every setting, decoded, reconstructed, and compared with rays traced for every
+/// pixel; methods that see the screen alone shade the same pictures. One axis is swept at a time, the others at what is
+/// usual (512 points, 32 bit, threshold 8, 192 rays, 60 Hz, range, surface) where it is on the list and else at the list's
+/// first; --full sweeps every combination. Profile paper takes zstd:15 where the range coder is listed. Pictures are drawn
+/// with the newest frame that began by their time: at a lower rate they show older AO. Times are of this machine, medians
+/// over all frames after the first state and all repeats; everything else is the same on any.
+///
+/// With --out, every finished setting is kept at once; --resume goes on where a run was cut off.
+#[derive(clap::Args, Debug)]
+pub(crate) struct Args {
+    /// Built-in scenes (see `psao scenes`), or .toml scene files, .gltf or .glb
+    #[arg(value_name = "SCENE", required = true)]
+    scenes: Vec<String>,
+    #[command(flatten)]
+    axes: AxisArgs,
+    /// Every combination instead of one axis at a time
+    #[arg(long)]
+    full: bool,
+    /// Screen-space methods to compare with: all, none, or names [default: all; of a table its own]
+    #[arg(long, value_name = "NAME,..", value_delimiter = ',')]
+    methods: Vec<String>,
+    /// No streams: screen-space methods alone
+    #[arg(long)]
+    no_streams: bool,
+    /// Size of the pictures
+    #[arg(long, value_name = "WxH", default_value = "480x270")]
+    size: SizeArg,
+    /// Pixels that screen-space methods see beyond each edge; a tenth of the width unless given
+    #[arg(long, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(0..=4096))]
+    guard: Option<u32>,
+    /// Frames of the clip at the fastest rate of the sweep; slower streams cover the same time
+    #[arg(long, value_name = "N", default_value_t = 60, value_parser = clap::value_parser!(u32).range(2..))]
+    frames: u32,
+    /// Pictures to compare, spread over the clip
+    #[arg(long, value_name = "K", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..))]
+    pictures: u32,
+    /// Rays a pixel of the references
+    #[arg(long, value_name = "N", default_value_t = 512)]
+    reference_rays: u32,
+    /// Runs that count: of the whole clip, and of each picture
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..))]
+    repeats: u32,
+    /// Runs of each picture before those
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    warm_up: u32,
+    /// Points that an instance has at least, however small its surface
+    #[arg(long, default_value_t = 1024, value_name = "N")]
+    min_points: u32,
+    /// Length of the rays in metres; the scene's own by default, 3 with --table far-field
+    #[arg(long, value_name = "M")]
+    radius: Option<f32>,
+    /// What a ray that hits contributes: its distance over the radius (an exponential of it with --table far-field), or
+    /// nothing
+    #[arg(long, value_enum, default_value_t = OcclusionArg::Obscurance)]
+    occlusion: OcclusionArg,
+    /// Seed of the points and rays
+    #[arg(long, default_value_t = 1, value_name = "S")]
+    seed: u64,
+    /// Weights of LPIPS (`AlexNet`, version 0.1: 2,470,848 half floats or floats); without them there is no LPIPS
+    #[arg(long, value_name = "FILE")]
+    lpips_weights: Option<PathBuf>,
+    /// Sweep and print what a table or figure of a paper shows, in every combination
+    ///
+    /// What is swept is the table's own unless it is given.
+    #[arg(long, value_enum, value_name = "NAME")]
+    table: Option<TableArg>,
+    /// Say in words which setting to choose for which bandwidth, and for which time
+    #[arg(long)]
+    recommend: bool,
+    /// Write results.csv, results.json, report.html and the pictures into this folder
+    #[arg(short, long, value_name = "FOLDER")]
+    out: Option<PathBuf>,
+    /// Show the pictures of so many names on the page, those of the least errors; all by default
+    #[arg(long, value_name = "N", requires = "out")]
+    thumbnails: Option<usize>,
+    /// Keep what the folder has of these very settings, and measure the rest
+    #[arg(long, requires = "out")]
+    resume: bool,
+    /// Print JSON (docs/evaluate-json.md) instead of tables
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    cache: CacheArgs,
+}
+
+/// What is swept; an axis that was not given is empty.
+#[derive(clap::Args, Clone, Debug)]
+struct AxisArgs {
+    /// Points per square metre [default: 256,512,1024]
+    #[arg(long, value_name = "N,..", value_delimiter = ',')]
+    points: Vec<f32>,
+    /// Bits of a packed point [default: 32,24,16; 32 of a table]
+    #[arg(long, value_name = "32,24,16", value_delimiter = ',')]
+    bits: Vec<u8>,
+    /// Steps of 1/255 by which AO must move to be sent again [default: 2,8; 8 of a table]
+    #[arg(long, value_name = "STEPS,..", value_delimiter = ',', value_parser = clap::value_parser!(u8).range(1..))]
+    threshold: Vec<u8>,
+    /// Rays a point [default: 64,192; 192 of a table]
+    #[arg(long, value_name = "N,..", value_delimiter = ',')]
+    rays: Vec<u32>,
+    /// Frames a second [default: 15,60; of a table its own]
+    #[arg(long, value_name = "F,..", value_delimiter = ',')]
+    fps: Vec<f32>,
+    /// Block coders: range, zstd, zstd:LEVEL, lz4 or none [default: range,zstd; range of a table]
+    #[arg(long, value_name = "CODER,..", value_delimiter = ',')]
+    coder: Vec<Coder>,
+    /// Profiles [default: surface,paper]
+    #[arg(long, value_enum, value_name = "NAME,..", value_delimiter = ',')]
+    profile: Vec<ProfileArg>,
+}
+
+pub(crate) fn run(args: &Args) -> Outcome {
+    let size = Size::new(args.size.width, args.size.height).map_err(Failure::usage)?;
+    let weights = args.lpips_weights.as_deref().map(crate::analysis::load).transpose()?;
+    let network = weights.as_deref().map(Lpips::from_weights).transpose().map_err(|error| {
+        let path = args.lpips_weights.as_deref().unwrap_or("".as_ref());
+        Failure::input(format_args!("{}: {error}", path.display()))
+    })?;
+    let sweep = Sweep::new(args, size, weights.as_deref())?;
+    let scenes = args.scenes.iter().map(|name| Scene::load(name).map(Arc::new).map_err(Failure::input));
+    let scenes: Vec<Arc<Scene>> = scenes.collect::<Outcome<_>>()?;
+    let plans: Vec<Plan<'_>> = scenes.iter().map(|scene| Plan::new(&sweep, scene)).collect::<Outcome<_>>()?;
+    let mut store = Store::open(args.out.as_deref(), args.resume)?;
+    let open = plans.iter().flat_map(|plan| &plan.jobs).filter(|(key, _)| store.record(key).is_none());
+    let bar = progress("evaluating", open.count() as u64);
+    let cache = Folder::of(&args.cache);
+    for plan in &plans {
+        measure(plan, network.as_ref(), as_cache(&cache), &mut store, &bar)?;
+    }
+    bar.finish_and_clear();
+    output::write(args, &sweep, &plans, &store)
+}
+
+/// Measures what is missing of a scene.
+fn measure(
+    plan: &Plan<'_>,
+    network: Option<&Lpips>,
+    cache: Option<&dyn psao_server_sim::points::PointCache>,
+    store: &mut Store,
+    bar: &indicatif::ProgressBar,
+) -> Outcome {
+    let open: Vec<_> = plan.jobs.iter().filter(|(key, _)| store.record(key).is_none()).collect();
+    if open.is_empty() {
+        return Ok(());
+    }
+    let sweep = plan.sweep;
+    let tracing = progress("references", plan.times.len() as u64);
+    let views = views(plan.scene, &plan.times, sweep.size, sweep.guard, &plan.truth, &|| tracing.inc(1));
+    tracing.finish_and_clear();
+    let views = views.map_err(refused)?;
+    if let Some(view) = views.first() {
+        store.picture(&plan.reference_key, "reference", &Picture::grey(&view.truth))?;
+    }
+    let clock = WallClock::start();
+    let bench = Bench {
+        scene: plan.scene.name(),
+        views: &views,
+        runs: Runs { repeats: sweep.args.repeats, warm_up: sweep.args.warm_up },
+        network,
+        clock: &clock,
+    };
+    let clip = Clip { scene: plan.scene, base: plan.base, seconds: sweep.seconds, cache, count };
+    for (key, job) in open {
+        let sample = match job {
+            Job::Stream(setting) => bench.stream(key, &clip, setting),
+            Job::Method(method) => bench.method(key, method.as_ref()),
+        };
+        let Sample { record, picture } = sample.map_err(refused)?;
+        if let Some(view) = views.first() {
+            let map = obscurance::error_map(&view.truth, &picture)
+                .map_err(|error| Failure::new(Exit::System, error))?;
+            store.picture(key, "picture", &Picture::grey(&picture))?;
+            store.picture(key, "error", &Picture::grey(&map))?;
+        }
+        store.add(record)?;
+        bar.inc(1);
+    }
+    Ok(())
+}
+
+fn count(info: &psao_codec::frame::FrameInfo) -> Bytes {
+    let parts = parts_of(info);
+    Bytes { paper: paper_bytes(&parts), wire: parts.iter().sum() }
+}
+
+/// Whose fault it was that something could not be measured.
+fn refused(error: SweepError) -> Failure {
+    match error {
+        SweepError::Server(error) => crate::producer::refused(error),
+        SweepError::Frame { .. } | SweepError::Repeat { .. } => Failure::new(Exit::Check, error),
+        SweepError::Metric(error) => Failure::new(Exit::System, error),
+        SweepError::Reference(error) => Failure::usage(error),
+        error => Failure::input(error),
+    }
+}
+
+impl AxisArgs {
+    /// What a sweep has that is of no table.
+    fn usual() -> Self {
+        Self {
+            points: vec![256.0, 512.0, 1024.0],
+            bits: vec![32, 24, 16],
+            threshold: vec![2, 8],
+            rays: vec![64, 192],
+            fps: vec![15.0, 60.0],
+            coder: vec![Coder::RANGE, Coder(BlockCoder::Zstd { level: 15 })],
+            profile: vec![ProfileArg::Surface, ProfileArg::Paper],
+        }
+    }
+
+    /// The axes that were given, and the others of `usual`.
+    fn or(&self, usual: Self) -> Self {
+        fn or<T: Clone>(given: &[T], usual: Vec<T>) -> Vec<T> {
+            if given.is_empty() { usual } else { given.to_vec() }
+        }
+        Self {
+            points: or(&self.points, usual.points),
+            bits: or(&self.bits, usual.bits),
+            threshold: or(&self.threshold, usual.threshold),
+            rays: or(&self.rays, usual.rays),
+            fps: or(&self.fps, usual.fps),
+            coder: or(&self.coder, usual.coder),
+            profile: or(&self.profile, usual.profile),
+        }
+    }
+
+    fn grid(&self) -> psao_eval::sweep::Grid {
+        psao_eval::sweep::Grid {
+            per_m2: self.points.clone(),
+            bits: self.bits.clone(),
+            threshold: self.threshold.clone(),
+            rays: self.rays.clone(),
+            fps: self.fps.clone(),
+            coder: self.coder.iter().map(|coder| coder.0).collect(),
+            profile: self.profile.iter().map(|&profile| Profile::from(profile)).collect(),
+        }
+    }
+}

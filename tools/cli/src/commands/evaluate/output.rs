@@ -1,0 +1,233 @@
+//! What a run prints and writes.
+
+use std::path::Path;
+
+use psao_eval::report::{Cost, Page, Section, Thumbnail, csv, steps, table};
+use psao_eval::sweep::{Record, Truth};
+use serde::Serialize;
+
+use super::plan::{Plan, Sweep};
+use super::store::Store;
+use super::{Args, machine::Machine};
+use crate::context::say;
+use crate::error::{Exit, Failure, Outcome};
+use crate::output::table::Figures;
+
+/// `results.json`, and what `--json` prints; `docs/evaluate-json.md` describes the fields.
+#[derive(Serialize)]
+struct Document<'a> {
+    schema: &'static str,
+    machine: &'a Machine,
+    seconds: f64,
+    width: u32,
+    height: u32,
+    guard: u32,
+    picture_times_s: &'a [f64],
+    reference_rays: u32,
+    repeats: u32,
+    warm_up: u32,
+    min_points: u32,
+    seed: u64,
+    scenes: Vec<SceneOut<'a>>,
+    records: Vec<&'a Record>,
+}
+
+#[derive(Serialize)]
+struct SceneOut<'a> {
+    name: &'a str,
+    digest: String,
+    radius_m: f32,
+    occlusion: String,
+    reference: &'static str,
+}
+
+/// Prints and writes everything.
+pub(super) fn write(args: &Args, sweep: &Sweep<'_>, plans: &[Plan<'_>], store: &Store) -> Outcome {
+    let of = |plan: &Plan<'_>| plan.jobs.iter().filter_map(|(key, _)| store.record(key)).collect();
+    let records: Vec<Vec<&Record>> = plans.iter().map(of).collect();
+    let all: Vec<&Record> = records.iter().flatten().copied().collect();
+    let document = Document {
+        schema: "psao-evaluate/1",
+        machine: &sweep.machine,
+        seconds: sweep.seconds,
+        width: sweep.size.width(),
+        height: sweep.size.height(),
+        guard: sweep.guard,
+        picture_times_s: plans.first().map_or(&[], |plan| &plan.times),
+        reference_rays: args.reference_rays,
+        repeats: args.repeats,
+        warm_up: args.warm_up,
+        min_points: args.min_points,
+        seed: args.seed,
+        scenes: plans.iter().map(scene).collect(),
+        records: all.clone(),
+    };
+    let json = serde_json::to_string_pretty(&document)
+        .map_err(|error| Failure::new(Exit::System, format_args!("cannot write JSON: {error}")))?;
+    if let Some(folder) = &args.out {
+        file(&folder.join("results.json"), &json)?;
+        file(&folder.join("results.csv"), &csv(all.iter().copied()))?;
+        file(&folder.join("report.html"), &page(args, sweep, plans, &records, store).html())?;
+    }
+    if args.json {
+        return say(json);
+    }
+    for (plan, records) in plans.iter().zip(&records) {
+        print(args, plan, records)?;
+    }
+    if store.unreadable > 0 {
+        say(format_args!(
+            "{} damaged line(s) of an earlier run were left out; what they held was measured again",
+            store.unreadable
+        ))?;
+    }
+    Ok(())
+}
+
+fn file(path: &Path, text: &str) -> Outcome {
+    std::fs::write(path, text).map_err(|error| Failure::writing(path, &error))
+}
+
+fn scene<'a>(plan: &Plan<'a>) -> SceneOut<'a> {
+    SceneOut {
+        name: plan.scene.name(),
+        digest: plan.scene.digest().iter().map(|byte| format!("{byte:02x}")).collect(),
+        radius_m: plan.reference.radius,
+        occlusion: format!("{:?}", plan.reference.kind).to_lowercase(),
+        reference: match plan.truth {
+            Truth::Scene(_) => "scene",
+            Truth::Screen(_) => "screen",
+        },
+    }
+}
+
+fn print(args: &Args, plan: &Plan<'_>, records: &[&Record]) -> Outcome {
+    let sweep = plan.sweep;
+    say(format_args!(
+        "{}: {} picture(s) of {} pixels over {:.2} s, against {} rays of {} m a pixel{}",
+        plan.scene.name(),
+        plan.times.len(),
+        sweep.size,
+        sweep.seconds,
+        args.reference_rays,
+        plan.reference.radius,
+        through(&plan.truth),
+    ))?;
+    if let Some(table) = args.table {
+        say(table.figures(records, &plan.truth))?;
+    } else {
+        let (heads, rows) = table(records, false);
+        let mut figures = Figures::of(&heads).words(&[1, 2]);
+        rows.into_iter().for_each(|row| figures.row(row));
+        say(figures)?;
+    }
+    if args.recommend { recommend(plan.scene.name(), records) } else { Ok(()) }
+}
+
+/// Where the rays of references go, if not through the scene.
+fn through(truth: &Truth) -> String {
+    match truth {
+        Truth::Scene(_) => String::new(),
+        Truth::Screen(rays) => format!(" through the depth buffer, {}", rays.falloff.label()),
+    }
+}
+
+/// The front in words.
+fn recommend(scene: &str, records: &[&Record]) -> Outcome {
+    for (cost, unit) in [(Cost::MbitPerSecond, "Mbit/s"), (Cost::PictureMs, "ms a picture on the client")] {
+        let steps = steps(records, cost);
+        let Some(first) = steps.first() else { continue };
+        say(format_args!(
+            "{scene}: with less than {:.3} {unit}, nothing that was measured fits.",
+            first.budget
+        ))?;
+        for (step, next) in steps.iter().zip(steps.iter().skip(1).map(Some).chain([None])) {
+            let range = match next {
+                Some(next) => format!("{:.3} to {:.3} {unit}", step.budget, next.budget),
+                None => format!("{:.3} {unit} or more", step.budget),
+            };
+            let record = records[step.index];
+            say(format_args!("  {range}: choose {} (e_A {:.4})", record.title(), step.mae))?;
+        }
+    }
+    Ok(())
+}
+
+fn page<'a>(
+    args: &Args,
+    sweep: &Sweep<'_>,
+    plans: &[Plan<'_>],
+    records: &'a [Vec<&'a Record>],
+    store: &Store,
+) -> Page<'a> {
+    let sections = plans.iter().zip(records).map(|(plan, records)| Section {
+        scene: plan.scene.name().to_owned(),
+        records: records.clone(),
+        pictures: thumbnails(args.thumbnails, plan, records, store),
+    });
+    let grid = if args.full || args.table.is_some() {
+        "Every combination of the settings was measured."
+    } else {
+        "One axis of the settings was swept at a time, the others kept at the first line's."
+    };
+    Page {
+        title: "psao evaluate".to_owned(),
+        notes: vec![
+            format!(
+                "Clips of {:.2} s, pictures of {} pixels, compared with {} rays a pixel{}. {grid} Pictures are drawn with the \
+                 newest frame that began by their time.",
+                sweep.seconds,
+                sweep.size,
+                args.reference_rays,
+                plans.first().map(|plan| through(&plan.truth)).unwrap_or_default()
+            ),
+            "e_A is the mean absolute error, e_<5% the share of the pixels within 5 % of the range (higher is better). Of \
+             PSNR and SSIM (11-tap Gaussian, sigma 1.5) more is better, of FLIP and LPIPS less. P99 and largest are of the \
+             worst picture."
+                .to_owned(),
+            format!(
+                "Server times are medians over the frames after the first state in {} run(s) of the clip. A picture's time is \
+                 the client's: applying a frame and reconstructing, or all stages of a screen-space method, {} run(s) a picture \
+                 after {} to warm up. The G-buffer is drawn by the client in any case and is in no time. State is what a \
+                 client holds of the stream, written without compression; buffers are the G-buffer, or the screen and a \
+                 method's own working memory.",
+                args.repeats, args.repeats, args.warm_up
+            ),
+        ],
+        machine: sweep.machine.rows(),
+        sections: sections.collect(),
+    }
+}
+
+/// The reference, then the best of each name beside its error; of `most` names at most.
+fn thumbnails(most: Option<usize>, plan: &Plan<'_>, records: &[&Record], store: &Store) -> Vec<Thumbnail> {
+    let mut found = Vec::new();
+    let mut add = |pictures: &[(&str, &str)], caption: String| {
+        let pngs: Vec<Vec<u8>> = pictures.iter().filter_map(|(key, what)| store.png(key, what)).collect();
+        if !pngs.is_empty() {
+            found.push(Thumbnail { caption, pngs });
+        }
+    };
+    add(&[(&plan.reference_key, "reference")], format!("Reference: {} rays a pixel", plan.reference.rays));
+    let mut shown: Vec<&Record> = Vec::new();
+    for &record in records {
+        match shown.iter_mut().find(|best| best.name == record.name) {
+            Some(best) if record.error.mae < best.error.mae => *best = record,
+            Some(_) => {}
+            None => shown.push(record),
+        }
+    }
+    if let Some(most) = most {
+        let mut errors: Vec<f64> = shown.iter().map(|best| best.error.mae).collect();
+        errors.sort_by(f64::total_cmp);
+        let limit = errors.get(most).copied().unwrap_or(f64::INFINITY);
+        shown.retain(|best| best.error.mae < limit);
+    }
+    for best in shown {
+        add(
+            &[(&best.key, "picture"), (&best.key, "error")],
+            format!("{}: e_A {:.4}; its error: white none, black 20 % or more", best.title(), best.error.mae),
+        );
+    }
+    found
+}

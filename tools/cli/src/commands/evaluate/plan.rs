@@ -1,0 +1,196 @@
+//! What is to be measured, and the digests by which it is found again.
+
+use std::sync::Arc;
+
+use psao_client::Size;
+use psao_eval::screen::{Falloff, ScreenMethod, Traced};
+use psao_eval::sweep::{Setting, Truth, far_field_methods, picture_times, screen_methods};
+use psao_server_sim::ao::{AoSettings, Occlusion};
+use psao_server_sim::points::PointSettings;
+use psao_server_sim::scene::Scene;
+use psao_server_sim::server::ServerSettings;
+
+use super::machine::Machine;
+use super::preset::TableArg;
+use super::{Args, AxisArgs};
+use crate::args::OcclusionArg;
+use crate::error::{Failure, Outcome};
+
+/// Length of rays that see a far field: at a scene's own radius hardly anything is beyond the nearest intervals.
+const FAR_RADIUS_M: f32 = 3.0;
+
+/// What is the same for all scenes.
+pub(super) struct Sweep<'a> {
+    pub(super) args: &'a Args,
+    pub(super) settings: Vec<Setting>,
+    /// Names of screen-space methods; `None` for all.
+    methods: Option<Vec<String>>,
+    pub(super) size: Size,
+    pub(super) guard: u32,
+    pub(super) seconds: f64,
+    /// Pictures lie on its frames.
+    rate: f64,
+    pub(super) machine: Machine,
+    /// Digest of the weights of LPIPS.
+    weights: Option<String>,
+}
+
+/// A scene.
+pub(super) struct Plan<'a> {
+    pub(super) sweep: &'a Sweep<'a>,
+    pub(super) scene: &'a Arc<Scene>,
+    pub(super) base: ServerSettings,
+    pub(super) reference: AoSettings,
+    pub(super) truth: Truth,
+    pub(super) times: Vec<f64>,
+    /// With their keys, in the order of tables.
+    pub(super) jobs: Vec<(String, Job)>,
+    /// By which the reference picture is kept.
+    pub(super) reference_key: String,
+}
+
+/// One thing to measure.
+pub(super) enum Job {
+    Stream(Setting),
+    Method(Box<dyn ScreenMethod>),
+}
+
+impl<'a> Sweep<'a> {
+    pub(super) fn new(args: &'a Args, size: Size, weights: Option<&[u8]>) -> Outcome<Self> {
+        let grid = args.axes.or(args.table.map_or_else(AxisArgs::usual, TableArg::axes)).grid();
+        let streams = !args.no_streams && args.table.is_none_or(TableArg::has_streams);
+        let settings = match (streams, args.full || args.table.is_some()) {
+            (false, _) => Vec::new(),
+            (true, true) => grid.full(),
+            (true, false) => grid.one_at_a_time(),
+        };
+        let own = args.table.and_then(TableArg::methods);
+        let methods = match args.methods.as_slice() {
+            [] => own.map(|names| names.iter().map(|&name| name.to_owned()).collect()),
+            asked => names(asked)?,
+        };
+        let rate = f64::from(grid.fastest());
+        if !(rate > 0.0 && rate <= 1_000.0) {
+            return Err(Failure::usage(format_args!(
+                "--fps {rate}: frames a second are above 0 and at most 1000"
+            )));
+        }
+        Ok(Self {
+            args,
+            settings,
+            methods,
+            size,
+            guard: args.guard.unwrap_or(size.width() / 10),
+            seconds: f64::from(args.frames) / rate,
+            rate,
+            machine: Machine::here(),
+            weights: weights.map(|bytes| blake3::hash(bytes).to_hex().to_string()),
+        })
+    }
+
+    /// Digest of a scene and what else the figures depend on.
+    fn key(&self, scene: &Scene, truth: &Truth, what: &str) -> String {
+        let args = self.args;
+        let parts = format!(
+            "psao-evaluate/1 {} {:?} {what} {:?} {} {} {} {:?} {truth:?} {} {} {} {:?}",
+            env!("CARGO_PKG_VERSION"),
+            scene.digest(),
+            self.size,
+            self.guard,
+            self.seconds,
+            self.rate,
+            picture_times(self.seconds, self.rate, args.pictures),
+            args.min_points,
+            args.repeats,
+            args.warm_up,
+            (&self.weights, &self.machine.cpu, self.machine.threads, self.machine.build),
+        );
+        blake3::hash(parts.as_bytes()).to_hex()[..32].to_owned()
+    }
+}
+
+/// `--methods`: `None` for all.
+fn names(asked: &[String]) -> Outcome<Option<Vec<String>>> {
+    match asked {
+        [one] if one == "all" => Ok(None),
+        [one] if one == "none" => Ok(Some(Vec::new())),
+        names if names.iter().any(|name| name == "all" || name == "none") => {
+            Err(Failure::usage("--methods takes all, none, or names, not both"))
+        }
+        names => Ok(Some(names.to_vec())),
+    }
+}
+
+impl<'a> Plan<'a> {
+    pub(super) fn new(sweep: &'a Sweep<'a>, scene: &'a Arc<Scene>) -> Outcome<Self> {
+        let args = sweep.args;
+        let kind = match args.occlusion {
+            OcclusionArg::Obscurance => Occlusion::Obscurance,
+            OcclusionArg::Binary => Occlusion::Binary,
+        };
+        let far = args.table == Some(TableArg::FarField);
+        let radius = args.radius.unwrap_or_else(|| if far { FAR_RADIUS_M } else { scene.ao_radius_m() });
+        let reference = AoSettings { rays: args.reference_rays, radius, kind, seed: args.seed };
+        reference.validate().map_err(Failure::usage)?;
+        let truth = if far { Truth::Screen(far_reference(&reference)) } else { Truth::Scene(reference) };
+        let methods = match &truth {
+            Truth::Scene(ao) => screen_methods(ao),
+            Truth::Screen(rays) => far_field_methods(rays),
+        };
+        let usual = ServerSettings::default();
+        let base = ServerSettings {
+            points: PointSettings { minimum: args.min_points, seed: args.seed, ..usual.points },
+            ao: AoSettings { rays: usual.ao.rays, ..reference },
+            ..usual
+        };
+        let mut jobs = Vec::new();
+        for setting in &sweep.settings {
+            setting.server(base).validate().map_err(Failure::usage)?;
+            let key = sweep.key(scene, &truth, &format!("{setting:?}"));
+            jobs.push((key, Job::Stream(*setting)));
+        }
+        for method in chosen(methods.map_err(Failure::usage)?, sweep.methods.as_deref())? {
+            let what = format!("{} {}", method.name(), method.label());
+            jobs.push((sweep.key(scene, &truth, &what), Job::Method(method)));
+        }
+        if jobs.is_empty() {
+            return Err(Failure::usage("nothing to measure: neither streams nor methods were asked for"));
+        }
+        Ok(Self {
+            sweep,
+            scene,
+            base,
+            times: picture_times(sweep.seconds, sweep.rate, args.pictures),
+            reference_key: sweep.key(scene, &truth, "reference"),
+            reference,
+            truth,
+            jobs,
+        })
+    }
+}
+
+/// The reference of far-field obscurance, with an exponential falloff as in its paper where rays are weighted at all.
+fn far_reference(ao: &AoSettings) -> Traced {
+    let falloff = match ao.kind {
+        Occlusion::Obscurance => Falloff::Exponential { decay: 3.0 },
+        Occlusion::Binary => Falloff::Binary,
+    };
+    Traced { rays: ao.rays, seed: ao.seed, ..Traced::far(ao.radius, falloff) }
+}
+
+/// The methods of these names.
+fn chosen(
+    methods: Vec<Box<dyn ScreenMethod>>,
+    names: Option<&[String]>,
+) -> Outcome<Vec<Box<dyn ScreenMethod>>> {
+    let Some(names) = names else { return Ok(methods) };
+    if let Some(unknown) = names.iter().find(|name| !methods.iter().any(|method| method.name() == **name)) {
+        let mut known: Vec<&str> = methods.iter().map(|method| method.name()).collect();
+        known.dedup();
+        return Err(Failure::usage(format_args!(
+            "no method is called \"{unknown}\"; there are: {}",
+            known.join(", ")
+        )));
+    }
+    Ok(methods.into_iter().filter(|method| names.iter().any(|name| name == method.name())).collect())
+}

@@ -1,0 +1,172 @@
+//! `psao evaluate`: sweeps that are measured, kept and gone on with.
+
+use std::path::Path;
+
+use crate::{fine, folder, psao, text};
+
+/// A sweep of a moment: two densities, two profiles, one method.
+const TINY: [&str; 22] = [
+    "--points",
+    "4,8",
+    "--min-points",
+    "32",
+    "--bits",
+    "32",
+    "--rays",
+    "8",
+    "--threshold",
+    "4",
+    "--fps",
+    "60",
+    "--coder",
+    "range",
+    "--methods",
+    "ssao-plus",
+    "--size",
+    "64x36",
+    "--frames",
+    "2",
+    "--pictures",
+    "1",
+];
+const CHEAP: [&str; 4] = ["--reference-rays", "32", "--repeats", "1"];
+
+fn arguments<'a>(more: &[&'a str]) -> Vec<&'a str> {
+    let mut arguments = vec!["evaluate", "colonnade"];
+    arguments.extend(TINY);
+    arguments.extend(CHEAP);
+    arguments.extend(more);
+    arguments
+}
+
+fn read(folder: &Path, name: &str) -> String {
+    std::fs::read_to_string(folder.join(name)).unwrap()
+}
+
+#[test]
+fn a_sweep_leaves_a_table_a_page_and_files_that_agree() {
+    let folder = folder();
+    let out = fine(&arguments(&["--out", text(folder.path()), "--recommend"]));
+    let document: serde_json::Value = serde_json::from_str(&read(folder.path(), "results.json")).unwrap();
+    assert_eq!(document["schema"], "psao-evaluate/1");
+    let records = document["records"].as_array().unwrap();
+    let streams: Vec<_> = records.iter().filter(|record| record["kind"] == "stream").collect();
+    let names: Vec<_> = streams.iter().map(|record| record["name"].as_str().unwrap()).collect();
+    assert_eq!(names, ["surface", "surface", "paper"], "one axis at a time");
+    assert!(records.len() > streams.len(), "methods, too");
+    for record in records {
+        assert!(out.contains(record["label"].as_str().unwrap()), "{record} is in the table: {out}");
+        assert!(record["error"]["mae"].as_f64().unwrap() > 0.0 && record["error"]["ssim"].is_f64());
+        assert!(record["error"]["lpips"].is_null(), "no weights were given");
+    }
+    assert!(out.contains("nothing that was measured fits"), "{out}");
+    assert_eq!(read(folder.path(), "results.csv").lines().count(), records.len() + 1);
+    assert_eq!(read(folder.path(), "results.jsonl").lines().count(), records.len());
+    let page = read(folder.path(), "report.html");
+    assert!(page.ends_with("</html>\n"));
+    assert_eq!(
+        page.matches("data:image/png;base64,").count(),
+        1 + 3 * 2,
+        "the reference, and each name and its error"
+    );
+    fine(&arguments(&["--out", text(folder.path()), "--resume", "--thumbnails", "1"]));
+    let page = read(folder.path(), "report.html");
+    assert_eq!(page.matches("data:image/png;base64,").count(), 1 + 2, "the best name alone");
+}
+
+#[test]
+fn a_sweep_that_was_cut_off_goes_on_and_comes_to_the_same() {
+    let folder = folder();
+    let whole = |more: &[&str]| {
+        let mut options = vec!["--out", text(folder.path()), "--json"];
+        options.extend(more);
+        let out = fine(&arguments(&options));
+        serde_json::from_str::<serde_json::Value>(&out).unwrap()["records"].as_array().unwrap().clone()
+    };
+    let first = whole(&[]);
+    let lines = read(folder.path(), "results.jsonl");
+    let kept: String = lines.lines().take(2).map(|line| format!("{line}\n")).collect();
+    std::fs::write(folder.path().join("results.jsonl"), kept).unwrap();
+    let again = whole(&["--resume"]);
+    assert_eq!(again.len(), first.len());
+    for (number, (again, first)) in again.iter().zip(&first).enumerate() {
+        if number < 2 {
+            assert_eq!(again, first, "kept, times and all");
+        }
+        for same in ["key", "label", "error", "pictures", "memory"] {
+            assert_eq!(again[same], first[same], "{same}");
+        }
+        assert_eq!(again["stream"]["later_bytes"], first["stream"]["later_bytes"]);
+    }
+    assert_eq!(read(folder.path(), "results.jsonl").lines().count(), first.len());
+    // Another setting is another result.
+    let other = whole(&["--resume", "--seed", "2"]);
+    assert!(other.iter().zip(&first).all(|(other, first)| other["key"] != first["key"]));
+}
+
+#[test]
+fn bad_input_is_refused_before_anything_is_measured() {
+    let folder = folder();
+    let weights = folder.path().join("weights");
+    std::fs::write(&weights, [0; 9]).unwrap();
+    for (more, code, says) in [
+        (&["--methods", "nonesuch"][..], 2, "there are: "),
+        (&["--methods", "all,ssao-plus"], 2, "not both"),
+        (&["--methods", "none", "--no-streams"], 2, "nothing to measure"),
+        (&["--bits", "20"], 2, "20"),
+        (&["--fps", "0"], 2, "above 0"),
+        (&["--fps", "nan"], 2, "above 0"),
+        (&["--radius", "0"], 2, "radius"),
+        (&["--reference-rays", "0"], 2, "rays"),
+        (&["--resume"], 2, "--out"),
+        (&["--lpips-weights", text(&weights)], 3, "9 bytes"),
+        (&["--lpips-weights", "nonesuch"], 3, "nonesuch"),
+        (&["nonesuch-scene"], 3, "nonesuch-scene"),
+    ] {
+        // Later options win over those of the tiny sweep only where they may be given twice: leave those out.
+        let tiny = TINY.chunks(2).chain(CHEAP.chunks(2)).filter(|pair| !more.contains(&pair[0])).flatten();
+        let mut all = vec!["evaluate", "colonnade"];
+        all.extend(tiny);
+        all.extend(more);
+        let run = psao(&all);
+        assert_eq!(run.code, Some(code), "{more:?}: {}{}", run.out, run.err);
+        assert!(run.err.contains(says), "{more:?}: {}", run.err);
+        assert_eq!(run.out, "", "{more:?}");
+    }
+}
+
+#[test]
+fn results_are_not_written_over_unasked() {
+    let folder = folder();
+    std::fs::write(folder.path().join("results.jsonl"), "{}\n").unwrap();
+    let run = psao(&arguments(&["--out", text(folder.path())]));
+    assert_eq!(run.code, Some(2));
+    assert!(run.err.contains("--resume"), "{}", run.err);
+    assert_eq!(read(folder.path(), "results.jsonl"), "{}\n");
+}
+
+#[test]
+fn a_papers_table_has_its_own_axes_unless_they_are_given() {
+    // The weight of what is hidden is by rays through the depth buffer; no streams.
+    let size = ["--size", "48x27", "--frames", "2", "--pictures", "1", "--repeats", "1", "--warm-up", "0"];
+    let table = |more: &[&str]| {
+        let mut all = vec!["evaluate", "colonnade", "--reference-rays", "8", "--json"];
+        all.extend(size);
+        all.extend(more);
+        serde_json::from_str::<serde_json::Value>(&fine(&all)).unwrap()
+    };
+    let far = table(&["--table", "far-field", "--methods", "mipmap"]);
+    assert_eq!(
+        (&far["scenes"][0]["reference"], &far["scenes"][0]["radius_m"]),
+        (&"screen".into(), &3.0.into())
+    );
+    assert_eq!(far["records"].as_array().unwrap().len(), 1);
+    let options =
+        ["--table", "psao-fig5", "--points", "4", "--fps", "30,60", "--rays", "8", "--min-points", "32"];
+    let streams = table(&options);
+    assert_eq!(streams["scenes"][0]["reference"], "scene");
+    let found: Vec<_> =
+        streams["records"].as_array().unwrap().iter().map(|record| &record["setting"]).collect();
+    assert_eq!(found.len(), 2 * 2, "two rates, two profiles: {found:?}");
+    assert!(found.iter().all(|setting| setting["points_per_m2"] == 4.0 && setting["threshold"] == 8));
+}

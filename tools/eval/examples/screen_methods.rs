@@ -1,0 +1,76 @@
+//! Draws every screen-space method beside the ray-traced reference:
+//! `cargo run --release -p psao-eval --example screen_methods -- FOLDER [SCENE [TIME]]`.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Instant;
+
+use psao_client::picture::Picture;
+use psao_client::{Size, raster};
+use psao_eval::adapter::SceneView;
+use psao_eval::metric::Comparison;
+use psao_eval::reference::{PAPER_RAYS, reference};
+use psao_eval::screen::{
+    Hbao, LineSweep, PyramidHbao, Scalable, Screen, ScreenMethod, Ssao, SsaoPlus, Traced,
+};
+use psao_server_sim::ao::AoSettings;
+use psao_server_sim::bvh::World;
+use psao_server_sim::clock::Clock;
+use psao_server_sim::scene::Scene;
+
+/// Microseconds since it was made.
+struct WallClock(Instant);
+
+impl Clock for WallClock {
+    fn micros(&self) -> u64 {
+        self.0.elapsed().as_micros() as u64
+    }
+}
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let mut arguments = std::env::args().skip(1);
+    let folder = PathBuf::from(arguments.next().ok_or("which folder?")?);
+    let name = arguments.next().unwrap_or_else(|| "colonnade".to_owned());
+    let time: f64 = arguments.next().map_or(Ok(1.0), |time| time.parse())?;
+    std::fs::create_dir_all(&folder)?;
+
+    let scene = Arc::new(Scene::load(&name)?);
+    let world = World::new(&scene, &scene.pose(time));
+    let view = SceneView::new(&world);
+    let (camera, size) = (scene.camera(time), Size::new(480, 270)?);
+    let radius = scene.ao_radius_m();
+    let settings = AoSettings { rays: PAPER_RAYS, radius, ..AoSettings::default() };
+    let truth = reference(&view, &raster(&view, &camera, size)?, &settings)?;
+    let screen = Screen::new(&view, &camera, size, 48)?;
+    std::fs::write(folder.join("reference.png"), Picture::grey(&truth).to_png()?)?;
+
+    let methods: [Box<dyn ScreenMethod>; 9] = [
+        Box::new(Traced::new(radius)),
+        Box::new(Traced { thickness: Some(radius), ..Traced::new(radius) }),
+        Box::new(Ssao::new(radius)),
+        Box::new(Ssao { doubled: true, ..Ssao::new(radius) }),
+        Box::new(SsaoPlus::new(radius)),
+        Box::new(Hbao::new(radius)),
+        Box::new(PyramidHbao::new(radius)),
+        Box::new(Scalable::new(radius)),
+        Box::new(LineSweep::new(radius)),
+    ];
+    let clock = WallClock(Instant::now());
+    for (number, method) in methods.iter().enumerate() {
+        let shaded = method.shade(&screen, &clock)?;
+        let found = Comparison::new(&truth, &shaded.image)?;
+        println!(
+            "{:14} MAE {:.4}  bias {:+.4}  PSNR {:.2} dB  {:8.1} ms  {:6} KiB  {}",
+            method.name(),
+            found.mae,
+            found.bias,
+            found.psnr,
+            shaded.micros() as f64 / 1e3,
+            shaded.bytes / 1024,
+            method.label(),
+        );
+        let beside = Picture::side_by_side(&[Picture::grey(&truth), Picture::grey(&shaded.image)])?;
+        std::fs::write(folder.join(format!("{number}-{}.png", method.name())), beside.to_png()?)?;
+    }
+    Ok(())
+}

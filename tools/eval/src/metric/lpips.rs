@@ -1,0 +1,302 @@
+//! LPIPS: Zhang, Isola, Efros, Shechtman, Wang, *The Unreasonable Effectiveness of Deep Features as a Perceptual Metric*
+//! (2018), version 0.1 over `AlexNet`.
+//!
+//! The weights are data of others and come from whoever measures, see [`Lpips::from_weights`].
+
+use half::f16;
+use psao_client::AoImage;
+use rayon::prelude::*;
+
+use super::{MetricError, roomy};
+
+/// One convolution: planes that go in and out, width of the square kernel, step, and zeros around the planes.
+struct Shape {
+    planes_in: usize,
+    planes_out: usize,
+    side: usize,
+    stride: usize,
+    pad: usize,
+}
+
+/// `AlexNet`'s convolutions (Krizhevsky 2014). The planes are halved after the first two.
+const SHAPES: [Shape; 5] = [
+    Shape { planes_in: 3, planes_out: 64, side: 11, stride: 4, pad: 2 },
+    Shape { planes_in: 64, planes_out: 192, side: 5, stride: 1, pad: 2 },
+    Shape { planes_in: 192, planes_out: 384, side: 3, stride: 1, pad: 1 },
+    Shape { planes_in: 384, planes_out: 256, side: 3, stride: 1, pad: 1 },
+    Shape { planes_in: 256, planes_out: 256, side: 3, stride: 1, pad: 1 },
+];
+const HALVED_AFTER: usize = 2;
+
+/// What the network subtracts from red, green and blue in `[-1, 1]`, and divides them by.
+const SHIFT: [f32; 3] = [-0.030, -0.088, -0.188];
+const SCALE: [f32; 3] = [0.458, 0.448, 0.450];
+
+/// The network, ready to compare.
+pub struct Lpips {
+    layers: Vec<Layer>,
+}
+
+/// A convolution, and what the distance of its planes weighs.
+struct Layer {
+    shape: &'static Shape,
+    /// By plane out, plane in, row, column.
+    weights: Vec<f32>,
+    bias: Vec<f32>,
+    /// By plane out.
+    head: Vec<f32>,
+}
+
+/// Bytes that are not the weights of the network.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum WeightsError {
+    /// The file is of another size.
+    #[error(
+        "weights of LPIPS (AlexNet, version 0.1) are {} half floats or as many floats, little endian; {found} bytes are \
+         neither",
+        Lpips::WEIGHTS
+    )]
+    Length {
+        /// Bytes given.
+        found: usize,
+    },
+    /// A weight is infinite or not a number.
+    #[error("weight {index} is not a finite number; the file is damaged, or of another format")]
+    Value {
+        /// Position of the weight, from 0.
+        index: usize,
+    },
+}
+
+impl Lpips {
+    /// Numbers in a file of weights.
+    pub const WEIGHTS: usize = 2_470_848;
+
+    /// The shortest side of an image in pixels of which anything is left after the first two convolutions.
+    pub const LEAST_SIDE: u32 = 31;
+
+    /// The network of these weights: the five convolutions of `AlexNet`, each its kernels (plane out, plane in, row,
+    /// column) and then its biases, then the five heads; [`WEIGHTS`](Self::WEIGHTS) numbers of 2 or 4 bytes, little endian.
+    ///
+    /// # Errors
+    ///
+    /// [`WeightsError`] when the bytes are too few, too many, or not finite.
+    pub fn from_weights(bytes: &[u8]) -> Result<Self, WeightsError> {
+        let numbers: Vec<f32> = if bytes.len() == Self::WEIGHTS * 2 {
+            bytes.as_chunks().0.iter().map(|bytes| f16::from_le_bytes(*bytes).to_f32()).collect()
+        } else if bytes.len() == Self::WEIGHTS * 4 {
+            bytes.as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect()
+        } else {
+            return Err(WeightsError::Length { found: bytes.len() });
+        };
+        if let Some(index) = numbers.iter().position(|number| !number.is_finite()) {
+            return Err(WeightsError::Value { index });
+        }
+        let mut rest = numbers.as_slice();
+        let mut take = |count: usize| {
+            let (taken, left) = rest.split_at(count);
+            rest = left;
+            taken.to_vec()
+        };
+        let kernels: Vec<_> = SHAPES
+            .iter()
+            .map(|shape| {
+                let count = shape.planes_out * shape.planes_in * shape.side * shape.side;
+                (shape, take(count), take(shape.planes_out))
+            })
+            .collect();
+        let layers = kernels.into_iter().map(|(shape, weights, bias)| {
+            let head = take(shape.planes_out);
+            Layer { shape, weights, bias, head }
+        });
+        Ok(Self { layers: layers.collect() })
+    }
+
+    /// The distance of `test` from `reference`, at least 0, seldom above 1; 0 for equal images, lower is better. AO is
+    /// taken for sRGB grey.
+    ///
+    /// # Errors
+    ///
+    /// [`MetricError::Size`] when the images are not of one size, [`MetricError::TooSmall`] below
+    /// [`LEAST_SIDE`](Self::LEAST_SIDE) pixels a side.
+    pub fn distance(&self, reference: &AoImage, test: &AoImage) -> Result<f64, MetricError> {
+        roomy("LPIPS", Self::LEAST_SIDE, reference, test)?;
+        let mut planes = [reference, test].map(Planes::of);
+        let mut distance = 0.0;
+        for (index, layer) in self.layers.iter().enumerate() {
+            if (1..=HALVED_AFTER).contains(&index) {
+                planes = planes.map(|planes| planes.halved());
+            }
+            planes = planes.map(|planes| layer.convolve(&planes));
+            distance += layer.distance(&planes);
+        }
+        Ok(distance)
+    }
+}
+
+/// Planes of one size, each row by row.
+struct Planes {
+    width: usize,
+    height: usize,
+    values: Vec<f32>,
+}
+
+impl Planes {
+    /// An image as the network takes it: three planes of grey.
+    fn of(image: &AoImage) -> Self {
+        let plane = |(shift, scale): (f32, f32)| {
+            image.values().iter().map(move |value| (value * 2.0 - 1.0 - shift) / scale)
+        };
+        Self {
+            width: image.size().width() as usize,
+            height: image.size().height() as usize,
+            values: SHIFT.into_iter().zip(SCALE).flat_map(plane).collect(),
+        }
+    }
+
+    fn planes(&self) -> std::slice::ChunksExact<'_, f32> {
+        self.values.chunks_exact(self.width * self.height)
+    }
+
+    /// With zeros around each plane.
+    fn padded(&self, pad: usize) -> Self {
+        let (width, height) = (self.width + 2 * pad, self.height + 2 * pad);
+        let planes = self.values.len() / (self.width * self.height);
+        let mut values = vec![0.0; planes * width * height];
+        for (to, from) in values.chunks_exact_mut(width * height).zip(self.planes()) {
+            for (row, from) in to.chunks_exact_mut(width).skip(pad).zip(from.chunks_exact(self.width)) {
+                row[pad..pad + self.width].copy_from_slice(from);
+            }
+        }
+        Self { width, height, values }
+    }
+
+    /// The largest of every 3 x 3 values, in steps of 2.
+    fn halved(&self) -> Self {
+        let (width, height) = ((self.width - 3) / 2 + 1, (self.height - 3) / 2 + 1);
+        let mut values = Vec::with_capacity(self.values.len() / (self.width * self.height) * width * height);
+        for plane in self.planes() {
+            for y in 0..height {
+                for x in 0..width {
+                    let rows = (0..3).map(|row| &plane[(y * 2 + row) * self.width + x * 2..][..3]);
+                    values.push(rows.flatten().copied().fold(f32::MIN, f32::max));
+                }
+            }
+        }
+        Self { width, height, values }
+    }
+}
+
+impl Layer {
+    /// The convolution, and what is below 0 set to 0.
+    fn convolve(&self, planes: &Planes) -> Planes {
+        let Shape { planes_in, side, stride, pad, .. } = *self.shape;
+        let input = planes.padded(pad);
+        let (width, height) = ((input.width - side) / stride + 1, (input.height - side) / stride + 1);
+        let mut values = vec![0.0; self.bias.len() * width * height];
+        let kernels = self.weights.par_chunks_exact(planes_in * side * side).zip(&self.bias);
+        values.par_chunks_exact_mut(width * height).zip(kernels).for_each(|(out, (kernel, bias))| {
+            out.fill(*bias);
+            for (plane, kernel) in input.planes().zip(kernel.chunks_exact(side * side)) {
+                for (tap, weight) in kernel.iter().enumerate() {
+                    for (y, row) in out.chunks_exact_mut(width).enumerate() {
+                        let from = &plane[(y * stride + tap / side) * input.width + tap % side..];
+                        if stride == 1 {
+                            row.iter_mut().zip(from).for_each(|(sum, value)| *sum += weight * value);
+                        } else {
+                            let from = from.iter().step_by(stride);
+                            row.iter_mut().zip(from).for_each(|(sum, value)| *sum += weight * value);
+                        }
+                    }
+                }
+            }
+            out.iter_mut().for_each(|value| *value = value.max(0.0));
+        });
+        Planes { width, height, values }
+    }
+
+    /// Mean over the places of the weighed squared difference of the planes, each place of length 1.
+    fn distance(&self, pair: &[Planes; 2]) -> f64 {
+        let places = pair[0].width * pair[0].height;
+        let lengths = pair.each_ref().map(|planes| {
+            let mut squares = vec![0.0_f64; places];
+            for plane in planes.planes() {
+                squares.iter_mut().zip(plane).for_each(|(sum, value)| *sum += f64::from(value * value));
+            }
+            squares.into_iter().map(|sum| sum.sqrt() + 1e-10).collect::<Vec<_>>()
+        });
+        let mut sum = 0.0;
+        for ((first, second), weight) in pair[0].planes().zip(pair[1].planes()).zip(&self.head) {
+            let pairs = first.iter().zip(&lengths[0]).zip(second.iter().zip(&lengths[1]));
+            let squares = pairs.map(|((a, of_a), (b, of_b))| {
+                let difference = f64::from(*a) / of_a - f64::from(*b) / of_b;
+                difference * difference
+            });
+            sum += f64::from(*weight) * squares.sum::<f64>();
+        }
+        sum / places as f64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use psao_client::Size;
+
+    use super::*;
+
+    #[test]
+    fn weights_of_another_size_or_not_finite_are_refused() {
+        for found in [0, 1, Lpips::WEIGHTS * 2 - 1, Lpips::WEIGHTS * 4 + 1] {
+            let refused = Lpips::from_weights(&vec![0; found]).err();
+            assert_eq!(refused, Some(WeightsError::Length { found }));
+        }
+        let mut bytes = vec![0; Lpips::WEIGHTS * 2];
+        bytes[20..22].copy_from_slice(&f16::NAN.to_le_bytes());
+        assert_eq!(Lpips::from_weights(&bytes).err(), Some(WeightsError::Value { index: 10 }));
+    }
+
+    #[test]
+    fn the_shapes_use_up_the_weights() {
+        let numbers = |shape: &Shape| {
+            shape.planes_out * (shape.planes_in * shape.side * shape.side + 2) // kernel, bias, head
+        };
+        assert_eq!(SHAPES.iter().map(numbers).sum::<usize>(), Lpips::WEIGHTS);
+    }
+
+    /// A network of arbitrary weights, by loops that follow the definition.
+    #[test]
+    fn a_convolution_equals_its_definition() {
+        let shape = &SHAPES[2];
+        let number = |index: usize| (index * 2_654_435_761 % 1_000) as f32 / 1_000.0 - 0.5;
+        let (width, height) = (5, 4);
+        let planes = Planes { width, height, values: (0..192 * width * height).map(number).collect() };
+        let weights: Vec<f32> = (0..384 * 192 * 9).map(number).collect();
+        let bias: Vec<f32> = (0..384).map(number).collect();
+        let layer = Layer { shape, weights: weights.clone(), bias: bias.clone(), head: Vec::new() };
+        let found = layer.convolve(&planes);
+        for (out, x, y) in [(0, 0, 0), (7, 4, 3), (383, 2, 1)] {
+            let mut sum = f64::from(bias[out]);
+            for plane in 0..192 {
+                for (tap, (dy, dx)) in (0..3).flat_map(|dy| (0..3).map(move |dx| (dy, dx))).enumerate() {
+                    let (x, y) = (x + dx, y + dy);
+                    if (1..=width).contains(&x) && (1..=height).contains(&y) {
+                        let value = planes.values[(plane * height + y - 1) * width + x - 1];
+                        sum += f64::from(weights[(out * 192 + plane) * 9 + tap] * value);
+                    }
+                }
+            }
+            let here = f64::from(found.values[(out * height + y) * width + x]);
+            assert!((here - sum.max(0.0)).abs() < 1e-3, "{here} {sum}");
+        }
+    }
+
+    #[test]
+    fn the_least_side_is_the_least() {
+        let network = Lpips::from_weights(&vec![0; Lpips::WEIGHTS * 2]).unwrap();
+        let grey =
+            |side| AoImage::new(Size::new(side, side).unwrap(), vec![0.5; (side * side) as usize]).unwrap();
+        let of = |side| network.distance(&grey(side), &grey(side));
+        assert_eq!(of(Lpips::LEAST_SIDE).unwrap(), 0.0);
+        assert!(matches!(of(Lpips::LEAST_SIDE - 1), Err(MetricError::TooSmall { .. })));
+    }
+}

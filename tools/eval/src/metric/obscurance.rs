@@ -1,0 +1,64 @@
+//! The error figures of Timonen, *Screen-Space Far-Field Ambient Obscurance* (2013), section 8: `e_A`, the average variation
+//! of a pixel from the traced value, which is [`mae`](super::mae), and `e_<5%`, the share of the pixels within 5 % of it.
+//! Both are of the whole range of AO, not of the traced value.
+
+use psao_client::AoImage;
+
+use super::error::differences;
+use super::{MetricError, SizeMismatch};
+
+/// The error within which a pixel counts as right: 5 % of the range.
+pub const RIGHT: f64 = 0.05;
+
+/// The error that is black in [`error_map`]: 20 % of the range (Timonen 2013, figure 7).
+pub const BLACK: f64 = 0.2;
+
+/// `e_<5%`: the share of the pixels whose error is below [`RIGHT`], in `[0, 1]`; higher is better.
+///
+/// # Errors
+///
+/// [`SizeMismatch`] when the images are not of one size.
+pub fn right(reference: &AoImage, test: &AoImage) -> Result<f64, SizeMismatch> {
+    let right = differences(reference, test)?.filter(|error| error.abs() < RIGHT).count();
+    Ok(right as f64 / reference.values().len() as f64)
+}
+
+/// The error of each pixel as grey: white is none, black is [`BLACK`] or more (Timonen 2013, figure 7).
+///
+/// # Errors
+///
+/// [`MetricError::Size`] when the images are not of one size.
+pub fn error_map(reference: &AoImage, test: &AoImage) -> Result<AoImage, MetricError> {
+    let grey = |error: f64| (1.0 - error.abs() / BLACK).max(0.0) as f32;
+    let values = differences(reference, test)?.map(grey).collect();
+    let size = reference.size();
+    AoImage::new(size, values).map_err(|error| MetricError::Refused {
+        metric: "the error map",
+        size,
+        reason: error.to_string(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use psao_client::Size;
+
+    use super::*;
+
+    fn image(values: &[f32]) -> AoImage {
+        AoImage::new(Size::new(values.len() as u32, 1).unwrap(), values.to_vec()).unwrap()
+    }
+
+    #[test]
+    fn a_pixel_is_right_below_a_twentieth_of_the_range() {
+        let (reference, test) = (image(&[0.5, 0.5, 0.5, 0.0]), image(&[0.5, 0.54, 0.44, 0.0625]));
+        assert_eq!(right(&reference, &test).unwrap(), 0.5);
+    }
+
+    #[test]
+    fn the_map_goes_from_white_to_black_at_a_fifth_of_the_range() {
+        let map = error_map(&image(&[0.0, 0.5, 0.5, 1.0]), &image(&[0.0, 0.6, 0.4, 0.0])).unwrap();
+        let expected = [1.0, 0.5, 0.5, 0.0];
+        assert!(map.values().iter().zip(expected).all(|(v, e)| (v - e).abs() < 1e-6), "{:?}", map.values());
+    }
+}

@@ -1,0 +1,82 @@
+//! Which setting to choose for a budget: the Pareto front, read from the cheap end.
+
+use super::front;
+use crate::sweep::Record;
+
+/// What is to be spent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Cost {
+    /// Mbit/s, everything counted; of streams alone.
+    MbitPerSecond,
+    /// Milliseconds a picture on the client.
+    PictureMs,
+}
+
+impl Cost {
+    /// What a record costs; `None` where it costs nothing of this kind.
+    #[must_use]
+    pub fn of(self, record: &Record) -> Option<f64> {
+        match self {
+            Self::MbitPerSecond => record.stream.map(|stream| stream.wire_mbit_s),
+            Self::PictureMs => Some(record.picture_ms.median),
+        }
+    }
+}
+
+/// From this budget on, this is the best that was measured, until the next step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Step {
+    /// The least budget.
+    pub budget: f64,
+    /// Its place among the records.
+    pub index: usize,
+    /// Its mean absolute error.
+    pub mae: f64,
+}
+
+/// The least part of an error that a larger budget must take off to be worth a word.
+const WORTH: f64 = 0.01;
+
+/// What to choose as the budget grows, by least mean absolute error. Below the first step nothing that was measured fits. What
+/// is better by less than 1 % of the error is passed over: it may be chance.
+#[must_use]
+pub fn steps(records: &[&Record], cost: Cost) -> Vec<Step> {
+    let points: Vec<(f64, f64)> =
+        records.iter().map(|record| (cost.of(record).unwrap_or(f64::NAN), record.error.mae)).collect();
+    let step = |index: usize| Step { budget: points[index].0, index, mae: points[index].1 };
+    let mut found: Vec<Step> = Vec::new();
+    for step in front(&points).into_iter().map(step) {
+        if found.last().is_none_or(|last| step.mae < last.mae * (1.0 - WORTH)) {
+            found.push(step);
+        }
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::samples::record;
+    use super::*;
+
+    #[test]
+    fn a_larger_budget_never_gets_a_larger_error() {
+        let records = [
+            record("surface", 0.02, 5.0, Some(1.0)),
+            record("surface", 0.03, 4.0, Some(3.0)),
+            record("paper", 0.01, 9.0, Some(8.0)),
+            record("ssao", 0.08, 2.0, None),
+        ];
+        let records: Vec<&Record> = records.iter().collect();
+        let chosen = |cost| steps(&records, cost).iter().map(|step| step.index).collect::<Vec<_>>();
+        assert_eq!(chosen(Cost::MbitPerSecond), [0, 2], "a method sends nothing and is no choice of stream");
+        assert_eq!(chosen(Cost::PictureMs), [3, 1, 0, 2]);
+    }
+
+    #[test]
+    fn what_is_hardly_better_is_no_advice() {
+        let records = [0.02, 0.0199, 0.01985, 0.0197].map(|mae| record("surface", mae, 1.0 / mae, Some(1.0)));
+        let records: Vec<&Record> = records.iter().collect();
+        let chosen: Vec<usize> = steps(&records, Cost::PictureMs).iter().map(|step| step.index).collect();
+        assert_eq!(chosen, [0, 3]);
+    }
+}

@@ -1,0 +1,70 @@
+//! What a sweep found, for people: a page that opens offline, a table for spreadsheets, advice in words.
+
+mod advice;
+mod csv;
+mod front;
+mod page;
+mod plot;
+mod table;
+
+pub use self::advice::{Cost, Step, steps};
+pub use self::csv::csv;
+pub use self::front::front;
+pub use self::page::{Page, Section, Thumbnail};
+pub use self::table::table;
+
+/// Colours that stay apart for colour-blind readers (Okabe and Ito's palette).
+pub const COLOURS: [&str; 8] =
+    ["#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442", "#555555"];
+
+/// Text for SVG and HTML.
+#[must_use]
+pub fn escape(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
+#[cfg(test)]
+mod samples {
+    //! Records to draw.
+
+    use crate::sweep::{Described, Figures, Kind, Memory, Record, Spread, StreamFigures};
+
+    /// A record with these figures; a stream where there are Mbit/s.
+    pub(super) fn record(name: &str, mae: f64, ms: f64, mbit_s: Option<f64>) -> Record {
+        let setting = mbit_s.map(|_| Described {
+            profile: name.to_owned(),
+            points_per_m2: 512.0,
+            bits: 32,
+            rays: 192,
+            threshold: 8,
+            fps: 60.0,
+            coder: "range".to_owned(),
+        });
+        let spread = Spread { median: ms, low: ms, high: ms, samples: 3 };
+        Record {
+            key: format!("{name} {mae}"),
+            scene: "a <scene>".to_owned(),
+            kind: if mbit_s.is_some() { Kind::Stream } else { Kind::Screen },
+            name: name.to_owned(),
+            label: setting.as_ref().map_or_else(|| format!("{name}, 8 steps"), ToString::to_string),
+            setting,
+            error: Figures { mae, flip: mae * 2.0, psnr_db: Some(30.0), ..Figures::default() },
+            pictures: Vec::new(),
+            picture_ms: spread,
+            stages: Vec::new(),
+            stream: mbit_s.map(|mbit_s| StreamFigures {
+                frames: 60,
+                points: 1_000,
+                scene_table_bytes: 100,
+                first_state_bytes: 5_000,
+                later_bytes: 10_000,
+                changed_points: 500,
+                paper_mbit_s: mbit_s * 0.9,
+                wire_mbit_s: mbit_s,
+                first_frame_ms: 100.0,
+                server_ms: spread,
+            }),
+            memory: Memory::default(),
+        }
+    }
+}

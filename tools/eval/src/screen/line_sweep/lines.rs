@@ -1,0 +1,87 @@
+//! The lines that sweeps go along.
+
+use glam::Vec2;
+
+use crate::screen::Screen;
+
+/// Parallel lines of pixels that cover the grid, each pixel once: one pixel to each column, or row, of a line.
+#[derive(Debug)]
+pub(super) struct Lines {
+    /// Lines, and pixels a line, those beyond the grid included.
+    pub(super) count: usize,
+    pub(super) length: usize,
+    /// Whether lines go down, a row a pixel, rather than across.
+    steep: bool,
+    /// Columns or rows to the side for each pixel along.
+    lean: f32,
+    /// Number of the first line: where it crosses column, or row, 0.
+    first: i32,
+    /// Unit direction of the lines in view space.
+    pub(super) ahead: Vec2,
+}
+
+impl Lines {
+    pub(super) fn new(screen: &Screen, angle: f32) -> Self {
+        let direction = Vec2::new(libm::cosf(angle), libm::sinf(angle));
+        let steep = direction.y.abs() > direction.x.abs();
+        let along = if steep { direction.y } else { direction.x };
+        let direction = direction * along.signum();
+        let size = [screen.size().width() as i32, screen.size().height() as i32];
+        let ([length, side], lean) = if steep {
+            ([size[1], size[0]], direction.x / direction.y)
+        } else {
+            (size, direction.y / direction.x)
+        };
+        let ends = [0, shift(lean, length - 1)];
+        let first = -ends[0].max(ends[1]);
+        let count = side - ends[0].min(ends[1]) - first;
+        let ahead = (direction * screen.slope()).normalize();
+        Self { count: count as usize, length: length as usize, steep, lean, first, ahead }
+    }
+
+    /// Column and row of the grid, or beside it.
+    #[inline]
+    pub(super) fn pixel(&self, line: usize, along: usize) -> (i32, i32) {
+        let side = line as i32 + self.first + shift(self.lean, along as i32);
+        if self.steep { (side, along as i32) } else { (along as i32, side) }
+    }
+
+    /// Where a pixel of the grid is among all the lines.
+    #[inline]
+    pub(super) fn place(&self, x: i32, y: i32) -> usize {
+        let (along, side) = if self.steep { (y, x) } else { (x, y) };
+        (side - shift(self.lean, along) - self.first) as usize * self.length + along as usize
+    }
+}
+
+/// Pixels to the side after so many along.
+#[inline]
+fn shift(lean: f32, along: i32) -> i32 {
+    (lean * along as f32 + 0.5).floor() as i32
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+    use psao_client::Size;
+
+    use super::*;
+
+    #[test]
+    fn lines_hold_every_pixel_once() {
+        let size = Size::new(13, 9).unwrap();
+        let screen = Screen::from_parts(size, 2, [1.0, 0.7], vec![2.0; 221], vec![Vec3::NEG_Z; 221]).unwrap();
+        for turn in 0..24 {
+            let lines = Lines::new(&screen, turn as f32 * 0.13);
+            let mut seen = vec![0; 17 * 13];
+            for (line, along) in (0..lines.count).flat_map(|l| (0..lines.length).map(move |a| (l, a))) {
+                let (x, y) = lines.pixel(line, along);
+                if (0..17).contains(&x) && (0..13).contains(&y) {
+                    seen[(y * 17 + x) as usize] += 1;
+                    assert_eq!(lines.place(x, y), line * lines.length + along);
+                }
+            }
+            assert!(seen.iter().all(|&n| n == 1), "{turn}: {seen:?}");
+        }
+    }
+}

@@ -1,0 +1,110 @@
+//! Points of a line, and what one hides of another.
+
+use glam::{Vec2, Vec3};
+
+use crate::screen::Screen;
+
+/// A point of a line.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Point {
+    pub(super) position: Vec3,
+    pub(super) normal: Vec3,
+    /// Its slope along the sweep: with depth, its place in the plane of eye and line.
+    pub(super) along: f32,
+}
+
+impl Point {
+    #[inline]
+    pub(super) fn at(screen: &Screen, (x, y): (i32, i32), ahead: Vec2) -> Option<Self> {
+        let position = screen.position(x, y)?;
+        let along = position.truncate().dot(ahead) / position.z;
+        Some(Self { position, normal: screen.normal(x, y), along })
+    }
+
+    /// Its place in the plane of the eye and the line, but for a shear: straight lines stay straight.
+    #[inline]
+    pub(super) fn flat(&self) -> Vec2 {
+        Vec2::new(self.along, 1.0) * self.position.z
+    }
+}
+
+/// The half plane behind a receiver, bounded by the line to the eye.
+#[derive(Debug)]
+pub(super) struct Slice {
+    /// The receiver's, lifted off the surface.
+    pub(super) position: Vec3,
+    pub(super) normal: Vec3,
+    /// Towards the eye, and away from it along the plane: unit.
+    zenith: Vec3,
+    side: Vec3,
+    /// The normal's part in the plane: its length times cosine and sine of its angle to the zenith.
+    cos: f32,
+    sin: f32,
+    /// Angle of the tangent plane to the zenith, and the integral up to there.
+    tangent: f32,
+    full: f32,
+}
+
+impl Slice {
+    pub(super) fn new(point: &Point, ahead: Vec2, lift: f32) -> Self {
+        let zenith = -point.position.normalize();
+        let behind = -ahead.extend(0.0);
+        let side = (behind - zenith * behind.dot(zenith)).normalize();
+        let (cos, sin) = (point.normal.dot(zenith), point.normal.dot(side));
+        let tangent = (libm::atan2f(sin, cos) + std::f32::consts::FRAC_PI_2).clamp(0.0, std::f32::consts::PI);
+        let position = point.position + point.normal * lift;
+        let mut slice = Self { position, normal: point.normal, zenith, side, cos, sin, tangent, full: 0.0 };
+        slice.full = slice.integral(tangent, libm::cosf(tangent), libm::sinf(tangent));
+        slice
+    }
+
+    /// Integral of `cos(t - d) sin(t) dt` from 0 (but for a constant) to an angle to the zenith, times the length of
+    /// the normal's part.
+    #[inline]
+    fn integral(&self, angle: f32, cos: f32, sin: f32) -> f32 {
+        0.5 * (angle * self.sin - (cos * cos - 0.5) * self.cos - cos * sin * self.sin)
+    }
+
+    /// How much of the slice a horizon in this direction hides: from it down to the tangent plane, in `[0, 1]` for a
+    /// normal in the plane.
+    #[inline]
+    pub(super) fn hidden(&self, to: Vec3) -> f32 {
+        let (up, out) = (to.dot(self.zenith), to.dot(self.side).max(0.0));
+        let length = (up * up + out * out).sqrt();
+        if length == 0.0 {
+            return 0.0;
+        }
+        let angle = libm::atan2f(out, up);
+        if angle >= self.tangent {
+            return 0.0;
+        }
+        (self.full - self.integral(angle, up / length, out / length)).max(0.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn integrals_are_those_of_brute_force() {
+        let point = |normal: Vec3| Point { position: Vec3::new(0.0, 0.0, 2.0), normal, along: 0.0 };
+        for lean in [-1.2_f32, -0.5, 0.0, 0.4, 1.3] {
+            // The sweep goes to the right, so what is behind it is on the left.
+            let normal = Vec3::new(-lean.sin(), 0.0, -lean.cos());
+            let slice = Slice::new(&point(normal), Vec2::X, 0.0);
+            for horizon in [0.0_f32, 0.3, 0.9, 1.6, 2.4] {
+                let to = Vec3::new(-horizon.sin(), 0.0, -horizon.cos());
+                let steps = 20_000;
+                let width = f64::from(std::f32::consts::PI - horizon) / f64::from(steps);
+                let brute: f64 = (0..steps)
+                    .map(|step| f64::from(horizon) + (f64::from(step) + 0.5) * width)
+                    .map(|t| (t - f64::from(lean)).cos().max(0.0) * t.sin() * width)
+                    .sum();
+                // Beyond the tangent plane on the other side nothing is left: the slice ends at the zenith.
+                let found = f64::from(slice.hidden(to));
+                assert!((found - brute).abs() < 1e-5, "{lean} {horizon}: {found} {brute}");
+            }
+        }
+    }
+}

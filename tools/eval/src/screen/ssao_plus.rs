@@ -1,0 +1,92 @@
+//! Ambient occlusion from a hemisphere of points about the normal.
+
+use glam::Vec3;
+use psao_server_sim::ao::AoSettings;
+use psao_server_sim::clock::Clock;
+
+use super::noise::{bits, length};
+use super::ssao::covered;
+use super::{
+    Blur, Edge, Falloff, Screen, ScreenError, ScreenMethod, Shaded, Stages, check_radius, check_setting,
+};
+use crate::reference::{directions, frame};
+
+/// SSAO with a hemisphere along the normal, a range check and a bilateral blur: Filion and `McNaughton` 2008 ("Effects
+/// and Techniques"), called SSAO+ by Astapov et al. (2021, section 2.2). The SSAO that
+/// the PSAO paper compares with (its section on baselines) is of this kind.
+///
+/// Points lie along cosine-distributed directions at evenly spread lengths. Behind an occluder that goes on for ever
+/// the share of hidden ones is then exactly `1 - distance / R`: the ray tracer's obscurance, with no falloff added.
+/// Depths are those of the nearest pixel, so planes that are seen at a grazing angle, where a pixel spans more depth
+/// than the bias, darken a little.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SsaoPlus {
+    /// Radius of the hemisphere in metres.
+    pub radius: f32,
+    /// Points in the hemisphere, 1 to 1024.
+    pub points: u32,
+    /// Weight of a surface in front by how much nearer to the eye than the receiver it is, over the radius: the range
+    /// check.
+    pub falloff: Falloff,
+    /// How far behind the depth buffer a point counts as hidden, over the radius, 0 to 1: against acne.
+    pub bias: f32,
+    /// What takes the noise off.
+    pub blur: Blur,
+    /// Seed of the points and the noise.
+    pub seed: u64,
+}
+
+impl SsaoPlus {
+    const NAME: &'static str = "ssao-plus";
+
+    /// Usual settings, at a radius in metres: 16 points, a bilateral blur of 5 x 5 pixels.
+    pub fn new(radius: f32) -> Self {
+        let edge = Edge::DepthAndNormal { metres: 0.2 * radius };
+        Self {
+            radius,
+            points: 16,
+            falloff: Falloff::Binary,
+            bias: 1.0 / 60.0,
+            blur: Blur { taps: 2, spacing: 1, sigma: 2.0, edge },
+            seed: 1,
+        }
+    }
+
+    fn validate(&self) -> Result<(), ScreenError> {
+        check_radius(self.radius)?;
+        check_setting(Self::NAME, "points", self.points as f32, 1.0, 1024.0)?;
+        check_setting(Self::NAME, "bias", self.bias, 0.0, 1.0)?;
+        self.falloff.validate()?;
+        self.blur.validate(Self::NAME)
+    }
+}
+
+impl ScreenMethod for SsaoPlus {
+    fn name(&self) -> &'static str {
+        Self::NAME
+    }
+
+    fn label(&self) -> String {
+        format!("SSAO+, {} points, {}", self.points, self.blur.label())
+    }
+
+    fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shaded, ScreenError> {
+        self.validate()?;
+        let mut stages = Stages::new(clock);
+        let rays = AoSettings { rays: self.points, seed: self.seed, ..AoSettings::default() };
+        let hemisphere: Vec<Vec3> = (0..self.points)
+            .zip(directions(&rays, 0))
+            .map(|(point, direction)| direction * (self.radius * length(point)))
+            .collect();
+        let bias = self.bias * self.radius;
+        let mut values = screen.each_inner(|pixel| {
+            let turned = frame(pixel.normal, bits(screen, &pixel, self.seed) as u32);
+            let offsets = hemisphere.iter().map(|&offset| turned * offset);
+            1.0 - covered(screen, pixel.position, offsets, bias, self.radius, &self.falloff)
+        });
+        stages.end("sample");
+        self.blur.apply(screen, &mut values);
+        stages.end("blur");
+        stages.shaded(screen, values, hemisphere.len() * size_of::<Vec3>() + self.blur.bytes(screen))
+    }
+}

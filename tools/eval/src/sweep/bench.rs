@@ -1,0 +1,377 @@
+//! Measures one setting, or one method.
+
+use psao_client::reconstruct::{self, Reconstruction, SurfaceReconstructor};
+use psao_client::{AoImage, GBuffer, ReconstructError};
+use psao_codec::stream::State;
+use psao_server_sim::clock::Clock;
+
+use super::run::{Clip, Run, SERVER_STAGES};
+use super::{
+    Figures, Kind, Memory, PictureFigures, Record, Setting, Spread, Stage, StreamFigures, SweepError, View,
+};
+use crate::metric::{Comparison, Lpips, Perceived};
+use crate::screen::ScreenMethod;
+
+/// How often things are run for their times.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Runs {
+    /// Runs that count, at least 1: of the whole clip, and of each picture.
+    pub repeats: u32,
+    /// Runs of each picture before those.
+    pub warm_up: u32,
+}
+
+/// The same pictures, references and clock for all that is compared.
+pub struct Bench<'a> {
+    /// Name of the scene.
+    pub scene: &'a str,
+    /// Pictures and references, in the order of their times.
+    pub views: &'a [View],
+    /// How often.
+    pub runs: Runs,
+    /// For LPIPS.
+    pub network: Option<&'a Lpips>,
+    /// For times.
+    pub clock: &'a dyn Clock,
+}
+
+/// What was measured, and the first picture.
+pub struct Sample {
+    /// The figures.
+    pub record: Record,
+    /// The first picture.
+    pub picture: AoImage,
+}
+
+impl Bench<'_> {
+    /// Runs a stream: traced, encoded, decoded, reconstructed and compared. A picture is drawn with the newest frame that
+    /// began by its time, and the geometry of its own moment. `key` goes into the record.
+    ///
+    /// # Errors
+    ///
+    /// [`SweepError`] when the server refuses the setting, or the clients what it sends.
+    pub fn stream(&self, key: &str, clip: &Clip<'_>, setting: &Setting) -> Result<Sample, SweepError> {
+        let mut run = Run::new(clip, setting, self.clock)?;
+        let mut drawn = Drawn::default();
+        for frame in 0..run.frames {
+            run.frame(frame)?;
+            for view in self.views.iter().filter(|view| run.frame_at(view.time_s) == frame) {
+                self.draw(&run.state, view, &mut drawn)?;
+            }
+        }
+        let state_bytes = run.keyframe_bytes()?;
+        let (hash, mut took, bytes, points) = (run.state.hash(), run.took, run.bytes, run.points);
+        for number in 1..self.runs.repeats {
+            let mut again = Run::new(clip, setting, self.clock)?;
+            (0..again.frames).try_for_each(|frame| again.frame(frame))?;
+            if again.state.hash() != hash || again.bytes != bytes {
+                return Err(SweepError::Repeat { run: number + 1 });
+            }
+            took.add(again.took);
+        }
+        let decode = Spread::of_micros(&took.decode);
+        let client = [("apply", decode), ("reconstruct", Spread::of_micros(&drawn.micros))];
+        let server = (0..).zip(SERVER_STAGES).map(|(stage, name)| (name, took.server_stage(stage)));
+        let stages = server
+            .map(|(name, ms)| Stage { side: "server".to_owned(), name: name.to_owned(), ms })
+            .chain(client.map(|(name, ms)| Stage { side: "client".to_owned(), name: name.to_owned(), ms }));
+        let seconds = f64::from(bytes.frames.saturating_sub(1)) / f64::from(setting.fps);
+        let mbit_s = |bytes: u64| bytes as f64 * 8.0 / 1e6 / seconds;
+        let later: Vec<u64> = took.server.iter().map(|stages| stages.iter().sum()).collect();
+        let figures = StreamFigures {
+            frames: bytes.frames,
+            points,
+            scene_table_bytes: bytes.table,
+            first_state_bytes: bytes.first,
+            later_bytes: bytes.later.wire,
+            changed_points: bytes.changed,
+            paper_mbit_s: mbit_s(bytes.later.paper),
+            wire_mbit_s: mbit_s(bytes.later.wire),
+            first_frame_ms: took.first as f64 / 1e3,
+            server_ms: Spread::of_micros(&later),
+        };
+        let described = setting.described();
+        let picture_ms =
+            drawn.micros.iter().map(|micros| decode.median + *micros as f64 / 1e3).collect::<Vec<_>>();
+        drawn
+            .sample(Record {
+                key: key.to_owned(),
+                scene: self.scene.to_owned(),
+                kind: Kind::Stream,
+                name: described.profile.clone(),
+                label: described.to_string(),
+                setting: Some(described),
+                picture_ms: Spread::of(picture_ms),
+                stages: stages.collect(),
+                stream: Some(figures),
+                memory: Memory {
+                    picture_bytes: buffer_bytes(self.views),
+                    state_bytes: Some(state_bytes),
+                    largest_frame_bytes: Some(bytes.largest),
+                    working_bytes: None,
+                },
+                ..empty()
+            })
+            .ok_or(SweepError::NoPictures { seconds: clip.seconds })
+    }
+
+    /// Runs a screen-space method over every picture. `key` goes into the record.
+    ///
+    /// # Errors
+    ///
+    /// [`SweepError`] when the method refuses its settings or a picture.
+    pub fn method(&self, key: &str, method: &dyn ScreenMethod) -> Result<Sample, SweepError> {
+        let mut drawn = Drawn::default();
+        let mut stages: Vec<(&'static str, Vec<u64>)> = Vec::new();
+        let mut working = 0;
+        for view in self.views {
+            let mut image = None;
+            for run in 0..self.runs.warm_up + self.runs.repeats.max(1) {
+                let shaded = method.shade(&view.screen, self.clock)?;
+                if run >= self.runs.warm_up {
+                    drawn.micros.push(shaded.micros());
+                    for (stage, micros) in &shaded.stages {
+                        match stages.iter_mut().find(|(name, _)| name == stage) {
+                            Some((_, samples)) => samples.push(*micros),
+                            None => stages.push((stage, vec![*micros])),
+                        }
+                    }
+                }
+                working = working.max(shaded.bytes);
+                image = Some(shaded.image);
+            }
+            if let Some(image) = image {
+                self.compare(view, image, 0.0, &mut drawn)?;
+            }
+        }
+        let picture_ms = Spread::of_micros(&drawn.micros);
+        let screen = self.views.iter().map(|view| view.screen.size().pixels() * (4 + 12)).max();
+        let stage = |(name, samples): &(&'static str, Vec<u64>)| Stage {
+            side: "client".to_owned(),
+            name: (*name).to_owned(),
+            ms: Spread::of_micros(samples),
+        };
+        drawn
+            .sample(Record {
+                key: key.to_owned(),
+                scene: self.scene.to_owned(),
+                kind: Kind::Screen,
+                name: method.name().to_owned(),
+                label: method.label(),
+                picture_ms,
+                stages: stages.iter().map(stage).collect(),
+                memory: Memory {
+                    picture_bytes: screen.unwrap_or(0) as u64,
+                    working_bytes: Some(working as u64),
+                    ..Memory::default()
+                },
+                ..empty()
+            })
+            .ok_or(SweepError::NoPictures { seconds: 0.0 })
+    }
+
+    /// Draws a picture of a stream as often as it is to be timed; what is kept between frames is made before.
+    fn draw(&self, state: &State, view: &View, drawn: &mut Drawn) -> Result<(), SweepError> {
+        let mut found = drawn.client.draw(state, &view.buffer)?;
+        for run in 0..self.runs.warm_up + self.runs.repeats.max(1) {
+            let start = self.clock.micros();
+            found = drawn.client.draw(state, &view.buffer)?;
+            if run >= self.runs.warm_up {
+                drawn.micros.push(self.clock.micros().saturating_sub(start));
+            }
+        }
+        let unsupported = found.statistics.unsupported_share();
+        self.compare(view, found.image, unsupported, drawn)
+    }
+
+    fn compare(
+        &self,
+        view: &View,
+        image: AoImage,
+        unsupported: f64,
+        drawn: &mut Drawn,
+    ) -> Result<(), SweepError> {
+        let error = Comparison::new(&view.truth, &image).map_err(crate::metric::MetricError::from)?;
+        let perceived = Perceived::new(&view.truth, &image, self.network)?;
+        let error = Figures::new(&error, &perceived);
+        drawn.pictures.push(PictureFigures { time_s: view.time_s, unsupported, error });
+        drawn.first.get_or_insert(image);
+        Ok(())
+    }
+}
+
+/// A record of nothing.
+fn empty() -> Record {
+    Record {
+        key: String::new(),
+        scene: String::new(),
+        kind: Kind::Stream,
+        name: String::new(),
+        label: String::new(),
+        setting: None,
+        error: Figures::default(),
+        pictures: Vec::new(),
+        picture_ms: Spread::default(),
+        stages: Vec::new(),
+        stream: None,
+        memory: Memory::default(),
+    }
+}
+
+/// Depth, place, normal and instance of a pixel, and its place and normal at rest where they are known.
+fn buffer_bytes(views: &[View]) -> u64 {
+    let bytes = |view: &View| {
+        let at_rest = if view.buffer.rest_position().is_some() { 24 } else { 0 };
+        (view.buffer.size().pixels() * (4 + 12 + 12 + 4 + at_rest)) as u64
+    };
+    views.iter().map(bytes).max().unwrap_or(0)
+}
+
+/// A client that draws either profile.
+#[derive(Default)]
+struct Client {
+    surface: SurfaceReconstructor,
+}
+
+impl Client {
+    fn draw(&mut self, state: &State, buffer: &GBuffer) -> Result<Reconstruction, ReconstructError> {
+        match state {
+            State::Cells(state) => reconstruct::cells(state, buffer),
+            State::Surface(state) => self.surface.reconstruct(state, buffer),
+        }
+    }
+}
+
+/// Pictures so far.
+#[derive(Default)]
+struct Drawn {
+    client: Client,
+    pictures: Vec<PictureFigures>,
+    micros: Vec<u64>,
+    first: Option<AoImage>,
+}
+
+impl Drawn {
+    fn sample(self, mut record: Record) -> Option<Sample> {
+        let errors: Vec<Figures> = self.pictures.iter().map(|picture| picture.error).collect();
+        record.error = Figures::pooled(&errors)?;
+        record.pictures = self.pictures;
+        Some(Sample { record, picture: self.first? })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::cell::Cell;
+    use std::sync::Arc;
+
+    use glam::Vec3;
+    use psao_client::Size;
+    use psao_codec::frame::FrameInfo;
+    use psao_server_sim::ao::AoSettings;
+    use psao_server_sim::points::PointSettings;
+    use psao_server_sim::scene::Scene;
+    use psao_server_sim::server::ServerSettings;
+
+    use super::*;
+    use crate::screen::{Screen, ScreenError, Shaded};
+    use crate::shapes;
+    use crate::sweep::{Bytes, Truth, picture_times, views};
+
+    /// A clock on which every look takes a millisecond.
+    struct Ticks(Cell<u64>);
+
+    impl Clock for Ticks {
+        fn micros(&self) -> u64 {
+            self.0.replace(self.0.get() + 1_000)
+        }
+    }
+
+    /// Everything is open.
+    struct Open;
+
+    impl ScreenMethod for Open {
+        fn name(&self) -> &'static str {
+            "open"
+        }
+
+        fn label(&self) -> String {
+            "open".to_owned()
+        }
+
+        fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shaded, ScreenError> {
+            let start = clock.micros();
+            let image = AoImage::new(screen.inner(), vec![1.0; screen.inner().pixels()])?;
+            Ok(Shaded { image, stages: vec![("fill", clock.micros() - start)], bytes: 4 })
+        }
+    }
+
+    fn count(info: &FrameInfo) -> Bytes {
+        Bytes { paper: info.body_bytes() - u64::from(info.header_bytes), wire: info.body_bytes() }
+    }
+
+    fn check(look: impl FnOnce(&Bench<'_>, &Clip<'_>, &Setting)) {
+        let lists = [shapes::floor(2.0), shapes::cube(Vec3::new(0.0, 0.3, 0.0), 0.3)];
+        let scene = Arc::new(Scene::from_triangles("cube on floor", &lists, 0.6).unwrap());
+        let base = ServerSettings {
+            points: PointSettings { minimum: 64, ..PointSettings::default() },
+            ..ServerSettings::default()
+        };
+        let setting = Setting { per_m2: 32.0, rays: 16, fps: 10.0, ..Setting::usual() };
+        let ao = AoSettings { rays: 32, ..base.ao };
+        let times = picture_times(0.4, 20.0, 2);
+        let size = Size::new(24, 16).unwrap();
+        let views = views(&scene, &times, size, 2, &Truth::Scene(ao), &|| ()).unwrap();
+        let clock = Ticks(Cell::new(0));
+        let bench = Bench {
+            scene: "cube on floor",
+            views: &views,
+            runs: Runs { repeats: 2, warm_up: 1 },
+            network: None,
+            clock: &clock,
+        };
+        look(&bench, &Clip { scene: &scene, base, seconds: 0.4, cache: None, count }, &setting);
+    }
+
+    #[test]
+    fn a_stream_is_better_than_no_occlusion_at_all() {
+        check(|bench, clip, setting| {
+            let Sample { record, picture } = bench.stream("k", clip, setting).unwrap();
+            let open = bench.method("o", &Open).unwrap().record;
+            assert!(record.error.mae < open.error.mae / 2.0, "{record:?}");
+            assert!(open.error.bias > 0.0 && (open.error.bias - open.error.mae).abs() < 1e-9);
+            assert_eq!(picture.size(), bench.views[0].truth.size());
+            assert_eq!((record.pictures.len(), open.pictures.len()), (2, 2));
+            let stream = record.stream.unwrap();
+            assert_eq!(stream.frames, 4);
+            assert!(stream.first_state_bytes > stream.later_bytes, "nothing moves: {stream:?}");
+            assert!(record.memory.state_bytes.unwrap() >= u64::from(stream.points));
+            assert_eq!(record, bench.stream("k", clip, setting).unwrap().record, "on a steady clock");
+        });
+    }
+
+    #[test]
+    fn times_are_medians_over_frames_and_runs() {
+        check(|bench, clip, setting| {
+            let record = bench.stream("k", clip, setting).unwrap().record;
+            // Three later frames in each of two runs; each stage is one tick of the clock.
+            assert_eq!(record.stages.len(), 8);
+            for stage in &record.stages {
+                let samples = if stage.name == "reconstruct" { 4 } else { 6 };
+                assert_eq!((stage.ms.median, stage.ms.samples), (1.0, samples), "{stage:?}");
+            }
+            assert_eq!((record.picture_ms.median, record.stream.unwrap().server_ms.median), (2.0, 6.0));
+            let open = bench.method("o", &Open).unwrap().record;
+            assert_eq!((open.picture_ms.median, open.picture_ms.samples), (1.0, 4));
+            assert_eq!(open.memory.working_bytes, Some(4));
+        });
+    }
+
+    #[test]
+    fn a_refused_setting_says_why() {
+        check(|bench, clip, setting| {
+            let refused = bench.stream("k", clip, &Setting { bits: 20, ..*setting });
+            assert!(matches!(refused, Err(SweepError::Server(_))));
+        });
+    }
+}

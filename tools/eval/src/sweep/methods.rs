@@ -1,0 +1,131 @@
+//! The screen-space methods that are measured, each with the settings that its own paper varies.
+
+use psao_server_sim::ao::{AoSettings, Occlusion};
+
+use crate::screen::{
+    Falloff, FarField, FarFieldSettings, Hbao, LineSweep, Mipmap, MipmapSettings, PyramidHbao, Scalable,
+    ScreenError, ScreenMethod, Separate, Ssao, SsaoPlus, Traced,
+};
+
+/// Every method that is measured beside a stream whose AO is that of `ao`, within its radius; cheapest settings first. Those
+/// of one name are one method with different settings.
+///
+/// Far-field obscurance has its slabs at their points but for one setting: midway they come closer to rays through the depth
+/// buffer ([`far_field_methods`]), but not to those through the scene ([`FarFieldSettings::midway`]).
+///
+/// Against obscurance each method has the falloff of its own paper, as its `new` does; against binary occlusion all have
+/// [`Falloff::Binary`].
+///
+/// # Errors
+///
+/// [`ScreenError`] when a method does not take the radius.
+pub fn screen_methods(ao: &AoSettings) -> Result<Vec<Box<dyn ScreenMethod>>, ScreenError> {
+    let AoSettings { radius, seed, .. } = *ao;
+    let falloff = |own: Falloff| match ao.kind {
+        Occlusion::Obscurance => own,
+        Occlusion::Binary => Falloff::Binary,
+    };
+    let mut all: Vec<Box<dyn ScreenMethod>> = Vec::new();
+    let ssao = Ssao { seed, ..Ssao::new(radius) };
+    for (points, doubled) in [(16, false), (16, true), (32, true)] {
+        all.push(Box::new(Ssao { points, doubled, ..ssao.clone() }));
+    }
+    let ssao_plus = SsaoPlus { seed, ..SsaoPlus::new(radius) };
+    for points in [8, 16, 64] {
+        all.push(Box::new(SsaoPlus { points, ..ssao_plus.clone() }));
+    }
+    let hbao = Hbao { seed, ..Hbao::new(radius) };
+    let hbao = Hbao { falloff: falloff(hbao.falloff.clone()), ..hbao };
+    for (directions, steps) in [(4, 4), (8, 10), (16, 16)] {
+        all.push(Box::new(Hbao { directions, steps, ..hbao.clone() }));
+    }
+    let pyramid = PyramidHbao { seed, ..PyramidHbao::new(radius) };
+    let pyramid = PyramidHbao { falloff: falloff(pyramid.falloff.clone()), ..pyramid };
+    for directions in [4, 8, 16] {
+        all.push(Box::new(PyramidHbao { directions, ..pyramid.clone() }));
+    }
+    let scalable = Scalable::new(radius);
+    let scalable = Scalable { falloff: falloff(scalable.falloff.clone()), ..scalable };
+    for taps in [9, 24] {
+        all.push(Box::new(Scalable { taps, ..scalable.clone() }));
+    }
+    let sweep = LineSweep::new(radius);
+    let sweep = LineSweep { falloff: falloff(sweep.falloff.clone()), ..sweep };
+    for directions in [8, 16, 32] {
+        all.push(Box::new(LineSweep { directions, ..sweep.clone() }));
+    }
+    let far = FarFieldSettings { radius, ..FarFieldSettings::default() };
+    let far = FarFieldSettings { falloff: falloff(far.falloff.clone()), ..far };
+    let mipmap = MipmapSettings { radius, falloff: far.falloff.clone(), ..MipmapSettings::default() };
+    for growth in [2.0, 1.5] {
+        all.push(Box::new(Mipmap::new(MipmapSettings { growth, ..mipmap.clone() })?));
+    }
+    let separate = Some(Separate { blur: true });
+    all.push(Box::new(FarField::new(FarFieldSettings { sectors: 18, separate, ..far.clone() })?));
+    for (sectors, interval) in [(8, 20), (8, 10), (16, 10), (16, 5)] {
+        all.push(Box::new(FarField::new(FarFieldSettings { sectors, interval, ..far.clone() })?));
+    }
+    all.push(Box::new(FarField::new(FarFieldSettings { midway: true, ..far })?));
+    let traced = Traced { seed, ..Traced::new(radius) };
+    let traced = Traced { falloff: falloff(traced.falloff.clone()), ..traced };
+    for rays in [16, 64, 256] {
+        all.push(Box::new(Traced { rays, ..traced.clone() }));
+    }
+    Ok(all)
+}
+
+/// Far-field obscurance with the settings that its paper shows (Timonen 2013, section 8), with slabs at their points and
+/// midway, and what it compares with. All have the radius and the falloff of `reference`.
+///
+/// # Errors
+///
+/// [`ScreenError`] when a method does not take them.
+pub fn far_field_methods(reference: &Traced) -> Result<Vec<Box<dyn ScreenMethod>>, ScreenError> {
+    let Traced { radius, falloff, .. } = reference;
+    let (radius, falloff) = (*radius, || falloff.clone());
+    let mut all: Vec<Box<dyn ScreenMethod>> = Vec::new();
+    let far = |settings| FarField::new(settings).map(Box::new);
+    for midway in [false, true] {
+        let base = || FarFieldSettings { radius, falloff: falloff(), midway, ..FarFieldSettings::default() };
+        for sectors in [8, 16] {
+            for interval in [20, 10, 5] {
+                all.push(far(FarFieldSettings { sectors, interval, ..base() })?);
+            }
+        }
+        let separate = Some(Separate { blur: true });
+        all.push(far(FarFieldSettings { sectors: 18, separate, ..base() })?);
+    }
+    let mipmap = MipmapSettings { radius, falloff: falloff(), ..MipmapSettings::default() };
+    all.push(Box::new(Mipmap::new(mipmap)?));
+    all.push(Box::new(LineSweep { falloff: falloff(), bias: 1e-3, ..LineSweep::new(radius) }));
+    Ok(all)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn methods_stand_together_by_name_and_no_two_are_the_same() {
+        let far = far_field_methods(&Traced::far(3.0, Falloff::Linear)).unwrap();
+        let by_kind = [Occlusion::Obscurance, Occlusion::Binary]
+            .map(|kind| screen_methods(&AoSettings { kind, ..AoSettings::default() }).unwrap());
+        for all in by_kind.into_iter().chain([far]) {
+            let mut names: Vec<&str> = all.iter().map(|method| method.name()).collect();
+            names.dedup();
+            let mut labels: Vec<String> = all.iter().map(|method| method.label()).collect();
+            labels.sort();
+            labels.dedup();
+            assert_eq!(labels.len(), all.len(), "labels name the settings that are swept");
+            let mut sorted = names.clone();
+            sorted.sort_unstable();
+            sorted.dedup();
+            assert_eq!(sorted.len(), names.len(), "{names:?}");
+        }
+    }
+
+    #[test]
+    fn a_radius_that_is_none_is_refused() {
+        assert!(screen_methods(&AoSettings { radius: f32::NAN, ..AoSettings::default() }).is_err());
+    }
+}

@@ -1,0 +1,80 @@
+//! Settings and methods swept over a clip, each measured in the same way against the same references.
+//!
+//! [`views`] draws the pictures of a clip and traces their references, once. A [`Bench`] then runs a stream from the
+//! scene to those pictures ([`Bench::stream`]), or a screen-space method over them ([`Bench::method`]), and gives a
+//! [`Record`] of what it cost and how far off it was. [`Grid`] says which settings there are.
+//!
+//! What times are taken over: of a stream's server, encoder and decoder, every frame after the first state in each of
+//! [`Runs::repeats`] runs of the whole clip, which must all give the same bytes; of reconstruction and of screen-space
+//! methods, [`Runs::repeats`] runs a picture after [`Runs::warm_up`] that do not count. Nothing here reads a clock but the
+//! one that is handed in.
+
+mod bench;
+mod methods;
+mod record;
+mod run;
+mod setting;
+mod views;
+
+use psao_client::{CameraError, ReconstructError};
+use psao_codec::frame::{FrameError, FrameIndex};
+use psao_proto::message::MessageError;
+use psao_server_sim::server::ServerError;
+
+pub use self::bench::{Bench, Runs, Sample};
+pub use self::methods::{far_field_methods, screen_methods};
+pub use self::record::{Figures, Kind, Memory, PictureFigures, Record, Spread, Stage, StreamFigures};
+pub use self::run::{Bytes, Clip};
+pub use self::setting::{Described, Grid, Setting};
+pub use self::views::{Truth, View, picture_times, views};
+
+use crate::metric::MetricError;
+use crate::reference::ReferenceError;
+use crate::screen::ScreenError;
+
+/// Why something could not be measured.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SweepError {
+    /// The server refused the setting, or could not go on.
+    #[error(transparent)]
+    Server(#[from] ServerError),
+    /// The scene's tables do not fit their messages.
+    #[error(transparent)]
+    Table(#[from] MessageError),
+    /// A camera of the scene is degenerate.
+    #[error(transparent)]
+    Camera(#[from] CameraError),
+    /// The references could not be traced.
+    #[error(transparent)]
+    Reference(#[from] ReferenceError),
+    /// A screen could not be made, or a method refused it.
+    #[error(transparent)]
+    Screen(#[from] ScreenError),
+    /// A picture could not be reconstructed.
+    #[error(transparent)]
+    Reconstruct(#[from] ReconstructError),
+    /// Two pictures could not be compared.
+    #[error(transparent)]
+    Metric(#[from] MetricError),
+    /// The client refused a frame.
+    #[error("frame {frame}: {error}")]
+    Frame {
+        /// Which frame.
+        frame: FrameIndex,
+        /// The decoder's words.
+        error: FrameError,
+    },
+    /// A repeated run gave another state.
+    #[error("run {run} ended in another state than the first: the stream is not the same every time")]
+    Repeat {
+        /// Number of the run, from 1.
+        run: u32,
+    },
+    /// There is no picture to measure.
+    #[error("a clip of {seconds} s has no picture; ask for at least one")]
+    NoPictures {
+        /// Length of the clip.
+        seconds: f64,
+    },
+}

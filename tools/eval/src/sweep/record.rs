@@ -1,0 +1,259 @@
+//! What is known of a setting or method once it is measured; `docs/evaluate-json.md` of the repository describes the
+//! fields as files have them.
+
+use serde::{Deserialize, Serialize};
+
+use super::Described;
+use crate::metric::{Comparison, Perceived};
+
+/// A stream, or a method that needs none.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Kind {
+    /// Points from a server.
+    Stream,
+    /// Out of the picture's own depth and normals.
+    Screen,
+}
+
+/// One line of results.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Record {
+    /// Digest of all that the figures depend on.
+    pub key: String,
+    /// Name of the scene.
+    pub scene: String,
+    /// What was measured.
+    pub kind: Kind,
+    /// The profile, or the method's name.
+    pub name: String,
+    /// The settings in words.
+    pub label: String,
+    /// Of a stream.
+    pub setting: Option<Described>,
+    /// Over all pictures.
+    pub error: Figures,
+    /// Each picture.
+    pub pictures: Vec<PictureFigures>,
+    /// Milliseconds that a client takes for the AO of a picture: of a stream applying a frame and reconstructing, of a
+    /// method its stages.
+    pub picture_ms: Spread,
+    /// Each stage, on the server first.
+    pub stages: Vec<Stage>,
+    /// Of a stream.
+    pub stream: Option<StreamFigures>,
+    /// Working sets.
+    pub memory: Memory,
+}
+
+impl Record {
+    /// Name and settings.
+    #[must_use]
+    pub fn title(&self) -> String {
+        format!("{}: {}", self.name, self.label)
+    }
+}
+
+/// Errors against the reference, see [`crate::metric`] for the ranges.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Figures {
+    /// Mean absolute error, `e_A`.
+    pub mae: f64,
+    /// Root of the mean squared error.
+    pub rmse: f64,
+    /// In dB; `None` for equal pictures.
+    pub psnr_db: Option<f64>,
+    /// Mean of picture less reference.
+    pub bias: f64,
+    /// What 99 % of the pixels do not exceed.
+    pub p99: f64,
+    /// The largest error.
+    pub max: f64,
+    /// Share of the pixels within 5 %, `e_<5%`.
+    pub within_5: f64,
+    /// Structural similarity; `None` of pictures too small for a window.
+    pub ssim: Option<f64>,
+    /// Mean FLIP error.
+    pub flip: f64,
+    /// LPIPS distance; `None` without a network.
+    pub lpips: Option<f64>,
+}
+
+impl Figures {
+    /// Of one picture.
+    #[must_use]
+    pub fn new(error: &Comparison, perceived: &Perceived) -> Self {
+        Self {
+            mae: error.mae,
+            rmse: error.rmse,
+            psnr_db: Some(error.psnr).filter(|psnr| psnr.is_finite()),
+            bias: error.bias,
+            p99: error.p99,
+            max: error.max,
+            within_5: error.within_5,
+            ssim: perceived.ssim,
+            flip: perceived.flip,
+            lpips: perceived.lpips,
+        }
+    }
+
+    /// Of several pictures of one size: means; RMSE and PSNR of all their pixels together; the largest P99 and maximum.
+    /// `None` of none.
+    #[must_use]
+    pub fn pooled(pictures: &[Self]) -> Option<Self> {
+        let first = pictures.first()?;
+        let count = pictures.len() as f64;
+        let mean = |of: &dyn Fn(&Self) -> f64| pictures.iter().map(of).sum::<f64>() / count;
+        let mean_of_some = |of: &dyn Fn(&Self) -> Option<f64>| {
+            let sum: Option<f64> = pictures.iter().map(of).sum();
+            sum.map(|sum| sum / count)
+        };
+        let largest = |of: &dyn Fn(&Self) -> f64| pictures.iter().map(of).fold(0.0, f64::max);
+        let mean_square = mean(&|figures| figures.rmse * figures.rmse);
+        Some(Self {
+            mae: mean(&|figures| figures.mae),
+            rmse: mean_square.sqrt(),
+            psnr_db: (mean_square > 0.0).then(|| -10.0 * libm::log10(mean_square)),
+            bias: mean(&|figures| figures.bias),
+            p99: largest(&|figures| figures.p99),
+            max: largest(&|figures| figures.max),
+            within_5: mean(&|figures| figures.within_5),
+            ssim: first.ssim.and_then(|_| mean_of_some(&|figures| figures.ssim)),
+            flip: mean(&|figures| figures.flip),
+            lpips: first.lpips.and_then(|_| mean_of_some(&|figures| figures.lpips)),
+        })
+    }
+}
+
+/// One picture.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PictureFigures {
+    /// When in the clip.
+    pub time_s: f64,
+    /// Share of the fragments that no point supports; 0 of a method.
+    pub unsupported: f64,
+    /// Its errors.
+    #[serde(flatten)]
+    pub error: Figures,
+}
+
+/// Samples of one figure.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Spread {
+    /// Half of the samples are no larger.
+    pub median: f64,
+    /// A quarter is no larger.
+    pub low: f64,
+    /// Three quarters are no larger.
+    pub high: f64,
+    /// How many there were; 0 when there is no figure.
+    pub samples: u64,
+}
+
+impl Spread {
+    /// Of samples in any order, which are taken for finite.
+    #[must_use]
+    pub fn of(mut samples: Vec<f64>) -> Self {
+        samples.sort_by(f64::total_cmp);
+        let quantile = |numerator: usize| {
+            let rank = (samples.len() * numerator).div_ceil(4).max(1) - 1;
+            samples.get(rank).copied().unwrap_or(0.0)
+        };
+        Self { median: quantile(2), low: quantile(1), high: quantile(3), samples: samples.len() as u64 }
+    }
+
+    /// Of microseconds, in milliseconds.
+    #[must_use]
+    pub fn of_micros(samples: &[u64]) -> Self {
+        Self::of(samples.iter().map(|&micros| micros as f64 / 1e3).collect())
+    }
+}
+
+/// One stage of the work.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Stage {
+    /// `server` or `client`.
+    pub side: String,
+    /// Its name.
+    pub name: String,
+    /// Milliseconds a frame, or a picture.
+    pub ms: Spread,
+}
+
+/// What a stream takes. Bytes are the same on any machine.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct StreamFigures {
+    /// Frames of the clip, the first state included.
+    pub frames: u32,
+    /// Points of all instances.
+    pub points: u32,
+    /// Wire bytes of the scene table.
+    pub scene_table_bytes: u64,
+    /// Wire bytes of the first frame.
+    pub first_state_bytes: u64,
+    /// Wire bytes of the later frames.
+    pub later_bytes: u64,
+    /// Points sent in later frames.
+    pub changed_points: u64,
+    /// Mbit/s of later frames, of what the paper counts: blocks that hold points.
+    pub paper_mbit_s: f64,
+    /// Mbit/s of later frames, everything counted.
+    pub wire_mbit_s: f64,
+    /// Milliseconds of the server's first frame, all stages, in the first run.
+    pub first_frame_ms: f64,
+    /// Milliseconds of the server's later frames, all stages.
+    pub server_ms: Spread,
+}
+
+/// Bytes of working sets, counted from what they hold.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Memory {
+    /// What the client needs of the picture: the G-buffer, or depth and normals with their guard band.
+    pub picture_bytes: u64,
+    /// What a client holds of a stream: its whole state, written without compression.
+    pub state_bytes: Option<u64>,
+    /// The largest frame body of a stream.
+    pub largest_frame_bytes: Option<u64>,
+    /// What a method allocates besides, as it says itself.
+    pub working_bytes: Option<u64>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn figures(mae: f64, rmse: f64, lpips: Option<f64>) -> Figures {
+        let psnr_db = (rmse > 0.0).then(|| -20.0 * libm::log10(rmse));
+        Figures {
+            mae,
+            rmse,
+            psnr_db,
+            bias: mae,
+            p99: rmse,
+            max: rmse,
+            within_5: 1.0 - mae,
+            ssim: Some(1.0),
+            flip: mae,
+            lpips,
+        }
+    }
+
+    #[test]
+    fn pooled_figures_are_those_of_all_pixels() {
+        let pooled = Figures::pooled(&[figures(0.1, 0.3, Some(0.2)), figures(0.0, 0.4, Some(0.4))]).unwrap();
+        assert!((pooled.mae - 0.05).abs() < 1e-12 && (pooled.rmse - 0.125_f64.sqrt()).abs() < 1e-12);
+        assert!((pooled.psnr_db.unwrap() - 9.0309).abs() < 1e-4, "{pooled:?}");
+        assert_eq!((pooled.p99, pooled.max, pooled.ssim), (0.4, 0.4, Some(1.0)));
+        assert!((pooled.lpips.unwrap() - 0.3).abs() < 1e-12);
+        assert_eq!(Figures::pooled(&[figures(0.0, 0.0, None)]).unwrap().psnr_db, None);
+        assert_eq!(Figures::pooled(&[]), None);
+    }
+
+    #[test]
+    fn a_spread_is_of_the_sorted_samples() {
+        let spread = Spread::of(vec![4.0, 1.0, 3.0, 2.0]);
+        assert_eq!((spread.low, spread.median, spread.high, spread.samples), (1.0, 2.0, 3.0, 4));
+        assert_eq!(Spread::of_micros(&[1500]).median, 1.5);
+        assert_eq!(Spread::of(Vec::new()), Spread::default());
+    }
+}

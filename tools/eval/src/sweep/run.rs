@@ -1,0 +1,161 @@
+//! One run of a clip: what the server makes of it, and a client that follows.
+
+use std::sync::Arc;
+
+use psao_codec::Limits;
+use psao_codec::block::BlockCoder;
+use psao_codec::frame::{FrameIndex, FrameInfo, StreamTime};
+use psao_codec::stream::{Applier, State};
+use psao_proto::{HEADER_BYTES, SceneTable};
+use psao_server_sim::clock::Clock;
+use psao_server_sim::points::PointCache;
+use psao_server_sim::scene::Scene;
+use psao_server_sim::server::{Server, ServerSettings, StageMicros};
+
+use super::{Setting, Spread, SweepError};
+
+/// Stages of a server's frame, in order.
+pub(super) const SERVER_STAGES: [&str; 6] =
+    ["pose", "acceleration structures", "place points", "trace rays", "decide", "encode"];
+
+/// Bytes of a frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Bytes {
+    /// What the paper counts: blocks that hold points.
+    pub paper: u64,
+    /// Everything on the wire.
+    pub wire: u64,
+}
+
+/// A clip of a scene.
+pub struct Clip<'a> {
+    /// The scene.
+    pub scene: &'a Arc<Scene>,
+    /// Settings of the server that are not swept.
+    pub base: ServerSettings,
+    /// Length in seconds; a stream has as many frames as begin in it, at least 2.
+    pub seconds: f64,
+    /// Where points are kept between runs.
+    pub cache: Option<&'a dyn PointCache>,
+    /// Counts the bytes of a frame.
+    pub count: fn(&FrameInfo) -> Bytes,
+}
+
+/// Bytes of a clip.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Counted {
+    pub(super) frames: u32,
+    pub(super) table: u64,
+    pub(super) first: u64,
+    pub(super) largest: u64,
+    pub(super) changed: u64,
+    pub(super) later: Bytes,
+}
+
+/// Microseconds of a clip.
+#[derive(Default)]
+pub(super) struct Took {
+    pub(super) first: u64,
+    /// By later frame, then stage.
+    pub(super) server: Vec<[u64; SERVER_STAGES.len()]>,
+    /// By later frame.
+    pub(super) decode: Vec<u64>,
+}
+
+impl Took {
+    pub(super) fn add(&mut self, other: Self) {
+        self.server.extend(other.server);
+        self.decode.extend(other.decode);
+    }
+
+    pub(super) fn server_stage(&self, stage: usize) -> Spread {
+        Spread::of_micros(&self.server.iter().map(|stages| stages[stage]).collect::<Vec<_>>())
+    }
+}
+
+/// One run of a clip, server and client side by side.
+pub(super) struct Run<'a> {
+    pub(super) clip: &'a Clip<'a>,
+    pub(super) clock: &'a dyn Clock,
+    pub(super) server: Server,
+    pub(super) state: State,
+    pub(super) applier: Applier,
+    pub(super) fps: f64,
+    pub(super) frames: u32,
+    pub(super) points: u32,
+    pub(super) bytes: Counted,
+    pub(super) took: Took,
+}
+
+impl<'a> Run<'a> {
+    pub(super) fn new(
+        clip: &'a Clip<'a>,
+        setting: &Setting,
+        clock: &'a dyn Clock,
+    ) -> Result<Self, SweepError> {
+        let fps = f64::from(setting.fps);
+        let frames = (clip.seconds * fps + 1e-6).max(2.0) as u32;
+        let settings = ServerSettings { frames_hint: frames, ..setting.server(clip.base) };
+        let server = Server::with_cache(Arc::clone(clip.scene), settings, clip.cache, Arc::new(|_| ()))?;
+        let table = server.table();
+        let bytes = Counted { frames, table: table_bytes(table)?, ..Counted::default() };
+        Ok(Self {
+            clip,
+            clock,
+            state: State::new(table.layout()),
+            points: table.info().point_count,
+            server,
+            applier: Applier::new(),
+            fps,
+            frames,
+            bytes,
+            took: Took::default(),
+        })
+    }
+
+    /// The newest frame that has begun by this time.
+    pub(super) fn frame_at(&self, time_s: f64) -> u32 {
+        ((time_s * self.fps + 1e-6) as u32).min(self.frames - 1)
+    }
+
+    pub(super) fn time(&self, frame: u32) -> StreamTime {
+        StreamTime((f64::from(frame) / self.fps * 1e6).round() as u64)
+    }
+
+    /// Makes a frame and applies it.
+    pub(super) fn frame(&mut self, frame: u32) -> Result<(), SweepError> {
+        let camera = [self.clip.scene.camera(f64::from(frame) / self.fps)];
+        let output = self.server.step(FrameIndex(frame), self.time(frame), &camera, self.clock)?;
+        let start = self.clock.micros();
+        let applied = self.applier.apply(&mut self.state, &output.body, &Limits::default());
+        let decode = self.clock.micros().saturating_sub(start);
+        applied.map_err(|error| SweepError::Frame { frame: FrameIndex(frame), error })?;
+        let bytes = (self.clip.count)(&output.info);
+        let StageMicros { pose, bvh, place, trace, decide, encode } = output.stats.micros;
+        let stages = [pose, bvh, place, trace, decide, encode];
+        self.bytes.largest = self.bytes.largest.max(output.body.len() as u64);
+        if frame == 0 {
+            self.bytes.first = bytes.wire;
+            self.took.first = stages.iter().sum();
+        } else {
+            self.bytes.later.paper += bytes.paper;
+            self.bytes.later.wire += bytes.wire;
+            self.bytes.changed += u64::from(output.stats.changed);
+            self.took.server.push(stages);
+            self.took.decode.push(decode);
+        }
+        Ok(())
+    }
+
+    /// Bytes of the whole state without compression.
+    pub(super) fn keyframe_bytes(&self) -> Result<u64, SweepError> {
+        let last = self.frames - 1;
+        let body = self.server.keyframe(FrameIndex(last), self.time(last), BlockCoder::Stored)?;
+        Ok(body.len() as u64)
+    }
+}
+
+fn table_bytes(table: &SceneTable) -> Result<u64, SweepError> {
+    let payloads = table.payloads()?;
+    Ok(payloads.iter().map(|payload| (HEADER_BYTES + payload.len()) as u64).sum())
+}

@@ -1,0 +1,259 @@
+//! What is swept of a stream, and in which combinations.
+
+use std::fmt;
+
+use psao_codec::block::BlockCoder;
+use psao_proto::Profile;
+use psao_server_sim::points::PointSettings;
+use psao_server_sim::server::ServerSettings;
+use serde::{Deserialize, Serialize};
+
+/// The coder of profile `paper` where the range coder is asked for, which it does not have (paper, section 4).
+const PAPER_CODER: BlockCoder = BlockCoder::Zstd { level: 15 };
+
+/// One combination.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Setting {
+    /// Points per square metre.
+    pub per_m2: f32,
+    /// Bits of a packed point: 32, 24 or 16.
+    pub bits: u8,
+    /// Steps of 1/255 by which AO must move to be sent again.
+    pub threshold: u8,
+    /// Rays a point.
+    pub rays: u32,
+    /// Frames a second of the server.
+    pub fps: f32,
+    /// Block coder.
+    pub coder: BlockCoder,
+    /// Profile of the stream.
+    pub profile: Profile,
+}
+
+impl Setting {
+    /// What the `psao` command does unless told otherwise; the paper's cheapest density (its Table 1).
+    #[must_use]
+    pub fn usual() -> Self {
+        let settings = ServerSettings::default();
+        Self {
+            per_m2: 512.0,
+            bits: settings.bits,
+            threshold: settings.threshold,
+            rays: settings.ao.rays,
+            fps: settings.fps,
+            coder: settings.coder,
+            profile: settings.profile,
+        }
+    }
+
+    /// The settings of a server: `base`, with what is swept in its place.
+    #[must_use]
+    pub fn server(&self, base: ServerSettings) -> ServerSettings {
+        let mut settings = base;
+        settings.points = PointSettings { per_m2: self.per_m2, ..base.points };
+        settings.ao.rays = self.rays;
+        settings.bits = self.bits;
+        settings.threshold = self.threshold;
+        settings.fps = self.fps;
+        settings.coder = self.coder;
+        settings.profile = self.profile;
+        settings
+    }
+
+    /// In words and numbers.
+    #[must_use]
+    pub fn described(&self) -> Described {
+        Described {
+            profile: self.profile.to_string(),
+            points_per_m2: self.per_m2,
+            bits: self.bits,
+            rays: self.rays,
+            threshold: self.threshold,
+            fps: self.fps,
+            coder: match self.coder {
+                BlockCoder::Stored => "none".to_owned(),
+                BlockCoder::Lz4 => "lz4".to_owned(),
+                BlockCoder::Zstd { level } => format!("zstd:{level}"),
+                BlockCoder::Range => "range".to_owned(),
+            },
+        }
+    }
+
+    /// Profile `paper` has no range coder and gets its own.
+    fn possible(self) -> Self {
+        if self.profile == Profile::PAPER && self.coder == BlockCoder::Range {
+            return Self { coder: PAPER_CODER, ..self };
+        }
+        self
+    }
+}
+
+/// A setting as reports and files have it; shown without its profile.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Described {
+    /// `surface` or `paper`.
+    pub profile: String,
+    /// Points per square metre.
+    pub points_per_m2: f32,
+    /// Bits of a packed point.
+    pub bits: u8,
+    /// Rays a point.
+    pub rays: u32,
+    /// Steps of 1/255.
+    pub threshold: u8,
+    /// Frames a second.
+    pub fps: f32,
+    /// `range`, `zstd:LEVEL`, `lz4` or `none`.
+    pub coder: String,
+}
+
+impl fmt::Display for Described {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{}/m\u{b2}, {} bit, {} rays, threshold {}, {} Hz, {}",
+            self.points_per_m2, self.bits, self.rays, self.threshold, self.fps, self.coder
+        )
+    }
+}
+
+/// The values of each axis. An empty axis has the usual value alone.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Grid {
+    /// Points per square metre.
+    pub per_m2: Vec<f32>,
+    /// Bits of a packed point.
+    pub bits: Vec<u8>,
+    /// Thresholds.
+    pub threshold: Vec<u8>,
+    /// Rays a point.
+    pub rays: Vec<u32>,
+    /// Frames a second.
+    pub fps: Vec<f32>,
+    /// Block coders.
+    pub coder: Vec<BlockCoder>,
+    /// Profiles.
+    pub profile: Vec<Profile>,
+}
+
+/// Sets one axis of a setting.
+type Put<'a> = Box<dyn Fn(&Setting) -> Setting + 'a>;
+
+impl Grid {
+    /// On every axis the usual value, where it is among the axis' own, and else the first.
+    #[must_use]
+    pub fn centre(&self) -> Setting {
+        fn of<T: Copy + PartialEq>(values: &[T], usual: T) -> T {
+            if values.contains(&usual) { usual } else { values.first().copied().unwrap_or(usual) }
+        }
+        let usual = Setting::usual();
+        Setting {
+            per_m2: of(&self.per_m2, usual.per_m2),
+            bits: of(&self.bits, usual.bits),
+            threshold: of(&self.threshold, usual.threshold),
+            rays: of(&self.rays, usual.rays),
+            fps: of(&self.fps, usual.fps),
+            coder: of(&self.coder, usual.coder),
+            profile: of(&self.profile, usual.profile),
+        }
+        .possible()
+    }
+
+    /// The centre, then what differs from it on one axis.
+    #[must_use]
+    pub fn one_at_a_time(&self) -> Vec<Setting> {
+        let centre = self.centre();
+        let others = self.axes().into_iter().flatten().map(|put| put(&centre));
+        distinct(std::iter::once(centre).chain(others))
+    }
+
+    /// Every combination, the centre first.
+    #[must_use]
+    pub fn full(&self) -> Vec<Setting> {
+        let mut settings = vec![self.centre()];
+        for axis in self.axes().iter().filter(|axis| !axis.is_empty()) {
+            settings = settings.iter().flat_map(|setting| axis.iter().map(move |put| put(setting))).collect();
+        }
+        distinct(std::iter::once(self.centre()).chain(settings))
+    }
+
+    /// The fastest rate, in frames a second.
+    #[must_use]
+    pub fn fastest(&self) -> f32 {
+        self.fps.iter().copied().fold(self.centre().fps, f32::max)
+    }
+
+    fn axes(&self) -> [Vec<Put<'_>>; 7] {
+        fn axis<'a, T: Copy>(values: &'a [T], put: fn(T, &Setting) -> Setting) -> Vec<Put<'a>> {
+            values.iter().map(|&value| Box::new(move |from: &Setting| put(value, from)) as Put<'a>).collect()
+        }
+        [
+            axis(&self.per_m2, |per_m2, from| Setting { per_m2, ..*from }),
+            axis(&self.bits, |bits, from| Setting { bits, ..*from }),
+            axis(&self.threshold, |threshold, from| Setting { threshold, ..*from }),
+            axis(&self.rays, |rays, from| Setting { rays, ..*from }),
+            axis(&self.fps, |fps, from| Setting { fps, ..*from }),
+            axis(&self.coder, |coder, from| Setting { coder, ..*from }),
+            axis(&self.profile, |profile, from| Setting { profile, ..*from }),
+        ]
+    }
+}
+
+/// What is possible, each once, in the order of its first mention.
+fn distinct(settings: impl IntoIterator<Item = Setting>) -> Vec<Setting> {
+    let mut found: Vec<Setting> = Vec::new();
+    for setting in settings.into_iter().map(Setting::possible) {
+        if !found.contains(&setting) {
+            found.push(setting);
+        }
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn grid() -> Grid {
+        Grid {
+            per_m2: vec![256.0, 512.0],
+            threshold: vec![2, 4, 16],
+            profile: vec![Profile::SURFACE, Profile::PAPER],
+            coder: vec![BlockCoder::Range, PAPER_CODER],
+            ..Grid::default()
+        }
+    }
+
+    #[test]
+    fn the_centre_is_usual_where_it_can_be() {
+        let centre = grid().centre();
+        assert_eq!((centre.per_m2, centre.threshold, centre.rays), (512.0, 2, 192));
+        assert_eq!(Grid::default().one_at_a_time(), [Setting::usual()]);
+    }
+
+    #[test]
+    fn one_at_a_time_differs_from_the_centre_on_one_axis() {
+        let (settings, centre) = (grid().one_at_a_time(), grid().centre());
+        assert_eq!(settings.len(), 1 + 1 + 2 + 1 + 1);
+        for setting in &settings[1..] {
+            let paper = setting.profile == Profile::PAPER; // which takes a coder of its own
+            let differing = [
+                setting.per_m2 != centre.per_m2,
+                setting.threshold != centre.threshold,
+                setting.coder != centre.coder && !paper,
+                paper,
+            ];
+            assert_eq!(differing.iter().filter(|differs| **differs).count(), 1, "{setting:?}");
+        }
+    }
+
+    #[test]
+    fn the_full_grid_has_every_possible_combination_once() {
+        let settings = grid().full();
+        assert_eq!(settings[0], grid().centre());
+        // Surface with either coder, paper with one.
+        assert_eq!(settings.len(), 2 * 3 * 3);
+        let paper = settings.iter().filter(|setting| setting.profile == Profile::PAPER);
+        assert!(paper.clone().all(|setting| setting.coder == PAPER_CODER) && paper.count() == 6);
+    }
+}

@@ -1,0 +1,115 @@
+//! The pictures of a clip and their references.
+
+use std::sync::Arc;
+
+use psao_client::{AoImage, GBuffer, Size, raster};
+use psao_proto::message::CameraPose;
+use psao_server_sim::ao::AoSettings;
+use psao_server_sim::bvh::World;
+use psao_server_sim::clock::NoClock;
+use psao_server_sim::scene::Scene;
+
+use super::SweepError;
+use crate::adapter::SceneView;
+use crate::reference::reference;
+use crate::screen::{Screen, ScreenMethod, Traced};
+
+/// What pictures are compared with.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Truth {
+    /// Rays through the scene, which know what is hidden and off the screen.
+    Scene(AoSettings),
+    /// Rays through the depth buffer: the best that a method can do that sees no more (Timonen 2013, section 8).
+    Screen(Traced),
+}
+
+/// One picture: what is seen, and its AO by many rays.
+pub struct View {
+    /// When.
+    pub time_s: f64,
+    /// For reconstruction.
+    pub buffer: GBuffer,
+    /// For screen-space methods.
+    pub screen: Screen,
+    /// The reference.
+    pub truth: AoImage,
+}
+
+/// Looks at `scene` through its own camera at each of the times, and traces the references.
+///
+/// The screens have a guard band of `guard` pixels; geometry is that of the moment of the picture, also where a stream
+/// is behind. `done` hears of each picture.
+///
+/// # Errors
+///
+/// [`SweepError`] when a camera is degenerate, a setting of the rays out of range, or the screen with its guard band too large.
+pub fn views(
+    scene: &Arc<Scene>,
+    times_s: &[f64],
+    size: Size,
+    guard: u32,
+    truth: &Truth,
+    done: &dyn Fn(),
+) -> Result<Vec<View>, SweepError> {
+    let look = |&time_s: &f64| {
+        let camera = CameraPose { aspect: size.aspect(), ..scene.camera(time_s) };
+        let world = World::new(scene, &scene.pose(time_s));
+        let seen = SceneView::new(&world);
+        let buffer = raster(&seen, &camera, size)?;
+        let screen = Screen::new(&seen, &camera, size, guard)?;
+        let truth = match truth {
+            Truth::Scene(ao) => reference(&seen, &buffer, ao)?,
+            Truth::Screen(rays) => rays.shade(&screen, &NoClock)?.image,
+        };
+        done();
+        Ok(View { time_s, buffer, screen, truth })
+    };
+    times_s.iter().map(look).collect()
+}
+
+/// Times of `count` pictures of a clip of `seconds` that is shown at `rate` frames a second, ascending.
+///
+/// The clip falls into `count` equal parts, and the golden ratio says where in its part each picture lies: a stream with
+/// fewer frames a second is then seen at every age, not at one. The first frame, in which all is new, is left out where
+/// there are others; a clip of fewer frames has fewer pictures.
+#[must_use]
+pub fn picture_times(seconds: f64, rate: f64, count: u32) -> Vec<f64> {
+    const GOLDEN: f64 = 0.618_033_988_749_894_8;
+    let last = (seconds * rate + 1e-6).floor().max(1.0) as u64 - 1;
+    let mut frames: Vec<u64> = (1..=count)
+        .map(|picture| {
+            let within = (f64::from(picture) * GOLDEN).fract();
+            let at = (f64::from(picture - 1) + within) / f64::from(count) * seconds;
+            ((at * rate) as u64).clamp(last.min(1), last)
+        })
+        .collect();
+    frames.dedup();
+    frames.into_iter().map(|frame| frame as f64 / rate).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pictures_lie_on_frames_in_the_clip_and_ascend() {
+        for (seconds, count) in [(2.0, 4), (1.0, 60), (0.5, 100), (2.0 / 60.0, 3), (1.0 / 60.0, 1)] {
+            let times = picture_times(seconds, 60.0, count);
+            assert!(!times.is_empty() && times.len() <= count as usize);
+            assert!(times.is_sorted_by(|a, b| a < b), "{times:?}");
+            for time in times {
+                let frame = time * 60.0;
+                assert!((frame - frame.round()).abs() < 1e-9 && time < seconds, "{time} of {seconds}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_slow_stream_is_seen_at_every_age() {
+        let mut ages = [0; 4];
+        for time in picture_times(4.0, 60.0, 16) {
+            ages[(time * 60.0).round() as usize % 4] += 1;
+        }
+        assert!(ages.iter().all(|&count| count >= 2), "{ages:?}");
+    }
+}

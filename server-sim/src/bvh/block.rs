@@ -367,13 +367,14 @@ mod tests {
             let up = up.normalize_or_zero();
             prop_assume!(up.dot(direction) >= 0.0 && direction != Vec3::ZERO);
             let Some(hit) = meet(triangle, origin, direction).filter(|hit| hit.t <= reach) else { return Ok(()) };
+            // Seen edge-on, rounding alone may say where it is met, and say nearer than its box is.
+            let away = Bounds::around(triangle).distance_squared(origin);
+            prop_assume!(away <= reach * reach);
             let axis = (direction + off * turn).normalize_or(direction);
             let spread = axis.distance(direction) + SPREAD_SLACK;
             for instructions in Instructions::all() {
-                // The ray goes just as far as the triangle, too. Seen edge-on, rounding alone may say where it is met, and
-                // say nearer than its box is.
-                let beyond = Bounds::around(triangle).distance_squared(origin) > hit.t * hit.t;
-                for most in [reach, if beyond { reach } else { hit.t }] {
+                // The ray goes just as far as the triangle, too.
+                for most in [reach, if away > hit.t * hit.t { reach } else { hit.t }] {
                     let pencil = Pencil { axis, spread, reach: most };
                     let lanes = dispatch!(instructions.level(), simd => {
                         let seen = Block::new(&[triangle]).seen(simd, origin);

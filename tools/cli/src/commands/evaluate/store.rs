@@ -155,6 +155,17 @@ mod tests {
     }
 
     #[test]
+    fn figures_that_were_kept_are_the_same_to_the_last_digit() {
+        let folder = tempfile::tempdir().unwrap();
+        // Read in the quick way these come out one step off.
+        let error =
+            Figures { mae: 0.921_883_680_555_555_5, rmse: 0.991_277_515_888_214_1, ..Figures::default() };
+        let kept = Record { error, ..record("a") };
+        Store::open(Some(folder.path()), false).unwrap().add(kept.clone()).unwrap();
+        assert_eq!(Store::open(Some(folder.path()), true).unwrap().record("a"), Some(&kept));
+    }
+
+    #[test]
     fn results_are_not_written_over_unasked() {
         let folder = tempfile::tempdir().unwrap();
         Store::open(Some(folder.path()), false).unwrap().add(record("a")).unwrap();

@@ -212,6 +212,7 @@ pub mod frame;
 pub mod fuzzing;
 mod hash;
 mod limits;
+pub mod memory;
 pub mod point;
 pub mod quant;
 mod range;

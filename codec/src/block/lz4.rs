@@ -13,6 +13,11 @@ pub(super) struct Encoder {
 }
 
 impl Encoder {
+    /// Bytes held: 4,096 places, of two bytes each for short blocks, of four for others.
+    pub(super) fn held(&self) -> usize {
+        self.small.iter().len() * (4096 * 2) + self.large.iter().len() * (4096 * 4)
+    }
+
     /// Compresses `raw` into the start of `buffer`, which only ever grows.
     pub(super) fn compress<'a>(
         &mut self,

@@ -13,6 +13,8 @@ mod zstd;
 
 pub use error::{BlockError, CoderId};
 
+use crate::memory;
+
 /// How the encoder compresses blocks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum BlockCoder {
@@ -89,6 +91,11 @@ impl Compressor {
     #[must_use]
     pub fn new() -> Compressor {
         Compressor::default()
+    }
+
+    /// Bytes held.
+    pub(crate) fn held(&self) -> usize {
+        self.zstd.held() + self.lz4.held() + memory::list(&self.packed)
     }
 
     /// Appends `raw`, compressed, to `out`, and says which coder that took: `coder`, or

@@ -17,6 +17,11 @@ pub(super) struct Encoder {
 }
 
 impl Encoder {
+    /// Bytes held.
+    pub(super) fn held(&self) -> usize {
+        self.context.as_ref().map_or(0, |(context, _)| context.sizeof())
+    }
+
     /// Compresses `raw` into the start of `buffer`, which only ever grows.
     pub(super) fn compress<'a>(
         &mut self,

@@ -10,6 +10,7 @@ use crate::block::{BlockCoder, Compressor};
 use crate::frame::{
     EncodeError, EncodedFrame, FrameKind, FrameMeta, Pose, PoseError, Records, State, write_body,
 };
+use crate::memory;
 
 /// One point as the server traced it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -98,6 +99,28 @@ impl PaperEncoder {
             compressor: Compressor::new(),
             layout,
         })
+    }
+
+    /// Bytes of memory held for the stream: every point as it was last put, the tables as they are and as clients hold them,
+    /// and buffers that are kept between frames.
+    #[must_use]
+    pub fn memory_bytes(&self) -> usize {
+        let Self {
+            first_points,
+            points,
+            homeless,
+            tables,
+            poses,
+            dirty_poses,
+            sent,
+            records,
+            compressor,
+            ..
+        } = self;
+        let ours =
+            memory::list(first_points) + memory::list(points) + memory::list(poses) + dirty_poses.held();
+        let homeless = homeless.len() * size_of::<u32>();
+        ours + homeless + tables.held() + sent.held() + records.held() + compressor.held()
     }
 
     /// Puts a point, or moves it, or gives it new values. A point that finds no slot, or that moves to a

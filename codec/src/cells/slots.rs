@@ -1,6 +1,7 @@
 //! The server's working tables: which point stands in which slot of which cell (paper, sections 3.2 to 3.4).
 
 use super::{Bucket, Cell, Entry, POINTS_PER_CELL, Placement};
+use crate::memory;
 
 /// The owner of an empty slot; no point has this id.
 const NOBODY: u32 = u32::MAX;
@@ -64,6 +65,11 @@ pub(super) struct DirtySet {
 }
 
 impl DirtySet {
+    /// Bytes held.
+    pub(super) fn held(&self) -> usize {
+        memory::list(&self.marked) + memory::list(&self.list)
+    }
+
     pub(super) fn new(places: usize) -> DirtySet {
         DirtySet { marked: vec![false; places], list: Vec::new() }
     }
@@ -104,6 +110,13 @@ pub(super) struct Tables {
 }
 
 impl Tables {
+    /// Bytes held.
+    pub(super) fn held(&self) -> usize {
+        let Tables { buckets, cells, free, dirty_cells, dirty_buckets, .. } = self;
+        let dirty = dirty_cells.held() + dirty_buckets.held();
+        memory::list(buckets) + memory::list(cells) + memory::list(free) + dirty
+    }
+
     pub(super) fn new(bucket_total: u32, capacity: u32) -> Tables {
         Tables {
             buckets: vec![Bucket::default(); bucket_total as usize],

@@ -2,6 +2,7 @@
 
 use super::{ENTRIES_PER_BUCKET, Grid, LayoutError, MAX_CELL_INDEX};
 use crate::Limits;
+use crate::memory;
 use crate::point::PointFormat;
 
 /// The part of the layout that belongs to one instance.
@@ -27,6 +28,11 @@ pub struct Layout {
 }
 
 impl Layout {
+    /// Bytes held.
+    pub(crate) fn held(&self) -> usize {
+        memory::list(&self.instances)
+    }
+
     /// A layout of these instances, in order, their points packed as `format` says, with room for `cell_capacity` cells,
     /// all instances together.
     ///

@@ -8,6 +8,7 @@ use super::{
 use crate::StateHash;
 use crate::block::{BlockCoder, Compressor};
 use crate::cells::{Bucket, Cell, POINTS_PER_CELL};
+use crate::memory;
 use crate::point::PointFormat;
 use crate::wire::{push_narrow_words, push_words};
 
@@ -21,6 +22,11 @@ pub(crate) struct Records {
 }
 
 impl Records {
+    /// Bytes held.
+    pub(crate) fn held(&self) -> usize {
+        memory::list(&self.poses) + memory::list(&self.buckets) + memory::list(&self.cells)
+    }
+
     /// No records yet, of a stream whose points are packed like this.
     pub(crate) fn new(format: PointFormat) -> Records {
         Records { format, poses: Vec::new(), buckets: Vec::new(), cells: Vec::new() }

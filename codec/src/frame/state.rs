@@ -6,6 +6,7 @@ use super::{FrameIndex, Pose};
 use crate::StateHash;
 use crate::cells::{Bucket, Cell, Layout, bucket_of, cell_id};
 use crate::hash::Kind;
+use crate::memory;
 
 /// The state of a stream: buckets, cells and poses, and the hash over all of them.
 ///
@@ -30,6 +31,14 @@ impl State {
         let cells = vec![Cell::default(); layout.cell_capacity() as usize];
         let poses = vec![Pose::IDENTITY; layout.instances().len()];
         State { layout, buckets, cells, poses, hash: StateHash::default(), frame: None }
+    }
+
+    /// Bytes held, the layout included.
+    pub(crate) fn held(&self) -> usize {
+        self.layout.held()
+            + memory::list(&self.buckets)
+            + memory::list(&self.cells)
+            + memory::list(&self.poses)
     }
 
     /// The layout of the stream.

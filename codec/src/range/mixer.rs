@@ -7,6 +7,7 @@
 use std::sync::LazyLock;
 
 use super::{Bits, Slot};
+use crate::memory;
 
 /// The logistic function and its inverse as integer tables.
 pub(crate) struct Logistic {
@@ -72,6 +73,11 @@ impl<const N: usize> Mixer<N> {
     /// sure enough alone.
     pub(crate) fn new(situations: usize) -> Mixer<N> {
         Mixer { weights: vec![[Self::FIRST_WEIGHT; N]; situations] }
+    }
+
+    /// Bytes held.
+    pub(crate) fn held(&self) -> usize {
+        memory::list(&self.weights)
     }
 
     const FIRST_WEIGHT: i32 = match N {

@@ -8,6 +8,7 @@ use super::writer::SectionWriter;
 use super::{BLOCK_POINTS, State};
 use crate::block::BlockCoder;
 use crate::frame::{EncodeError, FrameMeta, SectionTag, header_bytes};
+use crate::memory;
 
 /// How many bytes a delta takes at most, and how long a point may wait for its turn.
 ///
@@ -145,6 +146,13 @@ impl Queue {
             model: ChangeModel::new(),
             postponed: Postponed::default(),
         }
+    }
+
+    /// Bytes held.
+    pub(super) fn held(&self) -> usize {
+        let Queue { weights, waiting, due, ranks, model, .. } = self;
+        let lists = memory::list(weights) + memory::list(waiting) + memory::list(due) + memory::list(ranks);
+        size_of::<Self>() + lists + model.held()
     }
 
     /// Weights by block.

@@ -7,6 +7,7 @@
 use super::changes::{Changes, MAX_LEVEL};
 use super::history::{History, NEVER};
 use super::{BLOCK_POINTS, Layout};
+use crate::memory;
 use crate::range::{Bits, Logistic, MAX_WEIGHT, Mixer, Number, Slot, Subject, logistic};
 
 /// Blocks that one decision can pass over.
@@ -73,6 +74,11 @@ impl<const N: usize> Opinions<N> {
         Opinions { tables: sizes.map(|size| vec![Slot::new(one); size]), mixer: Mixer::new(situations) }
     }
 
+    /// Bytes held.
+    fn held(&self) -> usize {
+        self.tables.iter().map(memory::list).sum::<usize>() + self.mixer.held()
+    }
+
     fn push_words(&self, words: &mut Vec<u32>) {
         words.extend(self.tables.iter().flatten().map(|slot| slot.0));
         words.extend(self.mixer.weights.iter().flatten().map(|weight| *weight as u32));
@@ -129,6 +135,12 @@ pub(crate) struct Known<'a> {
 }
 
 impl ChangeModel {
+    /// Bytes held.
+    pub(super) fn held(&self) -> usize {
+        let ChangeModel { groups, block, point, sign, size, .. } = self;
+        memory::list(groups) + block.held() + point.held() + sign.held() + size.held()
+    }
+
     /// A model that has seen nothing.
     pub(crate) fn new() -> ChangeModel {
         ChangeModel {

@@ -11,6 +11,7 @@
 //! | 1 or 2 for each such point | the level as a varint: 0, -1, 1, -2 .. as 0, 1, 2, 3 ..; never 0 |
 
 use super::marks::{Marks, Rest};
+use crate::memory;
 use crate::wire::write_varint;
 
 /// Changes of one frame, in the order of the points.
@@ -91,6 +92,11 @@ pub enum ChangeProblem {
 }
 
 impl Changes {
+    /// Bytes held.
+    pub(super) fn held(&self) -> usize {
+        self.marks.held() + memory::list(&self.levels)
+    }
+
     /// No changes, with buffers kept.
     pub(crate) fn clear(&mut self) {
         self.marks.clear();

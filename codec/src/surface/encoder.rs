@@ -13,6 +13,7 @@ use crate::StateHash;
 use crate::block::BlockCoder;
 use crate::frame::{EncodeError, EncodedFrame, FrameKind, FrameMeta, Packing, Profile, assemble};
 use crate::hash::Kind;
+use crate::memory;
 
 /// How a stream is encoded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -113,6 +114,22 @@ impl Encoder {
             settings,
             sent,
         })
+    }
+
+    /// Bytes of memory held for the stream: what clients hold, points and layout included, what was offered, and buffers that
+    /// are kept between frames.
+    #[must_use]
+    pub fn memory_bytes(&self) -> usize {
+        let Encoder { sent, geometry, offered, dirty, arriving, is_arriving, changes, writer, queue, .. } =
+            self;
+        let carried = geometry.iter().zip(&sent.geometry).map(|(ours, theirs)| match (ours, theirs) {
+            (Some(ours), Some(theirs)) if Arc::ptr_eq(ours, theirs) => 0,
+            (ours, _) => ours.as_ref().map_or(0, |geometry| geometry.held()),
+        });
+        let points = carried.sum::<usize>() + memory::list(geometry) + memory::list(offered);
+        let blocks = memory::list(dirty) + memory::list(arriving) + memory::list(is_arriving);
+        let queue = queue.as_ref().map_or(0, |queue| queue.held());
+        sent.held() + points + blocks + changes.held() + writer.held() + queue
     }
 
     /// Says what a point's AO is now; `None` where there is no such point. Otherwise whether the next frame sends it: it

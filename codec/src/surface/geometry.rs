@@ -2,6 +2,7 @@
 
 use super::{SetLayout, curve};
 use crate::hash::fold_words;
+use crate::memory;
 use crate::quant::oct;
 
 /// A point of a mesh at rest, before it is rounded.
@@ -58,6 +59,11 @@ pub struct Rounded {
 }
 
 impl Geometry {
+    /// Bytes held, itself included.
+    pub(super) fn held(&self) -> usize {
+        size_of::<Self>() + memory::list(&self.coords) + memory::list(&self.normals)
+    }
+
     /// Rounds points to the lattice of `layout` and orders them. The geometry's own [`layout`](Geometry::layout) has
     /// their number and digest, whatever stood there.
     #[must_use]

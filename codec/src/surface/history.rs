@@ -2,6 +2,7 @@
 //! from it; the other coders keep it up all the same, so that a stream may change between them.
 
 use super::BLOCK_POINTS;
+use crate::memory;
 
 /// What happened to the points so far, each part by slot.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -41,6 +42,13 @@ impl History {
             last: vec![0; slots],
             lively: vec![0; slots],
         }
+    }
+
+    /// Bytes held.
+    pub(super) fn held(&self) -> usize {
+        let History { age, period, last, lively, recent, darker, stirred } = self;
+        let bytes = memory::list(age) + memory::list(period) + memory::list(last) + memory::list(lively);
+        bytes + memory::list(recent) + memory::list(darker) + memory::list(stirred)
     }
 
     /// A history with these parts, each by slot and as long as whole blocks.

@@ -3,6 +3,7 @@
 use super::BLOCK_POINTS;
 use crate::Limits;
 use crate::cells::MAX_GRID_DIM;
+use crate::memory;
 
 /// The points of one mesh at rest: how many, and the lattice that their positions are rounded to.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -95,6 +96,13 @@ pub enum LayoutError {
 }
 
 impl Layout {
+    /// Bytes held.
+    pub(super) fn held(&self) -> usize {
+        let Layout { sets, members, firsts, first_blocks, owners, twins } = self;
+        let tables = memory::list(firsts) + memory::list(first_blocks) + memory::list(owners);
+        memory::list(sets) + memory::list(members) + tables + memory::list(twins)
+    }
+
     /// Checks sets and instances against each other and `limits`.
     ///
     /// # Errors

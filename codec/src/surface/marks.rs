@@ -5,6 +5,7 @@
 
 use super::changes::ChangeProblem;
 use super::{BLOCK_POINTS, State};
+use crate::memory;
 use crate::wire::{VarintFault, read_varint};
 
 /// Points of some blocks, in order.
@@ -17,6 +18,11 @@ pub(crate) struct Marks {
 }
 
 impl Marks {
+    /// Bytes held.
+    pub(super) fn held(&self) -> usize {
+        memory::list(&self.blocks) + memory::list(&self.masks)
+    }
+
     /// No points, with buffers kept.
     pub(crate) fn clear(&mut self) {
         self.blocks.clear();

@@ -9,6 +9,7 @@ use super::{BLOCK_POINTS, Geometry, GeometryDigest, GeometryError, Layout};
 use crate::StateHash;
 use crate::frame::FrameIndex;
 use crate::hash::Kind;
+use crate::memory;
 
 /// Geometry of the sets, AO of the points, what the coder remembers of both, and the hash over all that came.
 ///
@@ -47,6 +48,15 @@ impl State {
             frame: None,
             layout,
         }
+    }
+
+    /// Bytes held, the layout and the points that came included.
+    pub(super) fn held(&self) -> usize {
+        let State { layout, geometry, received, values, present, history, model, .. } = self;
+        let points: usize = geometry.iter().flatten().map(|geometry| geometry.held()).sum();
+        let lists =
+            memory::list(geometry) + memory::list(received) + memory::list(values) + memory::list(present);
+        layout.held() + points + lists + history.held() + model.held()
     }
 
     /// The layout of the stream.

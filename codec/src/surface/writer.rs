@@ -12,6 +12,7 @@ use super::patch_section::Patch;
 use super::values::{ValueModel, Values};
 use crate::block::{BlockCoder, BlockError, CoderId, Compressor};
 use crate::frame::{EncodeError, SectionInfo, SectionTag};
+use crate::memory;
 use crate::range::{Number, RangeEncoder};
 
 /// The blocks of one frame, and the section table that goes before them.
@@ -38,6 +39,12 @@ impl FrameModels {
 }
 
 impl SectionWriter {
+    /// Bytes held.
+    pub(super) fn held(&self) -> usize {
+        let SectionWriter { sections, blocks, compressor, plain, found } = self;
+        memory::list(sections) + memory::list(blocks) + compressor.held() + memory::list(plain) + found.held()
+    }
+
     /// Ready for the next frame.
     pub(super) fn clear(&mut self) {
         self.sections.clear();

@@ -7,6 +7,7 @@
 
 use fearless_simd::{Level, dispatch};
 use glam::{Mat3, Vec3};
+use psao_codec::memory;
 
 use super::bundle::GROUPS;
 use crate::bvh::{LANES, Packed, Packed3, SPREAD_SLACK};
@@ -59,6 +60,12 @@ impl SampleSets {
     /// Computes the sets for `rays` (at least 1) rays a point.
     pub(crate) fn new(rays: u32, seed: u64) -> Self {
         Self { seed, sets: (0..SETS).map(|set| SampleSet::new(rays, substream(seed, set))).collect() }
+    }
+
+    /// Bytes held.
+    pub(super) fn held(&self) -> usize {
+        let set = |set: &SampleSet| memory::list(&set.groups) + memory::list(&set.cones);
+        memory::list(&self.sets) + self.sets.iter().map(set).sum::<usize>()
     }
 
     /// The rays of a point.

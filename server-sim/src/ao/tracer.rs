@@ -99,6 +99,12 @@ impl Tracer {
         &self.settings
     }
 
+    /// Bytes of memory held: the directions of all sets of rays.
+    #[must_use]
+    pub fn memory_bytes(&self) -> usize {
+        self.sets.held()
+    }
+
     /// AO of a place in the world, as by a point there: `normal` is unit, `point` chooses the rays. For references; the
     /// server keeps its points in the spaces of their bodies.
     #[must_use]

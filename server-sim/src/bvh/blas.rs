@@ -3,6 +3,7 @@
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, dispatch};
 use glam::Vec3;
+use psao_codec::memory;
 
 use super::block::{Block, Meeting};
 use super::bounds::Bounds;
@@ -43,6 +44,12 @@ impl Blas {
             })
             .collect();
         Self { wides: wide::widen(&tree), tree, blocks, masked: Vec::new() }
+    }
+
+    /// Bytes held, itself included.
+    pub(super) fn held(&self) -> usize {
+        let Self { tree, wides, blocks, masked } = self;
+        size_of::<Self>() + tree.held() + memory::list(wides) + memory::list(blocks) + memory::list(masked)
     }
 
     /// Marks the triangles whose hits must ask for the texel.

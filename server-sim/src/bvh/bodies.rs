@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use glam::{Mat3, Vec3};
+use psao_codec::memory;
 
 use super::blas::{Blas, BlasHit};
 use super::bounds::Bounds;
@@ -82,6 +83,11 @@ impl Bodies {
     pub(crate) fn new(list: Vec<Body>) -> Self {
         let boxes: Vec<Bounds> = list.iter().map(Body::bounds).collect();
         Self { top: Tree::build(&boxes, 2, 1, Effort::Quick), list }
+    }
+
+    /// Bytes held, but for what bodies share.
+    pub(super) fn held(&self) -> usize {
+        memory::list(&self.list) + self.top.held()
     }
 
     #[inline(always)]

@@ -2,6 +2,8 @@
 
 use std::sync::Arc;
 
+use psao_codec::memory;
+
 use super::blas::Blas;
 use super::bodies::{Body, Placement};
 use super::bounds::Bounds;
@@ -100,6 +102,14 @@ impl Mover {
         let cut = blas.tree().cut(PARTS);
         let parts = parts(&blas, &cut, &placement);
         Self { instance, placement, visible: true, bounds, blas, parts, cut, shape: None }
+    }
+
+    /// Bytes held; of the tree, only where it is not `rest`, which movers share.
+    pub(super) fn held(&self, rest: Option<&Arc<Blas>>) -> usize {
+        let shared = rest.is_some_and(|rest| Arc::ptr_eq(rest, &self.blas));
+        let tree = if shared { 0 } else { self.blas.held() };
+        let shape = self.shape.as_ref().map_or(0, |shape| shape.geometry.held() + shape.spare.held());
+        tree + memory::list(&self.parts) + memory::list(&self.cut) + shape
     }
 
     /// Geometry of an instance that is posed vertex by vertex, as of when that was last done.

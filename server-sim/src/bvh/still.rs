@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use glam::Vec3;
+use psao_codec::memory;
 
 use super::blas::Blas;
 use super::bodies::Placement;
@@ -53,6 +54,11 @@ impl Still {
     ) {
         let triangles = self.triangles(scene, pose, placements, |index| present[index]);
         Arc::make_mut(&mut self.blas).refit(&triangles);
+    }
+
+    /// Bytes held.
+    pub(super) fn held(&self) -> usize {
+        self.blas.held() + memory::list(&self.starts)
     }
 
     /// The instances that it was built of.

@@ -10,6 +10,7 @@ use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::node::Bvh2Node;
 use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
+use psao_codec::memory;
 
 use super::bounds::Bounds;
 
@@ -58,6 +59,11 @@ pub(crate) struct Tree {
 }
 
 impl Tree {
+    /// Bytes held.
+    pub(super) fn held(&self) -> usize {
+        memory::list(&self.nodes) + memory::list(&self.order)
+    }
+
     /// Builds over `boxes`; empty or unbounded boxes are left out. Leaves hold at most `leaf` boxes, and each leaf's
     /// run in [`Tree::order`] starts at a multiple of `stride` (1 = no padding).
     pub(crate) fn build(boxes: &[Bounds], leaf: usize, stride: usize, effort: Effort) -> Self {

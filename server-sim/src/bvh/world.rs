@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use glam::Vec3;
+use psao_codec::memory;
 use rayon::prelude::*;
 
 use super::blas::{Blas, BlasHit};
@@ -199,6 +200,35 @@ impl World {
             self.owners.push(Owner::Instance(mover.instance as u32));
         }
         self.bodies = Bodies::new(list);
+    }
+
+    /// Bytes of memory held: trees, the posed geometry of what deforms, and where everything is. What instances share counts
+    /// once; the scene does not.
+    #[must_use]
+    pub fn memory_bytes(&self) -> usize {
+        let Self {
+            scene,
+            shared,
+            still,
+            rests,
+            movers,
+            bodies,
+            owners,
+            instance_bodies,
+            placements,
+            stirs,
+            ..
+        } = self;
+        let stills: usize = still.iter().map(Still::held).sum();
+        let at_rest: usize = rests.iter().flatten().map(|blas| blas.held()).sum();
+        let rest = |mover: &Mover| rests[scene.instances()[mover.instance].rest().index()].as_ref();
+        let moving: usize = movers.iter().map(|mover| mover.held(rest(mover))).sum();
+        let swept = stirs.iter().filter_map(Stir::swept).map(|swept| memory::list(&swept.parts));
+        let structures =
+            memory::list(still) + memory::list(rests) + memory::list(movers) + memory::list(owners);
+        let instances = memory::list(shared) + memory::list(instance_bodies) + memory::list(placements);
+        let trees = stills + at_rest + moving + bodies.held();
+        trees + structures + instances + memory::list(stirs) + swept.sum::<usize>()
     }
 
     /// The scene.

@@ -95,6 +95,14 @@ impl ScenePoints {
         set.numbers = order.iter().map(|&from| set.numbers[from as usize]).collect();
     }
 
+    /// Bytes of memory held.
+    #[must_use]
+    pub fn memory_bytes(&self) -> usize {
+        // Counted by length: how much room there is depends on whether the points come from a cache.
+        let set = |set: &PointSet| size_of_val(set) + size_of_val(set.points()) + size_of_val(set.numbers());
+        self.sets.iter().map(set).sum::<usize>() + size_of_val(self.firsts())
+    }
+
     /// Points of all instances together.
     #[must_use]
     pub fn total(&self) -> u32 {

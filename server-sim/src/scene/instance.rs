@@ -1,6 +1,7 @@
 //! Instances: one primitive at one node, and how it moves.
 
 use glam::Mat3;
+use psao_codec::memory;
 
 use crate::scene::deform::JointMatrix;
 use crate::scene::ids::{MeshId, RestId};
@@ -161,6 +162,16 @@ pub struct ScenePose {
 }
 
 impl ScenePose {
+    /// Bytes held.
+    pub(crate) fn held(&self) -> usize {
+        let posed = self.instances.iter().map(|instance| match &instance.deform {
+            Deform::Rest | Deform::Affine(_) => 0,
+            Deform::Morph { weights, .. } => memory::list(weights),
+            Deform::Skin { joints, weights } => memory::list(joints) + memory::list(weights),
+        });
+        memory::list(&self.instances) + memory::list(&self.worlds) + posed.sum::<usize>()
+    }
+
     /// The time, seconds from the start of the clip.
     #[must_use]
     pub fn time_s(&self) -> f64 {

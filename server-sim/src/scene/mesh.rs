@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use glam::{Mat3, Vec2, Vec3, Vec4};
+use psao_codec::memory;
 
 use crate::scene::ids::{MaterialId, MeshId};
 
@@ -16,6 +17,11 @@ pub struct Geometry {
 }
 
 impl Geometry {
+    /// Bytes held.
+    pub(crate) fn held(&self) -> usize {
+        memory::list(&self.positions) + memory::list(&self.normals) + memory::list(&self.tangents)
+    }
+
     /// Positions, one per vertex, metres in the instance's local space.
     #[must_use]
     pub fn positions(&self) -> &[Vec3] {

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use psao_codec::block::BlockCoder;
 use psao_codec::cells::{Grid, Layout, PaperEncoder, PointSample};
 use psao_codec::frame::{EncodedFrame, FrameKind, FrameMeta, Pose};
+use psao_codec::memory;
 use psao_codec::point::PointFormat;
 use rayon::prelude::*;
 
@@ -54,6 +55,13 @@ impl CellsStream {
             coder: settings.coder,
             changed: Vec::new(),
         })
+    }
+
+    /// Bytes held.
+    pub(super) fn held(&self) -> usize {
+        let Sent { ao, places } = &self.sent;
+        let places = memory::list(places) + places.iter().map(memory::list).sum::<usize>();
+        self.encoder.memory_bytes() + memory::list(ao) + places + memory::list(&self.changed)
     }
 
     /// Finds the visible points that were never sent, or differ by enough from what was; how many they are.

@@ -6,6 +6,7 @@
 use std::ops::Range;
 
 use glam::Vec3;
+use psao_codec::memory::list;
 use rayon::prelude::*;
 
 use super::Shortcuts;
@@ -135,6 +136,21 @@ impl Field {
         field.place(world, points, true);
         field.measure(|_| true);
         field
+    }
+
+    /// Bytes held, but for what points remember of their rays.
+    pub(super) fn held(&self) -> usize {
+        let Self { chunks, flags, ao, exact, memories, places, shared, worlds, .. } = self;
+        let own = |places: &Places| match places {
+            Places::Shared(_) => 0,
+            Places::Own(points) => size_of_val(points.as_slice()),
+        };
+        let placed = |lists: &Vec<Vec<PlacedPoint>>| {
+            list(lists) + lists.iter().map(|points| size_of_val(points.as_slice())).sum::<usize>()
+        };
+        let places = list(places) + places.iter().map(own).sum::<usize>();
+        let known = list(flags) + list(ao) + list(exact);
+        list(chunks) + known + list(memories) + places + placed(shared) + placed(worlds)
     }
 
     /// Measures the chunks of some instances in the space of their seats.

@@ -7,6 +7,7 @@ mod cells;
 mod field;
 mod grids;
 mod halves;
+mod held;
 mod memory;
 mod nearness;
 mod pacing;
@@ -35,6 +36,7 @@ use thiserror::Error;
 
 pub use both::{AoError, BothProfiles, Each};
 pub use halves::{TracedFrame, TracingHalf, WritingHalf};
+pub use held::ServerMemory;
 pub use pacing::Pacing;
 pub use ration::{RayBudget, Waiting};
 pub use settings::{ServerSettings, SettingsError};
@@ -224,6 +226,12 @@ impl Server {
     /// [`SettingsError::RayBudget`].
     pub fn set_ray_budget(&mut self, budget: Option<RayBudget>) -> Result<(), SettingsError> {
         self.tracing.set_ray_budget(budget)
+    }
+
+    /// Bytes of memory held now, by part.
+    #[must_use]
+    pub fn memory(&self) -> ServerMemory {
+        ServerMemory { stream: self.stream.held(), ..self.tracing.held() }
     }
 
     /// The edits in force from the next step on.

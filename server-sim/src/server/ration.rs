@@ -1,5 +1,6 @@
 //! Which points are traced in a frame when there is no time for all of them.
 
+use psao_codec::memory;
 use psao_proto::message::CameraPose;
 
 use super::field::Field;
@@ -55,6 +56,11 @@ struct ChunkState {
 }
 
 impl Ration {
+    /// Bytes held.
+    pub(super) fn held(&self) -> usize {
+        memory::list(&self.states)
+    }
+
     /// Nothing has waited yet. `rays` is what a point takes that is not known better.
     pub(super) fn new(chunks: usize, rays: u32) -> Self {
         let state = ChunkState { age: 0, rays_a_point: rays as f32, chosen: true };

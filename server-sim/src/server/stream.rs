@@ -72,6 +72,14 @@ impl Stream {
         }
     }
 
+    /// Bytes held.
+    pub(super) fn held(&self) -> usize {
+        match self {
+            Self::Cells(stream) => stream.held(),
+            Self::Surface(stream) => stream.held(),
+        }
+    }
+
     /// Writes the frame of what was traced. The first one is a keyframe.
     pub(super) fn write(
         &mut self,

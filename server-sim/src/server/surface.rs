@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use psao_codec::block::BlockCoder;
 use psao_codec::frame::{EncodedFrame, FrameIndex, FrameKind, FrameMeta, StreamTime};
+use psao_codec::memory;
 use psao_codec::surface::{BLOCK_POINTS, Encoder, EncoderSettings, Geometry, Layout, keyframe};
 use psao_proto::message::{CameraPose, MemberEntry, SetEntry};
 use psao_proto::{Limits, SceneEntries, SceneTable};
@@ -58,6 +59,11 @@ impl SurfaceStream {
         let encoder = EncoderSettings { threshold, geometry: source, budget };
         let encoder = Encoder::new(Arc::clone(layout), geometry, encoder)?;
         Ok(Self { encoder, coder, cameras: Vec::new() })
+    }
+
+    /// Bytes held.
+    pub(super) fn held(&self) -> usize {
+        self.encoder.memory_bytes() + memory::list(&self.cameras)
     }
 
     /// Offers what was gathered; how many points the next frame sends.

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use super::field::{Field, Part, Placed, flag, set};
 use super::ration::{Ration, RayBudget, Waiting};
 use super::stats::{Lap, Progress, StageMicros, Work};
-use super::{ProgressFn, ServerSettings, SettingsError, Shortcuts};
+use super::{ProgressFn, ServerMemory, ServerSettings, SettingsError, Shortcuts};
 use crate::ao::{Scratch, Tracer};
 use crate::bvh::{BlasHit, Stir, World};
 use crate::points::ScenePoints;
@@ -78,6 +78,17 @@ impl Tracing {
             shortcuts,
             memory,
             progress,
+        }
+    }
+
+    /// Bytes held, but for the stream.
+    pub(super) fn held(&self) -> ServerMemory {
+        ServerMemory {
+            structures: self.world.memory_bytes() + self.pose.held(),
+            points: self.points.memory_bytes() + self.field.held() + self.ration.held(),
+            rays: self.tracer.memory_bytes(),
+            remembered: self.memory[1],
+            stream: 0,
         }
     }
 

@@ -6,8 +6,11 @@ use std::str::FromStr;
 use clap::{Args, ValueEnum};
 use psao_codec::block::BlockCoder;
 use psao_codec::surface::GeometrySource;
+use psao_eval::metric::Lpips;
 use psao_proto::Profile;
+use psao_server_sim::ao::Occlusion;
 
+use crate::analysis::load;
 use crate::budget::BudgetArgs;
 use crate::error::{Failure, Outcome};
 
@@ -133,6 +136,15 @@ pub(crate) enum OcclusionArg {
     Obscurance,
     /// Share of the rays that hit nothing
     Binary,
+}
+
+impl From<OcclusionArg> for Occlusion {
+    fn from(occlusion: OcclusionArg) -> Self {
+        match occlusion {
+            OcclusionArg::Obscurance => Self::Obscurance,
+            OcclusionArg::Binary => Self::Binary,
+        }
+    }
 }
 
 /// `--profile`.
@@ -262,6 +274,25 @@ pub(crate) struct RecordingArg {
     /// A recording made by `psao record`
     #[arg(value_name = "FILE")]
     pub(crate) file: PathBuf,
+}
+
+/// The network of LPIPS.
+#[derive(Args, Clone, Debug)]
+pub(crate) struct LpipsArgs {
+    /// Weights of LPIPS (`AlexNet`, version 0.1: 2,470,848 half floats or floats); without them there is no LPIPS
+    #[arg(long, value_name = "FILE")]
+    lpips_weights: Option<PathBuf>,
+}
+
+impl LpipsArgs {
+    /// The network, and the bytes that it was made of; `None` unless asked for.
+    pub(crate) fn load(&self) -> Outcome<Option<(Lpips, Vec<u8>)>> {
+        let Some(path) = &self.lpips_weights else { return Ok(None) };
+        let bytes = load(path)?;
+        let network = Lpips::from_weights(&bytes)
+            .map_err(|error| Failure::input(format_args!("{}: {error}", path.display())))?;
+        Ok(Some((network, bytes)))
+    }
 }
 
 /// Where a recording made of others goes.

@@ -11,8 +11,9 @@ use psao_client::{AoImage, GBuffer, Size, Statistics, raster};
 use psao_codec::stream::State;
 use psao_codec::surface::Geometry;
 use psao_eval::adapter::SceneView;
-use psao_eval::metric::Comparison;
+use psao_eval::metric::{Comparison, Lpips, MetricError, Perceived};
 use psao_eval::reference::reference;
+use psao_eval::sweep::Figures;
 use psao_proto::message::{self, CameraPose, PointSource, SceneInfo};
 use psao_server_sim::ao::{AoSettings, Occlusion};
 use psao_server_sim::bvh::World;
@@ -92,7 +93,7 @@ pub(crate) struct Drawn {
 /// The same view by rays.
 pub(crate) struct Referenced {
     pub(crate) image: AoImage,
-    pub(crate) comparison: Comparison,
+    pub(crate) error: Figures,
     pub(crate) rays: u32,
     pub(crate) ms: f64,
 }
@@ -110,6 +111,8 @@ pub(crate) struct Shot<'a> {
     pub(crate) size: SizeArg,
     /// Rays a pixel of the reference; `None` draws none.
     pub(crate) reference_rays: Option<u32>,
+    /// For LPIPS.
+    pub(crate) network: Option<&'a Lpips>,
 }
 
 impl Shot<'_> {
@@ -138,11 +141,18 @@ impl Shot<'_> {
         if let Some(rays) = self.reference_rays {
             let start = Instant::now();
             let image = reference(&view, &buffer, &self.settings(rays)?).map_err(Failure::usage)?;
-            let comparison =
-                Comparison::new(&image, &result.image).map_err(|error| Failure::new(Exit::System, error))?;
-            result.reference = Some(Referenced { image, comparison, rays, ms: millis(start) });
+            let ms = millis(start);
+            let error =
+                self.compare(&image, &result.image).map_err(|error| Failure::new(Exit::System, error))?;
+            result.reference = Some(Referenced { image, error, rays, ms });
         }
         Ok(result)
+    }
+
+    /// The figures of `psao evaluate`.
+    fn compare(&self, truth: &AoImage, image: &AoImage) -> Result<Figures, MetricError> {
+        let error = Comparison::new(truth, image)?;
+        Ok(Figures::new(&error, &Perceived::new(truth, image, self.network)?))
     }
 
     /// The stream's own radius and falloff, with another number of rays.

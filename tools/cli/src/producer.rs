@@ -9,7 +9,7 @@ use psao_codec::stream::StateRef;
 use psao_codec::surface;
 use psao_proto::message::{Budget, CameraPose, Edit, Report, SceneInfo, StageId, StageTime};
 use psao_proto::{Micros, SceneTable};
-use psao_server_sim::ao::{AoSettings, Occlusion};
+use psao_server_sim::ao::AoSettings;
 use psao_server_sim::clock::Clock;
 use psao_server_sim::points::PointSettings;
 use psao_server_sim::scene::{EditError, Scene};
@@ -18,7 +18,7 @@ use psao_server_sim::server::{
     TracedFrame, TracingHalf, Waiting, Work, WritingHalf,
 };
 
-use crate::args::{OcclusionArg, PointArgs, TuningArgs};
+use crate::args::{PointArgs, TuningArgs};
 use crate::budget::message;
 use crate::cache::{Folder, as_cache};
 use crate::context::{WallClock, progress};
@@ -230,10 +230,7 @@ pub(crate) fn settings(points: &PointArgs, scene: &Scene, frames_hint: u32) -> S
         ao: AoSettings {
             rays: points.rays,
             radius: points.radius.unwrap_or_else(|| scene.ao_radius_m()),
-            kind: match points.occlusion {
-                OcclusionArg::Obscurance => Occlusion::Obscurance,
-                OcclusionArg::Binary => Occlusion::Binary,
-            },
+            kind: points.occlusion.into(),
             seed: points.seed,
         },
         threshold: points.threshold,

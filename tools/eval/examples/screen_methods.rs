@@ -10,9 +10,8 @@ use psao_client::{Size, raster};
 use psao_eval::adapter::SceneView;
 use psao_eval::metric::Comparison;
 use psao_eval::reference::{PAPER_RAYS, reference};
-use psao_eval::screen::{
-    Hbao, LineSweep, PyramidHbao, Scalable, Screen, ScreenMethod, Ssao, SsaoPlus, Traced,
-};
+use psao_eval::screen::Screen;
+use psao_eval::sweep::screen_methods;
 use psao_server_sim::ao::AoSettings;
 use psao_server_sim::bvh::World;
 use psao_server_sim::clock::Clock;
@@ -44,19 +43,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let screen = Screen::new(&view, &camera, size, 48)?;
     std::fs::write(folder.join("reference.png"), Picture::grey(&truth).to_png()?)?;
 
-    let methods: [Box<dyn ScreenMethod>; 9] = [
-        Box::new(Traced::new(radius)),
-        Box::new(Traced { thickness: Some(radius), ..Traced::new(radius) }),
-        Box::new(Ssao::new(radius)),
-        Box::new(Ssao { doubled: true, ..Ssao::new(radius) }),
-        Box::new(SsaoPlus::new(radius)),
-        Box::new(Hbao::new(radius)),
-        Box::new(PyramidHbao::new(radius)),
-        Box::new(Scalable::new(radius)),
-        Box::new(LineSweep::new(radius)),
-    ];
     let clock = WallClock(Instant::now());
-    for (number, method) in methods.iter().enumerate() {
+    for (number, method) in screen_methods(&settings)?.iter().enumerate() {
         let shaded = method.shade(&screen, &clock)?;
         let found = Comparison::new(&truth, &shaded.image)?;
         println!(
@@ -70,7 +58,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             method.label(),
         );
         let beside = Picture::side_by_side(&[Picture::grey(&truth), Picture::grey(&shaded.image)])?;
-        std::fs::write(folder.join(format!("{number}-{}.png", method.name())), beside.to_png()?)?;
+        std::fs::write(folder.join(format!("{number:02}-{}.png", method.name())), beside.to_png()?)?;
     }
     Ok(())
 }

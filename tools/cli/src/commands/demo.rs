@@ -150,6 +150,7 @@ fn draw(args: &Args, bytes: &[u8], folder: &Path) -> Outcome<Vec<Shown>> {
             camera: None,
             size: args.size,
             reference_rays: Some(args.reference_rays),
+            network: None,
         }
         .draw()?;
         let files = drawn.write(&folder.join(format!("frame-{frame}.png")))?;
@@ -277,9 +278,11 @@ fn quality(shown: &[Shown]) -> Section {
         .map(|(shown, reference)| {
             row([
                 format!("frame {}", shown.frame),
-                number::decibels(reference.comparison.psnr),
-                format!("{:.5}", reference.comparison.mae),
-                format!("{:.4}", reference.comparison.p99),
+                number::decibels(reference.error.psnr_db),
+                format!("{:.5}", reference.error.mae),
+                format!("{:.4}", reference.error.p99),
+                number::where_known(reference.error.ssim),
+                format!("{:.4}", reference.error.flip),
                 format!("{:.3} %", shown.drawn.statistics.unsupported_share() * 100.0),
                 format!("{:.1}", shown.drawn.reconstruct_ms),
                 format!("{:.0}", reference.ms),
@@ -288,9 +291,19 @@ fn quality(shown: &[Shown]) -> Section {
         .collect();
     Section {
         title: "Pictures against rays".to_owned(),
-        heads: heads(&["", "PSNR", "mean error", "99th percentile", "no point near", "client ms", "rays ms"]),
+        heads: heads(&[
+            "",
+            "PSNR",
+            "mean error",
+            "99th percentile",
+            "SSIM",
+            "FLIP",
+            "no point near",
+            "client ms",
+            "rays ms",
+        ]),
         rows,
-        note: "Error in units of AO, 0 to 1. The client's time is its reconstruction (paper, section 3.5); the rays' is \
+        note: "Errors in units of AO, 0 to 1; of PSNR and SSIM more is better, of FLIP less. The client's time is its reconstruction (paper, section 3.5); the rays' is \
                the reference of the same view."
             .to_owned(),
     }

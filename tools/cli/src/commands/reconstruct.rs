@@ -4,15 +4,17 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use psao_codec::stream::State;
+use psao_eval::sweep::Figures;
 use psao_proto::message::CameraPose;
 use psao_proto::recording::{PlayedFrame, Player, PlayerEvent, ReaderError};
 use psao_proto::{Limits, SceneTable};
 use psao_server_sim::scene::Edits;
+use serde::Serialize;
 
 use crate::analysis::load;
-use crate::args::{RecordingArg, SizeArg};
+use crate::args::{LpipsArgs, RecordingArg, SizeArg};
 use crate::context::{progress, say};
-use crate::error::{Failure, Outcome};
+use crate::error::{Exit, Failure, Outcome};
 use crate::output::number;
 use crate::pictures::{Drawn, SharedPoints, Shot, scene_of};
 
@@ -20,7 +22,7 @@ use crate::pictures::{Drawn, SharedPoints, Shot, scene_of};
 ///
 /// AO comes from the stream alone; the scene's geometry, which a client has anyway, is loaded by the name or path in the
 /// recording, and edited as it was at that frame. With --reference, FILE.reference.png, FILE.difference.png (red: too bright, blue: too dark) and
-/// FILE.side-by-side.png are written as well, and the error is printed.
+/// FILE.side-by-side.png are written as well, and the errors are printed: the figures of `psao evaluate`.
 #[derive(clap::Args, Debug)]
 pub(crate) struct Args {
     #[command(flatten)]
@@ -41,12 +43,41 @@ pub(crate) struct Args {
     /// Rays a pixel of the reference
     #[arg(long, value_name = "N", default_value_t = 512)]
     reference_rays: u32,
+    #[command(flatten)]
+    lpips: LpipsArgs,
     /// Where the recorded scene is, if not where it was
     #[arg(long, value_name = "NAME|FILE")]
     scene: Option<String>,
     /// The picture to write
     #[arg(short, long, value_name = "FILE.png")]
     output: PathBuf,
+    /// Print JSON (docs/reconstruct-json.md) instead of sentences
+    #[arg(long)]
+    json: bool,
+}
+
+/// What `--json` prints; `docs/reconstruct-json.md` describes the fields.
+#[derive(Serialize)]
+struct Document<'a> {
+    schema: &'static str,
+    frame: u32,
+    time_s: f64,
+    width: u32,
+    height: u32,
+    fragments: u64,
+    mean_blended: f64,
+    unsupported: f64,
+    raster_ms: f64,
+    reconstruct_ms: f64,
+    reference: Option<ReferenceOut<'a>>,
+    files: &'a [PathBuf],
+}
+
+#[derive(Serialize)]
+struct ReferenceOut<'a> {
+    rays: u32,
+    ms: f64,
+    error: &'a Figures,
 }
 
 /// `--camera`.
@@ -77,6 +108,7 @@ impl FromStr for CameraArg {
 pub(crate) fn run(args: &Args) -> Outcome {
     let path = &args.recording.file;
     let bytes = load(path)?;
+    let network = args.lpips.load()?.map(|(network, _)| network);
     let mut playback =
         Playback::new(&bytes).map_err(|error| Failure::input(format_args!("{}: {error}", path.display())))?;
     let frame = playback
@@ -97,15 +129,44 @@ pub(crate) fn run(args: &Args) -> Outcome {
         camera: args.camera.map(|camera| camera.0),
         size: args.size,
         reference_rays: args.reference.then_some(args.reference_rays),
+        network: network.as_ref(),
     }
     .draw()?;
     bar.finish_and_clear();
     let files = drawn.write(&args.output)?;
+    if args.json {
+        return say(json(&drawn, &frame, &files)?);
+    }
     say(describe(&drawn))?;
     for file in files {
         say(format_args!("wrote {}", file.display()))?;
     }
     Ok(())
+}
+
+/// The figures of a picture, for programs.
+fn json(drawn: &Drawn, frame: &PlayedFrame, files: &[PathBuf]) -> Outcome<String> {
+    let size = drawn.image.size();
+    let document = Document {
+        schema: "psao-reconstruct/1",
+        frame: frame.info.frame.0,
+        time_s: frame.info.time.0 as f64 / 1e6,
+        width: size.width(),
+        height: size.height(),
+        fragments: drawn.statistics.fragments,
+        mean_blended: drawn.statistics.mean_blended(),
+        unsupported: drawn.statistics.unsupported_share(),
+        raster_ms: drawn.raster_ms,
+        reconstruct_ms: drawn.reconstruct_ms,
+        reference: drawn.reference.as_ref().map(|by_rays| ReferenceOut {
+            rays: by_rays.rays,
+            ms: by_rays.ms,
+            error: &by_rays.error,
+        }),
+        files,
+    };
+    serde_json::to_string_pretty(&document)
+        .map_err(|error| Failure::new(Exit::System, format_args!("cannot write JSON: {error}")))
 }
 
 /// A recording, played from its start to the frames that are drawn.
@@ -183,16 +244,25 @@ pub(crate) fn describe(drawn: &Drawn) -> String {
         drawn.reconstruct_ms,
     );
     if let Some(reference) = &drawn.reference {
-        let comparison = &reference.comparison;
+        let error = &reference.error;
         text.push_str(&format!(
-            "\nagainst {} rays a pixel ({:.1} s): PSNR {}, mean error {:.5}, 99th percentile {:.4}, largest {:.4}",
+            "\nagainst {} rays a pixel ({:.1} s): PSNR {}, mean error {:.5}, RMSE {:.5}, bias {:+.5}, 99th percentile {:.4}, \
+             largest {:.4}, within 5 % {:.1} %, SSIM {}, FLIP {:.4}",
             reference.rays,
             reference.ms / 1e3,
-            number::decibels(comparison.psnr),
-            comparison.mae,
-            comparison.p99,
-            comparison.max,
+            number::decibels(error.psnr_db),
+            error.mae,
+            error.rmse,
+            error.bias,
+            error.p99,
+            error.max,
+            error.within_5 * 100.0,
+            number::where_known(error.ssim),
+            error.flip,
         ));
+        if let Some(lpips) = error.lpips {
+            text.push_str(&format!(", LPIPS {lpips:.4}"));
+        }
     }
     text
 }

@@ -13,6 +13,11 @@ pub(crate) fn count(value: u64) -> String {
     out
 }
 
+/// So many of something: `1 round`, `1,234 rounds`.
+pub(crate) fn counted(value: u64, what: &str) -> String {
+    format!("{} {what}{}", count(value), if value == 1 { "" } else { "s" })
+}
+
 /// A byte count with a decimal unit: `712 B`, `7.1 kB`, `3.40 MB`.
 pub(crate) fn bytes(value: u64) -> String {
     let value = value as f64;
@@ -34,9 +39,14 @@ pub(crate) fn millis(micros: f64) -> String {
     format!("{:.2}", micros / 1e3)
 }
 
-/// A PSNR in decibels; equal pictures have no finite one.
-pub(crate) fn decibels(psnr: f64) -> String {
-    if psnr.is_finite() { format!("{psnr:.2} dB") } else { "equal".to_owned() }
+/// A PSNR in decibels; equal pictures have none.
+pub(crate) fn decibels(psnr: Option<f64>) -> String {
+    psnr.map_or_else(|| "equal".to_owned(), |psnr| format!("{psnr:.2} dB"))
+}
+
+/// A figure that small pictures do not have.
+pub(crate) fn where_known(figure: Option<f64>) -> String {
+    figure.map_or_else(|| "\u{2013}".to_owned(), |figure| format!("{figure:.4}"))
 }
 
 #[cfg(test)]
@@ -48,6 +58,14 @@ mod tests {
         for (value, text) in [(0, "0"), (999, "999"), (1000, "1,000"), (1_234_567, "1,234,567")] {
             assert_eq!(count(value), text);
         }
+    }
+
+    #[test]
+    fn one_is_not_many() {
+        assert_eq!(
+            [0, 1, 2000].map(|rounds| counted(rounds, "round")),
+            ["0 rounds", "1 round", "2,000 rounds"]
+        );
     }
 
     #[test]

@@ -39,6 +39,12 @@ fn arguments<'a>(more: &[&'a str]) -> Vec<&'a str> {
     arguments
 }
 
+/// The tiny sweep of a scene with other options, which may not be given twice.
+fn instead<'a>(scene: &'a str, more: &[&'a str]) -> Vec<&'a str> {
+    let rest = TINY.chunks(2).chain(CHEAP.chunks(2)).filter(|pair| !more.contains(&pair[0])).flatten();
+    ["evaluate", scene].iter().chain(rest).chain(more).copied().collect()
+}
+
 fn read(folder: &Path, name: &str) -> String {
     std::fs::read_to_string(folder.join(name)).unwrap()
 }
@@ -116,23 +122,59 @@ fn bad_input_is_refused_before_anything_is_measured() {
         (&["--bits", "20"], 2, "20"),
         (&["--fps", "0"], 2, "above 0"),
         (&["--fps", "nan"], 2, "above 0"),
-        (&["--radius", "0"], 2, "radius"),
+        (&["--radius", "0"], 2, "radius of 0 m"),
+        (&["--radius", "nan"], 2, "radius of NaN m"),
+        (&["--radius", "inf", "--table", "far-field"], 2, "radius of inf m"),
+        (&["--guard", "4097"], 2, "4096"),
+        (&["--size", "16384x1", "--guard", "1", "--reference-rays", "1"], 3, "guard band"),
+        (&["--size", "0x1"], 2, "0x1"),
         (&["--reference-rays", "0"], 2, "rays"),
         (&["--resume"], 2, "--out"),
         (&["--lpips-weights", text(&weights)], 3, "9 bytes"),
         (&["--lpips-weights", "nonesuch"], 3, "nonesuch"),
         (&["nonesuch-scene"], 3, "nonesuch-scene"),
     ] {
-        // Later options win over those of the tiny sweep only where they may be given twice: leave those out.
-        let tiny = TINY.chunks(2).chain(CHEAP.chunks(2)).filter(|pair| !more.contains(&pair[0])).flatten();
-        let mut all = vec!["evaluate", "colonnade"];
-        all.extend(tiny);
-        all.extend(more);
-        let run = psao(&all);
+        let run = psao(&instead("colonnade", more));
         assert_eq!(run.code, Some(code), "{more:?}: {}{}", run.out, run.err);
         assert!(run.err.contains(says), "{more:?}: {}", run.err);
         assert_eq!(run.out, "", "{more:?}");
     }
+}
+
+#[test]
+fn pictures_of_one_pixel_in_any_guard_band_are_shaded_by_all() {
+    for guard in ["0", "9"] {
+        let options = ["--size", "1x1", "--guard", guard, "--methods", "all", "--points", "4", "--json"];
+        let document: serde_json::Value =
+            serde_json::from_str(&fine(&instead("colonnade", &options))).unwrap();
+        let records = document["records"].as_array().unwrap();
+        let streams = records.iter().filter(|record| record["kind"] == "stream").count();
+        assert!(streams == 2 && records.len() > 2 + 9, "both profiles, and every method: {document}");
+        for record in records {
+            let error = &record["error"];
+            assert!((0.0..=1.0).contains(&error["mae"].as_f64().unwrap()), "{record}");
+            assert!(error["ssim"].is_null() && error["flip"].is_f64(), "no window fits: {record}");
+            assert_eq!(record["memory"]["server_bytes"].is_u64(), record["kind"] == "stream", "{record}");
+        }
+    }
+}
+
+#[test]
+fn a_guard_band_wider_than_the_picture_changes_what_is_seen_and_no_stream() {
+    let run = |guard| {
+        let options = ["--size", "8x6", "--guard", guard, "--methods", "traced", "--points", "4", "--json"];
+        let document: serde_json::Value =
+            serde_json::from_str(&fine(&instead("colonnade", &options))).unwrap();
+        assert_eq!(document["guard"].to_string(), guard);
+        let errors = |kind: &str| -> Vec<serde_json::Value> {
+            let records = document["records"].as_array().unwrap().iter();
+            records.filter(|record| record["kind"] == kind).map(|record| record["error"].clone()).collect()
+        };
+        (errors("stream"), errors("screen"))
+    };
+    let (bare, wide) = (run("0"), run("64"));
+    assert_eq!(bare.0, wide.0);
+    assert_ne!(bare.1, wide.1);
 }
 
 #[test]

@@ -100,7 +100,20 @@ fn a_frame_becomes_a_picture_with_its_reference() {
         let mut arguments = vec!["reconstruct", recording, "--frame", "3", "--size", "64x36"];
         arguments.extend(["--reference", "--reference-rays", "16", "-o", text(&path)]);
         let printed = fine(&arguments);
-        assert!(printed.contains("PSNR") && printed.contains("dB"), "{printed}");
+        for figure in ["PSNR", "dB", "SSIM", "FLIP", "within 5 %"] {
+            assert!(printed.contains(figure), "{figure}: {printed}");
+        }
+        assert!(!printed.contains("LPIPS"), "no weights were given: {printed}");
+        arguments.push("--json");
+        let found = json(&arguments);
+        let error = &found["reference"]["error"];
+        for figure in ["mae", "rmse", "psnr_db", "bias", "p99", "max", "within_5", "ssim", "flip"] {
+            assert!(error[figure].is_f64(), "{figure}: {found}");
+        }
+        assert!(error["lpips"].is_null() && found["files"].as_array().unwrap().len() == 4, "{found}");
+        let mae = format!("mean error {:.5},", error["mae"].as_f64().unwrap());
+        let ssim = format!("SSIM {:.4}, ", error["ssim"].as_f64().unwrap());
+        assert!(printed.contains(&mae) && printed.contains(&ssim), "{mae} {ssim} {printed}");
         for name in ["a.png", "a.reference.png", "a.difference.png", "a.side-by-side.png"] {
             let bytes = std::fs::read(folder.path().join(name)).unwrap();
             assert!(bytes.starts_with(b"\x89PNG"), "{name}");

@@ -23,9 +23,11 @@ fn run(more: &[&str]) -> String {
         [0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 2.0, 0.0, 0.2, 0.0, 0.0, 5.0, 0.0];
     let bytes: Vec<u8> = numbers.iter().flat_map(|number| number.to_le_bytes()).collect();
     std::fs::write(folder.path().join("lifted.bin"), bytes).unwrap();
-    let mut arguments =
-        vec!["needs", text(&scene), "--frames", "4", "--rounds", "2", "--fps", "4", "--all-visible"];
+    let mut arguments = vec!["needs", text(&scene), "--frames", "4", "--fps", "4", "--all-visible"];
     arguments.extend(SMALL);
+    if !more.contains(&"--rounds") {
+        arguments.extend(["--rounds", "2"]);
+    }
     arguments.extend(more);
     fine(&arguments)
 }
@@ -52,6 +54,11 @@ fn each_thing_left_out_is_measured_and_changes_no_frame() {
     assert!(row("rays of bodies that move alone")["traced"].as_f64().unwrap() > 0.0);
     assert!(row("positions and normals of points")["bytes_once"].as_i64().unwrap() > 0);
     assert!(row("pose tracks")["bytes"].as_f64().unwrap() > 0.0);
+    let memory = document["memory"].as_object().unwrap();
+    let bytes = |part: &str| memory[part].as_u64().unwrap();
+    let parts = ["structures", "points", "rays", "remembered", "stream"].map(bytes);
+    assert_eq!((memory.len(), bytes("total")), (6, parts.iter().sum()));
+    assert!(parts[0] > 0 && parts[1] > 0 && parts[4] > 0, "{memory:?}");
     let backs = row("points on backs");
     assert!(backs["bytes"].is_null() && backs["note"].as_str().unwrap().starts_with("n/a"));
     let again: serde_json::Value = serde_json::from_str(&run(&["--json", "--geometry", "shared"])).unwrap();
@@ -67,6 +74,8 @@ fn the_table_says_the_same() {
         assert!(out.contains(words), "{words}: {out}");
     }
     assert!(!out.contains("NO"), "{out}");
+    assert!(out.contains(", 2 rounds;") && out.contains("The server holds"), "{out}");
+    assert!(run(&["--rounds", "1"]).contains(", 1 round;"));
 }
 
 #[test]

@@ -7,7 +7,7 @@ use crate::sweep::{Kind, Record};
 const HEADS: &str = "scene,kind,name,label,points_per_m2,bits,rays,threshold,fps,coder,mae,rmse,psnr_db,bias,p99,max,\
 within_5,ssim,flip,lpips,paper_mbit_s,wire_mbit_s,first_state_bytes,later_bytes,changed_points,points,frames,server_ms,\
 server_ms_low,server_ms_high,first_frame_ms,picture_ms,picture_ms_low,picture_ms_high,picture_bytes,state_bytes,\
-largest_frame_bytes,working_bytes,key";
+largest_frame_bytes,working_bytes,server_bytes,key";
 
 /// All records as comma-separated values with a head line. What a record does not have is empty; so is the PSNR of equal
 /// pictures.
@@ -65,6 +65,7 @@ fn cells(record: &Record) -> Vec<String> {
         some(memory.state_bytes),
         some(memory.largest_frame_bytes),
         some(memory.working_bytes),
+        some(memory.server_bytes),
         record.key.clone(),
     ]);
     cells

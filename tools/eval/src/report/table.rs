@@ -17,7 +17,7 @@ const fn page(head: &'static str, of: fn(&Record) -> Option<String>) -> Column {
     Column { head, of, page: true }
 }
 
-const COLUMNS: [Column; 21] = [
+const COLUMNS: [Column; 22] = [
     column("e_A", |r| Some(format!("{:.4}", r.error.mae))),
     page("RMSE", |r| Some(format!("{:.4}", r.error.rmse))),
     column("PSNR, dB", |r| r.error.psnr_db.map(|db| format!("{db:.2}"))),
@@ -38,6 +38,7 @@ const COLUMNS: [Column; 21] = [
     column("picture, ms", |r| Some(ms(r.picture_ms.median))),
     page("quartiles, ms", |r| Some(format!("{}\u{2013}{}", ms(r.picture_ms.low), ms(r.picture_ms.high)))),
     page("state, kB", |r| r.memory.state_bytes.map(|bytes| format!("{:.0}", bytes as f64 / 1e3))),
+    page("server, MB", |r| r.memory.server_bytes.map(|bytes| format!("{:.1}", bytes as f64 / 1e6))),
     page("buffers, MB", |r| {
         let bytes = r.memory.picture_bytes + r.memory.working_bytes.unwrap_or(0);
         Some(format!("{:.1}", bytes as f64 / 1e6))

@@ -359,6 +359,27 @@ mod tests {
     }
 
     #[test]
+    fn projected_depths_are_refused_where_they_show_and_fine_once_linear() {
+        const NEAR: f32 = 0.1;
+        let metres = [2.0, f32::INFINITY, 0.5, 8.0, 3.0, f32::INFINITY];
+        let make = |depths: [f32; 6]| {
+            Screen::from_parts(size(3, 2), 0, [1.0, 1.0], depths.into(), vec![Vec3::NEG_Z; 6])
+        };
+        let linear = make(metres).unwrap();
+        // A far plane at infinity, reversed: 1 is near, and the sky is 0.
+        let reversed = metres.map(|metres| NEAR / metres);
+        assert_eq!(make(reversed), Err(ScreenError::Depth { x: 1, y: 0, depth: 0.0 }));
+        let back = make(reversed.map(|depth| NEAR / depth)).unwrap();
+        assert!((0..3).all(|x| (back.depth(x, 0) - linear.depth(x, 0)).abs() < 1e-6
+            || back.depth(x, 0) == linear.depth(x, 0)));
+        // Not reversed, the sky is 1: what is no more than a metre away cannot be told from that, what is at the near plane can.
+        let normalised = metres.map(|metres| 1.0 - NEAR / metres);
+        assert_eq!(make(normalised.map(|depth| NEAR / (1.0 - depth))).unwrap().position(1, 0), None);
+        let at_near = [NEAR; 6].map(|metres| 1.0 - NEAR / metres);
+        assert_eq!(make(at_near), Err(ScreenError::Depth { x: 0, y: 0, depth: 0.0 }));
+    }
+
+    #[test]
     fn what_is_no_depth_or_normal_is_refused_with_its_place() {
         let make = |depth: f32, normal: Vec3| {
             let (mut depths, mut normals) = (vec![1.0; 6], vec![Vec3::NEG_Z; 6]);

@@ -60,6 +60,7 @@ impl Bench<'_> {
             }
         }
         let state_bytes = run.keyframe_bytes()?;
+        let server_bytes = run.server.memory().total() as u64;
         let (hash, mut took, bytes, points) = (run.state.hash(), run.took, run.bytes, run.points);
         for number in 1..self.runs.repeats {
             let mut again = Run::new(clip, setting, self.clock)?;
@@ -109,6 +110,7 @@ impl Bench<'_> {
                     state_bytes: Some(state_bytes),
                     largest_frame_bytes: Some(bytes.largest),
                     working_bytes: None,
+                    server_bytes: Some(server_bytes),
                 },
                 ..empty()
             })
@@ -346,6 +348,9 @@ mod tests {
             assert_eq!(stream.frames, 4);
             assert!(stream.first_state_bytes > stream.later_bytes, "nothing moves: {stream:?}");
             assert!(record.memory.state_bytes.unwrap() >= u64::from(stream.points));
+            assert!(
+                record.memory.server_bytes > record.memory.state_bytes && open.memory.server_bytes.is_none()
+            );
             assert_eq!(record, bench.stream("k", clip, setting).unwrap().record, "on a steady clock");
         });
     }

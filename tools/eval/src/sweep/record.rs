@@ -216,6 +216,8 @@ pub struct Memory {
     pub largest_frame_bytes: Option<u64>,
     /// What a method allocates besides, as it says itself.
     pub working_bytes: Option<u64>,
+    /// What the server of a stream holds after the last frame, see [`psao_server_sim::server::ServerMemory`].
+    pub server_bytes: Option<u64>,
 }
 
 #[cfg(test)]

@@ -47,7 +47,7 @@ pub(crate) struct Args {
     /// What a ray looks for: the nearest hit, or any
     #[arg(long, value_enum, default_value_t = OcclusionArg::Obscurance)]
     occlusion: OcclusionArg,
-    /// Seed of the points, of which are taken, and of their rays
+    /// Seed of the points and their rays, and of which points are taken
     #[arg(long, default_value_t = 1, value_name = "S")]
     seed: u64,
     /// How often each is measured
@@ -116,10 +116,7 @@ pub(crate) fn run(args: &Args) -> Outcome {
     let settings = PointSettings { per_m2: args.per_m2, minimum: 64, seed: args.seed };
     let cache = Folder::of(&args.cache);
     let points = generate_cached(&scene, &settings, as_cache(&cache), &|_, _| {}).map_err(Failure::input)?;
-    let kind = match args.occlusion {
-        OcclusionArg::Obscurance => Occlusion::Obscurance,
-        OcclusionArg::Binary => Occlusion::Binary,
-    };
+    let kind = args.occlusion.into();
     let radius = args.radius.unwrap_or_else(|| scene.ao_radius_m());
     let ao = AoSettings { rays: args.rays, radius, kind, seed: args.seed };
     let instructions = instructions(args.instructions.as_deref())?;
@@ -230,13 +227,13 @@ impl Spread {
 fn table(report: &Report) -> Outcome {
     let rays = number::count(report.rays as u64);
     say(format_args!(
-        "{}: {rays} rays of {} m from {} points against {} triangles, {}, {} rounds, one thread, {}",
+        "{}: {rays} rays of {} m from {} points against {} triangles, {}, {}, one thread, {}",
         report.scene,
         report.radius_m,
         number::count(report.points as u64),
         number::count(report.triangles as u64),
         report.occlusion,
-        report.rounds,
+        number::counted(report.rounds.into(), "round"),
         report.instructions,
     ))?;
     let mut figures = Figures::new(["", "Mrays/s, median", "least", "most", "hits"]);

@@ -258,7 +258,7 @@ impl Document {
             "no point near, paper",
             "no point near, surface",
         ]);
-        let psnr = |seen: &PictureOut| number::decibels(seen.psnr_db.unwrap_or(f64::INFINITY));
+        let psnr = |seen: &PictureOut| number::decibels(seen.psnr_db);
         for (paper, surface) in self.paper.pictures.iter().zip(&self.surface.pictures) {
             table.row([
                 format!("frame {}", paper.frame),

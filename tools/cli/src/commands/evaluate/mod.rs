@@ -22,7 +22,7 @@ use self::plan::{Job, Plan, Sweep};
 use self::preset::TableArg;
 use self::store::Store;
 use crate::analysis::{paper_bytes, parts_of};
-use crate::args::{CacheArgs, Coder, OcclusionArg, ProfileArg, SizeArg};
+use crate::args::{CacheArgs, Coder, LpipsArgs, OcclusionArg, ProfileArg, SizeArg};
 use crate::cache::{Folder, as_cache};
 use crate::context::{WallClock, progress};
 use crate::error::{Exit, Failure, Outcome};
@@ -84,12 +84,11 @@ pub(crate) struct Args {
     /// nothing
     #[arg(long, value_enum, default_value_t = OcclusionArg::Obscurance)]
     occlusion: OcclusionArg,
-    /// Seed of the points and rays
+    /// Seed of the points and their rays
     #[arg(long, default_value_t = 1, value_name = "S")]
     seed: u64,
-    /// Weights of LPIPS (`AlexNet`, version 0.1: 2,470,848 half floats or floats); without them there is no LPIPS
-    #[arg(long, value_name = "FILE")]
-    lpips_weights: Option<PathBuf>,
+    #[command(flatten)]
+    lpips: LpipsArgs,
     /// Sweep and print what a table or figure of a paper shows, in every combination
     ///
     /// What is swept is the table's own unless it is given.
@@ -142,11 +141,7 @@ struct AxisArgs {
 
 pub(crate) fn run(args: &Args) -> Outcome {
     let size = Size::new(args.size.width, args.size.height).map_err(Failure::usage)?;
-    let weights = args.lpips_weights.as_deref().map(crate::analysis::load).transpose()?;
-    let network = weights.as_deref().map(Lpips::from_weights).transpose().map_err(|error| {
-        let path = args.lpips_weights.as_deref().unwrap_or("".as_ref());
-        Failure::input(format_args!("{}: {error}", path.display()))
-    })?;
+    let (network, weights) = args.lpips.load()?.unzip();
     let sweep = Sweep::new(args, size, weights.as_deref())?;
     let scenes = args.scenes.iter().map(|name| Scene::load(name).map(Arc::new).map_err(Failure::input));
     let scenes: Vec<Arc<Scene>> = scenes.collect::<Outcome<_>>()?;

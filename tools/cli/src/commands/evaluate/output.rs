@@ -190,7 +190,7 @@ fn page<'a>(
                  the client's: applying a frame and reconstructing, or all stages of a screen-space method, {} run(s) a picture \
                  after {} to warm up. The G-buffer is drawn by the client in any case and is in no time. State is what a \
                  client holds of the stream, written without compression; buffers are the G-buffer, or the screen and a \
-                 method's own working memory.",
+                 method's own working memory. The server's memory is what it holds after the last frame, but for the scene.",
                 args.repeats, args.repeats, args.warm_up
             ),
         ],

@@ -3,7 +3,7 @@
 use psao_proto::message::Needs;
 use psao_server_sim::clip::InstanceNeeds;
 use psao_server_sim::scene::{Motion, Scene};
-use psao_server_sim::server::ServerSettings;
+use psao_server_sim::server::{ServerMemory, ServerSettings};
 use serde::Serialize;
 
 use super::Args;
@@ -35,6 +35,7 @@ pub(super) struct Document {
     has: Vec<Has>,
     groups: Vec<Group>,
     frame: Frame,
+    memory: Memory,
     left_out: Vec<Row>,
 }
 
@@ -67,6 +68,17 @@ struct Frame {
     traced: f64,
     rays: f64,
     ms: Spread,
+}
+
+/// Bytes that the server holds after the last frame.
+#[derive(Serialize)]
+struct Memory {
+    structures: usize,
+    points: usize,
+    rays: usize,
+    remembered: usize,
+    stream: usize,
+    total: usize,
 }
 
 /// Something that is left out.
@@ -128,6 +140,7 @@ impl Document {
                 rays: least.rays as f64 / later,
                 ms: Spread::of(&measured.least_ms),
             },
+            memory: Memory::of(&measured.memory),
             left_out: work.chain(parts).collect(),
         }
     }
@@ -149,14 +162,14 @@ impl Document {
     pub(super) fn print(&self) -> Outcome {
         let count = |value: f64| number::count(value.round() as u64);
         say(format_args!(
-            "{}: {} points; {} frames at {} Hz, {} rounds; radius {} m, {} rays a point",
+            "{}: {}; {} at {} Hz, {}; radius {} m, {} a point",
             self.scene,
-            number::count(self.points.into()),
-            self.frames,
+            number::counted(self.points.into(), "point"),
+            number::counted(self.frames.into(), "frame"),
             self.fps,
-            self.rounds,
+            number::counted(self.rounds.into(), "round"),
             self.radius_m,
-            self.rays,
+            number::counted(self.rays.into(), "ray"),
         ))?;
         let mut table = Figures::new(["need", "instances", "points"]);
         for Has { need, instances, points } in &self.has {
@@ -184,6 +197,7 @@ impl Document {
             count(*rays),
             ms.text(false),
         ))?;
+        say(&self.memory)?;
         self.savings()?;
         say(format_args!("State hash after the last frame: {}", self.state_hash))
     }
@@ -221,6 +235,26 @@ impl Document {
             }
         }
         Ok(())
+    }
+}
+
+impl Memory {
+    fn of(memory: &ServerMemory) -> Self {
+        let ServerMemory { structures, points, rays, remembered, stream } = *memory;
+        Self { structures, points, rays, remembered, stream, total: memory.total() }
+    }
+}
+
+impl std::fmt::Display for Memory {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let [total, structures, points, rays, remembered, stream] =
+            [self.total, self.structures, self.points, self.rays, self.remembered, self.stream]
+                .map(|bytes| number::bytes(bytes as u64));
+        write!(
+            f,
+            "The server holds {total}, but for the scene: trees and posed geometry {structures}, points {points}, sets of \
+             rays {rays}, remembered hits {remembered}, the stream {stream}"
+        )
     }
 }
 

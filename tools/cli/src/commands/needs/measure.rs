@@ -10,7 +10,7 @@ use psao_codec::surface::GeometrySource;
 use psao_proto::{Limits, Profile};
 use psao_server_sim::points::{EntryError, PointCache, PointKey};
 use psao_server_sim::scene::Scene;
-use psao_server_sim::server::{Progress, Server, ServerSettings, Shortcuts};
+use psao_server_sim::server::{Progress, Server, ServerMemory, ServerSettings, Shortcuts};
 
 use super::Args;
 use super::rows::{Part, WORK};
@@ -26,6 +26,8 @@ pub(super) struct Measured {
     pub(super) instance_points: Vec<u32>,
     /// State hash after the last frame.
     pub(super) hash: String,
+    /// What the server that leaves everything out holds then.
+    pub(super) memory: ServerMemory,
     /// Of the run that leaves everything out.
     pub(super) least: Figures,
     /// Milliseconds a frame of it, by round.
@@ -103,6 +105,7 @@ pub(super) fn measure(
     let mut bodies = Vec::new();
     let (least, server) = runs.run(settings, |_, body| bodies.push(body))?;
     let (hash, context) = (server.hash().to_string(), context(&server, args, settings)?);
+    let memory = server.memory();
     drop(server);
     let mut least_ms = vec![runs.millis(&least)];
     let mut work = vec![Saved { frames_equal: true, ..Saved::default() }; WORK.len()];
@@ -130,7 +133,7 @@ pub(super) fn measure(
     let parts = parts.collect::<Outcome<_>>()?;
     runs.bar.finish_and_clear();
     let instance_points = firsts.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    Ok(Measured { points: total, instance_points, hash, least, least_ms, work, parts })
+    Ok(Measured { points: total, instance_points, hash, memory, least, least_ms, work, parts })
 }
 
 impl Runs<'_> {

@@ -1,0 +1,73 @@
+//! What a server says that it holds, against what was allocated for it.
+
+#![expect(clippy::unwrap_used, reason = "this is a test, its helpers included")]
+
+use std::sync::Arc;
+
+use psao_codec::block::BlockCoder;
+use psao_codec::frame::{FrameIndex, StreamTime};
+use psao_codec::surface::Budget;
+use psao_proto::Profile;
+use psao_server_sim::ao::AoSettings;
+use psao_server_sim::clock::NoClock;
+use psao_server_sim::points::PointSettings;
+use psao_server_sim::scene::Scene;
+use psao_server_sim::server::{Server, ServerMemory, ServerSettings};
+
+/// Few points and rays.
+fn settings(scene: &Scene) -> ServerSettings {
+    ServerSettings {
+        points: PointSettings { per_m2: 32.0, minimum: 64, ..PointSettings::default() },
+        ao: AoSettings { rays: 32, radius: scene.ao_radius_m(), ..AoSettings::default() },
+        ..ServerSettings::default()
+    }
+}
+
+/// A few frames of a scene.
+fn run(scene: &Arc<Scene>, settings: ServerSettings) -> Server {
+    let mut server = Server::new(Arc::clone(scene), settings, Arc::new(|_| ())).unwrap();
+    for number in 0..6 {
+        let time = StreamTime(u64::from(number) * 100_000);
+        let camera = scene.camera(f64::from(number) * 0.1);
+        server.step(FrameIndex(number), time, &[camera], &NoClock).unwrap();
+    }
+    server
+}
+
+#[test]
+fn a_server_holds_what_it_says() {
+    // All work on this thread: only its allocations are counted.
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread().build().unwrap();
+    let scenes = ["colonnade", "robot-lab"].map(|name| Arc::new(Scene::load(name).unwrap()));
+    let [still, walkers] = &scenes;
+    let usual = settings(walkers);
+    let paper = ServerSettings { profile: Profile::PAPER, coder: BlockCoder::Lz4, ..usual };
+    let budget = ServerSettings { budget: Some(Budget { bytes: 2_000, longest_age: 9 }), ..usual };
+    for (scene, settings) in [(still, settings(still)), (walkers, usual), (walkers, paper), (walkers, budget)]
+    {
+        // Before it is counted, what is made once and for all.
+        drop(pool.install(|| run(scene, settings)));
+        let mut server = None;
+        let allocated = pool.install(|| allocation_counter::measure(|| server = Some(run(scene, settings))));
+        let said = server.unwrap().memory();
+        let held = allocated.bytes_current as f64;
+        let share = said.total() as f64 / held;
+        assert!(
+            (0.95..1.05).contains(&share),
+            "{}: {share:.3} of {held} B are said to be held: {said:?}",
+            scene.name()
+        );
+        let ServerMemory { structures, points, rays, stream, .. } = said;
+        assert!([structures, points, rays, stream].iter().all(|&part| part > 0), "{said:?}");
+    }
+}
+
+#[test]
+fn what_is_remembered_is_counted() {
+    let scene = Arc::new(Scene::load("robot-lab").unwrap());
+    let usual = settings(&scene);
+    let [much, none] =
+        [1 << 30, 0].map(|ray_memory| run(&scene, ServerSettings { ray_memory, ..usual }).memory());
+    assert!(much.remembered > 0 && none.remembered == 0, "{much:?} {none:?}");
+    assert_eq!(much.total() - much.remembered, none.total(), "nothing else differs");
+}

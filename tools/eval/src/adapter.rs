@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 use psao_client::{AtRest, Surface, Surfaces};
-use psao_server_sim::bvh::World;
+use psao_server_sim::bvh::{Hit, SurfaceAt, World};
 
 use crate::reference::Rays;
 
@@ -29,8 +29,21 @@ impl<'a> SceneView<'a> {
     }
 }
 
-impl Surfaces for SceneView<'_> {
-    fn first_hit(&self, origin: Vec3, dir: Vec3, tmax: f32) -> Option<Surface> {
+/// The first surface that is drawn along a ray.
+pub(crate) struct Front {
+    /// The hit; its `t` counts from behind the faces that were looked through.
+    pub(crate) hit: Hit,
+    /// The surface there, of the triangle's front.
+    pub(crate) at: SurfaceAt,
+    /// Whether its back is seen.
+    pub(crate) back: bool,
+    /// Distance from the ray's origin in metres.
+    pub(crate) t: f32,
+}
+
+impl SceneView<'_> {
+    /// The nearest surface along a ray, the backs of one-sided faces left out.
+    pub(crate) fn front(&self, origin: Vec3, dir: Vec3, tmax: f32) -> Option<Front> {
         let scene = self.world.scene();
         let mut from = 0.0_f32;
         for _ in 0..MOST_BACKS {
@@ -40,21 +53,28 @@ impl Surfaces for SceneView<'_> {
             let mesh = &scene.meshes()[scene.instances()[hit.instance.index()].mesh().index()];
             let back = at.facing.dot(dir) > 0.0;
             if !back || scene.material(mesh).double_sided() {
-                let turned = |normal: Vec3| if back { -normal } else { normal };
-                let rest = self.world.rest_surface(&hit);
-                return Some(Surface {
-                    t,
-                    position: at.position,
-                    normal: turned(at.normal),
-                    instance: hit.instance.0,
-                    rest: rest.map(|rest| AtRest { position: rest.position, normal: turned(rest.normal) }),
-                });
+                return Some(Front { hit, at, back, t });
             }
             // On from just behind the face: a few units in the last place of where it is.
             let magnitude = at.position.abs().max_element().max(t);
             from = t + (magnitude * 4.0 * f32::EPSILON).max(f32::MIN_POSITIVE);
         }
         None
+    }
+}
+
+impl Surfaces for SceneView<'_> {
+    fn first_hit(&self, origin: Vec3, dir: Vec3, tmax: f32) -> Option<Surface> {
+        let Front { hit, at, back, t } = self.front(origin, dir, tmax)?;
+        let turned = |normal: Vec3| if back { -normal } else { normal };
+        let rest = self.world.rest_surface(&hit);
+        Some(Surface {
+            t,
+            position: at.position,
+            normal: turned(at.normal),
+            instance: hit.instance.0,
+            rest: rest.map(|rest| AtRest { position: rest.position, normal: turned(rest.normal) }),
+        })
     }
 }
 

@@ -4,8 +4,8 @@
 //! in figures ([`metric`]). Geometry is shared knowledge of client and server, so the client looks at the server's
 //! world through [`adapter`]; ambient occlusion reaches it through the stream alone. [`stress`] is a table of cases
 //! that strain the stream on purpose, each with its bound and the worst that was measured. [`screen`] holds the
-//! screen-space methods that the paper and others compare with, each from its own paper, over one input. [`sweep`] measures
-//! settings and methods side by side, and [`report`] says what came of it.
+//! screen-space methods that the paper and others compare with, each from its own paper, over one input, and [`texture`] the
+//! stream of a texture atlas that it compares with. [`sweep`] measures settings and methods side by side, and [`report`] says what came of it.
 //!
 //! # Trace a reference and compare
 //!
@@ -50,3 +50,4 @@ pub mod screen;
 mod shapes;
 pub mod stress;
 pub mod sweep;
+pub mod texture;

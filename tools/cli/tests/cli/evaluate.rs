@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::{fine, folder, psao, text};
+use crate::{Run, command, fine, folder, psao, text};
 
 /// A sweep of a moment: two densities, two profiles, one method.
 const TINY: [&str; 22] = [
@@ -120,6 +120,8 @@ fn bad_input_is_refused_before_anything_is_measured() {
         (&["--methods", "all,ssao-plus"], 2, "not both"),
         (&["--methods", "none", "--no-streams"], 2, "nothing to measure"),
         (&["--bits", "20"], 2, "20"),
+        (&["--methods", "texture-space", "--atlas", "0"], 2, "divisor"),
+        (&["--crf", "52"], 2, "52"),
         (&["--fps", "0"], 2, "above 0"),
         (&["--fps", "nan"], 2, "above 0"),
         (&["--radius", "0"], 2, "radius of 0 m"),
@@ -203,12 +205,74 @@ fn a_papers_table_has_its_own_axes_unless_they_are_given() {
         (&"screen".into(), &3.0.into())
     );
     assert_eq!(far["records"].as_array().unwrap().len(), 1);
-    let options =
-        ["--table", "psao-fig5", "--points", "4", "--fps", "30,60", "--rays", "8", "--min-points", "32"];
+    let options = [
+        "--table",
+        "psao-fig5",
+        "--methods",
+        "none",
+        "--points",
+        "4",
+        "--fps",
+        "30,60",
+        "--rays",
+        "8",
+        "--min-points",
+        "32",
+    ];
     let streams = table(&options);
     assert_eq!(streams["scenes"][0]["reference"], "scene");
     let found: Vec<_> =
         streams["records"].as_array().unwrap().iter().map(|record| &record["setting"]).collect();
     assert_eq!(found.len(), 2 * 2, "two rates, two profiles: {found:?}");
     assert!(found.iter().all(|setting| setting["points_per_m2"] == 4.0 && setting["threshold"] == 8));
+}
+
+/// A run of a moment of texture-space alone; without a video coder where there is none to be found.
+fn texture_space(more: &[&str], coder: bool) -> Run {
+    let mut all =
+        vec!["evaluate", "colonnade", "--no-streams", "--size", "48x27", "--frames", "3", "--pictures", "1"];
+    all.extend(["--rays", "8", "--fps", "30", "--reference-rays", "16", "--repeats", "1", "--json"]);
+    all.extend(more);
+    let mut command = command(&all);
+    if !coder {
+        command.env("PATH", "");
+    }
+    command.output().unwrap().into()
+}
+
+#[test]
+fn texture_space_is_measured_where_there_is_a_video_coder() {
+    let run = texture_space(&["--methods", "texture-space,ssao-plus", "--atlas", "16,64"], true);
+    if run.code == Some(1) && run.err.contains("no ffmpeg with libx264") {
+        eprintln!("SKIPPED: {}", run.err);
+        assert!(std::env::var_os("PSAO_REQUIRE_FFMPEG").is_none(), "{}", run.err);
+        return;
+    }
+    assert_eq!((run.code, run.err.as_str()), (Some(0), ""), "{}", run.out);
+    let document: serde_json::Value = serde_json::from_str(&run.out).unwrap();
+    assert!(document["machine"]["video"].as_str().unwrap().starts_with("x264 of ffmpeg "));
+    let records = document["records"].as_array().unwrap();
+    let textures: Vec<_> = records.iter().filter(|record| record["kind"] == "texture").collect();
+    let labels: Vec<_> = textures.iter().map(|record| record["label"].as_str().unwrap()).collect();
+    assert_eq!(labels, ["1/16, 8 rays, 30 Hz, x264 crf 23", "1/64, 8 rays, 30 Hz, x264 crf 23"]);
+    for record in &textures {
+        let stream = &record["stream"];
+        assert!(stream["wire_mbit_s"].as_f64().unwrap() > stream["paper_mbit_s"].as_f64().unwrap());
+        assert_eq!((stream["frames"].as_u64(), record["stages"].as_array().unwrap().len()), (Some(3), 6));
+    }
+    assert!(textures[0]["stream"]["points"].as_u64() > textures[1]["stream"]["points"].as_u64());
+    assert!(records.len() > textures.len(), "the method that was asked for, too");
+}
+
+#[test]
+fn texture_space_without_a_video_coder_is_left_out_loudly() {
+    let run = texture_space(&["--methods", "texture-space"], false);
+    assert_eq!(run.code, Some(1), "{}", run.err);
+    assert!(run.err.contains("texture-space: no ffmpeg with libx264"), "{}", run.err);
+    let run = texture_space(&["--table", "psao-table1"], false);
+    assert_eq!(run.code, Some(0), "{}", run.err);
+    assert!(run.err.contains("texture-space is left out: no ffmpeg"), "{}", run.err);
+    let document: serde_json::Value = serde_json::from_str(&run.out).unwrap();
+    assert_eq!(document["left_out"].as_array().unwrap().len(), 1);
+    assert!(document["records"].as_array().unwrap().iter().all(|record| record["kind"] == "screen"));
 }

@@ -30,6 +30,7 @@ fn cells(record: &Record) -> Vec<String> {
     let kind = match record.kind {
         Kind::Stream => "stream",
         Kind::Screen => "screen",
+        Kind::Texture => "texture",
     };
     let mut cells = vec![record.scene.clone(), kind.to_owned(), record.name.clone(), record.label.clone()];
     cells.extend([

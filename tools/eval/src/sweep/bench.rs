@@ -186,7 +186,7 @@ impl Bench<'_> {
         self.compare(view, found.image, unsupported, drawn)
     }
 
-    fn compare(
+    pub(super) fn compare(
         &self,
         view: &View,
         image: AoImage,
@@ -203,7 +203,7 @@ impl Bench<'_> {
 }
 
 /// A record of nothing.
-fn empty() -> Record {
+pub(super) fn empty() -> Record {
     Record {
         key: String::new(),
         scene: String::new(),
@@ -221,7 +221,7 @@ fn empty() -> Record {
 }
 
 /// Depth, place, normal and instance of a pixel, and its place and normal at rest where they are known.
-fn buffer_bytes(views: &[View]) -> u64 {
+pub(super) fn buffer_bytes(views: &[View]) -> u64 {
     let bytes = |view: &View| {
         let at_rest = if view.buffer.rest_position().is_some() { 24 } else { 0 };
         (view.buffer.size().pixels() * (4 + 12 + 12 + 4 + at_rest)) as u64
@@ -246,15 +246,16 @@ impl Client {
 
 /// Pictures so far.
 #[derive(Default)]
-struct Drawn {
+pub(super) struct Drawn {
     client: Client,
     pictures: Vec<PictureFigures>,
-    micros: Vec<u64>,
+    /// Of each picture, each run.
+    pub(super) micros: Vec<u64>,
     first: Option<AoImage>,
 }
 
 impl Drawn {
-    fn sample(self, mut record: Record) -> Option<Sample> {
+    pub(super) fn sample(self, mut record: Record) -> Option<Sample> {
         let errors: Vec<Figures> = self.pictures.iter().map(|picture| picture.error).collect();
         record.error = Figures::pooled(&errors)?;
         record.pictures = self.pictures;

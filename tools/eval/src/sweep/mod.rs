@@ -1,7 +1,7 @@
 //! Settings and methods swept over a clip, each measured in the same way against the same references.
 //!
 //! [`views`] draws the pictures of a clip and traces their references, once. A [`Bench`] then runs a stream from the
-//! scene to those pictures ([`Bench::stream`]), or a screen-space method over them ([`Bench::method`]), and gives a
+//! scene to those pictures ([`Bench::stream`], [`Bench::texture`]), or a screen-space method over them ([`Bench::method`]), and gives a
 //! [`Record`] of what it cost and how far off it was. [`Grid`] says which settings there are.
 //!
 //! What times are taken over: of a stream's server, encoder and decoder, every frame after the first state in each of
@@ -14,6 +14,7 @@ mod methods;
 mod record;
 mod run;
 mod setting;
+mod texture;
 mod views;
 
 use psao_client::{CameraError, ReconstructError};
@@ -26,11 +27,13 @@ pub use self::methods::{far_field_methods, screen_methods};
 pub use self::record::{Figures, Kind, Memory, PictureFigures, Record, Spread, Stage, StreamFigures};
 pub use self::run::{Bytes, Clip};
 pub use self::setting::{Described, Grid, Setting};
+pub use self::texture::TEXTURE_SPACE;
 pub use self::views::{Truth, View, picture_times, views};
 
 use crate::metric::MetricError;
 use crate::reference::ReferenceError;
 use crate::screen::ScreenError;
+use crate::texture::{TextureError, VideoError};
 
 /// Why something could not be measured.
 #[derive(Debug, thiserror::Error)]
@@ -51,6 +54,12 @@ pub enum SweepError {
     /// A screen could not be made, or a method refused it.
     #[error(transparent)]
     Screen(#[from] ScreenError),
+    /// A texture-space stream was refused.
+    #[error(transparent)]
+    Texture(#[from] TextureError),
+    /// The video coder of a texture-space stream failed.
+    #[error(transparent)]
+    Video(#[from] VideoError),
     /// A picture could not be reconstructed.
     #[error(transparent)]
     Reconstruct(#[from] ReconstructError),

@@ -14,6 +14,8 @@ pub enum Kind {
     Stream,
     /// Out of the picture's own depth and normals.
     Screen,
+    /// An atlas of texels from a server, as video.
+    Texture,
 }
 
 /// One line of results.

@@ -94,7 +94,7 @@ impl<'a> Run<'a> {
         clock: &'a dyn Clock,
     ) -> Result<Self, SweepError> {
         let fps = f64::from(setting.fps);
-        let frames = (clip.seconds * fps + 1e-6).max(2.0) as u32;
+        let frames = frames(clip.seconds, fps);
         let settings = ServerSettings { frames_hint: frames, ..setting.server(clip.base) };
         let server = Server::with_cache(Arc::clone(clip.scene), settings, clip.cache, Arc::new(|_| ()))?;
         let table = server.table();
@@ -115,7 +115,7 @@ impl<'a> Run<'a> {
 
     /// The newest frame that has begun by this time.
     pub(super) fn frame_at(&self, time_s: f64) -> u32 {
-        ((time_s * self.fps + 1e-6) as u32).min(self.frames - 1)
+        frame_at(time_s, self.fps, self.frames)
     }
 
     pub(super) fn time(&self, frame: u32) -> StreamTime {
@@ -153,6 +153,16 @@ impl<'a> Run<'a> {
         let body = self.server.keyframe(FrameIndex(last), self.time(last), BlockCoder::Stored)?;
         Ok(body.len() as u64)
     }
+}
+
+/// Frames that begin in a clip, at least 2.
+pub(super) fn frames(seconds: f64, fps: f64) -> u32 {
+    (seconds * fps + 1e-6).max(2.0) as u32
+}
+
+/// The newest of `frames` frames that has begun by this time.
+pub(super) fn frame_at(time_s: f64, fps: f64, frames: u32) -> u32 {
+    ((time_s * fps + 1e-6) as u32).min(frames - 1)
 }
 
 fn table_bytes(table: &SceneTable) -> Result<u64, SweepError> {

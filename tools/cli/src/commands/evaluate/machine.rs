@@ -13,6 +13,8 @@ pub(super) struct Machine {
     pub(super) system: String,
     /// How this program was built.
     pub(super) build: &'static str,
+    /// Video coder of texture-space, where there is one and it is wanted.
+    pub(super) video: Option<String>,
     /// Version of this program.
     pub(super) version: &'static str,
 }
@@ -26,6 +28,7 @@ impl Machine {
             threads: std::thread::available_parallelism().map_or(1, usize::from),
             system: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
             build: if cfg!(debug_assertions) { "debug" } else { "release" },
+            video: None,
             version: env!("CARGO_PKG_VERSION"),
         }
     }
@@ -37,6 +40,7 @@ impl Machine {
             ("threads", self.threads.to_string()),
             ("system", self.system.clone()),
             ("build", self.build.to_owned()),
+            ("video coder", self.video.clone().unwrap_or_else(|| "none".to_owned())),
             ("version", self.version.to_owned()),
         ];
         rows.map(|(name, value)| (name.to_owned(), value)).to_vec()

@@ -6,6 +6,7 @@ mod output;
 mod plan;
 mod preset;
 mod store;
+mod video;
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -36,6 +37,9 @@ use crate::error::{Exit, Failure, Outcome};
 /// with the newest frame that began by their time: at a lower rate they show older AO. Times are of this machine, medians
 /// over all frames after the first state and all repeats; everything else is the same on any.
 ///
+/// texture-space stands for streams of textures: AO in an atlas of blocks, one for two triangles each, sent as video
+/// by x264. It takes an ffmpeg that has x264; without one it is left out, and that is said.
+///
 /// With --out, every finished setting is kept at once; --resume goes on where a run was cut off.
 #[derive(clap::Args, Debug)]
 pub(crate) struct Args {
@@ -47,10 +51,12 @@ pub(crate) struct Args {
     /// Every combination instead of one axis at a time
     #[arg(long)]
     full: bool,
-    /// Screen-space methods to compare with: all, none, or names [default: all; of a table its own]
+    #[command(flatten)]
+    texture: TextureArgs,
+    /// Methods to compare with, screen-space ones and texture-space: all, none, or names [default: all; of a table its own]
     #[arg(long, value_name = "NAME,..", value_delimiter = ',')]
     methods: Vec<String>,
-    /// No streams: screen-space methods alone
+    /// No streams of points: other methods alone
     #[arg(long)]
     no_streams: bool,
     /// Size of the pictures
@@ -113,6 +119,18 @@ pub(crate) struct Args {
     cache: CacheArgs,
 }
 
+/// What is swept of texture-space.
+#[derive(clap::Args, Clone, Debug)]
+struct TextureArgs {
+    /// Pixels of a screen of 1080 lines to a texel of texture-space, each way
+    #[arg(long, value_name = "N,..", value_delimiter = ',', default_values_t = [8, 16, 32])]
+    atlas: Vec<u32>,
+    /// Rate factors of x264 for texture-space, 0 (no loss) to 51
+    #[arg(long, value_name = "N,..", value_delimiter = ',', default_values_t = [23],
+        value_parser = clap::value_parser!(u8).range(0..=51))]
+    crf: Vec<u8>,
+}
+
 /// What is swept; an axis that was not given is empty.
 #[derive(clap::Args, Clone, Debug)]
 struct AxisArgs {
@@ -143,6 +161,9 @@ pub(crate) fn run(args: &Args) -> Outcome {
     let size = Size::new(args.size.width, args.size.height).map_err(Failure::usage)?;
     let (network, weights) = args.lpips.load()?.unzip();
     let sweep = Sweep::new(args, size, weights.as_deref())?;
+    for words in &sweep.textures.left_out {
+        eprintln!("psao: {words}");
+    }
     let scenes = args.scenes.iter().map(|name| Scene::load(name).map(Arc::new).map_err(Failure::input));
     let scenes: Vec<Arc<Scene>> = scenes.collect::<Outcome<_>>()?;
     let plans: Vec<Plan<'_>> = scenes.iter().map(|scene| Plan::new(&sweep, scene)).collect::<Outcome<_>>()?;
@@ -189,6 +210,7 @@ fn measure(
     for (key, job) in open {
         let sample = match job {
             Job::Stream(setting) => bench.stream(key, &clip, setting),
+            Job::Texture(setting, coder) => bench.texture(key, &clip, setting, coder),
             Job::Method(method) => bench.method(key, method.as_ref()),
         };
         let Sample { record, picture } = sample.map_err(refused)?;
@@ -215,6 +237,8 @@ fn refused(error: SweepError) -> Failure {
         SweepError::Server(error) => crate::producer::refused(error),
         SweepError::Frame { .. } | SweepError::Repeat { .. } => Failure::new(Exit::Check, error),
         SweepError::Metric(error) => Failure::new(Exit::System, error),
+        SweepError::Video(error) => Failure::new(Exit::System, error),
+        SweepError::Texture(error) => Failure::usage(error),
         SweepError::Reference(error) => Failure::usage(error),
         error => Failure::input(error),
     }

@@ -28,6 +28,7 @@ struct Document<'a> {
     warm_up: u32,
     min_points: u32,
     seed: u64,
+    left_out: &'a [String],
     scenes: Vec<SceneOut<'a>>,
     records: Vec<&'a Record>,
 }
@@ -59,6 +60,7 @@ pub(super) fn write(args: &Args, sweep: &Sweep<'_>, plans: &[Plan<'_>], store: &
         warm_up: args.warm_up,
         min_points: args.min_points,
         seed: args.seed,
+        left_out: &sweep.textures.left_out,
         scenes: plans.iter().map(scene).collect(),
         records: all.clone(),
     };
@@ -170,30 +172,32 @@ fn page<'a>(
     } else {
         "One axis of the settings was swept at a time, the others kept at the first line's."
     };
+    let notes = vec![
+        format!(
+            "Clips of {:.2} s, pictures of {} pixels, compared with {} rays a pixel{}. {grid} Pictures are drawn with the \
+             newest frame that began by their time.",
+            sweep.seconds,
+            sweep.size,
+            args.reference_rays,
+            plans.first().map(|plan| through(&plan.truth)).unwrap_or_default()
+        ),
+        "e_A is the mean absolute error, e_<5% the share of the pixels within 5 % of the range (higher is better). Of \
+         PSNR and SSIM (11-tap Gaussian, sigma 1.5) more is better, of FLIP and LPIPS less. P99 and largest are of the \
+         worst picture."
+            .to_owned(),
+        format!(
+            "Server times are medians over the frames after the first state in {} run(s) of the clip. A picture's time is \
+             the client's: applying a frame and reconstructing, decoding a frame of video and looking up, or all stages of a screen-space method, {} run(s) a picture \
+             after {} to warm up. The G-buffer is drawn by the client in any case and is in no time. State is what a \
+             client holds of the stream, written without compression; buffers are the G-buffer, or the screen and a \
+             method's own working memory. The server's memory is what it holds after the last frame, but for the scene.",
+            args.repeats, args.repeats, args.warm_up
+        ),
+    ];
+    let left_out = sweep.textures.left_out.iter().cloned();
     Page {
         title: "psao evaluate".to_owned(),
-        notes: vec![
-            format!(
-                "Clips of {:.2} s, pictures of {} pixels, compared with {} rays a pixel{}. {grid} Pictures are drawn with the \
-                 newest frame that began by their time.",
-                sweep.seconds,
-                sweep.size,
-                args.reference_rays,
-                plans.first().map(|plan| through(&plan.truth)).unwrap_or_default()
-            ),
-            "e_A is the mean absolute error, e_<5% the share of the pixels within 5 % of the range (higher is better). Of \
-             PSNR and SSIM (11-tap Gaussian, sigma 1.5) more is better, of FLIP and LPIPS less. P99 and largest are of the \
-             worst picture."
-                .to_owned(),
-            format!(
-                "Server times are medians over the frames after the first state in {} run(s) of the clip. A picture's time is \
-                 the client's: applying a frame and reconstructing, or all stages of a screen-space method, {} run(s) a picture \
-                 after {} to warm up. The G-buffer is drawn by the client in any case and is in no time. State is what a \
-                 client holds of the stream, written without compression; buffers are the G-buffer, or the screen and a \
-                 method's own working memory. The server's memory is what it holds after the last frame, but for the scene.",
-                args.repeats, args.repeats, args.warm_up
-            ),
-        ],
+        notes: notes.into_iter().chain(left_out).collect(),
         machine: sweep.machine.rows(),
         sections: sections.collect(),
     }

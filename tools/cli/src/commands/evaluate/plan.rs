@@ -4,7 +4,8 @@ use std::sync::Arc;
 
 use psao_client::Size;
 use psao_eval::screen::{Falloff, ScreenMethod, Traced};
-use psao_eval::sweep::{Setting, Truth, far_field_methods, picture_times, screen_methods};
+use psao_eval::sweep::{Setting, TEXTURE_SPACE, Truth, far_field_methods, picture_times, screen_methods};
+use psao_eval::texture::TextureSettings;
 use psao_server_sim::ao::{AoSettings, Occlusion};
 use psao_server_sim::points::PointSettings;
 use psao_server_sim::scene::Scene;
@@ -12,9 +13,9 @@ use psao_server_sim::server::ServerSettings;
 
 use super::machine::Machine;
 use super::preset::TableArg;
+use super::video::{Ffmpeg, MISSING, X264};
 use super::{Args, AxisArgs};
-use crate::args::OcclusionArg;
-use crate::error::{Failure, Outcome};
+use crate::error::{Exit, Failure, Outcome};
 
 /// Length of rays that see a far field: at a scene's own radius hardly anything is beyond the nearest intervals.
 const FAR_RADIUS_M: f32 = 3.0;
@@ -23,6 +24,7 @@ const FAR_RADIUS_M: f32 = 3.0;
 pub(super) struct Sweep<'a> {
     pub(super) args: &'a Args,
     pub(super) settings: Vec<Setting>,
+    pub(super) textures: Textures,
     /// Names of screen-space methods; `None` for all.
     methods: Option<Vec<String>>,
     pub(super) size: Size,
@@ -33,6 +35,16 @@ pub(super) struct Sweep<'a> {
     pub(super) machine: Machine,
     /// Digest of the weights of LPIPS.
     weights: Option<String>,
+}
+
+/// What is measured of texture-space.
+#[derive(Default)]
+pub(super) struct Textures {
+    all: Vec<(TextureSettings, X264)>,
+    /// The video coder.
+    video: Option<String>,
+    /// What should have been measured and cannot be, in words.
+    pub(super) left_out: Vec<String>,
 }
 
 /// A scene.
@@ -52,6 +64,7 @@ pub(super) struct Plan<'a> {
 /// One thing to measure.
 pub(super) enum Job {
     Stream(Setting),
+    Texture(TextureSettings, X264),
     Method(Box<dyn ScreenMethod>),
 }
 
@@ -65,10 +78,14 @@ impl<'a> Sweep<'a> {
             (true, false) => grid.one_at_a_time(),
         };
         let own = args.table.and_then(TableArg::methods);
-        let methods = match args.methods.as_slice() {
+        let mut methods = match args.methods.as_slice() {
             [] => own.map(|names| names.iter().map(|&name| name.to_owned()).collect()),
             asked => names(asked)?,
         };
+        let rates =
+            if args.full || args.table.is_some() { grid.fps.clone() } else { vec![grid.centre().fps] };
+        let textures = textures(args, &mut methods, grid.centre().rays, &rates)?;
+        let machine = Machine { video: textures.video.clone(), ..Machine::here() };
         let rate = f64::from(grid.fastest());
         if !(rate > 0.0 && rate <= 1_000.0) {
             return Err(Failure::usage(format_args!(
@@ -78,12 +95,13 @@ impl<'a> Sweep<'a> {
         Ok(Self {
             args,
             settings,
+            textures,
             methods,
             size,
             guard: args.guard.unwrap_or(size.width() / 10),
             seconds: f64::from(args.frames) / rate,
             rate,
-            machine: Machine::here(),
+            machine,
             weights: weights.map(|bytes| blake3::hash(bytes).to_hex().to_string()),
         })
     }
@@ -109,6 +127,40 @@ impl<'a> Sweep<'a> {
     }
 }
 
+/// What is measured of texture-space; its name is taken out of the methods. Without a video coder that is an error where it
+/// was asked for by name, and else something to say.
+fn textures(args: &Args, methods: &mut Option<Vec<String>>, rays: u32, rates: &[f32]) -> Outcome<Textures> {
+    let by_name = args.methods.iter().any(|name| name == TEXTURE_SPACE);
+    let wanted = match methods {
+        Some(names) => names.iter().any(|name| name == TEXTURE_SPACE),
+        None => args.table.is_none() && !args.no_streams,
+    };
+    if let Some(names) = methods {
+        names.retain(|name| name != TEXTURE_SPACE);
+    }
+    let Some(ffmpeg) = wanted.then(Ffmpeg::find).flatten() else {
+        return match (wanted, by_name) {
+            (true, true) => Err(Failure::new(Exit::System, format_args!("{TEXTURE_SPACE}: {MISSING}"))),
+            (true, false) => Ok(Textures {
+                left_out: vec![format!("{TEXTURE_SPACE} is left out: {MISSING}")],
+                ..Textures::default()
+            }),
+            (false, _) => Ok(Textures::default()),
+        };
+    };
+    let mut found = Textures { video: Some(ffmpeg.to_string()), ..Textures::default() };
+    for &fps in rates {
+        for &divisor in &args.texture.atlas {
+            for &crf in &args.texture.crf {
+                let settings = TextureSettings::new(divisor, rays, fps);
+                settings.validate().map_err(Failure::usage)?;
+                found.all.push((settings, ffmpeg.x264(crf)));
+            }
+        }
+    }
+    Ok(found)
+}
+
 /// `--methods`: `None` for all.
 fn names(asked: &[String]) -> Outcome<Option<Vec<String>>> {
     match asked {
@@ -124,10 +176,7 @@ fn names(asked: &[String]) -> Outcome<Option<Vec<String>>> {
 impl<'a> Plan<'a> {
     pub(super) fn new(sweep: &'a Sweep<'a>, scene: &'a Arc<Scene>) -> Outcome<Self> {
         let args = sweep.args;
-        let kind = match args.occlusion {
-            OcclusionArg::Obscurance => Occlusion::Obscurance,
-            OcclusionArg::Binary => Occlusion::Binary,
-        };
+        let kind = args.occlusion.into();
         let far = args.table == Some(TableArg::FarField);
         let radius = args.radius.unwrap_or_else(|| if far { FAR_RADIUS_M } else { scene.ao_radius_m() });
         let reference = AoSettings { rays: args.reference_rays, radius, kind, seed: args.seed };
@@ -148,6 +197,10 @@ impl<'a> Plan<'a> {
             setting.server(base).validate().map_err(Failure::usage)?;
             let key = sweep.key(scene, &truth, &format!("{setting:?}"));
             jobs.push((key, Job::Stream(*setting)));
+        }
+        for (setting, coder) in &sweep.textures.all {
+            let key = sweep.key(scene, &truth, &format!("{setting:?} {coder:?} {:?}", sweep.machine.video));
+            jobs.push((key, Job::Texture(*setting, *coder)));
         }
         for method in chosen(methods.map_err(Failure::usage)?, sweep.methods.as_deref())? {
             let what = format!("{} {}", method.name(), method.label());
@@ -187,6 +240,7 @@ fn chosen(
     if let Some(unknown) = names.iter().find(|name| !methods.iter().any(|method| method.name() == **name)) {
         let mut known: Vec<&str> = methods.iter().map(|method| method.name()).collect();
         known.dedup();
+        known.push(TEXTURE_SPACE);
         return Err(Failure::usage(format_args!(
             "no method is called \"{unknown}\"; there are: {}",
             known.join(", ")

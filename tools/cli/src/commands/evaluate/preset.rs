@@ -3,7 +3,7 @@
 use std::cmp::Ordering;
 
 use clap::ValueEnum;
-use psao_eval::sweep::{Record, Truth};
+use psao_eval::sweep::{Record, TEXTURE_SPACE, Truth};
 
 use super::{AxisArgs, far_field};
 use crate::args::Coder;
@@ -12,9 +12,9 @@ use crate::output::table::Figures;
 /// `--table`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(super) enum TableArg {
-    /// Table 1 of the PSAO paper: three densities at 60 Hz, and screen-space methods
+    /// Table 1 of the PSAO paper: three densities at 60 Hz, texture space, and screen-space methods
     PsaoTable1,
-    /// Figure 5 of the PSAO paper: three densities at 5, 15, 30 and 60 Hz
+    /// Figure 5 of the PSAO paper: three densities and texture space at 5, 15, 30 and 60 Hz
     PsaoFig5,
     /// Timonen 2013, figure 7 and tables 1 to 4: far-field obscurance against rays through the depth buffer
     FarField,
@@ -44,8 +44,8 @@ impl TableArg {
     /// Names of the methods that are compared unless they are given; `None` for all there are.
     pub(super) fn methods(self) -> Option<&'static [&'static str]> {
         match self {
-            Self::PsaoTable1 => Some(&["ssao", "ssao-plus", "hbao"]),
-            Self::PsaoFig5 => Some(&[]),
+            Self::PsaoTable1 => Some(&[TEXTURE_SPACE, "ssao", "ssao-plus", "hbao"]),
+            Self::PsaoFig5 => Some(&[TEXTURE_SPACE]),
             Self::FarField => None,
             Self::PyramidHbao => Some(&["pyramid-hbao", "hbao", "ssao"]),
         }

@@ -1,0 +1,55 @@
+//! Which patches are in view, and how near.
+
+use std::collections::BTreeMap;
+
+use psao_client::{Camera, Size};
+use psao_server_sim::bvh::World;
+use rayon::prelude::*;
+
+use super::{Patch, PatchPoint, Patches};
+use crate::adapter::{Front, SceneView};
+
+/// Where on a patch each pixel of a picture lies, row by row; `None` for background.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Look {
+    /// Of the picture.
+    pub size: Size,
+    /// By pixel.
+    pub points: Vec<Option<PatchPoint>>,
+}
+
+/// Finds the patches of a picture's pixels.
+#[must_use]
+pub fn look(world: &World, patches: &Patches, camera: &Camera, size: Size) -> Look {
+    let points = each_pixel(world, camera, size, |front| patches.point(&front.hit, front.back));
+    Look { size, points }
+}
+
+/// Distance in metres of the nearest pixel of each patch that is in view.
+pub(super) fn visible(world: &World, patches: &Patches, camera: &Camera, size: Size) -> BTreeMap<Patch, f32> {
+    let seen =
+        each_pixel(world, camera, size, |front| (patches.point(&front.hit, front.back).patch, front.t));
+    let mut nearest = BTreeMap::new();
+    for (patch, t) in seen.into_iter().flatten() {
+        let found = nearest.entry(patch).or_insert(t);
+        *found = t.min(*found);
+    }
+    nearest
+}
+
+fn each_pixel<T: Send + Clone>(
+    world: &World,
+    camera: &Camera,
+    size: Size,
+    of: impl Fn(&Front) -> T + Sync,
+) -> Vec<Option<T>> {
+    let view = SceneView::new(world);
+    let mut pixels = vec![None; size.pixels()];
+    pixels.par_chunks_mut(size.width() as usize).zip(0_u32..size.height()).for_each(|(row, y)| {
+        for (pixel, x) in row.iter_mut().zip(0_u32..) {
+            let ray = camera.ray(size, x, y);
+            *pixel = view.front(ray.origin, ray.direction, f32::INFINITY).map(|front| of(&front));
+        }
+    });
+    pixels
+}

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::depth::Pixel;
 use super::far_field::field::Pixels;
-use super::far_field::slice::{Estimator, Receiver, Slice};
+use super::far_field::slice::{Estimator, Receiver, Slice, Stand};
 use super::far_field::table::Table;
 use super::{Falloff, Screen, ScreenError, ScreenMethod, Shaded, Stages, check_radius, check_setting};
 
@@ -122,7 +122,7 @@ impl ScreenMethod for Mipmap {
             .map(|turn| Vec2::new(libm::cos(turn) as f32, libm::sin(turn) as f32))
             .collect();
         let width = std::f32::consts::TAU / self.settings.sectors as f32;
-        let estimator = Estimator { table: &self.table, thickness: self.settings.thickness, midway: false };
+        let estimator = Estimator { table: &self.table, thickness: self.settings.thickness };
         let values = screen.each_inner(|pixel| {
             let gather = Gather {
                 method: self,
@@ -164,7 +164,7 @@ impl Gather<'_> {
             let inverse = self.levels.inverse(self.pixels.on_grid(at + along * distance), level);
             if inverse > 0.0 {
                 let sight = across * (start + distance * slope) + depth;
-                hidden += self.estimator.add(&slice, &mut horizon, sight / inverse, sight, 1.0);
+                hidden += self.estimator.add(&slice, &mut horizon, sight / inverse, Stand::Top, 1.0);
             }
         };
         for &(distance, level) in self.samples.iter().take_while(|(distance, _)| *distance < end) {

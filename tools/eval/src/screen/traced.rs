@@ -59,10 +59,12 @@ impl Traced {
         Self { radius, rays: 64, falloff, thickness: None, step_px: 1.0, lift, seed: 1 }
     }
 
-    /// What far-field methods of this radius and falloff are compared with: rays that begin a thousandth of the depth
-    /// off the surface, so that what is near counts as well.
+    /// What far-field methods of this radius and falloff are compared with: rays that begin a ten-thousandth of the depth
+    /// off the surface, so that what is near counts as well, and go in steps of a quarter of a pixel. The field is bent
+    /// between pixels: in steps of a whole pixel rays pass its tops by, which makes the built-in scenes about 1 % too
+    /// bright at 160 x 90.
     pub fn far(radius: f32, falloff: Falloff) -> Self {
-        Self { falloff, lift: Lift::OfDepth(1e-3), ..Self::new(radius) }
+        Self { falloff, step_px: 0.25, lift: Lift::OfDepth(1e-4), ..Self::new(radius) }
     }
 
     fn validate(&self) -> Result<(), ScreenError> {

@@ -75,7 +75,7 @@ pub fn screen_methods(ao: &AoSettings) -> Result<Vec<Box<dyn ScreenMethod>>, Scr
 }
 
 /// Far-field obscurance with the settings that its paper shows (Timonen 2013, section 8), with slabs at their points and
-/// midway, and what it compares with. All have the radius and the falloff of `reference`.
+/// midway and closer together than there, and what it compares with. All have the radius and the falloff of `reference`.
 ///
 /// # Errors
 ///
@@ -94,6 +94,11 @@ pub fn far_field_methods(reference: &Traced) -> Result<Vec<Box<dyn ScreenMethod>
         }
         let separate = Some(Separate { blur: true });
         all.push(far(FarFieldSettings { sectors: 18, separate, ..base() })?);
+    }
+    // Slabs closer and closer together, at their points: what they make too bright goes away.
+    for density in [1, 2, 4, 8] {
+        let base = FarFieldSettings { radius, falloff: falloff(), ..FarFieldSettings::default() };
+        all.push(far(FarFieldSettings { interval: 2, density, ..base })?);
     }
     let mipmap = MipmapSettings { radius, falloff: falloff(), ..MipmapSettings::default() };
     all.push(Box::new(Mipmap::new(mipmap)?));

@@ -102,6 +102,15 @@ impl Field {
         self.inverse.len() * size_of::<f32>()
     }
 
+    /// Whether the field goes on between two inverse depths: neither is sky, and they are not further apart than it is
+    /// thick.
+    #[inline]
+    pub(crate) fn joins(&self, a: f32, b: f32) -> bool {
+        let (near, far) = (a.max(b), a.min(b));
+        // 1 / far - 1 / near against the thickness.
+        far > 0.0 && self.thickness.is_none_or(|thickness| near - far <= thickness * near * far)
+    }
+
     /// Inverse depth at a place in square pixels from the grid's middle; 0 for sky and beyond the grid.
     #[inline]
     pub(crate) fn inverse(&self, at: Vec2) -> f32 {
@@ -115,8 +124,8 @@ impl Field {
         let [a, b] = [self.inverse[y * self.stride + x], self.inverse[y * self.stride + x + 1]];
         let [c, d] = [self.inverse[(y + 1) * self.stride + x], self.inverse[(y + 1) * self.stride + x + 1]];
         let (near, far) = (a.max(b).max(c.max(d)), a.min(b).min(c.min(d)));
-        // 1 / far - 1 / near is above the thickness, or there is sky: an outline, of which each side is its own.
-        if far == 0.0 || self.thickness.is_some_and(|thickness| near - far > thickness * near * far) {
+        // An outline, of which each side is its own.
+        if !self.joins(near, far) {
             let [left, right] = if part.y < 0.5 { [a, b] } else { [c, d] };
             return if part.x < 0.5 { left } else { right };
         }

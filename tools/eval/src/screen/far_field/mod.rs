@@ -38,6 +38,12 @@ use super::{Screen, ScreenError, ScreenMethod, Shaded, check_setting};
 
 const NAME: &str = "far-field";
 
+/// Square pixels to the first sample of the near field. Between pixels a continuous field is bent: samples a pixel apart
+/// pass by its tops, which makes what is near too bright. Where it is snapped to pixels, those in between would put a
+/// pixel nearer than it is.
+const NEAR_STEP: f32 = 0.5;
+const SNAPPED_NEAR_STEP: f32 = 1.0;
+
 /// Most that pixels may be longer one way than the other: lines are spaced by square pixels.
 const MAX_STRETCH: f32 = 256.0;
 
@@ -86,9 +92,12 @@ impl FarField {
     /// Distances of the samples of the near field, in square pixels, as far as the near field can go.
     fn near_distances(&self) -> Vec<f32> {
         let Some(NearField { growth }) = self.settings.near else { return Vec::new() };
-        // Two intervals along the line, over the least cosine that a segment of a sector can have, K being 4 at least.
-        let end = 2.0 * self.settings.interval as f32 * std::f32::consts::SQRT_2;
-        let (mut distance, mut step) = (0.0, 1.0);
+        // All intervals before the first along the line, over the least cosine that a segment of a sector can have, K
+        // being 4 at least.
+        let end =
+            (self.settings.density + 1) as f32 * self.settings.interval as f32 * std::f32::consts::SQRT_2;
+        let first = if self.settings.thickness.is_some() { SNAPPED_NEAR_STEP } else { NEAR_STEP };
+        let (mut distance, mut step) = (0.0, first);
         let mut distances = Vec::new();
         while distance < end {
             distance += step;
@@ -212,6 +221,7 @@ impl ScreenMethod for FarField {
 
     fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shaded, ScreenError> {
         let settings = &self.settings;
+        let &FarFieldSettings { midway, density, .. } = settings;
         let count = screen.inner().pixels();
         let each = 2 * settings.segments as usize;
         let distances = self.near_distances();
@@ -230,8 +240,7 @@ impl ScreenMethod for FarField {
         if settings.separate.is_some() {
             work.averaged = work.time("box average", |_| Some(separate::box_average(screen)));
         }
-        let estimator =
-            Estimator { table: &self.table, thickness: settings.thickness, midway: settings.midway };
+        let estimator = Estimator { table: &self.table, thickness: settings.thickness };
         let mut scan_bytes = 0;
         for pair in 0..settings.sectors / 2 {
             let turn = f64::from(pair) / f64::from(settings.sectors) * std::f64::consts::TAU;
@@ -243,7 +252,7 @@ impl ScreenMethod for FarField {
             }
             scan_bytes = scan_bytes.max(scan.bytes());
             let segments = Segments::new(settings, along);
-            let gather = Gather { field: &field, scan: &scan, estimator };
+            let gather = Gather { field: &field, scan: &scan, estimator, midway, density: density as f32 };
             if settings.near.is_some() {
                 work.time("near field", |work| work.near_field(&gather, &segments, each, &distances));
             }

@@ -5,7 +5,7 @@ use glam::Vec2;
 use super::field::Field;
 use super::scan::{Scan, Sense};
 use super::settings::FarFieldSettings;
-use super::slice::{Estimator, Receiver, Slice};
+use super::slice::{Estimator, Receiver, Slice, Stand};
 use crate::reference::mix;
 
 /// Angles that jittered pixels choose from.
@@ -72,12 +72,13 @@ impl Segments {
 }
 
 /// Number of the first interval in the way of a receiver that stands `steps` steps along its line: the nearest that is
-/// at least an interval's length away (Algorithm 2, line 2). Below 0 or beyond the last there is none.
+/// at least `density` times its length away (Algorithm 2, line 2, where that is 1). Below 0 or beyond the last there is
+/// none.
 #[inline]
-fn first_interval(steps: f32, interval: f32, sense: Sense) -> i32 {
+fn first_interval(steps: f32, interval: f32, density: f32, sense: Sense) -> i32 {
     match sense {
-        Sense::Ahead => (steps / interval + 1.0).ceil() as i32,
-        Sense::Behind => (steps / interval - 1.0).floor() as i32 - 1,
+        Sense::Ahead => (steps / interval + density).ceil() as i32,
+        Sense::Behind => (steps / interval - density).floor() as i32 - 1,
     }
 }
 
@@ -96,6 +97,10 @@ pub(crate) struct Gather<'a> {
     pub(crate) field: &'a Field,
     pub(crate) scan: &'a Scan,
     pub(crate) estimator: Estimator<'a>,
+    /// Whether slabs of intervals stand midway.
+    pub(crate) midway: bool,
+    /// How many of its lengths an interval is away at least.
+    pub(crate) density: f32,
 }
 
 impl Gather<'_> {
@@ -122,7 +127,7 @@ impl Gather<'_> {
         let columns = [across / cos, depth + across * (start - slope.dot(outward) / cos)];
         let mut hidden = 0.0;
         let mut level = 0;
-        let mut row = first_interval(place.x, lines.interval(0) as f32, sense);
+        let mut row = first_interval(place.x, lines.interval(0) as f32, self.density, sense);
         while let Some(rows) = lines.levels().get(level)
             && row >= 0
             && (row as usize) < rows.len()
@@ -144,12 +149,19 @@ impl Gather<'_> {
             };
             if let Some((point, share)) = met {
                 let top = columns[0] * point.x + columns[1] * point.y;
-                let front = across * (start + near * step) + depth;
-                hidden += self.estimator.add(slice, horizon, top, front, share);
+                let stand = if self.midway {
+                    Stand::Midway(across * (start + near * step) + depth)
+                } else {
+                    Stand::Top
+                };
+                hidden += self.estimator.add(slice, horizon, top, stand, share);
             }
             row += sense.sign() as i32;
-            // Up a level as soon as an interval of it begins here (section 6): each is at least its length away.
-            if level + 1 < lines.levels().len() && (row & 1 == 1) == (sense == Sense::Behind) {
+            // Up a level as soon as an interval of it begins here and is far enough away (section 6), but for rounding.
+            if level + 1 < lines.levels().len()
+                && (row & 1 == 1) == (sense == Sense::Behind)
+                && near + 1.01 * interval >= self.density * 2.0 * interval
+            {
                 row >>= 1;
                 level += 1;
             }
@@ -171,20 +183,24 @@ impl Gather<'_> {
         let lines = self.scan.lines();
         let steps = lines.place(at).x;
         let interval = lines.interval(0) as f32;
-        let first = first_interval(steps, interval, segment.sense);
+        let first = first_interval(steps, interval, self.density, segment.sense);
         let slope = self.field.pixels().slope();
         let end = near_end(steps, first, interval, segment.sense) / segment.cos;
         let end = end.min(slice.reach(self.estimator.table.radius()) / slope);
         let [across, depth] = slice.axes();
         let start = receiver.slope().dot(segment.along);
-        let (mut hidden, mut front) = (0.0, across * start + depth);
+        let mut hidden = 0.0;
+        // The sample before: its line of sight and inverse depth.
+        let (mut front, mut before) = (across * start + depth, 1.0 / receiver.depth());
         for &distance in distances.iter().take_while(|distance| **distance < end) {
             let inverse = self.field.inverse(at + segment.along * distance);
             let sight = across * (start + distance * slope) + depth;
             if inverse > 0.0 {
-                hidden += self.estimator.add(slice, horizon, sight / inverse, front, 1.0);
+                let joined = self.field.joins(before, inverse);
+                let stand = if joined { Stand::Joined(front / before) } else { Stand::Top };
+                hidden += self.estimator.add(slice, horizon, sight / inverse, stand, 1.0);
             }
-            front = sight;
+            (front, before) = (sight, inverse);
         }
         hidden
     }

@@ -17,6 +17,10 @@ pub struct FarFieldSettings {
     /// `B_0`: pixels of the shortest interval, 2 to [`FarFieldSettings::MAX_INTERVAL`]. The far field begins at 1.5 of
     /// it on average. The paper shows 5, 10 and 20.
     pub interval: u32,
+    /// How many of its own lengths an interval is away at least, 1 to [`FarFieldSettings::MAX_DENSITY`]: the more, the
+    /// more slabs a direction, and the further the near field goes. 1 is the paper's spacing, some eight slabs in each
+    /// direction of a screen of 1536 x 864 with intervals of 10 pixels.
+    pub density: u32,
     /// How what is nearer is found; `None` leaves it out.
     pub near: Option<NearField>,
     /// Thickness of the depth field in metres (section 11); `None` is a continuous field, which has no end.
@@ -34,7 +38,8 @@ pub struct FarFieldSettings {
     pub separate: Option<Separate>,
 }
 
-/// The search of the near field (section 9): point samples along each segment, from one pixel on.
+/// The search of the near field (section 9): point samples along each segment, from half a pixel on, from one where the
+/// field has a thickness. Between samples that it joins the field is a straight line, and slabs stand in its middle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NearField {
     /// By how much each step is longer than the one before, 1 to 4; 1 visits every pixel.
@@ -55,6 +60,8 @@ impl FarFieldSettings {
     pub const MAX_SEGMENTS: u32 = 8;
     /// The longest shortest interval, in pixels.
     pub const MAX_INTERVAL: u32 = 256;
+    /// The largest density.
+    pub const MAX_DENSITY: u32 = 64;
     /// Pixels of a group of [`Separate`].
     pub(crate) const GROUP: u32 = 9;
 
@@ -73,6 +80,7 @@ impl FarFieldSettings {
         within("the remainder of the number of sectors by 2", self.sectors % 2, 0, 0)?;
         within("the number of segments", self.segments, 1, Self::MAX_SEGMENTS)?;
         within("the interval", self.interval, 2, Self::MAX_INTERVAL)?;
+        within("the density", self.density, 1, Self::MAX_DENSITY)?;
         if self.separate.is_some() {
             let rest = self.sectors % (2 * Self::GROUP);
             within("the remainder of the number of separated sectors by 18", rest, 0, 0)?;
@@ -93,6 +101,9 @@ impl FarFieldSettings {
             "far-field obscurance, K = {sectors}x{segments}, B0 = {interval}, R = {radius} m, {}",
             self.falloff.label()
         );
+        if self.density > 1 {
+            label += &format!(", each {} of its lengths away", self.density);
+        }
         match self.near {
             None => label += ", far field alone",
             Some(NearField { growth: 1.0 }) => {}
@@ -126,6 +137,7 @@ impl Default for FarFieldSettings {
             sectors: 16,
             segments: 2,
             interval: 10,
+            density: 1,
             near: Some(NearField { growth: 1.0 }),
             thickness: None,
             midway: false,

@@ -23,6 +23,11 @@ impl Receiver {
         Self { position, normal, distance: position.length() }
     }
 
+    /// Metres from the eye's own plane.
+    pub(crate) fn depth(&self) -> f32 {
+        self.position.z
+    }
+
     /// Slope at which the receiver is seen: its place on a screen one metre away.
     pub(crate) fn slope(&self) -> Vec2 {
         self.position.truncate() / self.position.z
@@ -88,6 +93,18 @@ impl Slice {
         [Vec2::new(self.zenith.x, self.side.x), Vec2::new(self.zenith.y, self.side.y) * -self.slant]
     }
 
+    /// Where the line from `before` to `top` is met by the ray halfway between `horizon` and `top`, all from the eye: at
+    /// the receiver when the line begins there.
+    #[inline]
+    fn joined(&self, before: Vec2, top: Vec2, horizon: Vec2) -> Vec2 {
+        let eye = Vec2::new(self.distance, 0.0);
+        let (start, end) = (before + eye, top + eye);
+        let middle = horizon.normalize_or_zero() + end.normalize_or_zero();
+        let (under, over) = (start.perp_dot(middle), end.perp_dot(middle));
+        let part = if over > under { (-under / (over - under)).clamp(0.0, 1.0) } else { 1.0 };
+        before + (top - before) * part
+    }
+
     /// How far from the receiver on the trace, in slopes, a slab can begin to count: those that start beyond are further
     /// than `radius` from the receiver all along. Infinite when the radius reaches behind the eye's own plane.
     pub(crate) fn reach(&self, radius: f32) -> f32 {
@@ -103,31 +120,44 @@ impl Slice {
     }
 }
 
+/// Where the slab of a point stands, which stands for all that is between the point and what is known before it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Stand {
+    /// At the point (section 4).
+    Top,
+    /// Midway between this line of sight, given as a vector from the eye, and the point.
+    Midway(Vec2),
+    /// The field is a straight line from this point, given from the eye, to the slab's: the slab is where the middle of
+    /// what is seen of it is.
+    Joined(Vec2),
+}
+
 /// How slabs are weighed, the same for all slices.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Estimator<'a> {
     pub(crate) table: &'a Table,
     /// Slabs end this many metres behind their tops (section 11); `None` is never.
     pub(crate) thickness: Option<f32>,
-    /// Whether a slab stands midway between the front of what it stands for and its top, instead of at its top.
-    pub(crate) midway: bool,
 }
 
 impl Estimator<'_> {
     /// Adds a slab whose top is at `top`, as seen from the eye, to what is hidden of `slice`, and lifts `horizon` to it.
     /// Returns the slab's term of Eq. 3.
     ///
-    /// The slab stands for what is between the lines of sight to `front` and to `top`. `share` is how much of the
-    /// slice's width it fills, in `(0, 1]`; the horizon rises by that share of the way.
+    /// `share` is how much of the slice's width the slab fills, in `(0, 1]`; the horizon rises by that share of the way.
     #[inline]
-    pub(crate) fn add(&self, slice: &Slice, horizon: &mut Vec2, top: Vec2, front: Vec2, share: f32) -> f32 {
+    pub(crate) fn add(&self, slice: &Slice, horizon: &mut Vec2, top: Vec2, stand: Stand, share: f32) -> f32 {
         let ray = Vec2::new(top.x + slice.distance, top.y);
         // Culled: below the horizon, or on the wrong side.
         if ray.perp_dot(*horizon) <= 0.0 || ray.y <= 0.0 {
             return 0.0;
         }
         let back = top / top.length();
-        let slab = if self.midway { (back + front.normalize()).normalize() } else { back };
+        let slab = match stand {
+            Stand::Top => back,
+            Stand::Midway(sight) => (back + sight.normalize()).normalize(),
+            Stand::Joined(before) => slice.joined(before, top, *horizon).normalize_or(back),
+        };
         let distance = slice.distance * slab.y;
         let mut hidden = 0.0;
         if distance < self.table.radius() {
@@ -140,7 +170,7 @@ impl Estimator<'_> {
                 }
             }
             if high.perp_dot(low) > 0.0 {
-                hidden = share * self.table.hidden(distance, slab, slice.normal, low, high);
+                hidden = share * self.table.hidden(distance.max(0.0), slab, slice.normal, low, high);
             }
         }
         *horizon = if share < 1.0 { horizon.normalize().lerp(ray.normalize(), share) } else { ray };

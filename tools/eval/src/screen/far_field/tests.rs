@@ -10,69 +10,10 @@ use psao_server_sim::clock::NoClock;
 use psao_server_sim::scene::Scene;
 
 use super::scan::Sense;
-use super::slice::Slice;
+use super::slice::{Slice, Stand};
 use super::*;
 use crate::adapter::SceneView;
-use crate::screen::Falloff;
-
-/// Rays marched through the depth field, which is continuous: what the method converges to (section 8). Cosine-weighted
-/// directions, one pixel a step, interpolation where a ray goes under the field.
-fn by_rays(screen: &Screen, radius: f32, falloff: &Falloff, rays: u32) -> AoImage {
-    let field = Field::new(screen, None);
-    let values = screen.each_inner(|pixel| {
-        let normal = pixel.normal;
-        let side = normal.any_orthonormal_vector();
-        let other = normal.cross(side);
-        let hash = pixel.x.wrapping_mul(73_856_093) ^ pixel.y.wrapping_mul(19_349_663);
-        let turn = (hash.rem_euclid(1024)) as f32 / 1024.0;
-        let hidden: f32 = (0..rays)
-            .map(|ray| {
-                let across = (ray as f32 + 0.5) / rays as f32;
-                let angle =
-                    ((ray.reverse_bits() as f64 / 4_294_967_296.0) as f32 + turn) * std::f32::consts::TAU;
-                let flat = across.sqrt();
-                let direction = side * (flat * libm::cosf(angle))
-                    + other * (flat * libm::sinf(angle))
-                    + normal * (1.0 - across).sqrt();
-                let origin = pixel.position + normal * (1e-3 * pixel.position.z);
-                march(screen, &field, origin, direction, radius).map_or(0.0, |t| falloff.weight(t / radius))
-            })
-            .sum();
-        1.0 - hidden / rays as f32
-    });
-    screen.image(values).unwrap()
-}
-
-/// Distance at which a ray goes under the field.
-fn march(screen: &Screen, field: &Field, origin: Vec3, direction: Vec3, radius: f32) -> Option<f32> {
-    // Well in front of the eye's plane: far off the screen.
-    let most = 0.98 * origin.z / -direction.z;
-    let end = if direction.z < 0.0 { radius.min(most) } else { radius };
-    let [a, b] = [origin, origin + direction * end].map(|at| field.pixels().of_grid(screen.project(at)));
-    let steps = ((b - a).length().ceil() as u32).clamp(1, 65_536);
-    let [near, far] = [1.0 / origin.z, 1.0 / (origin.z + direction.z * end)];
-    let mut before = (0.0, 1.0);
-    for step in 1..=steps {
-        // Inverse depths are linear on the screen, distances along the ray are not.
-        let part = step as f32 / steps as f32;
-        let inverse = near + (far - near) * part;
-        let t = end * part * far / inverse;
-        let at = field.pixels().on_grid(a + (b - a) * part);
-        if at.min_element() < 0.0
-            || at.x >= screen.size().width() as f32
-            || at.y >= screen.size().height() as f32
-        {
-            return None;
-        }
-        let under = field.inverse(a + (b - a) * part) - inverse;
-        if under > 0.0 {
-            let share: f32 = before.1 / (before.1 + under);
-            return Some(before.0 + (t - before.0) * share.clamp(0.0, 1.0));
-        }
-        before = (t, (-under).max(0.0));
-    }
-    None
-}
+use crate::screen::{Falloff, Traced};
 
 /// Mean difference and share of pixels that are at most 5 % off, in per cent (section 8), of pixels with a surface.
 fn errors(screen: &Screen, reference: &AoImage, found: &AoImage) -> (f64, f64) {
@@ -99,7 +40,7 @@ fn built_in(name: &str, time: f64, inner: Size, guard: u32) -> Screen {
 #[test]
 fn an_all_hidden_hemisphere_is_one_whatever_the_normal() {
     let table = Table::new(1.0, &Falloff::Binary);
-    let estimator = Estimator { table: &table, thickness: None, midway: false };
+    let estimator = Estimator { table: &table, thickness: None };
     for (position, normal) in [
         (Vec3::new(0.0, 0.0, 5.0), Vec3::NEG_Z),
         (Vec3::new(2.0, -1.0, 3.0), Vec3::new(0.3, 0.5, -0.7).normalize()),
@@ -119,7 +60,7 @@ fn an_all_hidden_hemisphere_is_one_whatever_the_normal() {
             let top = across
                 * ((receiver.slope().dot(Vec2::new(libm::cosf(angle), libm::sinf(angle))) + 1e-6) * z)
                 + depth * z;
-            sum += slice.weight() * estimator.add(&slice, &mut horizon, top, top, 1.0);
+            sum += slice.weight() * estimator.add(&slice, &mut horizon, top, Stand::Top, 1.0);
         }
         let found = sum * std::f32::consts::TAU / count as f32;
         assert!((found - 1.0).abs() < 0.01, "{position} {normal}: {found}");
@@ -242,7 +183,7 @@ fn it_comes_close_to_rays_on_the_same_depth_field() {
     {
         let screen = built_in(name, 1.0, size(160, 90), 16);
         let FarFieldSettings { radius, falloff, .. } = settings();
-        let rays = by_rays(&screen, radius, &falloff, 128);
+        let rays = by_rays(&screen, &Traced { rays: 128, ..Traced::far(radius, falloff) });
         for (midway, (average, right)) in [false, true].into_iter().zip(bounds) {
             let found = errors(&screen, &rays, &shade(&FarFieldSettings { midway, ..settings() }, &screen));
             assert!(found.0 < average && found.1 > right, "{name} {midway}: {found:?}");
@@ -403,6 +344,9 @@ fn what_is_out_of_range_is_refused() {
     for sectors in [0, 2, 7, 182] {
         assert!(refused(FarFieldSettings { sectors, ..settings() }).contains("number of sectors"));
     }
+    for density in [0, 65] {
+        assert!(refused(FarFieldSettings { density, ..settings() }).contains("density"));
+    }
     for segments in [0, 9] {
         assert!(refused(FarFieldSettings { segments, ..settings() }).contains("segments"));
     }
@@ -421,6 +365,80 @@ fn what_is_out_of_range_is_refused() {
     let tall = Screen::from_parts(size(4, 4), 0, [1.0, 400.0], vec![1.0; 16], vec![Vec3::NEG_Z; 16]).unwrap();
     let found = FarField::new(settings()).unwrap().shade(&tall, &NoClock);
     assert!(matches!(found, Err(ScreenError::Setting { method: "far-field", .. })), "{found:?}");
+}
+
+/// Rays through the depth field, which is continuous: what the method converges to (section 8).
+fn by_rays(screen: &Screen, rays: &Traced) -> AoImage {
+    rays.shade(screen, &NoClock).unwrap().image
+}
+
+/// The estimator alone, from samples `step` square pixels apart in `count` directions.
+fn direct(screen: &Screen, radius: f32, falloff: &Falloff, count: u32, step: f32, joined: bool) -> AoImage {
+    let field = Field::new(screen, None);
+    let table = Table::new(radius, falloff);
+    let estimator = Estimator { table: &table, thickness: None };
+    let slope = field.pixels().slope();
+    let values = screen.each_inner(|pixel| {
+        let receiver = Receiver::new(pixel.position, pixel.normal);
+        let at = field.pixels().place(pixel.x, pixel.y);
+        let of_slice = |k: u32| {
+            let turn = std::f32::consts::TAU * (k as f32 + 0.5) / count as f32;
+            let along = Vec2::new(libm::cosf(turn), libm::sinf(turn));
+            let slice = Slice::new(&receiver, along);
+            let [across, depth] = slice.axes();
+            let start = receiver.slope().dot(along);
+            let end = (2.0 * field.pixels().half().length()).min(slice.reach(radius) / slope);
+            let (mut horizon, mut hidden) = (slice.open(), 0.0);
+            let mut before = Some((across * start + depth) * receiver.depth());
+            for sample in 1..(end / step).ceil() as u32 {
+                let distance = sample as f32 * step;
+                let inverse = field.inverse(at + along * distance);
+                let top = (inverse > 0.0).then(|| (across * (start + distance * slope) + depth) / inverse);
+                if let Some(top) = top {
+                    let stand = before.filter(|_| joined).map_or(Stand::Top, Stand::Joined);
+                    hidden += estimator.add(&slice, &mut horizon, top, stand, 1.0);
+                }
+                before = top;
+            }
+            slice.weight() * hidden
+        };
+        1.0 - (0..count).map(of_slice).sum::<f32>() * std::f32::consts::TAU / count as f32
+    });
+    screen.image(values).unwrap()
+}
+
+#[test]
+fn the_estimator_converges_to_rays() {
+    for (name, falloff) in [
+        ("colonnade", Falloff::Exponential { decay: 3.0 }),
+        ("robot-lab", Falloff::Exponential { decay: 8.0 }),
+        ("robot-lab", Falloff::Linear),
+    ] {
+        let screen = built_in(name, 1.0, size(48, 27), 5);
+        let radius = settings().radius;
+        let fine = Traced { rays: 512, step_px: 0.1, ..Traced::far(radius, falloff.clone()) };
+        let rays = by_rays(&screen, &fine);
+        let error =
+            |step, joined| errors(&screen, &rays, &direct(&screen, radius, &falloff, 48, step, joined)).0;
+        let slabs = [1.0, 0.5, 0.25, 0.1].map(|step| error(step, false));
+        assert!(slabs.is_sorted_by(|a, b| *b < 0.8 * *a), "{name}: {slabs:?}");
+        let joined = error(0.25, true);
+        assert!(slabs[3] < 0.2 * slabs[0] && joined < 1.0, "{name}: {slabs:?}, joined {joined}");
+    }
+}
+
+#[test]
+fn slabs_closer_together_leave_less_error() {
+    for name in ["colonnade", "robot-lab"] {
+        let screen = built_in(name, 1.0, size(96, 54), 9);
+        let FarFieldSettings { radius, falloff, .. } = settings();
+        let truth = direct(&screen, radius, &falloff, 32, 0.25, true);
+        let found = [1, 4, 16].map(|density| {
+            let found = shade(&FarFieldSettings { interval: 2, density, ..settings() }, &screen);
+            errors(&screen, &truth, &found).0
+        });
+        assert!(found.is_sorted_by(|a, b| *b < 0.7 * *a) && found[2] < 1.0, "{name}: {found:?}");
+    }
 }
 
 proptest! {

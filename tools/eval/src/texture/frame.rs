@@ -211,7 +211,8 @@ impl TextureServer {
 
 impl Block {
     /// Where texel number `index`, row by row, is on the patch: half a texel from its edges, which lie in other surfaces as
-    /// often as not. Texels on the edges would make a patch go on smoothly into the next, but were dB worse on `colonnade`.
+    /// often as not. Texels on the edges would make a patch go on smoothly into the next, but show dark bars
+    /// where a column meets its capital.
     fn point(&self, patch: Patch, index: u32) -> PatchPoint {
         let (width, height) = (self.extent.width(), self.extent.height());
         let along = |at: u32, of: u32| (at as f32 + 0.5) / of as f32;

@@ -63,7 +63,8 @@ impl VideoCoder for X264 {
         let raw = ["-f", "rawvideo", "-pix_fmt", "gray"];
         let (rate, crf) = (fps.to_string(), self.crf.to_string());
         let keyint = frames.len().to_string();
-        // One thread: more would make other bytes. Every frame opens with a delimiter by which it is found again.
+        // One thread: more would make other bytes. Every frame opens with a delimiter by which it is found again. Grey is
+        // from 0 to 255, and the stream must say so, or the decoder stretches it.
         let encoder = [
             "-c:v",
             "libx264",
@@ -73,6 +74,8 @@ impl VideoCoder for X264 {
             "zerolatency",
             "-crf",
             &crf,
+            "-color_range",
+            "pc",
             "-g",
             &keyint,
             "-threads",

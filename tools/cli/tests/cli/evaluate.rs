@@ -130,6 +130,16 @@ fn bad_input_is_refused_before_anything_is_measured() {
         (&["--guard", "4097"], 2, "4096"),
         (&["--size", "16384x1", "--guard", "1", "--reference-rays", "1"], 3, "guard band"),
         (&["--size", "0x1"], 2, "0x1"),
+        (&["--radius", ""], 2, "--radius"),
+        (&["--radius", "0.5,,1"], 2, "--radius"),
+        (&["--radius", "0.5,nan"], 2, "radius of NaN"),
+        (&["--radius", "0.5,0"], 2, "radius of 0 m"),
+        (&["--radius", "0.5,1,0.50"], 2, "--radius has 0.5 twice"),
+        (
+            &["--radius", "0.1,9", "--table", "pyramid-hbao", "--methods", "all"],
+            2,
+            "9 m beside one of 0.1 m: hbao: directions",
+        ),
         (&["--reference-rays", "0"], 2, "rays"),
         (&["--resume"], 2, "--out"),
         (&["--lpips-weights", text(&weights)], 3, "9 bytes"),
@@ -275,4 +285,59 @@ fn texture_space_without_a_video_coder_is_left_out_loudly() {
     let document: serde_json::Value = serde_json::from_str(&run.out).unwrap();
     assert_eq!(document["left_out"].as_array().unwrap().len(), 1);
     assert!(document["records"].as_array().unwrap().iter().all(|record| record["kind"] == "screen"));
+}
+
+#[test]
+fn several_radii_have_references_and_sections_of_their_own() {
+    let folder = folder();
+    let out =
+        fine(&arguments(&["--radius", "0.2,0.6", "--profile", "surface", "--out", text(folder.path())]));
+    assert!(out.contains("rays of 0.2 m a pixel") && out.contains("rays of 0.6 m a pixel"), "{out}");
+    let document: serde_json::Value = serde_json::from_str(&read(folder.path(), "results.json")).unwrap();
+    let radii = |list: &str| -> Vec<f64> {
+        let list = document[list].as_array().unwrap();
+        list.iter().map(|item| item["radius_m"].as_f64().unwrap()).collect()
+    };
+    assert_eq!(radii("scenes"), [0.2, 0.6]);
+    let (near, far): (Vec<_>, Vec<_>) =
+        document["records"].as_array().unwrap().iter().partition(|record| record["radius_m"] == 0.2);
+    assert_eq!(near.len(), far.len());
+    let streams = near.iter().filter(|record| record["kind"] == "stream").count();
+    assert_eq!(streams, 2, "two densities at each radius");
+    for (near, far) in near.iter().zip(&far) {
+        assert_eq!(near["label"], far["label"]);
+        assert_ne!(near["key"], far["key"]);
+        assert_ne!(near["error"]["mae"], far["error"]["mae"], "another reference");
+    }
+    let page = read(folder.path(), "report.html");
+    assert!(page.contains("<h2>colonnade, R = 0.2 m</h2>") && page.contains("<h2>colonnade, R = 0.6 m</h2>"));
+}
+
+#[test]
+fn the_table_of_pyramid_hbao_grows_with_the_radius() {
+    let options = "evaluate colonnade --table pyramid-hbao --radius 0.5,0.25 --size 64x36 --frames 2 --pictures 1 \
+        --repeats 1 --warm-up 0 --reference-rays 8";
+    let options: Vec<&str> = options.split_whitespace().collect();
+    let out = fine(&options);
+    assert_eq!(out.matches("rays of 0.5, 0.25 m a pixel").count(), 1, "one table: {out}");
+    for name in ["pyramid-hbao", "hbao", "scalable"] {
+        assert!(out.contains(&format!("{name}: ms ~ R^")), "{name}: {out}");
+    }
+    assert!(out.contains("hbao: ") && out.contains("samples ~ R^2.00"), "{out}");
+    let json = fine(&[&options[..], &["--json", "--methods", "hbao,scalable"]].concat());
+    let document: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let records = document["records"].as_array().unwrap();
+    let of = |record: &serde_json::Value| {
+        let sampling = &record["sampling"];
+        (
+            record["name"].as_str().unwrap().to_owned(),
+            sampling["directions"].as_u64(),
+            sampling["along"].as_u64(),
+        )
+    };
+    let hbao = |times: u64| ("hbao".to_owned(), Some(8 * times), Some(10 * times));
+    let scalable = || ("scalable".to_owned(), None, None);
+    assert_eq!(records.iter().map(of).collect::<Vec<_>>(), [hbao(2), scalable(), hbao(1), scalable()]);
+    let reach = |index: usize| records[index]["reach_px"].as_f64().unwrap();
+    assert!((reach(0) / reach(2) - 2.0).abs() < 1e-4, "twice as long");
 }

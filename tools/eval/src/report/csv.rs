@@ -2,30 +2,31 @@
 
 use std::fmt::Write as _;
 
-use crate::sweep::{Kind, Record};
+use crate::sweep::{Entry, Kind};
 
 const HEADS: &str = "scene,kind,name,label,points_per_m2,bits,rays,threshold,fps,coder,mae,rmse,psnr_db,bias,p99,max,\
 within_5,ssim,flip,lpips,paper_mbit_s,wire_mbit_s,first_state_bytes,later_bytes,changed_points,points,frames,server_ms,\
 server_ms_low,server_ms_high,first_frame_ms,picture_ms,picture_ms_low,picture_ms_high,picture_bytes,state_bytes,\
-largest_frame_bytes,working_bytes,server_bytes,key";
+largest_frame_bytes,working_bytes,server_bytes,key,radius_m,reach_px,directions,samples_along,levels,samples_per_pixel";
 
 /// All records as comma-separated values with a head line. What a record does not have is empty; so is the PSNR of equal
 /// pictures.
 #[must_use]
-pub fn csv<'a>(records: impl IntoIterator<Item = &'a Record>) -> String {
+pub fn csv<'a>(entries: impl IntoIterator<Item = Entry<'a>>) -> String {
     let mut out = format!("{HEADS}\n");
-    for record in records {
-        let cells = cells(record);
+    for entry in entries {
+        let cells = cells(&entry);
         let cells: Vec<String> = cells.into_iter().map(|cell| quoted(&cell)).collect();
         let _ = writeln!(out, "{}", cells.join(","));
     }
     out
 }
 
-fn cells(record: &Record) -> Vec<String> {
+fn cells(entry: &Entry<'_>) -> Vec<String> {
     fn some(value: Option<impl ToString>) -> String {
         value.map_or_else(String::new, |value| value.to_string())
     }
+    let record = entry.record;
     let (setting, stream, error) = (record.setting.as_ref(), record.stream.as_ref(), &record.error);
     let kind = match record.kind {
         Kind::Stream => "stream",
@@ -68,6 +69,15 @@ fn cells(record: &Record) -> Vec<String> {
         some(memory.working_bytes),
         some(memory.server_bytes),
         record.key.clone(),
+        entry.radius_m.to_string(),
+        some(entry.reach_px),
+    ]);
+    let sampling = entry.sampling.as_ref();
+    cells.extend([
+        some(sampling.and_then(|sampling| sampling.directions)),
+        some(sampling.and_then(|sampling| sampling.along)),
+        some(sampling.map(|sampling| sampling.levels)),
+        some(sampling.map(|sampling| sampling.per_pixel)),
     ]);
     cells
 }
@@ -85,14 +95,18 @@ fn quoted(cell: &str) -> String {
 mod tests {
     use super::super::samples::record;
     use super::*;
+    use crate::screen::Sampling;
 
     #[test]
     fn every_line_has_the_cells_of_the_head() {
         let records = [record("surface", 0.02, 5.0, Some(1.0)), record("ssao", 0.08, 2.0, None)];
-        let text = csv(&records);
+        let sampling = Some(Sampling { directions: None, along: None, levels: 3, per_pixel: 96 });
+        let entry = |record| Entry { record, radius_m: 0.5, reach_px: Some(40.5), sampling };
+        let text = csv(records.iter().map(entry));
         let lines: Vec<&str> = text.lines().collect();
         assert_eq!(lines.len(), 3);
         assert!(lines[2].contains("\"ssao, 8 steps\""), "{}", lines[2]);
+        assert!(lines[2].ends_with(",0.5,40.5,,,3,96"), "{}", lines[2]);
         for (line, record) in lines[1..].iter().zip(&records) {
             // The label holds commas of its own.
             let commas = line.matches(',').count() - record.label.matches(',').count();

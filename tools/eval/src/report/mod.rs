@@ -3,6 +3,7 @@
 mod advice;
 mod csv;
 mod front;
+mod growth;
 mod page;
 mod plot;
 mod table;
@@ -10,6 +11,7 @@ mod table;
 pub use self::advice::{Cost, Step, steps};
 pub use self::csv::csv;
 pub use self::front::front;
+pub use self::growth::exponent;
 pub use self::page::{Page, Section, Thumbnail};
 pub use self::table::table;
 

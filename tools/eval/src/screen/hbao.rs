@@ -6,7 +6,8 @@ use psao_server_sim::clock::Clock;
 use super::depth::Pixel;
 use super::noise::{Compass, bits, pair};
 use super::{
-    Blur, Edge, Falloff, Screen, ScreenError, ScreenMethod, Shaded, Stages, check_radius, check_setting,
+    Blur, Edge, Falloff, Sampling, Screen, ScreenError, ScreenMethod, Shaded, Stages, check_radius,
+    check_setting,
 };
 
 /// HBAO (Bavoil, Sainz and Dimitrov 2008, "Image-Space Horizon-Based Ambient Occlusion"; Bavoil and Sainz 2009,
@@ -55,7 +56,12 @@ impl Hbao {
         }
     }
 
-    fn validate(&self) -> Result<(), ScreenError> {
+    /// Whether every setting is in its range.
+    ///
+    /// # Errors
+    ///
+    /// [`ScreenError`] names the first that is not.
+    pub fn validate(&self) -> Result<(), ScreenError> {
         check_radius(self.radius)?;
         check_setting(Self::NAME, "directions", self.directions as f32, 1.0, 256.0)?;
         check_setting(Self::NAME, "steps", self.steps as f32, 1.0, 1024.0)?;
@@ -117,6 +123,10 @@ impl ScreenMethod for Hbao {
 
     fn label(&self) -> String {
         format!("HBAO, {} directions of {} samples, {}", self.directions, self.steps, self.blur.label())
+    }
+
+    fn sampling(&self) -> Option<Sampling> {
+        Some(Sampling::directed(self.directions, self.steps, 0))
     }
 
     fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shaded, ScreenError> {

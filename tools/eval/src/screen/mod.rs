@@ -23,6 +23,7 @@ mod traced;
 
 use psao_client::{AoImage, AoImageError, CameraError, Size, SizeError};
 use psao_server_sim::clock::Clock;
+use serde::Serialize;
 
 pub use self::blur::{Blur, Edge};
 pub use self::depth::Screen;
@@ -45,6 +46,11 @@ pub trait ScreenMethod: Sync {
     /// The settings in words, for plots and tables.
     fn label(&self) -> String;
 
+    /// What it reads for a pixel, where that is a fixed number of samples of depth.
+    fn sampling(&self) -> Option<Sampling> {
+        None
+    }
+
     /// Accessibility of the inner pixels of `screen`; sky is 1. The same on any number of threads.
     ///
     /// `clock` is read for the times of the stages only.
@@ -53,6 +59,26 @@ pub trait ScreenMethod: Sync {
     ///
     /// [`ScreenError`] when a setting is out of its range.
     fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shaded, ScreenError>;
+}
+
+/// Samples of depth that a method reads for a pixel, those beyond its radius included.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct Sampling {
+    /// Directions D; `None` of a method that has none.
+    pub directions: Option<u32>,
+    /// Samples a direction S, of all levels together; `None` without directions.
+    pub along: Option<u32>,
+    /// Levels of depth L above the buffer itself.
+    pub levels: u32,
+    /// Samples in all.
+    pub per_pixel: u32,
+}
+
+impl Sampling {
+    /// Of `directions` with `along` samples each.
+    pub(crate) fn directed(directions: u32, along: u32, levels: u32) -> Self {
+        Self { directions: Some(directions), along: Some(along), levels, per_pixel: directions * along }
+    }
 }
 
 /// What a method made of a screen.

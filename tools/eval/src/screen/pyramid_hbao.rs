@@ -7,7 +7,8 @@ use super::depth::Pixel;
 use super::noise::{Compass, bits, pair};
 use super::pyramid::{DepthPyramid, Reduce};
 use super::{
-    Blur, Edge, Falloff, Screen, ScreenError, ScreenMethod, Shaded, Stages, check_radius, check_setting,
+    Blur, Edge, Falloff, Sampling, Screen, ScreenError, ScreenMethod, Shaded, Stages, check_radius,
+    check_setting,
 };
 
 /// Pyramid HBAO (Astapov, Frolov and Galaktionov 2021). Along each of D random directions it takes a few samples of
@@ -41,6 +42,7 @@ impl PyramidHbao {
     const NAME: &'static str = "pyramid-hbao";
     /// By how much levels shrink (section 3.3).
     const K: usize = 3;
+    const MAX_LEVELS: u32 = 8;
 
     /// The paper's settings, at a radius in metres: 8 directions, linear falloff, a Gaussian of 5 taps with sigma 1.5.
     /// Samples and levels are not published; 4 of each of 4 (the depth buffer and 3 more) reach 160 pixels.
@@ -57,11 +59,32 @@ impl PyramidHbao {
         }
     }
 
-    fn validate(&self) -> Result<(), ScreenError> {
+    /// The same with as few levels as reach `pixels`, 8 at most.
+    #[must_use]
+    pub fn reaching(self, pixels: f32) -> Self {
+        let reach = |levels| Self { levels, ..self.clone() }.reach_px();
+        let levels =
+            (0..Self::MAX_LEVELS).find(|&levels| reach(levels) >= pixels).unwrap_or(Self::MAX_LEVELS);
+        Self { levels, ..self }
+    }
+
+    /// How far a direction goes in pixels where its first step is not shifted.
+    #[must_use]
+    pub fn reach_px(&self) -> f32 {
+        let steps: f32 = (0..=self.levels).map(|level| (Self::K as f32).powi(level as i32)).sum();
+        self.step_px * self.samples as f32 * steps
+    }
+
+    /// Whether every setting is in its range.
+    ///
+    /// # Errors
+    ///
+    /// [`ScreenError`] names the first that is not.
+    pub fn validate(&self) -> Result<(), ScreenError> {
         check_radius(self.radius)?;
         check_setting(Self::NAME, "directions", self.directions as f32, 1.0, 256.0)?;
         check_setting(Self::NAME, "samples", self.samples as f32, 1.0, 256.0)?;
-        check_setting(Self::NAME, "levels", self.levels as f32, 0.0, 8.0)?;
+        check_setting(Self::NAME, "levels", self.levels as f32, 0.0, Self::MAX_LEVELS as f32)?;
         check_setting(Self::NAME, "step", self.step_px, 0.5, 64.0)?;
         self.falloff.validate()?;
         self.blur.validate(Self::NAME)
@@ -115,6 +138,10 @@ impl ScreenMethod for PyramidHbao {
         format!("Pyramid HBAO, {directions} directions of {samples} samples on {} levels", levels + 1)
     }
 
+    fn sampling(&self) -> Option<Sampling> {
+        Some(Sampling::directed(self.directions, self.samples * (self.levels + 1), self.levels))
+    }
+
     fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shaded, ScreenError> {
         self.validate()?;
         let mut stages = Stages::new(clock);
@@ -135,6 +162,23 @@ mod tests {
     use psao_client::Size;
 
     use super::*;
+
+    #[test]
+    fn levels_are_as_few_as_reach() {
+        let reaching = |pixels| PyramidHbao::new(1.0).reaching(pixels);
+        // 4 steps of 1, of 3, of 9, of 27 pixels.
+        for (pixels, levels, reach) in
+            [(0.0, 0, 4.0), (4.0, 0, 4.0), (4.1, 1, 16.0), (17.0, 2, 52.0), (100.0, 3, 160.0)]
+        {
+            let found = reaching(pixels);
+            assert_eq!((found.levels, found.reach_px()), (levels, reach), "{pixels}");
+            assert_eq!(found.sampling().unwrap().per_pixel, 8 * 4 * (levels + 1));
+        }
+        for pixels in [f32::INFINITY, f32::NAN] {
+            assert_eq!(reaching(pixels).levels, 8, "as many as there may be");
+            reaching(pixels).validate().unwrap();
+        }
+    }
 
     #[test]
     fn a_sample_counts_by_its_angle_and_distance_whatever_the_level() {

@@ -7,7 +7,8 @@ use super::depth::Pixel;
 use super::noise::Compass;
 use super::pyramid::{DepthPyramid, Reduce};
 use super::{
-    Blur, Edge, Falloff, Screen, ScreenError, ScreenMethod, Shaded, Stages, check_radius, check_setting,
+    Blur, Edge, Falloff, Sampling, Screen, ScreenError, ScreenMethod, Shaded, Stages, check_radius,
+    check_setting,
 };
 
 /// Scalable Ambient Obscurance (`McGuire`, Mara and Luebke 2012), after Alchemy (`McGuire` et al. 2011): taps on a
@@ -43,6 +44,7 @@ impl Scalable {
     const NAME: &'static str = "scalable";
     /// Logarithm of the distance in pixels from which taps use level 1 (the paper's q').
     const LOG_FIRST_LEVEL: u32 = 3;
+    const MAX_LEVELS: u32 = 16;
     /// Difference in depth, over the radius, above which neighbours in a square of 2 x 2 are not averaged.
     const QUAD_EDGE: f32 = 0.02;
 
@@ -63,14 +65,28 @@ impl Scalable {
         }
     }
 
-    fn validate(&self) -> Result<(), ScreenError> {
+    /// The same with this many taps and as many levels as reach `pixels`. The turns are next to the golden section of
+    /// the taps without a factor in common with them, which spreads any number of taps evenly.
+    #[must_use]
+    pub fn spread(self, taps: u32, pixels: f32) -> Self {
+        let golden = (f64::from(taps) * 0.618_033_988_749_894_8) as u32;
+        let turns = (golden.max(1)..=taps).find(|&turns| coprime(turns, taps)).unwrap_or(1);
+        Self { taps, turns, levels: level_at(pixels, Self::MAX_LEVELS as usize) as u32, ..self }
+    }
+
+    /// Whether every setting is in its range.
+    ///
+    /// # Errors
+    ///
+    /// [`ScreenError`] names the first that is not.
+    pub fn validate(&self) -> Result<(), ScreenError> {
         check_radius(self.radius)?;
         check_setting(Self::NAME, "taps", self.taps as f32, 1.0, 1024.0)?;
         check_setting(Self::NAME, "turns", self.turns as f32, 1.0, 1024.0)?;
         check_setting(Self::NAME, "intensity", self.intensity, 0.0, 1e3)?;
         check_setting(Self::NAME, "bias", self.bias, 0.0, 1.0)?;
         check_setting(Self::NAME, "epsilon", self.epsilon, 0.0, 1.0)?;
-        check_setting(Self::NAME, "levels", self.levels as f32, 0.0, 16.0)?;
+        check_setting(Self::NAME, "levels", self.levels as f32, 0.0, Self::MAX_LEVELS as f32)?;
         self.falloff.validate()?;
         self.blur.validate(Self::NAME)
     }
@@ -107,6 +123,10 @@ impl ScreenMethod for Scalable {
 
     fn label(&self) -> String {
         format!("Scalable AO, {} taps, {}", self.taps, self.blur.label())
+    }
+
+    fn sampling(&self) -> Option<Sampling> {
+        Some(Sampling { directions: None, along: None, levels: self.levels, per_pixel: self.taps })
     }
 
     fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shaded, ScreenError> {
@@ -151,6 +171,14 @@ fn turn_of(x: i32, y: i32) -> f32 {
     (hash as f64 / std::f64::consts::TAU).rem_euclid(1.0) as f32
 }
 
+/// Whether no number but 1 divides both.
+fn coprime(mut a: u32, mut b: u32) -> bool {
+    while b != 0 {
+        (a, b) = (b, a % b);
+    }
+    a == 1
+}
+
 /// The level for a tap this many pixels away: as many pixels apart on it, whatever the distance.
 #[inline]
 fn level_at(pixels: f32, top: usize) -> usize {
@@ -169,6 +197,21 @@ mod tests {
             assert_eq!(level_at(pixels, 5), want as usize, "{pixels}");
         }
         assert_eq!(level_at(1000.0, 0), 0);
+    }
+
+    #[test]
+    fn any_number_of_taps_is_spread_over_all_directions() {
+        for taps in [1, 2, 9, 32, 64, 96, 128, 224, 1024] {
+            let method = Scalable::new(1.0).spread(taps, 100.0);
+            method.validate().unwrap();
+            // Taps fall on as many directions as there are taps, no two on one.
+            let mut places: Vec<u32> = (0..taps).map(|tap| tap * method.turns % taps).collect();
+            places.sort_unstable();
+            assert!(places.into_iter().eq(0..taps), "{taps} on {} turns", method.turns);
+        }
+        let levels =
+            [1.0, 15.9, 16.0, 100.0, f32::INFINITY].map(|px| Scalable::new(1.0).spread(9, px).levels);
+        assert_eq!(levels, [0, 0, 1, 3, 16], "as far taps use them");
     }
 
     #[test]

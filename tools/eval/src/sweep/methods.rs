@@ -3,8 +3,8 @@
 use psao_server_sim::ao::{AoSettings, Occlusion};
 
 use crate::screen::{
-    Falloff, FarField, FarFieldSettings, Hbao, LineSweep, Mipmap, MipmapSettings, PyramidHbao, Scalable,
-    ScreenError, ScreenMethod, Separate, Ssao, SsaoPlus, Traced,
+    Blur, Falloff, FarField, FarFieldSettings, Hbao, LineSweep, Mipmap, MipmapSettings, PyramidHbao,
+    Scalable, ScreenError, ScreenMethod, Separate, Ssao, SsaoPlus, Traced,
 };
 
 /// Every method that is measured beside a stream whose AO is that of `ao`, within its radius; cheapest settings first. Those
@@ -106,6 +106,45 @@ pub fn far_field_methods(reference: &Traced) -> Result<Vec<Box<dyn ScreenMethod>
     Ok(all)
 }
 
+/// Pyramid HBAO and what its paper compares it with (Astapov et al. 2021, section 4) at one radius of several, the smallest of
+/// which is `smallest_m`; the radius of `ao` is `reach_px` pixels long ([`reach_px`](super::reach_px())):
+///
+/// * Pyramid HBAO, D = 8, as ever 4 samples a direction of each level, with as few levels as reach `reach_px`.
+/// * HBAO with D = 8 and S = 10 at the smallest radius; both grow as the radius does (section 3.1). It has no angle bias: the
+///   paper gives it none (Eq. 5), nor pyramid HBAO.
+/// * Scalable AO with as many taps in all as Pyramid HBAO has samples.
+///
+/// All have the linear falloff and end with the plain Gaussian of that paper, so that they differ in what they sample.
+///
+/// # Errors
+///
+/// [`ScreenError`] when a method does not take the radius, or HBAO would need more directions or samples than it takes: the
+/// radius is then more than 32 times the smallest.
+pub fn pyramid_methods(
+    ao: &AoSettings,
+    smallest_m: f32,
+    reach_px: f32,
+) -> Result<Vec<Box<dyn ScreenMethod>>, ScreenError> {
+    let AoSettings { radius, seed, .. } = *ao;
+    let falloff = match ao.kind {
+        Occlusion::Obscurance => Falloff::Linear,
+        Occlusion::Binary => Falloff::Binary,
+    };
+    let pyramid =
+        PyramidHbao { seed, falloff: falloff.clone(), ..PyramidHbao::new(radius) }.reaching(reach_px);
+    pyramid.validate()?;
+    let blur: Blur = pyramid.blur;
+    let grown = |usual: u32| (usual as f32 * radius / smallest_m).round() as u32;
+    let hbao = Hbao::new(radius);
+    let (directions, steps) = (grown(hbao.directions), grown(hbao.steps));
+    let hbao = Hbao { directions, steps, angle_bias_deg: 0.0, seed, falloff: falloff.clone(), blur, ..hbao };
+    hbao.validate()?;
+    let taps = pyramid.directions * pyramid.samples * (pyramid.levels + 1);
+    let scalable = Scalable { falloff, blur, ..Scalable::new(radius) }.spread(taps, reach_px);
+    scalable.validate()?;
+    Ok(vec![Box::new(pyramid), Box::new(hbao), Box::new(scalable)])
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -127,6 +166,39 @@ mod tests {
             sorted.dedup();
             assert_eq!(sorted.len(), names.len(), "{names:?}");
         }
+    }
+
+    #[test]
+    fn as_the_radius_doubles_hbao_takes_four_times_the_samples_and_the_pyramid_a_level_at_times() {
+        let mut found = Vec::new();
+        for (radius, reach) in [(0.25, 20.0), (0.5, 40.0), (1.0, 80.0), (2.0, 160.0), (4.0, 320.0)] {
+            let methods =
+                pyramid_methods(&AoSettings { radius, ..AoSettings::default() }, 0.25, reach).unwrap();
+            let names: Vec<_> = methods.iter().map(|method| method.name()).collect();
+            assert_eq!(names, ["pyramid-hbao", "hbao", "scalable"]);
+            let sampling: Vec<_> = methods.iter().map(|method| method.sampling().unwrap()).collect();
+            let times = (radius / 0.25) as u32;
+            assert_eq!((sampling[1].directions, sampling[1].along), (Some(8 * times), Some(10 * times)));
+            assert_eq!(sampling[0].directions, Some(8), "at any radius");
+            assert_eq!(sampling[0].per_pixel, sampling[2].per_pixel, "as many in all");
+            found.push([sampling[0].levels, sampling[0].per_pixel, sampling[1].per_pixel]);
+        }
+        let want = [[2, 96, 80], [2, 96, 320], [3, 128, 1_280], [3, 128, 5_120], [4, 160, 20_480]];
+        assert_eq!(found, want);
+    }
+
+    #[test]
+    fn radii_too_far_apart_are_refused() {
+        let methods = |radius, smallest| {
+            pyramid_methods(&AoSettings { radius, ..AoSettings::default() }, smallest, 100.0).map(|_| ())
+        };
+        assert_eq!(methods(8.0, 0.25), Ok(()));
+        let refused = methods(8.2, 0.25).unwrap_err();
+        assert!(
+            matches!(refused, ScreenError::Setting { method: "hbao", setting: "directions", .. }),
+            "{refused}"
+        );
+        assert_eq!(methods(0.0, 0.25), Err(ScreenError::Radius { radius: 0.0 }));
     }
 
     #[test]

@@ -23,12 +23,12 @@ use psao_proto::message::MessageError;
 use psao_server_sim::server::ServerError;
 
 pub use self::bench::{Bench, Runs, Sample};
-pub use self::methods::{far_field_methods, screen_methods};
-pub use self::record::{Figures, Kind, Memory, PictureFigures, Record, Spread, Stage, StreamFigures};
+pub use self::methods::{far_field_methods, pyramid_methods, screen_methods};
+pub use self::record::{Entry, Figures, Kind, Memory, PictureFigures, Record, Spread, Stage, StreamFigures};
 pub use self::run::{Bytes, Clip};
 pub use self::setting::{Described, Grid, Setting};
 pub use self::texture::TEXTURE_SPACE;
-pub use self::views::{Truth, View, picture_times, views};
+pub use self::views::{Truth, View, picture_times, reach_px, views};
 
 use crate::metric::MetricError;
 use crate::reference::ReferenceError;

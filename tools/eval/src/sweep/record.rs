@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Described;
 use crate::metric::{Comparison, Perceived};
+use crate::screen::Sampling;
 
 /// A stream, or a method that needs none.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -53,6 +54,32 @@ impl Record {
     #[must_use]
     pub fn title(&self) -> String {
         format!("{}: {}", self.name, self.label)
+    }
+}
+
+/// A record among those of several radii.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Entry<'a> {
+    /// What was measured.
+    #[serde(flatten)]
+    pub record: &'a Record,
+    /// Radius of the reference, and of what was measured, in metres.
+    pub radius_m: f32,
+    /// Its length in pixels, where settings were chosen by it ([`reach_px`](super::reach_px())).
+    pub reach_px: Option<f32>,
+    /// Samples of a method that reads a fixed number.
+    pub sampling: Option<Sampling>,
+}
+
+impl Entry<'_> {
+    /// Milliseconds of all stages on the client but the blur.
+    #[must_use]
+    pub fn ms_without_blur(&self) -> f64 {
+        let stages = self.record.stages.iter();
+        stages
+            .filter(|stage| stage.side == "client" && stage.name != "blur")
+            .map(|stage| stage.ms.median)
+            .sum()
     }
 }
 

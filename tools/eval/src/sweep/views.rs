@@ -12,7 +12,7 @@ use psao_server_sim::scene::Scene;
 use super::SweepError;
 use crate::adapter::SceneView;
 use crate::reference::reference;
-use crate::screen::{Screen, ScreenMethod, Traced};
+use crate::screen::{Screen, ScreenError, ScreenMethod, Traced};
 
 /// What pictures are compared with.
 #[derive(Clone, Debug, PartialEq)]
@@ -67,6 +67,27 @@ pub fn views(
     times_s.iter().map(look).collect()
 }
 
+/// Pixels that `radius_m` metres square to the view are long, across, at the median distance of what a clip of these
+/// pictures shows; 0 where it shows nothing. Every fourth pixel each way is looked at.
+///
+/// # Errors
+///
+/// [`SweepError`] when a camera is degenerate.
+pub fn reach_px(scene: &Arc<Scene>, times_s: &[f64], size: Size, radius_m: f32) -> Result<f32, SweepError> {
+    let coarse = Size::new(size.width().div_ceil(4), size.height().div_ceil(4)).map_err(ScreenError::from)?;
+    let larger = size.width() as f32 / coarse.width() as f32;
+    let mut found: Vec<f32> = Vec::new();
+    for &time_s in times_s {
+        let camera = CameraPose { aspect: size.aspect(), ..scene.camera(time_s) };
+        let world = World::new(scene, &scene.pose(time_s));
+        let screen = Screen::new(&SceneView::new(&world), &camera, coarse, 0)?;
+        let reach = |&depth: &f32| screen.radius_px(radius_m, depth).x * larger;
+        found.extend(screen.depths().iter().map(reach).filter(|&pixels| pixels > 0.0));
+    }
+    found.sort_by(f32::total_cmp);
+    Ok(found.get(found.len() / 2).copied().unwrap_or(0.0))
+}
+
 /// Times of `count` pictures of a clip of `seconds` that is shown at `rate` frames a second, ascending.
 ///
 /// The clip falls into `count` equal parts, and the golden ratio says where in its part each picture lies: a stream with
@@ -102,6 +123,26 @@ mod tests {
                 assert!((frame - frame.round()).abs() < 1e-9 && time < seconds, "{time} of {seconds}");
             }
         }
+    }
+
+    #[test]
+    fn the_reach_is_that_of_the_median_pixel_and_grows_as_the_radius() {
+        let size = Size::new(64, 36).unwrap();
+        let scene = Arc::new(Scene::load("colonnade").unwrap());
+        let reach = |radius| reach_px(&scene, &[0.0, 0.5], size, radius).unwrap();
+        let rays = AoSettings { rays: 1, ..AoSettings::default() };
+        let views = views(&scene, &[0.0, 0.5], size, 0, &Truth::Scene(rays), &|| ()).unwrap();
+        let screens = views.iter().map(|view| &view.screen);
+        let all =
+            screens.flat_map(|screen| screen.depths().iter().map(|&depth| screen.radius_px(1.0, depth).x));
+        let all: Vec<f32> = all.filter(|&pixels| pixels > 0.0).collect();
+        let median = reach(1.0);
+        let shorter = all.iter().filter(|&&pixels| pixels < median).count() as f64 / all.len() as f64;
+        assert!((shorter - 0.5).abs() < 0.03, "{shorter}");
+        assert!((reach(2.0) / median - 2.0).abs() < 1e-4);
+        let away = Arc::new(Scene::from_triangles("speck", &[crate::shapes::floor(1e-6)], 0.6).unwrap());
+        let nothing = reach_px(&away, &[], size, 1.0).unwrap();
+        assert_eq!(nothing, 0.0, "no picture, no surface");
     }
 
     #[test]

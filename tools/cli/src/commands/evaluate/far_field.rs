@@ -62,7 +62,7 @@ const TIMES: [(&str, Published); 6] = [
 /// The table of a scene. The error of a method is against rays through the same depth buffer; its near field is not in
 /// the sum of the far field, as in the paper, but for methods that have no stages of their own for it. The radius and
 /// falloff, which all have from the reference, are not said again.
-pub(super) fn figures(records: &[&Record], truth: &Truth) -> Figures {
+pub(super) fn figures(records: Vec<&Record>, truth: &Truth) -> Figures {
     let common = match truth {
         Truth::Scene(_) => String::new(),
         Truth::Screen(rays) => format!(", R = {} m, {}", rays.radius, rays.falloff.label()),
@@ -198,7 +198,7 @@ mod tests {
         );
         let truth = Truth::Screen(Traced::far(3.0, Falloff::Linear));
         let label = "K = 8x2, B0 = 5, R = 3 m, linear falloff, more";
-        let text = figures(&[&record(label, &stages)], &truth).to_string();
+        let text = figures(vec![&record(label, &stages)], &truth).to_string();
         assert!(text.contains("B0 = 5, more "), "what all have in common is not repeated: {text}");
         for cell in ["1.23 %", "97.0 %", "-0.40 %", "30.0", "7.8", "8.89"] {
             assert!(text.contains(cell), "{cell}: {text}");

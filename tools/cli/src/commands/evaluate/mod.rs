@@ -5,6 +5,8 @@ mod machine;
 mod output;
 mod plan;
 mod preset;
+mod psao;
+mod pyramid;
 mod store;
 mod video;
 
@@ -83,9 +85,10 @@ pub(crate) struct Args {
     /// Points that an instance has at least, however small its surface
     #[arg(long, default_value_t = 1024, value_name = "N")]
     min_points: u32,
-    /// Length of the rays in metres; the scene's own by default, 3 with --table far-field
-    #[arg(long, value_name = "M")]
-    radius: Option<f32>,
+    /// Length of the rays in metres; of several each has a reference, streams and methods of its own [default: the scene's own;
+    /// 3 with --table far-field; 0.25,0.5,1,2,4 with --table pyramid-hbao]
+    #[arg(long, value_name = "M,..", value_delimiter = ',')]
+    radius: Vec<f32>,
     /// What a ray that hits contributes: its distance over the radius (an exponential of it with --table far-field), or
     /// nothing
     #[arg(long, value_enum, default_value_t = OcclusionArg::Obscurance)]
@@ -166,7 +169,7 @@ pub(crate) fn run(args: &Args) -> Outcome {
     }
     let scenes = args.scenes.iter().map(|name| Scene::load(name).map(Arc::new).map_err(Failure::input));
     let scenes: Vec<Arc<Scene>> = scenes.collect::<Outcome<_>>()?;
-    let plans: Vec<Plan<'_>> = scenes.iter().map(|scene| Plan::new(&sweep, scene)).collect::<Outcome<_>>()?;
+    let plans: Vec<Plan<'_>> = scenes.iter().flat_map(|scene| sweep.plans(scene)).collect::<Outcome<_>>()?;
     let mut store = Store::open(args.out.as_deref(), args.resume)?;
     let open = plans.iter().flat_map(|plan| &plan.jobs).filter(|(key, _)| store.record(key).is_none());
     let bar = progress("evaluating", open.count() as u64);
@@ -178,7 +181,7 @@ pub(crate) fn run(args: &Args) -> Outcome {
     output::write(args, &sweep, &plans, &store)
 }
 
-/// Measures what is missing of a scene.
+/// Measures what is missing of a scene at one radius.
 fn measure(
     plan: &Plan<'_>,
     network: Option<&Lpips>,

@@ -1,12 +1,14 @@
 //! What a run prints and writes.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use psao_eval::report::{Cost, Page, Section, Thumbnail, csv, steps, table};
-use psao_eval::sweep::{Record, Truth};
+use psao_eval::sweep::{Entry, Record, Truth};
 use serde::Serialize;
 
 use super::plan::{Plan, Sweep};
+use super::preset::TableArg;
 use super::store::Store;
 use super::{Args, machine::Machine};
 use crate::context::say;
@@ -30,7 +32,7 @@ struct Document<'a> {
     seed: u64,
     left_out: &'a [String],
     scenes: Vec<SceneOut<'a>>,
-    records: Vec<&'a Record>,
+    records: Vec<Entry<'a>>,
 }
 
 #[derive(Serialize)]
@@ -44,9 +46,8 @@ struct SceneOut<'a> {
 
 /// Prints and writes everything.
 pub(super) fn write(args: &Args, sweep: &Sweep<'_>, plans: &[Plan<'_>], store: &Store) -> Outcome {
-    let of = |plan: &Plan<'_>| plan.jobs.iter().filter_map(|(key, _)| store.record(key)).collect();
-    let records: Vec<Vec<&Record>> = plans.iter().map(of).collect();
-    let all: Vec<&Record> = records.iter().flatten().copied().collect();
+    let entries: Vec<Vec<Entry<'_>>> = plans.iter().map(|plan| plan.entries(store)).collect();
+    let all: Vec<Entry<'_>> = entries.iter().flatten().copied().collect();
     let document = Document {
         schema: "psao-evaluate/1",
         machine: &sweep.machine,
@@ -69,14 +70,12 @@ pub(super) fn write(args: &Args, sweep: &Sweep<'_>, plans: &[Plan<'_>], store: &
     if let Some(folder) = &args.out {
         file(&folder.join("results.json"), &json)?;
         file(&folder.join("results.csv"), &csv(all.iter().copied()))?;
-        file(&folder.join("report.html"), &page(args, sweep, plans, &records, store).html())?;
+        file(&folder.join("report.html"), &page(args, sweep, plans, &entries, store).html())?;
     }
     if args.json {
         return say(json);
     }
-    for (plan, records) in plans.iter().zip(&records) {
-        print(args, plan, records)?;
-    }
+    print(args, plans, &entries)?;
     if store.unreadable > 0 {
         say(format_args!(
             "{} damaged line(s) of an earlier run were left out; what they held was measured again",
@@ -103,27 +102,49 @@ fn scene<'a>(plan: &Plan<'a>) -> SceneOut<'a> {
     }
 }
 
-fn print(args: &Args, plan: &Plan<'_>, records: &[&Record]) -> Outcome {
-    let sweep = plan.sweep;
-    say(format_args!(
-        "{}: {} picture(s) of {} pixels over {:.2} s, against {} rays of {} m a pixel{}",
-        plan.scene.name(),
-        plan.times.len(),
-        sweep.size,
-        sweep.seconds,
-        args.reference_rays,
-        plan.reference.radius,
-        through(&plan.truth),
-    ))?;
-    if let Some(table) = args.table {
-        say(table.figures(records, &plan.truth))?;
-    } else {
-        let (heads, rows) = table(records, false);
-        let mut figures = Figures::of(&heads).words(&[1, 2]);
-        rows.into_iter().for_each(|row| figures.row(row));
-        say(figures)?;
+/// A table for each plan, or for each scene.
+fn print(args: &Args, plans: &[Plan<'_>], entries: &[Vec<Entry<'_>>]) -> Outcome {
+    let together = args.table.is_some_and(TableArg::spans_radii);
+    let one_table = |a: &Plan<'_>, b: &Plan<'_>| together && Arc::ptr_eq(a.scene, b.scene);
+    let mut rest = entries;
+    for plans in plans.chunk_by(one_table) {
+        let Some(plan) = plans.first() else { continue };
+        let (shown, later) = rest.split_at(plans.len());
+        rest = later;
+        let radii: Vec<String> = plans.iter().map(|plan| plan.reference.radius.to_string()).collect();
+        say(format_args!(
+            "{}: {} picture(s) of {} pixels over {:.2} s, against {} rays of {} m a pixel{}",
+            plan.scene.name(),
+            plan.times.len(),
+            plan.sweep.size,
+            plan.sweep.seconds,
+            args.reference_rays,
+            radii.join(", "),
+            through(&plan.truth),
+        ))?;
+        let all: Vec<Entry<'_>> = shown.iter().flatten().copied().collect();
+        if let Some(table) = args.table {
+            say(table.figures(&all, &plan.truth))?;
+        } else {
+            let (heads, rows) = table(&records(&all), false);
+            let mut figures = Figures::of(&heads).words(&[1, 2]);
+            rows.into_iter().for_each(|row| figures.row(row));
+            say(figures)?;
+        }
+        if let Some(beside) = args.table.and_then(|table| table.beside(&all)) {
+            say(beside)?;
+        }
+        if args.recommend {
+            for (plan, entries) in plans.iter().zip(shown) {
+                recommend(&plan.title(), &records(entries))?;
+            }
+        }
     }
-    if args.recommend { recommend(plan.scene.name(), records) } else { Ok(()) }
+    Ok(())
+}
+
+fn records<'a>(entries: &[Entry<'a>]) -> Vec<&'a Record> {
+    entries.iter().map(|entry| entry.record).collect()
 }
 
 /// Where the rays of references go, if not through the scene.
@@ -159,13 +180,13 @@ fn page<'a>(
     args: &Args,
     sweep: &Sweep<'_>,
     plans: &[Plan<'_>],
-    records: &'a [Vec<&'a Record>],
+    entries: &[Vec<Entry<'a>>],
     store: &Store,
 ) -> Page<'a> {
-    let sections = plans.iter().zip(records).map(|(plan, records)| Section {
-        scene: plan.scene.name().to_owned(),
-        records: records.clone(),
-        pictures: thumbnails(args.thumbnails, plan, records, store),
+    let sections = plans.iter().zip(entries).map(|(plan, entries)| {
+        let records = records(entries);
+        let pictures = thumbnails(args.thumbnails, plan, &records, store);
+        Section { scene: plan.title(), records, pictures }
     });
     let grid = if args.full || args.table.is_some() {
         "Every combination of the settings was measured."
@@ -187,8 +208,8 @@ fn page<'a>(
             .to_owned(),
         format!(
             "Server times are medians over the frames after the first state in {} run(s) of the clip. A picture's time is \
-             the client's: applying a frame and reconstructing, decoding a frame of video and looking up, or all stages of a screen-space method, {} run(s) a picture \
-             after {} to warm up. The G-buffer is drawn by the client in any case and is in no time. State is what a \
+             the client's: applying a frame and reconstructing, decoding a frame of video and looking up, or all stages \
+             of a screen-space method, {} run(s) a picture after {} to warm up. The G-buffer is drawn by the client in any case and is in no time. State is what a \
              client holds of the stream, written without compression; buffers are the G-buffer, or the screen and a \
              method's own working memory. The server's memory is what it holds after the last frame, but for the scene.",
             args.repeats, args.repeats, args.warm_up

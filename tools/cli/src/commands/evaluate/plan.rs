@@ -4,7 +4,10 @@ use std::sync::Arc;
 
 use psao_client::Size;
 use psao_eval::screen::{Falloff, ScreenMethod, Traced};
-use psao_eval::sweep::{Setting, TEXTURE_SPACE, Truth, far_field_methods, picture_times, screen_methods};
+use psao_eval::sweep::{
+    Entry, Setting, TEXTURE_SPACE, Truth, far_field_methods, picture_times, pyramid_methods, reach_px,
+    screen_methods,
+};
 use psao_eval::texture::TextureSettings;
 use psao_server_sim::ao::{AoSettings, Occlusion};
 use psao_server_sim::points::PointSettings;
@@ -13,12 +16,10 @@ use psao_server_sim::server::ServerSettings;
 
 use super::machine::Machine;
 use super::preset::TableArg;
+use super::store::Store;
 use super::video::{Ffmpeg, MISSING, X264};
 use super::{Args, AxisArgs};
 use crate::error::{Exit, Failure, Outcome};
-
-/// Length of rays that see a far field: at a scene's own radius hardly anything is beyond the nearest intervals.
-const FAR_RADIUS_M: f32 = 3.0;
 
 /// What is the same for all scenes.
 pub(super) struct Sweep<'a> {
@@ -47,12 +48,16 @@ pub(super) struct Textures {
     pub(super) left_out: Vec<String>,
 }
 
-/// A scene.
+/// A scene at one radius.
 pub(super) struct Plan<'a> {
     pub(super) sweep: &'a Sweep<'a>,
     pub(super) scene: &'a Arc<Scene>,
     pub(super) base: ServerSettings,
     pub(super) reference: AoSettings,
+    /// Whether it is the only radius.
+    alone: bool,
+    /// Its radius in pixels, where methods are chosen by it.
+    reach_px: Option<f32>,
     pub(super) truth: Truth,
     pub(super) times: Vec<f64>,
     /// With their keys, in the order of tables.
@@ -92,6 +97,9 @@ impl<'a> Sweep<'a> {
                 "--fps {rate}: frames a second are above 0 and at most 1000"
             )));
         }
+        if let Some(again) = (1..args.radius.len()).find(|&at| args.radius[..at].contains(&args.radius[at])) {
+            return Err(Failure::usage(format_args!("--radius has {} twice", args.radius[again])));
+        }
         Ok(Self {
             args,
             settings,
@@ -104,6 +112,16 @@ impl<'a> Sweep<'a> {
             machine,
             weights: weights.map(|bytes| blake3::hash(bytes).to_hex().to_string()),
         })
+    }
+
+    /// A plan for each radius of a scene.
+    pub(super) fn plans(&'a self, scene: &'a Arc<Scene>) -> Vec<Outcome<Plan<'a>>> {
+        let own = [scene.ao_radius_m()];
+        let radii = match self.args.radius.as_slice() {
+            [] => self.args.table.and_then(TableArg::radii_m).unwrap_or(&own),
+            given => given,
+        };
+        radii.iter().map(|&radius| Plan::new(self, scene, radius, radii)).collect()
     }
 
     /// Digest of a scene and what else the figures depend on.
@@ -174,17 +192,26 @@ fn names(asked: &[String]) -> Outcome<Option<Vec<String>>> {
 }
 
 impl<'a> Plan<'a> {
-    pub(super) fn new(sweep: &'a Sweep<'a>, scene: &'a Arc<Scene>) -> Outcome<Self> {
+    /// At `radius`, which is one of `radii`.
+    fn new(sweep: &'a Sweep<'a>, scene: &'a Arc<Scene>, radius: f32, radii: &[f32]) -> Outcome<Self> {
         let args = sweep.args;
         let kind = args.occlusion.into();
-        let far = args.table == Some(TableArg::FarField);
-        let radius = args.radius.unwrap_or_else(|| if far { FAR_RADIUS_M } else { scene.ao_radius_m() });
         let reference = AoSettings { rays: args.reference_rays, radius, kind, seed: args.seed };
         reference.validate().map_err(Failure::usage)?;
+        let far = args.table == Some(TableArg::FarField);
         let truth = if far { Truth::Screen(far_reference(&reference)) } else { Truth::Scene(reference) };
+        let times = picture_times(sweep.seconds, sweep.rate, args.pictures);
+        let mut reach = None;
         let methods = match &truth {
-            Truth::Scene(ao) => screen_methods(ao),
-            Truth::Screen(rays) => far_field_methods(rays),
+            Truth::Scene(ao) if args.table == Some(TableArg::PyramidHbao) => {
+                let smallest = radii.iter().copied().fold(radius, f32::min);
+                let pixels = reach_px(scene, &times, sweep.size, radius).map_err(super::refused)?;
+                pyramid_methods(ao, smallest, *reach.insert(pixels)).map_err(|error| {
+                    Failure::usage(format_args!("a radius of {radius} m beside one of {smallest} m: {error}"))
+                })
+            }
+            Truth::Scene(ao) => screen_methods(ao).map_err(Failure::usage),
+            Truth::Screen(rays) => far_field_methods(rays).map_err(Failure::usage),
         };
         let usual = ServerSettings::default();
         let base = ServerSettings {
@@ -202,7 +229,7 @@ impl<'a> Plan<'a> {
             let key = sweep.key(scene, &truth, &format!("{setting:?} {coder:?} {:?}", sweep.machine.video));
             jobs.push((key, Job::Texture(*setting, *coder)));
         }
-        for method in chosen(methods.map_err(Failure::usage)?, sweep.methods.as_deref())? {
+        for method in chosen(methods?, sweep.methods.as_deref())? {
             let what = format!("{} {}", method.name(), method.label());
             jobs.push((sweep.key(scene, &truth, &what), Job::Method(method)));
         }
@@ -213,12 +240,32 @@ impl<'a> Plan<'a> {
             sweep,
             scene,
             base,
-            times: picture_times(sweep.seconds, sweep.rate, args.pictures),
+            times,
             reference_key: sweep.key(scene, &truth, "reference"),
             reference,
+            alone: radii.len() == 1,
+            reach_px: reach,
             truth,
             jobs,
         })
+    }
+}
+
+impl Plan<'_> {
+    /// What is known of each thing that has been measured, in the order of tables.
+    pub(super) fn entries<'s>(&self, store: &'s Store) -> Vec<Entry<'s>> {
+        let entry = |(key, job): &(String, Job)| {
+            let sampling = if let Job::Method(method) = job { method.sampling() } else { None };
+            let (radius_m, reach_px) = (self.reference.radius, self.reach_px);
+            Some(Entry { record: store.record(key)?, radius_m, reach_px, sampling })
+        };
+        self.jobs.iter().filter_map(entry).collect()
+    }
+
+    /// Name of the scene; with the radius where it is one of several.
+    pub(super) fn title(&self) -> String {
+        let name = self.scene.name();
+        if self.alone { name.to_owned() } else { format!("{name}, R = {} m", self.reference.radius) }
     }
 }
 

@@ -280,6 +280,7 @@ mod tests {
     use crate::screen::{Screen, ScreenError, Shaded};
     use crate::shapes;
     use crate::sweep::{Bytes, Truth, picture_times, views};
+    use crate::texture::{Coded, TextureSettings, VideoCoder, VideoError};
 
     /// A clock on which every look takes a millisecond.
     struct Ticks(Cell<u64>);
@@ -353,6 +354,43 @@ mod tests {
                 record.memory.server_bytes > record.memory.state_bytes && open.memory.server_bytes.is_none()
             );
             assert_eq!(record, bench.stream("k", clip, setting).unwrap().record, "on a steady clock");
+        });
+    }
+
+    /// A coder that loses nothing, or the last frame.
+    struct Plain {
+        whole: bool,
+    }
+
+    impl VideoCoder for Plain {
+        fn label(&self) -> String {
+            "plain".to_owned()
+        }
+
+        fn code(&self, size: Size, _fps: f32, frames: &[Vec<u8>]) -> Result<Coded, VideoError> {
+            assert!(frames.iter().all(|frame| frame.len() == size.pixels()));
+            let kept = &frames[..frames.len() - usize::from(!self.whole)];
+            let bytes = kept.iter().map(|frame| frame.len() as u64).collect();
+            Ok(Coded { bytes, frames: kept.to_vec(), encode_micros: 4_000, decode_micros: 8_000 })
+        }
+    }
+
+    #[test]
+    fn texture_space_is_measured_as_a_stream_is() {
+        check(|bench, clip, _| {
+            let settings = TextureSettings::new(8, 16, 10.0);
+            let texture = |whole| bench.texture("t", clip, &settings, &Plain { whole });
+            let Sample { record, .. } = texture(true).unwrap();
+            let open = bench.method("o", &Open).unwrap().record;
+            assert!(record.error.mae < open.error.mae / 2.0, "{record:?}");
+            assert_eq!((record.kind, record.label.as_str()), (Kind::Texture, "1/8, 16 rays, 10 Hz, plain"));
+            let (stream, texels) = (record.stream.unwrap(), record.memory.state_bytes.unwrap());
+            assert_eq!(stream.frames, 4);
+            assert!(stream.first_state_bytes > texels, "and where blocks are");
+            assert_eq!(stream.later_bytes, 3 * texels, "nothing moves, so no block does");
+            let stage = |name: &str| record.stages.iter().find(|stage| stage.name == name).unwrap().ms.median;
+            assert_eq!((stage("encode"), stage("decode")), (1.0, 2.0), "of a frame");
+            assert!(matches!(texture(false), Err(SweepError::Video(_))), "a frame is missing");
         });
     }
 

@@ -53,6 +53,7 @@ impl Bench<'_> {
         let (mut encode, mut decode) = (Vec::new(), Vec::new());
         for _ in 0..self.runs.repeats.max(1) {
             let run = coder.code(size, settings.fps, &shaded.atlases)?;
+            run.check(&shaded.atlases)?;
             encode.push(run.encode_micros as f64 / 1e3 / f64::from(count));
             decode.push(run.decode_micros as f64 / 1e3 / f64::from(count));
             coded = Some(run);

@@ -135,8 +135,7 @@ impl TextureServer {
         let wide = CameraPose { fov_y_deg: (2.0 * libm::atan(half)).to_degrees() as f32, ..*camera };
         let sight = Camera::new(&wide)?;
         let width = (SIGHT_LINES as f32 * camera.aspect).clamp(1.0, 4.0 * SIGHT_LINES as f32) as u32;
-        // Both sides are above 0 and far below the limits of a size.
-        let Ok(size) = Size::new(width, SIGHT_LINES) else { return Ok(BTreeMap::new()) };
+        let size = Size::new(width, SIGHT_LINES)?;
         Ok(visible(&self.world, &self.patches, &sight, size))
     }
 

@@ -49,6 +49,21 @@ pub struct Coded {
     pub decode_micros: u64,
 }
 
+impl Coded {
+    /// Refuses a result that is not of these frames.
+    pub(crate) fn check(&self, frames: &[Vec<u8>]) -> Result<(), VideoError> {
+        let (bytes, decoded) = (self.bytes.len(), self.frames.len());
+        let whole = self.frames.iter().zip(frames).all(|(decoded, frame)| decoded.len() == frame.len());
+        if bytes == frames.len() && decoded == frames.len() && whole {
+            return Ok(());
+        }
+        Err(VideoError(format!(
+            "of {} frames it wrote {bytes} and read {decoded} back, or parts of them",
+            frames.len()
+        )))
+    }
+}
+
 /// A video coder failed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("the video coder failed: {0}")]

@@ -72,7 +72,7 @@ impl Patches {
         self.len() == 0
     }
 
-    /// Where a hit on the front, or the back, of a triangle lies.
+    /// Where a hit of a world of this scene lies, on the front or the back of its triangle.
     #[must_use]
     pub fn point(&self, hit: &Hit, back: bool) -> PatchPoint {
         let instance = hit.instance.index();

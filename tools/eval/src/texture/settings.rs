@@ -1,6 +1,6 @@
 //! What a texture-space stream can be told.
 
-use psao_client::CameraError;
+use psao_client::{CameraError, SizeError};
 use psao_server_sim::ao::AoError;
 
 use super::atlas::AtlasFull;
@@ -87,6 +87,9 @@ pub enum TextureError {
     /// The camera is degenerate.
     #[error(transparent)]
     Camera(#[from] CameraError),
+    /// The server's view has no size: the camera's aspect is far from any screen's.
+    #[error(transparent)]
+    Size(#[from] SizeError),
     /// What is in view does not fit the atlas.
     #[error(transparent)]
     Full(#[from] AtlasFull),

@@ -58,7 +58,7 @@ pub struct Shown {
 }
 
 impl TextureServer {
-    /// Sets up the scene at `time_s`. The rays are those of `ao`, but for their number.
+    /// Sets up the scene, with no block yet. The rays are those of `ao`, but for their number.
     ///
     /// # Errors
     ///

@@ -5,10 +5,10 @@ use std::sync::Arc;
 
 use criterion::measurement::WallTime;
 use criterion::{BenchmarkGroup, Criterion, Throughput, criterion_group, criterion_main};
-use psao_server_sim::ao::{AoSettings, Occlusion, Probe, Ray, Scratch, Tracer, Twin};
-use psao_server_sim::bvh::World;
-use psao_server_sim::points::{PointSettings, ScenePoints, generate};
-use psao_server_sim::scene::{InstanceId, Scene};
+use psao_server::ao::{AoSettings, Occlusion, Probe, Ray, Scratch, Tracer, Twin};
+use psao_server::bvh::World;
+use psao_server::points::{PointSettings, ScenePoints, generate};
+use psao_server::scene::{InstanceId, Scene};
 
 /// Every how many points a single ray starts: spread over the scene, near enough to share memory.
 const STRIDE: usize = 16;

@@ -2,7 +2,7 @@
 //! is that of points in their cells; for `surface`, that of points at rest, which is the same in every frame.
 //!
 //! ```sh
-//! cargo run --release -p psao-server-sim --example packing_errors -- colonnade 512 0 10
+//! cargo run --release -p psao-server --example packing_errors -- colonnade 512 0 10
 //! ```
 
 use std::sync::Arc;
@@ -13,12 +13,12 @@ use psao_codec::cells::{Grid, PaperEncoder};
 use psao_codec::frame::{FrameIndex, StreamTime};
 use psao_codec::point::PointFormat;
 use psao_proto::Profile;
-use psao_server_sim::clock::NoClock;
-use psao_server_sim::points::{
+use psao_server::clock::NoClock;
+use psao_server::points::{
     Fineness, PlacedPoint, PointSettings, PosedMesh, ScenePoints, generate, order_at_rest, rest_points,
 };
-use psao_server_sim::scene::{Geometry, InstanceId, Scene};
-use psao_server_sim::server::{Server, ServerSettings};
+use psao_server::scene::{Geometry, InstanceId, Scene};
+use psao_server::server::{Server, ServerSettings};
 
 type Failure = Box<dyn std::error::Error>;
 

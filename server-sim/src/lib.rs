@@ -1,4 +1,4 @@
-//! Point-based ambient occlusion streams: scenes, rays and the simulated server.
+//! The server of point-based ambient occlusion streams: scenes, rays, points and the frame loop.
 //!
 //! Data flows one way: a [`scene`] is posed, [`bvh::World`] makes it ready for rays, [`points`] lie on its surfaces,
 //! [`ao`] traces them, and [`server::Server`] writes what changed as frame bodies. Time comes in as an argument,
@@ -9,10 +9,10 @@
 //! ```
 //! use std::sync::Arc;
 //! use psao_codec::frame::{FrameIndex, FrameKind, StreamTime};
-//! use psao_server_sim::clock::NoClock;
-//! use psao_server_sim::points::PointSettings;
-//! use psao_server_sim::scene::Scene;
-//! use psao_server_sim::server::{Server, ServerSettings};
+//! use psao_server::clock::NoClock;
+//! use psao_server::points::PointSettings;
+//! use psao_server::scene::Scene;
+//! use psao_server::server::{Server, ServerSettings};
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! let scene = Arc::new(Scene::load("colonnade")?);
@@ -36,9 +36,9 @@
 //! ```
 //! use std::sync::Arc;
 //! use glam::Vec3;
-//! use psao_server_sim::ao::{AoSettings, Scratch, Tracer};
-//! use psao_server_sim::bvh::World;
-//! use psao_server_sim::scene::Scene;
+//! use psao_server::ao::{AoSettings, Scratch, Tracer};
+//! use psao_server::bvh::World;
+//! use psao_server::scene::Scene;
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! let scene = Arc::new(Scene::load("colonnade")?);

@@ -16,7 +16,7 @@ const UNIT_TOLERANCE: f32 = 1e-3;
 ///
 /// ```
 /// use psao_proto::message::{Edit, EditAction};
-/// use psao_server_sim::scene::{Edits, Scene};
+/// use psao_server::scene::{Edits, Scene};
 ///
 /// let scene = Scene::load("colonnade")?;
 /// let mut edits = Edits::new(scene.instances().len() as u32);

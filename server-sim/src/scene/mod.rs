@@ -10,7 +10,7 @@
 //! * [`Scene::local_geometry`] gives an instance's deformed vertices in its local space at that time.
 //!
 //! ```
-//! use psao_server_sim::scene::{Geometry, InstanceId, Scene};
+//! use psao_server::scene::{Geometry, InstanceId, Scene};
 //!
 //! let scene = Scene::load("colonnade")?;
 //! let pose = scene.pose(1.5);
@@ -18,7 +18,7 @@
 //! scene.local_geometry(InstanceId(0), &pose, &mut geometry);
 //! let world = pose.instances()[0].frame().point(geometry.positions()[0]);
 //! assert!(world.is_finite());
-//! # Ok::<(), psao_server_sim::scene::SceneError>(())
+//! # Ok::<(), psao_server::scene::SceneError>(())
 //! ```
 //!
 //! glTF is read in full as far as surfaces are concerned: node hierarchies, rigid and skinned animation, morph

@@ -15,10 +15,10 @@ use psao_eval::metric::{Comparison, Lpips, MetricError, Perceived};
 use psao_eval::reference::reference;
 use psao_eval::sweep::Figures;
 use psao_proto::message::{self, CameraPose, PointSource, SceneInfo};
-use psao_server_sim::ao::{AoSettings, Occlusion};
-use psao_server_sim::bvh::World;
-use psao_server_sim::points::share;
-use psao_server_sim::scene::{Edits, Scene};
+use psao_server::ao::{AoSettings, Occlusion};
+use psao_server::bvh::World;
+use psao_server::points::share;
+use psao_server::scene::{Edits, Scene};
 
 use crate::args::SizeArg;
 use crate::error::{Exit, Failure, Outcome};

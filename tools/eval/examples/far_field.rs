@@ -12,9 +12,9 @@ use psao_eval::screen::{
     Falloff, FarField, FarFieldSettings, Mipmap, MipmapSettings, NearField, Screen, ScreenMethod, Separate,
     Traced,
 };
-use psao_server_sim::bvh::World;
-use psao_server_sim::clock::Clock;
-use psao_server_sim::scene::Scene;
+use psao_server::bvh::World;
+use psao_server::clock::Clock;
+use psao_server::scene::Scene;
 
 /// Microseconds since it was made.
 struct WallClock(Instant);

@@ -12,10 +12,10 @@ use psao_eval::metric::Comparison;
 use psao_eval::reference::{PAPER_RAYS, reference};
 use psao_eval::screen::Screen;
 use psao_eval::sweep::screen_methods;
-use psao_server_sim::ao::AoSettings;
-use psao_server_sim::bvh::World;
-use psao_server_sim::clock::Clock;
-use psao_server_sim::scene::Scene;
+use psao_server::ao::AoSettings;
+use psao_server::bvh::World;
+use psao_server::clock::Clock;
+use psao_server::scene::Scene;
 
 /// Microseconds since it was made.
 struct WallClock(Instant);

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 use psao_client::{AtRest, Surface, Surfaces};
-use psao_server_sim::bvh::{Hit, SurfaceAt, World};
+use psao_server::bvh::{Hit, SurfaceAt, World};
 
 use crate::reference::Rays;
 
@@ -94,7 +94,7 @@ mod tests {
 
     use psao_client::{Camera, GBuffer, Size, raster};
     use psao_proto::message::CameraPose;
-    use psao_server_sim::scene::{InstanceId, Motion, Scene};
+    use psao_server::scene::{InstanceId, Motion, Scene};
 
     use super::*;
     use crate::shapes;

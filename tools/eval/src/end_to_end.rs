@@ -11,12 +11,12 @@ use psao_codec::frame::{FrameIndex, StreamTime};
 use psao_codec::stream::{State, apply};
 use psao_proto::Profile;
 use psao_proto::message::CameraPose;
-use psao_server_sim::ao::{AoSettings, Occlusion};
-use psao_server_sim::bvh::World;
-use psao_server_sim::clock::NoClock;
-use psao_server_sim::points::PointSettings;
-use psao_server_sim::scene::Scene;
-use psao_server_sim::server::{Server, ServerSettings};
+use psao_server::ao::{AoSettings, Occlusion};
+use psao_server::bvh::World;
+use psao_server::clock::NoClock;
+use psao_server::points::PointSettings;
+use psao_server::scene::Scene;
+use psao_server::server::{Server, ServerSettings};
 
 use crate::adapter::SceneView;
 use crate::metric::Comparison;

@@ -17,9 +17,9 @@
 //! use psao_eval::adapter::SceneView;
 //! use psao_eval::metric::Comparison;
 //! use psao_eval::reference::reference;
-//! use psao_server_sim::ao::AoSettings;
-//! use psao_server_sim::bvh::World;
-//! use psao_server_sim::scene::Scene;
+//! use psao_server::ao::AoSettings;
+//! use psao_server::bvh::World;
+//! use psao_server::scene::Scene;
 //!
 //! // A wall stands on a floor; both face the camera.
 //! let floor = [Vec3::ZERO, Vec3::Z * 4.0, Vec3::X * 4.0];

@@ -13,11 +13,11 @@ use psao_codec::quant::unorm;
 use psao_codec::surface;
 use psao_proto::Profile;
 use psao_proto::message::CameraPose;
-use psao_server_sim::ao::{AoSettings, Scratch, Tracer};
-use psao_server_sim::bvh::{Bounds, World};
-use psao_server_sim::points::{PlacedPoint, PointSettings, PosedMesh};
-use psao_server_sim::scene::{InstanceId, Scene};
-use psao_server_sim::server::{Server, ServerSettings};
+use psao_server::ao::{AoSettings, Scratch, Tracer};
+use psao_server::bvh::{Bounds, World};
+use psao_server::points::{PlacedPoint, PointSettings, PosedMesh};
+use psao_server::scene::{InstanceId, Scene};
+use psao_server::server::{Server, ServerSettings};
 use rayon::prelude::*;
 
 use crate::adapter::SceneView;

@@ -3,7 +3,7 @@
 
 use glam::{Mat3, Vec2, Vec3};
 use psao_client::{AoImage, AoImageError, GBuffer, Surface};
-use psao_server_sim::ao::{AoError, AoSettings, Occlusion, Scratch, Tracer};
+use psao_server::ao::{AoError, AoSettings, Occlusion, Scratch, Tracer};
 use rayon::prelude::*;
 
 use crate::adapter::SceneView;

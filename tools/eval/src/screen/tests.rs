@@ -5,10 +5,10 @@ use std::sync::Arc;
 use glam::Vec3;
 use psao_client::{AoImage, Camera, Size, Surface, Surfaces, raster};
 use psao_proto::message::CameraPose;
-use psao_server_sim::ao::AoSettings;
-use psao_server_sim::bvh::World;
-use psao_server_sim::clock::NoClock;
-use psao_server_sim::scene::Scene;
+use psao_server::ao::AoSettings;
+use psao_server::bvh::World;
+use psao_server::clock::NoClock;
+use psao_server::scene::Scene;
 
 use super::*;
 use crate::adapter::SceneView;

@@ -4,10 +4,10 @@ use std::sync::Arc;
 
 use glam::Vec3;
 use psao_client::{AoImage, GBuffer, Size, Surface};
-use psao_server_sim::ao::{AoSettings, Occlusion};
-use psao_server_sim::bvh::World;
-use psao_server_sim::points::{PointSettings, ScenePoints, generate};
-use psao_server_sim::scene::{InstanceId, Scene};
+use psao_server::ao::{AoSettings, Occlusion};
+use psao_server::bvh::World;
+use psao_server::points::{PointSettings, ScenePoints, generate};
+use psao_server::scene::{InstanceId, Scene};
 
 use super::{Case, StressError};
 use crate::adapter::SceneView;

@@ -6,10 +6,10 @@ use std::sync::Arc;
 use glam::Vec3;
 use psao_client::{AoImage, AoImageError, Camera, Size};
 use psao_proto::message::CameraPose;
-use psao_server_sim::ao::{AoSettings, Scratch, Tracer};
-use psao_server_sim::bvh::World;
-use psao_server_sim::clock::Clock;
-use psao_server_sim::scene::Scene;
+use psao_server::ao::{AoSettings, Scratch, Tracer};
+use psao_server::bvh::World;
+use psao_server::clock::Clock;
+use psao_server::scene::Scene;
 use rayon::prelude::*;
 
 use super::visible::visible;

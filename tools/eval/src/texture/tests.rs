@@ -6,10 +6,10 @@ use glam::Vec3;
 use proptest::prelude::*;
 use psao_client::{Camera, Size, raster};
 use psao_proto::message::CameraPose;
-use psao_server_sim::ao::AoSettings;
-use psao_server_sim::bvh::{Hit, World};
-use psao_server_sim::clock::NoClock;
-use psao_server_sim::scene::{InstanceId, Scene};
+use psao_server::ao::AoSettings;
+use psao_server::bvh::{Hit, World};
+use psao_server::clock::NoClock;
+use psao_server::scene::{InstanceId, Scene};
 
 use super::*;
 use crate::adapter::SceneView;

@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
-use psao_server_sim::ao::{AoSettings, Instructions, Occlusion, Probe, Ray, Scratch, Tracer, Twin};
-use psao_server_sim::points::{PointSettings, generate_cached};
-use psao_server_sim::scene::Scene;
+use psao_server::ao::{AoSettings, Instructions, Occlusion, Probe, Ray, Scratch, Tracer, Twin};
+use psao_server::points::{PointSettings, generate_cached};
+use psao_server::scene::Scene;
 use serde::Serialize;
 
 use crate::args::{CacheArgs, OcclusionArg};

@@ -2,7 +2,7 @@
 
 use psao_codec::surface::Spent;
 use psao_proto::message::SceneInfo;
-use psao_server_sim::server::{AoError, Each};
+use psao_server::server::{AoError, Each};
 use serde::Serialize;
 
 use super::Args;

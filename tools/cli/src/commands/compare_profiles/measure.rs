@@ -16,10 +16,10 @@ use psao_eval::metric::Comparison;
 use psao_eval::reference::reference;
 use psao_proto::message::{CameraPose, PointSource};
 use psao_proto::{HEADER_BYTES, Limits, SceneTable};
-use psao_server_sim::ao::AoSettings;
-use psao_server_sim::points::share;
-use psao_server_sim::scene::Scene;
-use psao_server_sim::server::{AoError, BothProfiles, Each, ServerSettings, StepOutput};
+use psao_server::ao::AoSettings;
+use psao_server::points::share;
+use psao_server::scene::Scene;
+use psao_server::server::{AoError, BothProfiles, Each, ServerSettings, StepOutput};
 
 use super::Args;
 use crate::analysis::{PARTS, parts_of};

@@ -8,9 +8,9 @@ use psao_codec::block::BlockCoder;
 use psao_codec::frame::{FrameIndex, SectionTag, StreamTime, inspect};
 use psao_codec::surface::GeometrySource;
 use psao_proto::{Limits, Profile};
-use psao_server_sim::points::{EntryError, PointCache, PointKey};
-use psao_server_sim::scene::Scene;
-use psao_server_sim::server::{Progress, Server, ServerMemory, ServerSettings, Shortcuts};
+use psao_server::points::{EntryError, PointCache, PointKey};
+use psao_server::scene::Scene;
+use psao_server::server::{Progress, Server, ServerMemory, ServerSettings, Shortcuts};
 
 use super::Args;
 use super::rows::{Part, WORK};

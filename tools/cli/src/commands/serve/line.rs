@@ -5,8 +5,8 @@ use std::thread::JoinHandle;
 
 use psao_proto::Micros;
 use psao_proto::message::{CameraPose, Edit};
-use psao_server_sim::scene::EditError;
-use psao_server_sim::server::{FrameStats, Pacing, TracedFrame, Waiting};
+use psao_server::scene::EditError;
+use psao_server::server::{FrameStats, Pacing, TracedFrame, Waiting};
 
 use super::outlet::Outlet;
 use crate::context::WallClock;

@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use psao_proto::Limits;
 use psao_proto::message::{CloseCode, Edit};
 use psao_proto::net::{Hub, HubEvent};
-use psao_server_sim::server::Pacing;
+use psao_server::server::Pacing;
 
 use crate::args::{BufferArg, EditsArg, StreamArgs};
 use crate::context::runtime;

@@ -4,7 +4,7 @@ mod lines;
 mod slice;
 
 use glam::{Vec2, Vec3};
-use psao_server_sim::clock::Clock;
+use psao_server::clock::Clock;
 use rayon::prelude::*;
 
 use self::lines::Lines;
@@ -223,9 +223,9 @@ impl Entry {
 #[cfg(test)]
 mod tests {
     use psao_client::Size;
-    use psao_server_sim::bvh::World;
-    use psao_server_sim::clock::NoClock;
-    use psao_server_sim::scene::Scene;
+    use psao_server::bvh::World;
+    use psao_server::clock::NoClock;
+    use psao_server::scene::Scene;
 
     use super::*;
     use crate::adapter::SceneView;

@@ -4,8 +4,8 @@
 use std::sync::Arc;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use psao_server::bvh::World;
 use psao_server::scene::{Motion, Scene};
+use psao_server::world::World;
 
 fn refit(criterion: &mut Criterion) {
     for name in ["colonnade", "robot-lab"] {

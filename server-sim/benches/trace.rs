@@ -6,9 +6,9 @@ use std::sync::Arc;
 use criterion::measurement::WallTime;
 use criterion::{BenchmarkGroup, Criterion, Throughput, criterion_group, criterion_main};
 use psao_server::ao::{AoSettings, Occlusion, Probe, Ray, Scratch, Tracer, Twin};
-use psao_server::bvh::World;
 use psao_server::points::{PointSettings, ScenePoints, generate};
 use psao_server::scene::{InstanceId, Scene};
+use psao_server::world::World;
 
 /// Every how many points a single ray starts: spread over the scene, near enough to share memory.
 const STRIDE: usize = 16;
@@ -24,7 +24,7 @@ fn places(world: &World, points: &ScenePoints) -> Vec<(glam::Vec3, glam::Vec3)> 
         let at = world.placement(InstanceId(index));
         let set = points.sets()[instance.rest().index()].points();
         places.extend(set.iter().step_by(STRIDE).map(|point| {
-            let placed = posed.place(point);
+            let placed = point.place_on(&posed);
             (at.point(placed.position), at.direction(placed.normal))
         }));
     }

@@ -15,9 +15,9 @@ use psao_codec::point::PointFormat;
 use psao_proto::Profile;
 use psao_server::clock::NoClock;
 use psao_server::points::{
-    Fineness, PlacedPoint, PointSettings, PosedMesh, ScenePoints, generate, order_at_rest, rest_points,
+    Fineness, PlacedPoint, PointSettings, ScenePoints, generate, order_at_rest, rest_points,
 };
-use psao_server::scene::{Geometry, InstanceId, Scene};
+use psao_server::scene::{Geometry, InstanceId, PosedMesh, Scene};
 use psao_server::server::{Server, ServerSettings};
 
 type Failure = Box<dyn std::error::Error>;
@@ -152,7 +152,7 @@ fn places(
         scene.local_geometry(InstanceId(index as u32), &pose, &mut geometry);
         let mesh = PosedMesh::posed(scene, scene.rest(instance), &geometry);
         for point in set.points() {
-            errors.add(format, &layout.grid, &mesh.place(point), set.radius());
+            errors.add(format, &layout.grid, &point.place_on(&mesh), set.radius());
         }
     }
     errors

@@ -111,7 +111,7 @@ mod tests {
     use glam::Vec3;
 
     use super::*;
-    use crate::bvh::World;
+    use crate::world::World;
 
     fn clip() -> Clip {
         Clip { frames: 24, fps: 6.0, reach_m: 0.6, view_margin: Some(1.0) }

@@ -37,7 +37,7 @@
 //! use std::sync::Arc;
 //! use glam::Vec3;
 //! use psao_server::ao::{AoSettings, Scratch, Tracer};
-//! use psao_server::bvh::World;
+//! use psao_server::world::World;
 //! use psao_server::scene::Scene;
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -60,6 +60,11 @@ pub mod clip;
 pub mod clock;
 pub mod delta;
 pub mod points;
+mod random;
 pub mod scene;
 pub mod server;
+mod shortcuts;
 pub mod visibility;
+pub mod world;
+
+pub use shortcuts::Shortcuts;

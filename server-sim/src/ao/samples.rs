@@ -9,9 +9,8 @@ use fearless_simd::{Level, dispatch};
 use glam::{Mat3, Vec3};
 use psao_codec::memory;
 
-use super::bundle::GROUPS;
-use crate::bvh::{LANES, Packed, Packed3, SPREAD_SLACK};
-use crate::points::random::{Random, mix, substream, unit};
+use crate::bvh::{GROUPS, LANES, Packed, Packed3, SPREAD_SLACK};
+use crate::random::{Random, mix, substream, unit};
 
 /// Number of sets that are computed ahead.
 const SETS: u64 = 64;

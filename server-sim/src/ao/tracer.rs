@@ -3,12 +3,13 @@
 use fearless_simd::{Simd, dispatch};
 use glam::{Mat3, Vec3};
 
-use super::bundle::{Bundle, Start, Trace};
 use super::frame::tangent_frame;
-use super::remembered::{Recorder, Remembered};
+use super::ray_packet::{Bundle, Start, Trace};
 use super::samples::SampleSets;
+use super::self_hits::{Recorder, Remembered};
 use super::settings::{AoError, AoSettings, Occlusion};
-use crate::bvh::{BlasHit, Bodies, Instructions, Placement, World};
+use crate::bvh::{BlasHit, Bodies, BodyId, Instructions, Placement};
+use crate::world::World;
 
 /// Computes AO with the rays of one [`AoSettings`]. Shared by all threads; each has its own [`Scratch`].
 #[derive(Clone, Debug)]
@@ -22,7 +23,7 @@ pub struct Tracer {
 #[derive(Debug, Default)]
 pub struct Scratch {
     bundle: Bundle,
-    near: Vec<u32>,
+    near: Vec<BodyId>,
     stack: Vec<u32>,
     recorder: Recorder,
 }
@@ -54,8 +55,8 @@ pub(crate) enum Memory<'a> {
 /// the bit.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Seat {
-    /// Number of the body whose space `position`, `normal` and `edge` are in, or [`Seat::WORLD`].
-    pub(crate) body: u32,
+    /// The body whose space `position`, `normal` and `edge` are in; none for the space of the world.
+    pub(crate) body: Option<BodyId>,
     pub(crate) position: Vec3,
     /// Unit.
     pub(crate) normal: Vec3,
@@ -68,12 +69,7 @@ struct Place<'a> {
     bodies: &'a Bodies,
     point: u32,
     seat: &'a Seat,
-    opaque: &'a dyn Fn(u32, &BlasHit) -> bool,
-}
-
-impl Seat {
-    /// Not in any body's space but in the world's.
-    pub(crate) const WORLD: u32 = u32::MAX;
+    opaque: &'a dyn Fn(BodyId, &BlasHit) -> bool,
 }
 
 impl Tracer {
@@ -116,7 +112,7 @@ impl Tracer {
         normal: Vec3,
         scratch: &mut Scratch,
     ) -> Traced {
-        let seat = Seat { body: Seat::WORLD, position, normal, edge: Vec3::ZERO };
+        let seat = Seat { body: None, position, normal, edge: Vec3::ZERO };
         self.trace(world.bodies(), point, &seat, &|body, hit| world.opaque(body, hit), Memory::None, scratch)
     }
 
@@ -127,7 +123,7 @@ impl Tracer {
         bodies: &Bodies,
         point: u32,
         seat: &Seat,
-        opaque: &dyn Fn(u32, &BlasHit) -> bool,
+        opaque: &dyn Fn(BodyId, &BlasHit) -> bool,
         memory: Memory<'_>,
         scratch: &mut Scratch,
     ) -> Traced {
@@ -146,7 +142,7 @@ impl Tracer {
     /// Whether no body but its own is within reach of the point at `seat`.
     pub(crate) fn is_alone(&self, bodies: &Bodies, seat: &Seat, scratch: &mut Scratch) -> bool {
         self.gather(bodies, seat, scratch);
-        scratch.near.iter().all(|&body| body == seat.body)
+        scratch.near.iter().all(|&body| Some(body) == seat.body)
     }
 
     /// Collects the bodies within reach of the point at `seat`; where its rays start in the world.
@@ -222,13 +218,13 @@ impl Tracer {
         let (home, origin) = (home_of(bodies, seat), self.origin(seat));
         let frame = tangent_frame(seat.normal, seat.edge);
         let Scratch { bundle, near, recorder, .. } = scratch;
-        let alone = near.iter().all(|&body| body == seat.body);
+        let alone = near.iter().all(|&body| Some(body) == seat.body);
         if near.is_empty() {
             return (alone, 0);
         }
         // The point's own body first: it hides the most.
-        near.sort_by_key(|&body| (body != seat.body, body));
-        let own = near.first().is_some_and(|&body| body == seat.body);
+        near.sort_by_key(|&body| (Some(body) != seat.body, body));
+        let own = near.first().is_some_and(|&body| Some(body) == seat.body);
         if alone || !own {
             // There is nothing else, or nothing of its own, to tell apart.
             memory = match memory {
@@ -237,9 +233,9 @@ impl Tracer {
             };
         }
         let rays = self.sets.of(point);
-        let start = |number: u32| {
-            let body = &bodies.list()[number as usize];
-            if number == seat.body || body.placement == home {
+        let start = |id: BodyId| {
+            let body = &bodies.list()[id.index()];
+            if Some(id) == seat.body || body.placement == home {
                 Start { turn: frame, origin }
             } else {
                 from_home(&home, &body.placement, &frame, in_world)
@@ -254,10 +250,10 @@ impl Tracer {
             if let Some(recall) = &mut recall {
                 recall.restore::<ANY>(bundle);
             }
-            for (place, &number) in near.iter().enumerate().skip(usize::from(recall.is_some())) {
-                let blas = &bodies.list()[number as usize].blas;
-                let accept = |hit: &BlasHit| opaque(number, hit);
-                let start = start(number);
+            for (place, &id) in near.iter().enumerate().skip(usize::from(recall.is_some())) {
+                let blas = &bodies.list()[id.index()].blas;
+                let accept = |hit: &BlasHit| opaque(id, hit);
+                let start = start(id);
                 Trace::<S, ANY> { simd, bundle, rays: &rays, chunk, start, blas, accept: &accept }.run();
                 if keep && place == 0 {
                     recorder.record(bundle);
@@ -275,7 +271,8 @@ impl Tracer {
 
 /// Placement of the space that a seat is in.
 fn home_of(bodies: &Bodies, seat: &Seat) -> Placement {
-    bodies.list().get(seat.body as usize).map_or(Placement::IDENTITY, |body| body.placement)
+    let body = seat.body.and_then(|id| bodies.list().get(id.index()));
+    body.map_or(Placement::IDENTITY, |body| body.placement)
 }
 
 /// The start of the rays in the space of another body.
@@ -310,12 +307,14 @@ mod tests {
     }
 
     fn on_floor(body: u32) -> Seat {
+        let body = Some(BodyId::new(body));
         Seat { body, position: Vec3::new(0.1, 0.0, 0.2), normal: Vec3::Y, edge: Vec3::X }
     }
 
     /// The slow, obvious twin: each ray alone against every triangle of every body.
     fn naive_ao(tracer: &Tracer, bodies: &[(Vec<[Vec3; 3]>, Placement)], point: u32, seat: &Seat) -> f32 {
-        let home = bodies.get(seat.body as usize).map_or(Placement::IDENTITY, |(_, placement)| *placement);
+        let home = seat.body.and_then(|id| bodies.get(id.index()));
+        let home = home.map_or(Placement::IDENTITY, |(_, placement)| *placement);
         let frame = tangent_frame(seat.normal, seat.edge);
         let settings = tracer.settings();
         let origin = home.point(seat.position + seat.normal * settings.bias());
@@ -352,7 +351,7 @@ mod tests {
     #[test]
     fn inside_a_closed_box_every_ray_hits() {
         let bodies = Bodies::new(vec![body(&naive::cube(0.2), Placement::IDENTITY)]);
-        let seat = Seat { body: 0, position: Vec3::new(0.02, -0.2, 0.05), normal: Vec3::Y, edge: Vec3::X };
+        let seat = Seat { position: Vec3::new(0.02, -0.2, 0.05), ..on_floor(0) };
         for point in 0..50 {
             assert_eq!(trace(&tracer(192, Occlusion::Binary), &bodies, point, &seat).ao, 0.0);
             let ao = trace(&tracer(192, Occlusion::Obscurance), &bodies, point, &seat).ao;
@@ -370,7 +369,7 @@ mod tests {
         let tracer = Tracer::new(settings).unwrap();
         // The lifted origin (16 m) shares the direction space: put it at the wall's height zero.
         let position = Vec3::new(0.0, -settings.bias(), 0.0);
-        let seat = Seat { body: Seat::WORLD, position, normal: Vec3::Y, edge: Vec3::X };
+        let seat = Seat { body: None, position, normal: Vec3::Y, edge: Vec3::X };
         let mean = (0..40).map(|point| trace(&tracer, &bodies, point, &seat).ao).sum::<f32>() / 40.0;
         assert!((mean - 0.5).abs() < 0.003, "{mean}");
     }
@@ -398,7 +397,7 @@ mod tests {
         let tracer = tracer(192, Occlusion::Obscurance);
         let mut triangles = naive::cube(0.2);
         triangles.extend(floor(0.5).iter().map(|t| t.map(|c| c - Vec3::Y * 0.2)));
-        let seat = Seat { body: 0, position: Vec3::new(0.3, -0.2, 0.0), normal: Vec3::Y, edge: Vec3::Z };
+        let seat = Seat { position: Vec3::new(0.3, -0.2, 0.0), edge: Vec3::Z, ..on_floor(0) };
         let still = trace(&tracer, &Bodies::new(vec![body(&triangles, Placement::IDENTITY)]), 9, &seat);
         assert!(still.ao < 1.0);
         for step in 1..20 {
@@ -438,7 +437,7 @@ mod tests {
             &floor(1.0),
             Placement { translation: Vec3::Y * 9.0, ..Placement::IDENTITY },
         )]);
-        let seat = Seat { body: Seat::WORLD, ..on_floor(0) };
+        let seat = Seat { body: None, ..on_floor(0) };
         assert_eq!(
             trace(&tracer(192, Occlusion::Obscurance), &bodies, 0, &seat),
             Traced { ao: 1.0, alone: true, rays: 0 }
@@ -450,7 +449,7 @@ mod tests {
         #[test]
         fn bundles_see_what_single_rays_see(
             soups in prop::collection::vec(crate::bvh::soup(), 1..4), point in any::<u32>(),
-            angles in prop::array::uniform4(0f32..6.3), home in prop_oneof![0u32..4, Just(Seat::WORLD)],
+            angles in prop::array::uniform4(0f32..6.3), home in prop::option::of(0u32..4),
             normal in prop::array::uniform3(-1f32..1.0), position in prop::array::uniform3(-1f32..1.0),
             rays in prop_oneof![Just(1u32), Just(20), Just(192)], binary in any::<bool>(), radius in 0.05f32..3.0,
         ) {
@@ -460,7 +459,7 @@ mod tests {
                 let rotation = Mat3::from_axis_angle(Vec3::new(0.6, 0.8, 0.0), angle);
                 (triangles, Placement { rotation, translation: Vec3::Z * angle * 0.2 })
             }).collect();
-            let home = if (home as usize) < list.len() { home } else { Seat::WORLD };
+            let home = home.filter(|&home| (home as usize) < list.len()).map(BodyId::new);
             let normal = Vec3::from(normal).normalize_or(Vec3::X);
             let seat = Seat { body: home, position: position.into(), normal, edge: Vec3::new(0.3, 0.4, 0.5) };
             let bodies = Bodies::new(list.iter().map(|(t, p)| body(t, *p)).collect());

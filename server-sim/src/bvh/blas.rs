@@ -47,7 +47,7 @@ impl Blas {
     }
 
     /// Bytes held, itself included.
-    pub(super) fn held(&self) -> usize {
+    pub(crate) fn held(&self) -> usize {
         let Self { tree, wides, blocks, masked } = self;
         size_of::<Self>() + tree.held() + memory::list(wides) + memory::list(blocks) + memory::list(masked)
     }

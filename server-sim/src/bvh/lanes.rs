@@ -11,6 +11,9 @@ use glam::Vec3;
 /// Triangles in a block, and rays in a group: eight `f32` fill one AVX register or two SSE ones.
 pub(crate) const LANES: usize = 8;
 
+/// Groups of rays that are traced together: bits of a mask.
+pub(crate) const GROUPS: usize = 32;
+
 /// Eight numbers in registers.
 pub(crate) type Lanes<S> = f32x8<S>;
 

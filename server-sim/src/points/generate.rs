@@ -8,10 +8,9 @@ use rayon::prelude::*;
 use super::cache::{self, PointCache, PointKey};
 use super::candidates::Surface;
 use super::eliminate::{eliminate, poisson_radius};
-use super::place::PosedMesh;
-use super::random::{Random, substream};
 use super::{MAX_POINTS, PointError, PointSet, PointSettings, ScenePoints, SurfacePoint};
-use crate::scene::{RestMesh, Scene};
+use crate::random::{Random, substream};
+use crate::scene::{PosedMesh, RestMesh, Scene};
 
 /// How often a masked surface is drawn again, twice as densely each time, before it counts as empty.
 const ATTEMPTS: u32 = 6;
@@ -208,21 +207,6 @@ fn spread_bits(value: u32) -> u32 {
     let value = (value | (value << 8)) & 0x0300_F00F;
     let value = (value | (value << 4)) & 0x030C_30C3;
     (value | (value << 2)) & 0x0924_9249
-}
-
-impl<'a> PosedMesh<'a> {
-    /// A mesh at rest.
-    #[must_use]
-    pub fn at_rest(scene: &'a Scene, rest: &'a RestMesh) -> Self {
-        Self::posed(scene, rest, rest.geometry())
-    }
-
-    /// A mesh in the pose that `geometry` holds.
-    #[must_use]
-    pub fn posed(scene: &'a Scene, rest: &'a RestMesh, geometry: &'a crate::scene::Geometry) -> Self {
-        let mesh = &scene.meshes()[rest.mesh().index()];
-        Self { geometry, triangles: rest.triangles(), mesh, material: scene.material(mesh) }
-    }
 }
 
 #[cfg(test)]

@@ -5,7 +5,6 @@ mod candidates;
 mod eliminate;
 mod generate;
 mod place;
-pub(crate) mod random;
 pub mod reference;
 mod rest;
 
@@ -14,7 +13,7 @@ use thiserror::Error;
 pub use cache::{EntryError, PointCache, PointKey};
 pub use eliminate::{eliminate, poisson_radius};
 pub use generate::{generate, generate_cached};
-pub use place::{PlacedPoint, PosedMesh};
+pub use place::PlacedPoint;
 pub use rest::{Fineness, ShareError, order_at_rest, rest_points, share};
 
 /// Most points of a scene, all instances together.

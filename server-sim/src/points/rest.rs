@@ -9,9 +9,9 @@ use psao_proto::message::SceneInfo;
 use rayon::prelude::*;
 use thiserror::Error;
 
-use super::{PointError, PointSet, PointSettings, PosedMesh, ScenePoints, generate};
+use super::{PointError, PointSet, PointSettings, ScenePoints, SurfacePoint, generate};
 use crate::bvh::Bounds;
-use crate::scene::Scene;
+use crate::scene::{PosedMesh, Scene};
 
 /// How finely the points of a `surface` stream are rounded.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -41,8 +41,8 @@ impl Fineness {
 pub fn rest_points(scene: &Scene, points: &ScenePoints, set: usize) -> Vec<RestPoint> {
     let (Some(rest), Some(set)) = (scene.rests().get(set), points.sets().get(set)) else { return Vec::new() };
     let posed = PosedMesh::at_rest(scene, rest);
-    let place = |point| {
-        let placed = posed.place(point);
+    let place = |point: &SurfacePoint| {
+        let placed = point.place_on(&posed);
         RestPoint { position: placed.position.to_array(), normal: placed.normal.to_array() }
     };
     set.points().iter().map(place).collect()

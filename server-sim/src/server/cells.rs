@@ -12,9 +12,9 @@ use rayon::prelude::*;
 use super::field::{Chunk, Placed};
 use super::tracing::Tracing;
 use super::{ServerError, ServerSettings};
-use crate::bvh::Stir;
 use crate::delta::{ResendAo, place_changed};
 use crate::scene::Motion;
+use crate::world::Stir;
 
 /// Encoder of the stream, and what it was given last.
 ///

@@ -9,13 +9,14 @@ use glam::Vec3;
 use psao_codec::memory::list;
 use rayon::prelude::*;
 
-use super::Shortcuts;
-use super::memory::{self, ChunkMemory};
+use super::hit_cache::{self, ChunkMemory};
 use crate::ao::Seat;
-use crate::bvh::{Bounds, Stir, Swept, World};
+use crate::bvh::Bounds;
 use crate::points::{PlacedPoint, ScenePoints};
-use crate::scene::{InstanceId, Motion};
+use crate::scene::{InstanceId, Motion, PosedMesh};
+use crate::shortcuts::Shortcuts;
 use crate::visibility::{Overlap, Views};
+use crate::world::{Stir, Swept, World};
 
 /// Points of a chunk: few enough to share out, many enough to be worth it.
 const CHUNK: usize = 256;
@@ -91,8 +92,8 @@ impl Field {
             if !of_rest(|motion| motion != Motion::Deforming) {
                 return Vec::new();
             }
-            let posed = crate::points::PosedMesh::at_rest(scene, &scene.rests()[rest]);
-            points.sets()[rest].points().iter().map(|point| posed.place(point)).collect()
+            let posed = PosedMesh::at_rest(scene, &scene.rests()[rest]);
+            points.sets()[rest].points().iter().map(|point| point.place_on(&posed)).collect()
         });
         let shared: Vec<Vec<PlacedPoint>> = shared.collect();
         let mut field = Self {
@@ -183,7 +184,7 @@ impl Field {
             let Some(posed) = world.posed(InstanceId(instance as u32)) else { return };
             let set = &points.sets()[world.scene().instances()[instance].rest().index()];
             own.clear();
-            own.extend(set.points().iter().map(|point| posed.place(point)));
+            own.extend(set.points().iter().map(|point| point.place_on(&posed)));
         });
     }
 
@@ -254,7 +255,7 @@ impl Field {
 
     /// Ends a frame: bytes that points remember of their rays, at most `limit`.
     pub(super) fn settle(&mut self, limit: usize) -> usize {
-        memory::settle(&mut self.memories, limit)
+        hit_cache::settle(&mut self.memories, limit)
     }
 
     /// The field in parts that can be worked on side by side, and what they share.

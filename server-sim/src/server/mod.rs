@@ -2,18 +2,17 @@
 //!
 //! What is traced is the same in both profiles; a stream decides what of it is sent, and writes it.
 
-mod both;
+mod both_profiles;
 mod cells;
 mod field;
+mod frame_time;
 mod grids;
 mod halves;
-mod held;
+mod hit_cache;
 mod memory;
-mod nearness;
-mod pacing;
-mod ration;
+mod ray_scheduler;
+mod screen_area;
 mod settings;
-mod shortcuts;
 mod stats;
 mod stream;
 mod surface;
@@ -34,20 +33,19 @@ use psao_proto::message::{CameraPose, Edit};
 use psao_proto::{Limits, Profile, SceneError, SceneTable};
 use thiserror::Error;
 
-pub use both::{AoError, BothProfiles, Each};
+pub use both_profiles::{AoError, BothProfiles, Each};
+pub use frame_time::Pacing;
 pub use halves::{TracedFrame, TracingHalf, WritingHalf};
-pub use held::ServerMemory;
-pub use pacing::Pacing;
-pub use ration::{RayBudget, Waiting};
+pub use memory::ServerMemory;
+pub use ray_scheduler::{RayBudget, Waiting};
 pub use settings::{ServerSettings, SettingsError};
-pub use shortcuts::Shortcuts;
 pub use stats::{FrameStats, Progress, StageMicros, Work};
 
 use crate::ao::Tracer;
-use crate::bvh::World;
 use crate::clock::Clock;
 use crate::points::{PointCache, ScenePoints, generate_cached, order_at_rest};
 use crate::scene::{EditError, Edits, Scene};
+use crate::world::World;
 use cells::CellsStream;
 use stats::Lap;
 use stream::{Frame, Stream};

@@ -5,9 +5,10 @@ use psao_codec::surface::{Budget, GeometrySource};
 use psao_proto::Profile;
 use thiserror::Error;
 
-use super::{RayBudget, Shortcuts};
+use super::RayBudget;
 use crate::ao::{AoError, AoSettings};
 use crate::points::{Fineness, PointError, PointSettings};
+use crate::shortcuts::Shortcuts;
 
 /// Settings of a stream.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -4,7 +4,6 @@ use psao_codec::cells::Occupancy;
 use psao_codec::surface::Postponed;
 
 use super::Waiting;
-use super::tracing::Traces;
 use crate::clock::Clock;
 
 /// Microseconds that the stages of a step took (paper, section 3.3 and 3.4).
@@ -45,6 +44,16 @@ pub struct FrameStats {
     pub occupancy: Option<Occupancy>,
     /// Times.
     pub micros: StageMicros,
+}
+
+/// What a step traced.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Traces {
+    pub(super) visible: u32,
+    pub(super) traced: u32,
+    pub(super) rays: u64,
+    /// Nothing without a budget of rays.
+    pub(super) waiting: Option<Waiting>,
 }
 
 impl FrameStats {

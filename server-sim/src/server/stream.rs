@@ -9,8 +9,7 @@ use super::cells::CellsStream;
 use super::surface::{Gathered, SurfaceStream};
 use super::tracing::Tracing;
 use super::{FrameStats, ServerError, StepOutput};
-use crate::server::stats::{Lap, StageMicros};
-use crate::server::tracing::Traces;
+use crate::server::stats::{Lap, StageMicros, Traces};
 
 /// Decides what is sent, and writes it.
 #[derive(Debug)]

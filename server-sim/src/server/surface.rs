@@ -11,10 +11,10 @@ use psao_proto::{Limits, SceneEntries, SceneTable};
 
 use super::field::Chunk;
 use super::grids::info;
-use super::nearness::Nearness;
-use super::stats::Lap;
+use super::screen_area::Nearness;
+use super::stats::{Lap, Traces};
 use super::stream::{Decided, Frame};
-use super::tracing::{Traces, Tracing};
+use super::tracing::Tracing;
 use super::{FrameStats, ServerError, ServerSettings, StageMicros, StepOutput};
 use crate::points::ScenePoints;
 use crate::scene::{InstanceId, Scene};

@@ -9,14 +9,16 @@ use psao_proto::message::CameraPose;
 use rayon::prelude::*;
 
 use super::field::{Field, Part, Placed, flag, set};
-use super::ration::{Ration, RayBudget, Waiting};
-use super::stats::{Lap, Progress, StageMicros, Work};
-use super::{ProgressFn, ServerMemory, ServerSettings, SettingsError, Shortcuts};
+use super::ray_scheduler::{Ration, RayBudget};
+use super::stats::{Lap, Progress, StageMicros, Traces, Work};
+use super::{ProgressFn, ServerMemory, ServerSettings, SettingsError};
 use crate::ao::{Scratch, Tracer};
-use crate::bvh::{BlasHit, Stir, World};
+use crate::bvh::{BlasHit, BodyId};
 use crate::points::ScenePoints;
 use crate::scene::{Edits, Scene, ScenePose};
+use crate::shortcuts::Shortcuts;
 use crate::visibility::Views;
+use crate::world::{Stir, World};
 
 /// A scene, its points, and their AO as of the last step.
 pub(super) struct Tracing {
@@ -35,16 +37,6 @@ pub(super) struct Tracing {
     /// Most bytes that points may remember of their rays, and how many they do.
     memory: [usize; 2],
     progress: Arc<ProgressFn>,
-}
-
-/// What a step traced.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Traces {
-    pub(super) visible: u32,
-    pub(super) traced: u32,
-    pub(super) rays: u64,
-    /// Nothing without a budget of rays.
-    pub(super) waiting: Option<Waiting>,
 }
 
 impl Tracing {
@@ -212,7 +204,7 @@ impl Trace<'_> {
         let instance = part.chunk.instance;
         let everywhere = !shortcuts.contains(Shortcuts::OUT_OF_VIEW) && world.is_present(instance);
         let remember = remember && !matches!(world.stirs()[instance], Stir::Deformed(_));
-        let opaque = |body: u32, hit: &BlasHit| world.opaque(body, hit);
+        let opaque = |body: BodyId, hit: &BlasHit| world.opaque(body, hit);
         let numbers = self.points.sets()[world.scene().instances()[instance].rest().index()].numbers();
         let base = self.points.firsts()[instance];
         let count = part.chunk.points.len();

@@ -16,9 +16,9 @@ use psao_eval::reference::reference;
 use psao_eval::sweep::Figures;
 use psao_proto::message::{self, CameraPose, PointSource, SceneInfo};
 use psao_server::ao::{AoSettings, Occlusion};
-use psao_server::bvh::World;
 use psao_server::points::share;
 use psao_server::scene::{Edits, Scene};
+use psao_server::world::World;
 
 use crate::args::SizeArg;
 use crate::error::{Exit, Failure, Outcome};

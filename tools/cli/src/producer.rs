@@ -9,12 +9,13 @@ use psao_codec::stream::StateRef;
 use psao_codec::surface;
 use psao_proto::message::{Budget, CameraPose, Edit, Report, SceneInfo, StageId, StageTime};
 use psao_proto::{Micros, SceneTable};
+use psao_server::Shortcuts;
 use psao_server::ao::AoSettings;
 use psao_server::clock::Clock;
 use psao_server::points::PointSettings;
 use psao_server::scene::{EditError, Scene};
 use psao_server::server::{
-    Progress, ProgressFn, RayBudget, Server, ServerError, ServerSettings, Shortcuts, StageMicros, StepOutput,
+    Progress, ProgressFn, RayBudget, Server, ServerError, ServerSettings, StageMicros, StepOutput,
     TracedFrame, TracingHalf, Waiting, Work, WritingHalf,
 };
 

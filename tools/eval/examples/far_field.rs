@@ -12,9 +12,9 @@ use psao_eval::screen::{
     Falloff, FarField, FarFieldSettings, Mipmap, MipmapSettings, NearField, Screen, ScreenMethod, Separate,
     Traced,
 };
-use psao_server::bvh::World;
 use psao_server::clock::Clock;
 use psao_server::scene::Scene;
+use psao_server::world::World;
 
 /// Microseconds since it was made.
 struct WallClock(Instant);

@@ -13,9 +13,9 @@ use psao_eval::reference::{PAPER_RAYS, reference};
 use psao_eval::screen::Screen;
 use psao_eval::sweep::screen_methods;
 use psao_server::ao::AoSettings;
-use psao_server::bvh::World;
 use psao_server::clock::Clock;
 use psao_server::scene::Scene;
+use psao_server::world::World;
 
 /// Microseconds since it was made.
 struct WallClock(Instant);

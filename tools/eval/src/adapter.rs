@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 use psao_client::{AtRest, Surface, Surfaces};
-use psao_server::bvh::{Hit, SurfaceAt, World};
+use psao_server::world::{Hit, SurfaceAt, World};
 
 use crate::reference::Rays;
 

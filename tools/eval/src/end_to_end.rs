@@ -12,11 +12,11 @@ use psao_codec::stream::{State, apply};
 use psao_proto::Profile;
 use psao_proto::message::CameraPose;
 use psao_server::ao::{AoSettings, Occlusion};
-use psao_server::bvh::World;
 use psao_server::clock::NoClock;
 use psao_server::points::PointSettings;
 use psao_server::scene::Scene;
 use psao_server::server::{Server, ServerSettings};
+use psao_server::world::World;
 
 use crate::adapter::SceneView;
 use crate::metric::Comparison;

@@ -18,7 +18,7 @@
 //! use psao_eval::metric::Comparison;
 //! use psao_eval::reference::reference;
 //! use psao_server::ao::AoSettings;
-//! use psao_server::bvh::World;
+//! use psao_server::world::World;
 //! use psao_server::scene::Scene;
 //!
 //! // A wall stands on a floor; both face the camera.

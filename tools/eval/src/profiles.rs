@@ -14,10 +14,11 @@ use psao_codec::surface;
 use psao_proto::Profile;
 use psao_proto::message::CameraPose;
 use psao_server::ao::{AoSettings, Scratch, Tracer};
-use psao_server::bvh::{Bounds, World};
-use psao_server::points::{PlacedPoint, PointSettings, PosedMesh};
-use psao_server::scene::{InstanceId, Scene};
+use psao_server::bvh::Bounds;
+use psao_server::points::{PlacedPoint, PointSettings};
+use psao_server::scene::{InstanceId, PosedMesh, Scene};
 use psao_server::server::{Server, ServerSettings};
+use psao_server::world::World;
 use rayon::prelude::*;
 
 use crate::adapter::SceneView;
@@ -46,7 +47,7 @@ impl Both {
                 server.points().sets()[of.rest().index()]
                     .points()
                     .iter()
-                    .map(|point| posed.place(point))
+                    .map(|point| point.place_on(&posed))
                     .collect()
             })
             .collect();
@@ -113,7 +114,7 @@ fn at_rest(server: &Server, settings: &ServerSettings, values: &[Vec<u8>]) -> su
     let sets = scene.rests().iter().zip(server.points().sets()).map(|(rest, set)| {
         let posed = PosedMesh::at_rest(scene, rest);
         let points = set.points().iter().map(|point| {
-            let PlacedPoint { position, normal, .. } = posed.place(point);
+            let PlacedPoint { position, normal, .. } = point.place_on(&posed);
             surface::RestPoint { position: position.to_array(), normal: normal.to_array() }
         });
         let points: Vec<_> = points.collect();

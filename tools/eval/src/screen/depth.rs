@@ -265,8 +265,8 @@ mod tests {
     use std::sync::Arc;
 
     use psao_client::{CameraError, raster};
-    use psao_server::bvh::World;
     use psao_server::scene::Scene;
+    use psao_server::world::World;
 
     use super::*;
     use crate::adapter::SceneView;

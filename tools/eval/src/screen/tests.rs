@@ -6,9 +6,9 @@ use glam::Vec3;
 use psao_client::{AoImage, Camera, Size, Surface, Surfaces, raster};
 use psao_proto::message::CameraPose;
 use psao_server::ao::AoSettings;
-use psao_server::bvh::World;
 use psao_server::clock::NoClock;
 use psao_server::scene::Scene;
+use psao_server::world::World;
 
 use super::*;
 use crate::adapter::SceneView;

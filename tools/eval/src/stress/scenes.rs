@@ -5,9 +5,9 @@ use std::sync::Arc;
 use glam::Vec3;
 use psao_client::{AoImage, GBuffer, Size, Surface};
 use psao_server::ao::{AoSettings, Occlusion};
-use psao_server::bvh::World;
 use psao_server::points::{PointSettings, ScenePoints, generate};
 use psao_server::scene::{InstanceId, Scene};
+use psao_server::world::World;
 
 use super::{Case, StressError};
 use crate::adapter::SceneView;
@@ -93,7 +93,7 @@ fn trace(scene: &Arc<Scene>, points: &ScenePoints, settings: &AoSettings) -> Res
         let Some(posed) = world.posed(InstanceId(instance)) else { continue };
         let at = world.placement(InstanceId(instance));
         for point in points.sets()[of.rest().index()].points() {
-            let placed = posed.place(point);
+            let placed = point.place_on(&posed);
             let (position, normal) = (at.point(placed.position), at.direction(placed.normal));
             fragments.push(Some(Surface { t: 0.0, position, normal, instance, rest: None }));
         }

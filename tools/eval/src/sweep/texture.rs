@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use psao_client::{Camera, Size};
 use psao_proto::message::CameraPose;
-use psao_server::bvh::World;
+use psao_server::world::World;
 
 use super::bench::{Drawn, buffer_bytes, empty};
 use super::run::{frame_at, frames};

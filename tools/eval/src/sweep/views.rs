@@ -5,9 +5,9 @@ use std::sync::Arc;
 use psao_client::{AoImage, GBuffer, Size, raster};
 use psao_proto::message::CameraPose;
 use psao_server::ao::AoSettings;
-use psao_server::bvh::World;
 use psao_server::clock::NoClock;
 use psao_server::scene::Scene;
+use psao_server::world::World;
 
 use super::SweepError;
 use crate::adapter::SceneView;

@@ -7,9 +7,9 @@ use glam::Vec3;
 use psao_client::{AoImage, AoImageError, Camera, Size};
 use psao_proto::message::CameraPose;
 use psao_server::ao::{AoSettings, Scratch, Tracer};
-use psao_server::bvh::World;
 use psao_server::clock::Clock;
 use psao_server::scene::Scene;
+use psao_server::world::World;
 use rayon::prelude::*;
 
 use super::visible::visible;

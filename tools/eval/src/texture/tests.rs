@@ -7,9 +7,9 @@ use proptest::prelude::*;
 use psao_client::{Camera, Size, raster};
 use psao_proto::message::CameraPose;
 use psao_server::ao::AoSettings;
-use psao_server::bvh::{Hit, World};
 use psao_server::clock::NoClock;
 use psao_server::scene::{InstanceId, Scene};
+use psao_server::world::{Hit, World};
 
 use super::*;
 use crate::adapter::SceneView;

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use psao_client::{Camera, Size};
-use psao_server::bvh::World;
+use psao_server::world::World;
 use rayon::prelude::*;
 
 use super::{Patch, PatchPoint, Patches};

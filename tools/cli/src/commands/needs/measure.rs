@@ -8,9 +8,10 @@ use psao_codec::block::BlockCoder;
 use psao_codec::frame::{FrameIndex, SectionTag, StreamTime, inspect};
 use psao_codec::surface::GeometrySource;
 use psao_proto::{Limits, Profile};
+use psao_server::Shortcuts;
 use psao_server::points::{EntryError, PointCache, PointKey};
 use psao_server::scene::Scene;
-use psao_server::server::{Progress, Server, ServerMemory, ServerSettings, Shortcuts};
+use psao_server::server::{Progress, Server, ServerMemory, ServerSettings};
 
 use super::Args;
 use super::rows::{Part, WORK};

@@ -1,6 +1,6 @@
 //! The things that are left out, and why they can be.
 
-use psao_server::server::Shortcuts;
+use psao_server::Shortcuts;
 
 /// Work that a server leaves out, which changes no byte.
 pub(super) struct Work {

@@ -5,9 +5,9 @@ use std::sync::Arc;
 use glam::{Vec2, Vec3};
 use proptest::prelude::*;
 use psao_client::{AoImage, Size};
-use psao_server::bvh::World;
 use psao_server::clock::NoClock;
 use psao_server::scene::Scene;
+use psao_server::world::World;
 
 use super::scan::Sense;
 use super::slice::{Slice, Stand};

@@ -223,9 +223,9 @@ impl Entry {
 #[cfg(test)]
 mod tests {
     use psao_client::Size;
-    use psao_server::bvh::World;
     use psao_server::clock::NoClock;
     use psao_server::scene::Scene;
+    use psao_server::world::World;
 
     use super::*;
     use crate::adapter::SceneView;

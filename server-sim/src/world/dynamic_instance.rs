@@ -4,13 +4,10 @@ use std::sync::Arc;
 
 use psao_codec::memory;
 
-use super::blas::Blas;
-use super::bodies::{Body, Placement};
-use super::bounds::Bounds;
-use super::world::{build, corners, placement};
-use crate::points::PosedMesh;
-use crate::scene::{Geometry, InstanceId, Motion, Scene, ScenePose};
-use crate::server::Shortcuts;
+use super::build::{build, corners, placement};
+use crate::bvh::{Blas, Body, Bounds, Placement};
+use crate::scene::{Geometry, InstanceId, Motion, PosedMesh, Scene, ScenePose};
+use crate::shortcuts::Shortcuts;
 
 /// What happened to an instance from one moment to the next.
 #[derive(Clone, Debug, PartialEq)]

@@ -11,12 +11,10 @@ use glam::{Mat3, Vec3};
 use super::samples::Turned;
 use super::settings::Occlusion;
 use crate::bvh::{
-    Blas, BlasHit, Child, Facet, LANES, Lanes, Lanes3, Meeting, Node, Packed, Packed3, Pencil, Prepared,
-    Reachable, Wide, bits,
+    Blas, BlasHit, Child, Facet, GROUPS, LANES, Lanes, Lanes3, Meeting, Node, Packed, Packed3, Pencil,
+    Prepared, Reachable, Wide, bits,
 };
 
-/// Groups that are traced together: bits of a mask.
-pub(super) const GROUPS: usize = 32;
 /// Value of a ray in `best` that has nothing left to learn: answered by any hit, or padding of the last group.
 const DONE: f32 = -1.0;
 /// Groups up to which it pays to ask which of their rays cross a node.

@@ -4,10 +4,10 @@ use psao_codec::memory;
 use psao_proto::message::CameraPose;
 
 use super::field::Field;
-use super::nearness::Nearness;
-use crate::bvh::World;
+use super::screen_area::Nearness;
 use crate::points::ScenePoints;
 use crate::scene::InstanceId;
+use crate::world::World;
 
 /// Rays that a frame may take, and how long points wait at most because of it.
 ///

@@ -5,10 +5,10 @@ use std::sync::Arc;
 use glam::Vec3;
 
 use super::tracer::{Memory, Scratch, Seat, Tracer};
-use crate::bvh::World;
 use crate::points::ScenePoints;
-use crate::points::random::{mix, unit};
+use crate::random::{mix, unit};
 use crate::scene::{InstanceId, Scene};
+use crate::world::World;
 
 /// One ray, in the world.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -48,7 +48,9 @@ impl Probe {
             while next < f64::from(first) + set.points().len() as f64 {
                 let point = (next as u32).saturating_sub(first) as usize;
                 next += step;
-                let Some(placed) = set.points().get(point).map(|point| posed.place(point)) else { continue };
+                let Some(placed) = set.points().get(point).map(|point| point.place_on(&posed)) else {
+                    continue;
+                };
                 let (mut position, mut normal, mut edge) = (placed.position, placed.normal, placed.edge);
                 if world.is_still(index) {
                     (position, normal, edge) = (at.point(position), at.direction(normal), at.direction(edge));

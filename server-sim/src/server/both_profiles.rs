@@ -14,10 +14,10 @@ use super::stats::Lap;
 use super::stream::{Frame, Stream};
 use super::tracing::Tracing;
 use super::{ProgressFn, Server, ServerError, ServerSettings, StepOutput};
-use crate::bvh::World;
 use crate::clock::Clock;
 use crate::points::PointCache;
 use crate::scene::Scene;
+use crate::world::World;
 
 /// A value for each profile.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

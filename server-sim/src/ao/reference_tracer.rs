@@ -9,7 +9,7 @@ use obvhs::bvh2::builder::build_bvh2_from_tris;
 use obvhs::ray::{Ray as PlainRay, RayHit};
 use obvhs::{BvhBuildParams, triangle::Triangle};
 
-use super::probe::Ray;
+use super::ray_workload::Ray;
 
 /// Triangles of a world, all in one tree.
 pub struct Twin {

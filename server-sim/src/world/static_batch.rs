@@ -5,13 +5,10 @@ use std::sync::Arc;
 use glam::Vec3;
 use psao_codec::memory;
 
-use super::blas::Blas;
-use super::bodies::Placement;
-use super::tree::Effort;
-use super::world::corners;
-use crate::points::PosedMesh;
-use crate::scene::{Geometry, InstanceId, Scene, ScenePose};
-use crate::server::Shortcuts;
+use super::build::corners;
+use crate::bvh::{Blas, Effort, Placement};
+use crate::scene::{Geometry, InstanceId, PosedMesh, Scene, ScenePose};
+use crate::shortcuts::Shortcuts;
 
 /// A body of instances that stand still.
 #[derive(Clone, Debug)]

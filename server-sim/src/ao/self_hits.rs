@@ -3,7 +3,7 @@
 //! A point's rays turn with its body. As long as the body keeps its shape they meet it where they met it before, to the
 //! bit, so near something that moves only the rest of the world has to be asked again.
 
-use super::bundle::{Bundle, Reach};
+use super::ray_packet::{Bundle, Reach};
 
 /// Distances of the hits of one point's rays in its own body.
 #[derive(Clone, Debug, Default, PartialEq)]

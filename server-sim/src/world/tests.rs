@@ -6,8 +6,9 @@ use glam::Vec3;
 
 use psao_proto::message::{Edit, EditAction};
 
-use super::{BlasHit, World, naive};
-use crate::points::random::Random;
+use super::World;
+use crate::bvh::{BlasHit, naive};
+use crate::random::Random;
 use crate::scene::{Edits, InstanceId, Scene};
 
 /// All triangles in sight in the world, and where each instance's begin.

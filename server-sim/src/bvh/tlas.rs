@@ -1,5 +1,6 @@
 //! Bodies placed in the world by rigid transforms, and which of them a ray or a ball may meet.
 
+use std::num::NonZeroU32;
 use std::sync::Arc;
 
 use glam::{Mat3, Vec3};
@@ -72,6 +73,24 @@ impl Body {
     }
 }
 
+/// Number of a body in its [`Bodies`]. It is stored plus one, so that an `Option` of it has the same size.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct BodyId(NonZeroU32);
+
+impl BodyId {
+    /// The body at `index` of the list.
+    #[inline(always)]
+    pub(crate) fn new(index: u32) -> Self {
+        Self(NonZeroU32::MIN.saturating_add(index))
+    }
+
+    /// Index in the list of bodies.
+    #[inline(always)]
+    pub(crate) fn index(self) -> usize {
+        self.0.get() as usize - 1
+    }
+}
+
 /// All bodies of one moment.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Bodies {
@@ -86,7 +105,7 @@ impl Bodies {
     }
 
     /// Bytes held, but for what bodies share.
-    pub(super) fn held(&self) -> usize {
+    pub(crate) fn held(&self) -> usize {
         memory::list(&self.list) + self.top.held()
     }
 
@@ -101,17 +120,17 @@ impl Bodies {
     }
 
     /// Puts into `near` the bodies of which some leaf touches the closed ball, in an order that depends on the bodies only.
-    pub(crate) fn near(&self, center: Vec3, radius: f32, stack: &mut Vec<u32>, near: &mut Vec<u32>) {
+    pub(crate) fn near(&self, center: Vec3, radius: f32, stack: &mut Vec<u32>, near: &mut Vec<BodyId>) {
         near.clear();
         let limit = radius * radius;
         self.top.near(center, radius, stack, |body| {
             if self.list[body as usize].bounds.distance_squared(center) <= limit {
-                near.push(body);
+                near.push(BodyId::new(body));
             }
         });
         // The bounds of all that stands still are those of the whole scene, and say little.
-        near.retain(|&number| {
-            let Body { blas, placement, .. } = &self.list[number as usize];
+        near.retain(|&id| {
+            let Body { blas, placement, .. } = &self.list[id.index()];
             blas.tree().touches(placement.local_point(center), radius, stack)
         });
     }
@@ -123,8 +142,8 @@ impl Bodies {
         direction: Vec3,
         tmax: f32,
         any: bool,
-        accept: impl Fn(u32, &BlasHit) -> bool,
-    ) -> Option<(u32, BlasHit)> {
+        accept: impl Fn(BodyId, &BlasHit) -> bool,
+    ) -> Option<(BodyId, BlasHit)> {
         let inverse = direction.recip();
         let mut entered: Vec<(f32, u32)> = Vec::new();
         let enter = |bounds: &Bounds| bounds.entry(origin, inverse, tmax);
@@ -139,7 +158,7 @@ impl Bodies {
             },
         );
         entered.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        let mut best: Option<(u32, BlasHit)> = None;
+        let mut best: Option<(BodyId, BlasHit)> = None;
         let mut limit = tmax;
         for (near, member) in entered {
             if near > limit {
@@ -148,10 +167,11 @@ impl Bodies {
             let body = &self.list[member as usize];
             let (from, along) =
                 (body.placement.local_point(origin), body.placement.local_direction(direction));
-            let hit = body.blas.nearest(from, along, limit, any, |hit| accept(member, hit));
+            let id = BodyId::new(member);
+            let hit = body.blas.nearest(from, along, limit, any, |hit| accept(id, hit));
             if let Some(hit) = hit {
                 limit = hit.meeting.t;
-                best = Some((member, hit));
+                best = Some((id, hit));
                 if any {
                     break;
                 }
@@ -178,13 +198,13 @@ mod tests {
         for i in 0..5u32 {
             let from = Vec3::new(3.0 * i as f32 + 0.1, 4.0, 0.1);
             let (body, hit) = bodies.nearest(from, Vec3::NEG_Y, 9.0, false, |_, _| true).unwrap();
-            assert_eq!(body, i);
+            assert_eq!(body, BodyId::new(i));
             assert!((hit.meeting.t - 3.5).abs() < 1e-6);
             assert!(bodies.nearest(from, Vec3::NEG_Y, 3.4, true, |_, _| true).is_none());
-            assert!(bodies.nearest(from, Vec3::NEG_Y, 9.0, true, |body, _| body != i).is_none());
+            assert!(bodies.nearest(from, Vec3::NEG_Y, 9.0, true, |body, _| body != BodyId::new(i)).is_none());
         }
         let along = bodies.nearest(Vec3::new(20.0, 0.0, 0.0), Vec3::NEG_X, 99.0, false, |_, _| true).unwrap();
-        assert_eq!(along.0, 4);
+        assert_eq!(along.0, BodyId::new(4));
     }
 
     #[test]
@@ -197,7 +217,7 @@ mod tests {
         let mut found = Vec::new();
         bodies.near(Vec3::X * 5.0, 0.51, &mut Vec::new(), &mut found);
         found.sort_unstable();
-        assert_eq!(found, [2, 3]);
+        assert_eq!(found, [BodyId::new(2), BodyId::new(3)]);
         // Between the parts of a body nothing of it is near.
         let ends = [-9.0, 9.0].into_iter().flat_map(|z| {
             naive::cube(0.5).into_iter().map(move |triangle| triangle.map(|corner| corner + Vec3::Z * z))

@@ -6,16 +6,12 @@ use glam::Vec3;
 use psao_codec::memory;
 use rayon::prelude::*;
 
-use super::blas::{Blas, BlasHit};
-use super::bodies::{Bodies, Body, Placement};
-use super::bounds::Bounds;
-use super::mover::{Mover, Stir};
-use super::still::Still;
-use super::tree::Effort;
-use crate::ao::Seat;
-use crate::points::PosedMesh;
-use crate::scene::{InstanceId, Motion, Scene, ScenePose};
-use crate::server::Shortcuts;
+use super::build::{build_rest, placement};
+use super::dynamic_instance::{Mover, Stir};
+use super::static_batch::Still;
+use crate::bvh::{Blas, BlasHit, Bodies, Body, BodyId, Bounds, Placement};
+use crate::scene::{InstanceId, Motion, PosedMesh, Scene, ScenePose};
+use crate::shortcuts::Shortcuts;
 
 /// Where a ray hit.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -62,8 +58,8 @@ pub struct World {
     movers: Vec<Mover>,
     bodies: Bodies,
     owners: Vec<Owner>,
-    /// Body of each instance, [`Seat::WORLD`] while it has none.
-    instance_bodies: Vec<u32>,
+    /// Body of each instance; none while it is out of sight or without triangles.
+    instance_bodies: Vec<Option<BodyId>>,
     placements: Vec<Placement>,
     stirs: Vec<Stir>,
     shortcuts: Shortcuts,
@@ -127,7 +123,7 @@ impl World {
             movers,
             bodies: Bodies::default(),
             owners: Vec::new(),
-            instance_bodies: vec![Seat::WORLD; count],
+            instance_bodies: vec![None; count],
             placements,
             stirs: vec![Stir::Still; count],
             shortcuts,
@@ -182,20 +178,20 @@ impl World {
     }
 
     fn assemble(&mut self) {
-        self.instance_bodies.fill(Seat::WORLD);
+        self.instance_bodies.fill(None);
         let mut list = Vec::with_capacity(self.movers.len() + self.still.len());
         self.owners.clear();
         for (number, still) in
             self.still.iter().enumerate().filter(|(_, still)| !still.blas.bounds().is_empty())
         {
             for index in still.instances().filter(|&index| self.shared[index]) {
-                self.instance_bodies[index] = list.len() as u32;
+                self.instance_bodies[index] = Some(BodyId::new(list.len() as u32));
             }
             list.push(Body::new(Arc::clone(&still.blas), Placement::IDENTITY));
             self.owners.push(Owner::Still(number as u32));
         }
         for mover in self.movers.iter().filter(|mover| mover.visible && !mover.bounds.is_empty()) {
-            self.instance_bodies[mover.instance] = list.len() as u32;
+            self.instance_bodies[mover.instance] = Some(BodyId::new(list.len() as u32));
             list.push(Body::new(Arc::clone(&mover.blas), mover.placement));
             self.owners.push(Owner::Instance(mover.instance as u32));
         }
@@ -298,8 +294,8 @@ impl World {
         &self.bodies
     }
 
-    /// Body of an instance now, [`Seat::WORLD`] for none.
-    pub(crate) fn body(&self, instance: usize) -> u32 {
+    /// Body of an instance now, if it has one.
+    pub(crate) fn body(&self, instance: usize) -> Option<BodyId> {
         self.instance_bodies[instance]
     }
 
@@ -310,7 +306,7 @@ impl World {
 
     /// Whether an instance can be seen and hit now.
     pub(crate) fn is_present(&self, instance: usize) -> bool {
-        self.instance_bodies[instance] != Seat::WORLD
+        self.instance_bodies[instance].is_some()
     }
 
     /// What happened to each instance in the last [`World::update`].
@@ -319,22 +315,22 @@ impl World {
     }
 
     /// Whether the texel at a hit is there.
-    pub(crate) fn opaque(&self, body: u32, hit: &BlasHit) -> bool {
+    pub(crate) fn opaque(&self, body: BodyId, hit: &BlasHit) -> bool {
         let (instance, triangle) = self.source(body, hit.triangle);
         let [_, u, v] = hit.meeting.barycentric();
         let posed = self.posed(InstanceId(instance));
         posed.is_none_or(|posed| !posed.masked() || posed.opaque(triangle, [u, v]))
     }
 
-    fn hit(&self, body: u32, hit: &BlasHit) -> Hit {
+    fn hit(&self, body: BodyId, hit: &BlasHit) -> Hit {
         let (instance, triangle) = self.source(body, hit.triangle);
         let [_, u, v] = hit.meeting.barycentric();
         Hit { t: hit.meeting.t, instance: InstanceId(instance), triangle, u, v }
     }
 
     /// Instance and triangle of a triangle of a body.
-    fn source(&self, body: u32, triangle: u32) -> (u32, u32) {
-        match self.owners[body as usize] {
+    fn source(&self, body: BodyId, triangle: u32) -> (u32, u32) {
+        match self.owners[body.index()] {
             Owner::Still(number) => self.still[number as usize].source(triangle),
             Owner::Instance(instance) => (instance, triangle),
         }
@@ -352,23 +348,6 @@ fn surface(posed: &PosedMesh<'_>, hit: &Hit) -> Option<SurfaceAt> {
         facing: posed.facing(hit.triangle),
         normal: posed.shading_normal(hit.triangle, [hit.u, hit.v]),
     })
-}
-
-pub(super) fn placement(frame: &crate::scene::RigidFrame) -> Placement {
-    Placement { rotation: frame.matrix(), translation: frame.translation }
-}
-
-pub(super) fn corners(posed: &PosedMesh<'_>) -> Vec<[Vec3; 3]> {
-    (0..posed.triangles.len() as u32).map(|triangle| posed.corners(triangle)).collect()
-}
-
-pub(super) fn build(posed: &PosedMesh<'_>, shortcuts: Shortcuts) -> Blas {
-    let blas = Blas::build(&corners(posed), Effort::Best);
-    if posed.masked() || !shortcuts.contains(Shortcuts::MASKS) { blas.with_masks(|_| true) } else { blas }
-}
-
-fn build_rest(scene: &Arc<Scene>, rest: usize, shortcuts: Shortcuts) -> Arc<Blas> {
-    Arc::new(build(&PosedMesh::at_rest(scene, &scene.rests()[rest]), shortcuts))
 }
 
 /// Whether a pose has an instance in sight and at this very place.

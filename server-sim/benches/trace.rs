@@ -8,7 +8,7 @@ use criterion::{BenchmarkGroup, Criterion, Throughput, criterion_group, criterio
 use psao_server::ao::{AoSettings, Occlusion, Probe, Ray, Scratch, Tracer, Twin};
 use psao_server::points::{PointSettings, ScenePoints, generate};
 use psao_server::scene::{InstanceId, Scene};
-use psao_server::world::World;
+use psao_server::world::SceneBvh;
 
 /// Every how many points a single ray starts: spread over the scene, near enough to share memory.
 const STRIDE: usize = 16;
@@ -17,7 +17,7 @@ const STRIDE: usize = 16;
 const SAMPLE: u32 = 1000;
 
 /// Position and normal of some points, world space.
-fn places(world: &World, points: &ScenePoints) -> Vec<(glam::Vec3, glam::Vec3)> {
+fn places(world: &SceneBvh, points: &ScenePoints) -> Vec<(glam::Vec3, glam::Vec3)> {
     let mut places = Vec::new();
     for (index, instance) in (0u32..).zip(world.scene().instances()) {
         let Some(posed) = world.posed(InstanceId(index)) else { continue };
@@ -57,7 +57,7 @@ fn trace(criterion: &mut Criterion) {
         let scene = Arc::new(scene);
         let settings = PointSettings { per_m2: 64.0, minimum: 256, seed: 1 };
         let Ok(points) = generate(&scene, &settings, &|_, _| {}) else { continue };
-        let world = World::new(&scene, &scene.pose(0.0));
+        let world = SceneBvh::new(&scene, &scene.pose(0.0));
         let places = places(&world, &points);
         let mut group = criterion.benchmark_group(name);
         group.sample_size(10);

@@ -1,6 +1,6 @@
 //! The server of point-based ambient occlusion streams: scenes, rays, points and the frame loop.
 //!
-//! Data flows one way: a [`scene`] is posed, [`bvh::World`] makes it ready for rays, [`points`] lie on its surfaces,
+//! Data flows one way: a [`scene`] is posed, [`bvh::SceneBvh`] makes it ready for rays, [`points`] lie on its surfaces,
 //! [`ao`] traces them, and [`server::Server`] writes what changed as frame bodies. Time comes in as an argument,
 //! randomness from a seed; the same arguments give the same bytes on any machine.
 //!
@@ -37,12 +37,12 @@
 //! use std::sync::Arc;
 //! use glam::Vec3;
 //! use psao_server::ao::{AoSettings, Scratch, Tracer};
-//! use psao_server::world::World;
+//! use psao_server::world::SceneBvh;
 //! use psao_server::scene::Scene;
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! let scene = Arc::new(Scene::load("colonnade")?);
-//! let world = World::new(&scene, &scene.pose(0.0));
+//! let world = SceneBvh::new(&scene, &scene.pose(0.0));
 //! let top = world.bounds().max().y + 1.0;
 //! let hit = world.closest(Vec3::new(0.0, top, 0.0), Vec3::NEG_Y, 100.0).ok_or("nothing below")?;
 //! let surface = world.surface(&hit).ok_or("not of this world")?;

@@ -11,8 +11,8 @@ use glam::{Mat3, Vec3};
 use super::samples::Turned;
 use super::settings::Occlusion;
 use crate::bvh::{
-    Blas, BlasHit, Child, Facet, GROUPS, LANES, Lanes, Lanes3, Meeting, Node, Packed, Packed3, Pencil,
-    Prepared, Reachable, Wide, bits,
+    Blas, BlasHit, BlockCulling, BlockSetup, Child, Intersection, LANES, Lanes, Lanes3, Node, PACKET_GROUPS,
+    Packed, Packed3, RayCone, TriangleSetup, Wide, bits,
 };
 
 /// Value of a ray in `best` that has nothing left to learn: answered by any hit, or padding of the last group.
@@ -26,19 +26,19 @@ const FEW_RAYS: u32 = 3;
 #[derive(Debug)]
 pub(super) struct Bundle {
     /// Directions in the space of the body that is traced now, and one over them.
-    directions: [Packed3; GROUPS],
-    inverses: [Packed3; GROUPS],
+    directions: [Packed3; PACKET_GROUPS],
+    inverses: [Packed3; PACKET_GROUPS],
     /// Axes of the groups' cones there, a group in every lane.
-    axes: [Packed3; GROUPS / LANES],
+    axes: [Packed3; PACKET_GROUPS / LANES],
     /// Nearest hit so far of each ray, at first the reach; [`DONE`] when there is nothing left to learn.
-    best: [Packed; GROUPS],
+    best: [Packed; PACKET_GROUPS],
     /// Largest `best` of each group.
-    reach: [Packed; GROUPS / LANES],
+    reach: [Packed; PACKET_GROUPS / LANES],
     /// Bit per group: whether there is anything left to learn.
     alive: u32,
     radius: f32,
     /// Rays that came into the bounds of a body, a bit each by group.
-    entered: [u8; GROUPS],
+    entered: [u8; PACKET_GROUPS],
     /// Lanes of the last group that pad it.
     padding: usize,
     groups: usize,
@@ -102,14 +102,14 @@ pub(super) struct Trace<'a, S: Simd, const ANY: bool> {
 impl Default for Bundle {
     fn default() -> Self {
         Self {
-            directions: [Packed3::ZERO; GROUPS],
-            inverses: [Packed3::ZERO; GROUPS],
-            axes: [Packed3::ZERO; GROUPS / LANES],
-            best: [Packed::ZERO; GROUPS],
-            reach: [Packed::ZERO; GROUPS / LANES],
+            directions: [Packed3::ZERO; PACKET_GROUPS],
+            inverses: [Packed3::ZERO; PACKET_GROUPS],
+            axes: [Packed3::ZERO; PACKET_GROUPS / LANES],
+            best: [Packed::ZERO; PACKET_GROUPS],
+            reach: [Packed::ZERO; PACKET_GROUPS / LANES],
             alive: 0,
             radius: 0.0,
-            entered: [0; GROUPS],
+            entered: [0; PACKET_GROUPS],
             padding: 0,
             groups: 0,
             stack: Vec::new(),
@@ -125,7 +125,7 @@ impl Bundle {
         self.best[..groups].fill(Packed::splat(radius));
         self.best[groups - 1].array_mut()[LANES - self.padding..].fill(DONE);
         self.reach.fill(Packed::splat(radius));
-        self.alive = u32::MAX >> (GROUPS - groups);
+        self.alive = u32::MAX >> (PACKET_GROUPS - groups);
         self.entered[..groups].fill(0);
     }
 
@@ -248,7 +248,7 @@ impl<S: Simd, const ANY: bool> Trace<'_, S, ANY> {
         let (low, high) = (Lanes3::splat(self.simd, low), Lanes3::splat(self.simd, high));
         let mut groups = self.bundle.alive;
         while groups != 0 {
-            let group = groups.trailing_zeros() as usize % GROUPS;
+            let group = groups.trailing_zeros() as usize % PACKET_GROUPS;
             groups &= groups - 1;
             self.bundle.entered[group] |= self.crossing_rays(&low, &high, group) as u8;
         }
@@ -349,7 +349,7 @@ impl<S: Simd, const ANY: bool> Trace<'_, S, ANY> {
         let mut left = groups;
         let mut kept = 0;
         while left != 0 {
-            let group = left.trailing_zeros() as usize % GROUPS;
+            let group = left.trailing_zeros() as usize % PACKET_GROUPS;
             left &= left - 1;
             kept |= u32::from(self.crossing_rays(&low, &high, group) != 0) << group;
         }
@@ -380,11 +380,11 @@ impl<S: Simd, const ANY: bool> Trace<'_, S, ANY> {
         let low = Lanes3::splat(simd, node.bounds.min() - self.start.origin - slack);
         let high = Lanes3::splat(simd, node.bounds.max() - self.start.origin + slack);
         let masked = u32::from(self.blas.masked_lanes(node.first));
-        let mut rays_of = [0; GROUPS];
+        let mut rays_of = [0; PACKET_GROUPS];
         let (mut few, mut many) = (0, 0);
         let mut left = groups;
         while left != 0 {
-            let group = left.trailing_zeros() as usize % GROUPS;
+            let group = left.trailing_zeros() as usize % PACKET_GROUPS;
             left &= left - 1;
             let rays = self.crossing_rays(&low, &high, group);
             rays_of[group] = rays as u8;
@@ -395,16 +395,16 @@ impl<S: Simd, const ANY: bool> Trace<'_, S, ANY> {
         if few | many == 0 {
             return;
         }
-        let seen = self.blas.block(node.first).seen(simd, self.start.origin);
-        let prepared = seen.prepared();
+        let lanes = self.blas.block(node.first).setup_lanes(simd, self.start.origin);
+        let prepared = lanes.in_memory();
         while few != 0 {
-            let group = few.trailing_zeros() as usize % GROUPS;
+            let group = few.trailing_zeros() as usize % PACKET_GROUPS;
             few &= few - 1;
             self.by_ray(&prepared, rays_of[group].into(), group);
         }
         if many != 0 {
-            let reachable = seen.within(self.start.turn.z_axis, self.bundle.radius);
-            self.groups(node, &prepared, &reachable, masked, many);
+            let culling = lanes.culling(self.start.turn.z_axis, self.bundle.radius);
+            self.groups(node, &prepared, &culling, masked, many);
         }
     }
 
@@ -413,16 +413,16 @@ impl<S: Simd, const ANY: bool> Trace<'_, S, ANY> {
     fn groups(
         &mut self,
         node: &Node,
-        prepared: &Prepared,
-        reachable: &Reachable,
+        prepared: &BlockSetup,
+        culling: &BlockCulling,
         masked: u32,
         mut left: u32,
     ) {
         let used = (1 << node.count) - 1;
         while left != 0 {
-            let group = left.trailing_zeros() as usize % GROUPS;
+            let group = left.trailing_zeros() as usize % PACKET_GROUPS;
             left &= left - 1;
-            let lanes = reachable.by(self.simd, prepared, &self.pencil(group)) & used;
+            let lanes = culling.lanes_met(self.simd, prepared, &self.cone(group)) & used;
             if lanes & !masked != 0 {
                 self.by_triangle(prepared, lanes & !masked, group);
             }
@@ -432,8 +432,8 @@ impl<S: Simd, const ANY: bool> Trace<'_, S, ANY> {
                 lanes &= lanes - 1;
                 let triangle = self.blas.triangle_at(node.first, lane);
                 let accept = self.accept;
-                self.meet_masked(&prepared.facet(lane), group, &|meeting| {
-                    accept(&BlasHit { meeting, triangle })
+                self.intersect_masked(&prepared.triangle(lane), group, &|intersection| {
+                    accept(&BlasHit { intersection, triangle })
                 });
             }
         }
@@ -441,9 +441,9 @@ impl<S: Simd, const ANY: bool> Trace<'_, S, ANY> {
 
     /// The cone of a group and how far its rays go.
     #[inline(always)]
-    fn pencil(&self, group: usize) -> Pencil {
+    fn cone(&self, group: usize) -> RayCone {
         let (eight, lane) = (group / LANES, group % LANES);
-        Pencil {
+        RayCone {
             axis: self.bundle.axes[eight].at(lane),
             spread: self.rays.cones(self.chunk)[eight].spread.array()[lane],
             reach: self.bundle.reach[eight].array()[lane],
@@ -452,7 +452,7 @@ impl<S: Simd, const ANY: bool> Trace<'_, S, ANY> {
 
     /// Some rays of a group, one by one, against the eight triangles of a block at once.
     #[inline(always)]
-    fn by_ray(&mut self, prepared: &Prepared, mut rays: u32, group: usize) {
+    fn by_ray(&mut self, prepared: &BlockSetup, mut rays: u32, group: usize) {
         let mut best = self.bundle.best[group];
         let mut learnt = false;
         while rays != 0 {
@@ -472,7 +472,7 @@ impl<S: Simd, const ANY: bool> Trace<'_, S, ANY> {
 
     /// All rays of a group against the triangles `lanes` of a block, none of them masked, one by one.
     #[inline(always)]
-    fn by_triangle(&mut self, prepared: &Prepared, mut lanes: u32, group: usize) {
+    fn by_triangle(&mut self, prepared: &BlockSetup, mut lanes: u32, group: usize) {
         let simd = self.simd;
         let directions = self.bundle.directions[group].load(simd);
         let mut best = self.bundle.best[group].load(simd);
@@ -480,7 +480,7 @@ impl<S: Simd, const ANY: bool> Trace<'_, S, ANY> {
         while lanes != 0 {
             let lane = lanes.trailing_zeros() as usize % LANES;
             lanes &= lanes - 1;
-            if let Some(shorter) = prepared.facet(lane).shorten(&directions, best, ANY.then_some(DONE)) {
+            if let Some(shorter) = prepared.triangle(lane).shorten(&directions, best, ANY.then_some(DONE)) {
                 (best, learnt) = (shorter, true);
             }
         }
@@ -491,13 +491,21 @@ impl<S: Simd, const ANY: bool> Trace<'_, S, ANY> {
 
     /// One masked triangle: `opaque` decides about each hit that is nearer than what is known.
     #[inline(never)]
-    fn meet_masked(&mut self, facet: &Facet, group: usize, opaque: &dyn Fn(Meeting) -> bool) {
+    fn intersect_masked(
+        &mut self,
+        triangle: &TriangleSetup,
+        group: usize,
+        opaque: &dyn Fn(Intersection) -> bool,
+    ) {
         let mut best = self.bundle.best[group];
         for ray in 0..LANES {
-            let meeting = facet.meet(self.bundle.directions[group].at(ray));
-            let Some(meeting) = meeting.filter(|meeting| meeting.t < best.array()[ray]) else { continue };
-            if opaque(meeting) {
-                best.array_mut()[ray] = if ANY { DONE } else { meeting.t };
+            let intersection = triangle.intersect(self.bundle.directions[group].at(ray));
+            let Some(intersection) = intersection.filter(|intersection| intersection.t < best.array()[ray])
+            else {
+                continue;
+            };
+            if opaque(intersection) {
+                best.array_mut()[ray] = if ANY { DONE } else { intersection.t };
             }
         }
         self.bundle.learn(group, best);

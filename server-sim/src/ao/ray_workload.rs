@@ -8,7 +8,7 @@ use super::tracer::{Memory, Scratch, Seat, Tracer};
 use crate::points::ScenePoints;
 use crate::random::{mix, unit};
 use crate::scene::{InstanceId, Scene};
-use crate::world::World;
+use crate::world::SceneBvh;
 
 /// One ray, in the world.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,7 +24,7 @@ pub struct Ray {
 /// Some points of a scene at its first pose, and all rays that AO takes from them. Masks count for nothing here: their
 /// triangles are solid, as they are to a tracer that has no textures.
 pub struct Probe {
-    world: World,
+    world: SceneBvh,
     tracer: Tracer,
     /// Number, which chooses the rays, and place of each point.
     points: Vec<(u32, Seat)>,
@@ -35,7 +35,7 @@ impl Probe {
     /// `seed` says which.
     #[must_use]
     pub fn new(scene: &Arc<Scene>, points: &ScenePoints, tracer: Tracer, count: u32, seed: u64) -> Self {
-        let world = World::new(scene, &scene.pose(0.0));
+        let world = SceneBvh::new(scene, &scene.pose(0.0));
         let step = f64::from(points.total()) / f64::from(count.clamp(1, points.total().max(1)));
         let mut next = f64::from(unit(mix(seed))) * step;
         let mut taken = Vec::new();

@@ -9,7 +9,7 @@ use fearless_simd::{Level, dispatch};
 use glam::{Mat3, Vec3};
 use psao_codec::memory;
 
-use crate::bvh::{GROUPS, LANES, Packed, Packed3, SPREAD_SLACK};
+use crate::bvh::{LANES, PACKET_GROUPS, Packed, Packed3, SPREAD_SLACK};
 use crate::random::{Random, mix, substream, unit};
 
 /// Number of sets that are computed ahead.
@@ -95,20 +95,20 @@ impl Turned<'_> {
 
     /// How many bundles the rays fill.
     pub(super) fn chunks(&self) -> usize {
-        self.set.groups.len().div_ceil(GROUPS)
+        self.set.groups.len().div_ceil(PACKET_GROUPS)
     }
 
     /// Directions of one bundle, by group.
     #[inline(always)]
     pub(super) fn groups(&self, chunk: usize) -> &[Packed3] {
         let groups = &self.set.groups;
-        &groups[chunk * GROUPS..groups.len().min((chunk + 1) * GROUPS)]
+        &groups[chunk * PACKET_GROUPS..groups.len().min((chunk + 1) * PACKET_GROUPS)]
     }
 
     /// Cones of one bundle, eight groups each.
     #[inline(always)]
     pub(super) fn cones(&self, chunk: usize) -> &[Cones] {
-        const CONES: usize = GROUPS / LANES;
+        const CONES: usize = PACKET_GROUPS / LANES;
         let cones = &self.set.cones;
         &cones[chunk * CONES..cones.len().min((chunk + 1) * CONES)]
     }

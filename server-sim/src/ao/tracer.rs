@@ -8,8 +8,8 @@ use super::ray_packet::{Bundle, Start, Trace};
 use super::samples::SampleSets;
 use super::self_hits::{Recorder, Remembered};
 use super::settings::{AoError, AoSettings, Occlusion};
-use crate::bvh::{BlasHit, Bodies, BodyId, Instructions, Placement};
-use crate::world::World;
+use crate::bvh::{BlasHit, BodyId, Instructions, Placement, Tlas};
+use crate::world::SceneBvh;
 
 /// Computes AO with the rays of one [`AoSettings`]. Shared by all threads; each has its own [`Scratch`].
 #[derive(Clone, Debug)]
@@ -66,7 +66,7 @@ pub(crate) struct Seat {
 
 /// A point among bodies; `opaque` is asked about hits on masked triangles, with the body.
 struct Place<'a> {
-    bodies: &'a Bodies,
+    bodies: &'a Tlas,
     point: u32,
     seat: &'a Seat,
     opaque: &'a dyn Fn(BodyId, &BlasHit) -> bool,
@@ -106,7 +106,7 @@ impl Tracer {
     #[must_use]
     pub fn at(
         &self,
-        world: &World,
+        world: &SceneBvh,
         point: u32,
         position: Vec3,
         normal: Vec3,
@@ -120,7 +120,7 @@ impl Tracer {
     /// be of the same point, and of its body in the same shape.
     pub(crate) fn trace(
         &self,
-        bodies: &Bodies,
+        bodies: &Tlas,
         point: u32,
         seat: &Seat,
         opaque: &dyn Fn(BodyId, &BlasHit) -> bool,
@@ -140,13 +140,13 @@ impl Tracer {
     }
 
     /// Whether no body but its own is within reach of the point at `seat`.
-    pub(crate) fn is_alone(&self, bodies: &Bodies, seat: &Seat, scratch: &mut Scratch) -> bool {
+    pub(crate) fn is_alone(&self, bodies: &Tlas, seat: &Seat, scratch: &mut Scratch) -> bool {
         self.gather(bodies, seat, scratch);
         scratch.near.iter().all(|&body| Some(body) == seat.body)
     }
 
     /// Collects the bodies within reach of the point at `seat`; where its rays start in the world.
-    fn gather(&self, bodies: &Bodies, seat: &Seat, scratch: &mut Scratch) -> Vec3 {
+    fn gather(&self, bodies: &Tlas, seat: &Seat, scratch: &mut Scratch) -> Vec3 {
         let home = home_of(bodies, seat);
         let origin = self.origin(seat);
         let in_world = if home == Placement::IDENTITY { origin } else { home.point(origin) };
@@ -163,7 +163,7 @@ impl Tracer {
     /// Every texel is there.
     pub(super) fn distances(
         &self,
-        bodies: &Bodies,
+        bodies: &Tlas,
         point: u32,
         seat: &Seat,
         scratch: &mut Scratch,
@@ -178,7 +178,7 @@ impl Tracer {
     }
 
     /// Origin and directions of a point's rays in the world.
-    pub(super) fn rays(&self, bodies: &Bodies, point: u32, seat: &Seat) -> (Vec3, Vec<Vec3>) {
+    pub(super) fn rays(&self, bodies: &Tlas, point: u32, seat: &Seat) -> (Vec3, Vec<Vec3>) {
         let home = home_of(bodies, seat);
         let mut directions = self.sets.of(point).directions(&tangent_frame(seat.normal, seat.edge));
         if home == Placement::IDENTITY {
@@ -270,7 +270,7 @@ impl Tracer {
 }
 
 /// Placement of the space that a seat is in.
-fn home_of(bodies: &Bodies, seat: &Seat) -> Placement {
+fn home_of(bodies: &Tlas, seat: &Seat) -> Placement {
     let body = seat.body.and_then(|id| bodies.list().get(id.index()));
     body.map_or(Placement::IDENTITY, |body| body.placement)
 }
@@ -287,17 +287,17 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::bvh::{Blas, Body, Effort, LANES, naive};
+    use crate::bvh::{Blas, BlasInstance, Effort, LANES, naive};
 
-    fn body(triangles: &[[Vec3; 3]], placement: Placement) -> Body {
-        Body::new(Arc::new(Blas::build(triangles, Effort::Best)), placement)
+    fn body(triangles: &[[Vec3; 3]], placement: Placement) -> BlasInstance {
+        BlasInstance::new(Arc::new(Blas::build(triangles, Effort::Best)), placement)
     }
 
     fn tracer(rays: u32, kind: Occlusion) -> Tracer {
         Tracer::new(AoSettings { rays, kind, ..AoSettings::default() }).unwrap()
     }
 
-    fn trace(tracer: &Tracer, bodies: &Bodies, point: u32, seat: &Seat) -> Traced {
+    fn trace(tracer: &Tracer, bodies: &Tlas, point: u32, seat: &Seat) -> Traced {
         tracer.trace(bodies, point, seat, &|_, _| true, Memory::None, &mut Scratch::default())
     }
 
@@ -326,7 +326,7 @@ mod tests {
             let direction = home.rotation * (frame * turned);
             let hits = bodies.iter().filter_map(|(triangles, placement)| {
                 let (from, along) = (placement.local_point(origin), placement.local_direction(direction));
-                naive::nearest(triangles, from, along, settings.radius).map(|hit| hit.meeting.t)
+                naive::nearest(triangles, from, along, settings.radius).map(|hit| hit.intersection.t)
             });
             let nearest = hits.fold(settings.radius, f32::min);
             sum += match settings.kind {
@@ -341,7 +341,7 @@ mod tests {
     fn an_open_plane_is_exactly_open() {
         for kind in [Occlusion::Obscurance, Occlusion::Binary] {
             for rays in [1, 7, 192] {
-                let bodies = Bodies::new(vec![body(&floor(50.0), Placement::IDENTITY)]);
+                let bodies = Tlas::new(vec![body(&floor(50.0), Placement::IDENTITY)]);
                 let traced = trace(&tracer(rays, kind), &bodies, 3, &on_floor(0));
                 assert_eq!((traced.ao, traced.alone), (1.0, true));
             }
@@ -350,7 +350,7 @@ mod tests {
 
     #[test]
     fn inside_a_closed_box_every_ray_hits() {
-        let bodies = Bodies::new(vec![body(&naive::cube(0.2), Placement::IDENTITY)]);
+        let bodies = Tlas::new(vec![body(&naive::cube(0.2), Placement::IDENTITY)]);
         let seat = Seat { position: Vec3::new(0.02, -0.2, 0.05), ..on_floor(0) };
         for point in 0..50 {
             assert_eq!(trace(&tracer(192, Occlusion::Binary), &bodies, point, &seat).ao, 0.0);
@@ -364,7 +364,7 @@ mod tests {
         // A half-plane wall at distance d, seen from the floor: with cosine weights, the share of rays that reach a
         // wall of infinite length and height is 1/2. A radius of a thousand distances stands in for infinity.
         let wall = [Vec3::new(-1.0, 0.0, -1e4), Vec3::new(-1.0, 2e4, 0.0), Vec3::new(-1.0, 0.0, 1e4)];
-        let bodies = Bodies::new(vec![body(&[wall], Placement::IDENTITY)]);
+        let bodies = Tlas::new(vec![body(&[wall], Placement::IDENTITY)]);
         let settings = AoSettings { rays: 4096, radius: 1000.0, kind: Occlusion::Binary, seed: 5 };
         let tracer = Tracer::new(settings).unwrap();
         // The lifted origin (16 m) shares the direction space: put it at the wall's height zero.
@@ -378,7 +378,7 @@ mod tests {
     fn more_rays_come_closer_to_the_truth() {
         let mut triangles = floor(3.0);
         triangles.extend(naive::cube(0.15).iter().map(|t| t.map(|c| c + Vec3::new(0.35, 0.15, 0.1))));
-        let bodies = Bodies::new(vec![body(&triangles, Placement::IDENTITY)]);
+        let bodies = Tlas::new(vec![body(&triangles, Placement::IDENTITY)]);
         let seat = on_floor(0);
         let truth = trace(&tracer(65_536, Occlusion::Obscurance), &bodies, 0, &seat).ao;
         assert!(truth < 0.99);
@@ -398,12 +398,12 @@ mod tests {
         let mut triangles = naive::cube(0.2);
         triangles.extend(floor(0.5).iter().map(|t| t.map(|c| c - Vec3::Y * 0.2)));
         let seat = Seat { position: Vec3::new(0.3, -0.2, 0.0), edge: Vec3::Z, ..on_floor(0) };
-        let still = trace(&tracer, &Bodies::new(vec![body(&triangles, Placement::IDENTITY)]), 9, &seat);
+        let still = trace(&tracer, &Tlas::new(vec![body(&triangles, Placement::IDENTITY)]), 9, &seat);
         assert!(still.ao < 1.0);
         for step in 1..20 {
             let rotation = Mat3::from_rotation_y(0.3 * step as f32) * Mat3::from_rotation_x(0.1);
             let placement = Placement { rotation, translation: Vec3::splat(step as f32) };
-            assert_eq!(trace(&tracer, &Bodies::new(vec![body(&triangles, placement)]), 9, &seat), still);
+            assert_eq!(trace(&tracer, &Tlas::new(vec![body(&triangles, placement)]), 9, &seat), still);
         }
     }
 
@@ -411,12 +411,12 @@ mod tests {
     fn refused_texels_let_rays_through() {
         let mut triangles = floor(2.0);
         triangles.push([[0.3, 0.1, 0.0], [0.3, 0.3, 0.1], [0.3, 0.3, -0.1]].map(Vec3::from));
-        let plain = Bodies::new(vec![body(&triangles, Placement::IDENTITY)]);
+        let plain = Tlas::new(vec![body(&triangles, Placement::IDENTITY)]);
         triangles.extend(floor(2.0).iter().map(|t| t.map(|c| c + Vec3::Y * 0.3)));
-        let whole = Bodies::new(vec![body(&triangles, Placement::IDENTITY)]);
+        let whole = Tlas::new(vec![body(&triangles, Placement::IDENTITY)]);
         // Masked and plain triangles in one leaf.
         let blas = Blas::build(&triangles, Effort::Best).with_masks(|triangle| triangle >= 3);
-        let bodies = Bodies::new(vec![Body::new(Arc::new(blas), Placement::IDENTITY)]);
+        let bodies = Tlas::new(vec![BlasInstance::new(Arc::new(blas), Placement::IDENTITY)]);
         // Few rays meet a leaf one by one, many in groups.
         for rays in [3, 64] {
             for kind in [Occlusion::Obscurance, Occlusion::Binary] {
@@ -433,7 +433,7 @@ mod tests {
 
     #[test]
     fn nothing_within_reach_costs_no_ray() {
-        let bodies = Bodies::new(vec![body(
+        let bodies = Tlas::new(vec![body(
             &floor(1.0),
             Placement { translation: Vec3::Y * 9.0, ..Placement::IDENTITY },
         )]);
@@ -462,7 +462,7 @@ mod tests {
             let home = home.filter(|&home| (home as usize) < list.len()).map(BodyId::new);
             let normal = Vec3::from(normal).normalize_or(Vec3::X);
             let seat = Seat { body: home, position: position.into(), normal, edge: Vec3::new(0.3, 0.4, 0.5) };
-            let bodies = Bodies::new(list.iter().map(|(t, p)| body(t, *p)).collect());
+            let bodies = Tlas::new(list.iter().map(|(t, p)| body(t, *p)).collect());
             let fast = trace(&tracer, &bodies, point, &seat).ao;
             let mut distances = Vec::new();
             tracer.distances(&bodies, point, &seat, &mut Scratch::default(), &mut distances);

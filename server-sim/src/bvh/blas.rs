@@ -5,7 +5,7 @@ use fearless_simd::{Level, dispatch};
 use glam::Vec3;
 use psao_codec::memory;
 
-use super::block::{Block, Meeting};
+use super::block::{Block, Intersection};
 use super::bounds::Bounds;
 use super::lanes::{LANES, Lanes, bits};
 use super::tree::{Effort, Tree, VACANT};
@@ -22,10 +22,10 @@ pub(crate) struct Blas {
     masked: Vec<u8>,
 }
 
-/// The nearest meeting of a ray with a body.
+/// The nearest intersection of a ray with a body.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct BlasHit {
-    pub(crate) meeting: Meeting,
+    pub(crate) intersection: Intersection,
     /// Number of the triangle in the list the body was built from.
     pub(crate) triangle: u32,
 }
@@ -172,10 +172,10 @@ impl Blas {
             let prepared = self.block(node.first).prepare(simd, origin);
             let nearer = bits(prepared.distances(simd, direction).simd_lt(Lanes::splat(simd, limit)));
             for lane in (0..node.count as usize).filter(|lane| nearer >> lane & 1 == 1) {
-                let Some(meeting) = prepared.facet(lane).meet(direction) else { continue };
-                let hit = BlasHit { meeting, triangle: self.triangle_at(node.first, lane) };
-                if meeting.t < limit && accept(&hit) {
-                    limit = meeting.t;
+                let Some(intersection) = prepared.triangle(lane).intersect(direction) else { continue };
+                let hit = BlasHit { intersection, triangle: self.triangle_at(node.first, lane) };
+                if intersection.t < limit && accept(&hit) {
+                    limit = intersection.t;
                     best = Some(hit);
                     if any {
                         return best;
@@ -219,9 +219,9 @@ pub(crate) mod naive {
             let mut best: Option<BlasHit> = None;
             for (triangle, corners) in (0..).zip(triangles) {
                 let prepared = Block::new(&[*corners]).prepare(simd, origin);
-                let Some(meeting) = prepared.facet(0).meet(direction) else { continue };
-                let hit = BlasHit { meeting, triangle };
-                if meeting.t < best.map_or(tmax, |hit| hit.meeting.t) && accept(&hit) {
+                let Some(intersection) = prepared.triangle(0).intersect(direction) else { continue };
+                let hit = BlasHit { intersection, triangle };
+                if intersection.t < best.map_or(tmax, |hit| hit.intersection.t) && accept(&hit) {
                     best = Some(hit);
                 }
             }
@@ -266,7 +266,10 @@ pub(crate) mod tests {
         let slow = naive::nearest(triangles, origin, direction, tmax);
         let fast = blas.nearest(origin, direction, tmax, false, |_| true);
         // Two triangles may be hit at the very same distance: then only that distance is one.
-        assert_eq!(fast.map(|hit| hit.meeting.t.to_bits()), slow.map(|hit| hit.meeting.t.to_bits()));
+        assert_eq!(
+            fast.map(|hit| hit.intersection.t.to_bits()),
+            slow.map(|hit| hit.intersection.t.to_bits())
+        );
         assert_eq!(blas.nearest(origin, direction, tmax, true, |_| true).is_some(), slow.is_some());
     }
 
@@ -322,7 +325,7 @@ pub(crate) mod tests {
         let blas = Blas::build(&list, Effort::Best);
         let from = Vec3::new(0.2, 0.2, 1.0);
         let hit = blas.nearest(from, Vec3::NEG_Z, 9.0, false, |hit| hit.triangle >= 2).unwrap();
-        assert_eq!((hit.triangle, hit.meeting.t), (2, 3.0));
+        assert_eq!((hit.triangle, hit.intersection.t), (2, 3.0));
         assert_eq!(naive::cube(1.0).len(), 12);
     }
 }

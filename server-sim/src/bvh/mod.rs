@@ -11,11 +11,11 @@ mod wide;
 pub(crate) use blas::{Blas, BlasHit};
 #[cfg(test)]
 pub(crate) use blas::{naive, tests::soup};
-pub(crate) use block::{Facet, Meeting, Pencil, Prepared, Reachable, SPREAD_SLACK};
+pub(crate) use block::{BlockCulling, BlockSetup, Intersection, RayCone, SPREAD_SLACK, TriangleSetup};
 pub use bounds::Bounds;
 pub use lanes::Instructions;
-pub(crate) use lanes::{GROUPS, LANES, Lanes, Lanes3, Packed, Packed3, bits};
+pub(crate) use lanes::{LANES, Lanes, Lanes3, PACKET_GROUPS, Packed, Packed3, bits};
 pub use tlas::Placement;
-pub(crate) use tlas::{Bodies, Body, BodyId};
+pub(crate) use tlas::{BlasInstance, BodyId, Tlas};
 pub(crate) use tree::{Effort, Node};
 pub(crate) use wide::{Child, Wide};

@@ -1,4 +1,4 @@
-//! Bodies placed in the world by rigid transforms, and which of them a ray or a ball may meet.
+//! Triangle trees placed in the world by rigid transforms, and which of them a ray or a ball may meet.
 
 use std::num::NonZeroU32;
 use std::sync::Arc;
@@ -50,13 +50,13 @@ impl Placement {
 
 /// Triangles somewhere in the world; several bodies may share them.
 #[derive(Clone, Debug)]
-pub(crate) struct Body {
+pub(crate) struct BlasInstance {
     pub(crate) blas: Arc<Blas>,
     pub(crate) placement: Placement,
     bounds: Bounds,
 }
 
-impl Body {
+impl BlasInstance {
     pub(crate) fn new(blas: Arc<Blas>, placement: Placement) -> Self {
         let bounds = blas.bounds();
         let bounds = if placement == Placement::IDENTITY {
@@ -73,7 +73,7 @@ impl Body {
     }
 }
 
-/// Number of a body in its [`Bodies`]. It is stored plus one, so that an `Option` of it has the same size.
+/// Number of a body in its [`Tlas`]. It is stored plus one, so that an `Option` of it has the same size.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct BodyId(NonZeroU32);
 
@@ -93,14 +93,14 @@ impl BodyId {
 
 /// All bodies of one moment.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Bodies {
-    list: Vec<Body>,
+pub(crate) struct Tlas {
+    list: Vec<BlasInstance>,
     top: Tree,
 }
 
-impl Bodies {
-    pub(crate) fn new(list: Vec<Body>) -> Self {
-        let boxes: Vec<Bounds> = list.iter().map(Body::bounds).collect();
+impl Tlas {
+    pub(crate) fn new(list: Vec<BlasInstance>) -> Self {
+        let boxes: Vec<Bounds> = list.iter().map(BlasInstance::bounds).collect();
         Self { top: Tree::build(&boxes, 2, 1, Effort::Quick), list }
     }
 
@@ -110,7 +110,7 @@ impl Bodies {
     }
 
     #[inline(always)]
-    pub(crate) fn list(&self) -> &[Body] {
+    pub(crate) fn list(&self) -> &[BlasInstance] {
         &self.list
     }
 
@@ -130,7 +130,7 @@ impl Bodies {
         });
         // The bounds of all that stands still are those of the whole scene, and say little.
         near.retain(|&id| {
-            let Body { blas, placement, .. } = &self.list[id.index()];
+            let BlasInstance { blas, placement, .. } = &self.list[id.index()];
             blas.tree().touches(placement.local_point(center), radius, stack)
         });
     }
@@ -170,7 +170,7 @@ impl Bodies {
             let id = BodyId::new(member);
             let hit = body.blas.nearest(from, along, limit, any, |hit| accept(id, hit));
             if let Some(hit) = hit {
-                limit = hit.meeting.t;
+                limit = hit.intersection.t;
                 best = Some((id, hit));
                 if any {
                     break;
@@ -192,14 +192,14 @@ mod tests {
         let turn = Mat3::from_rotation_y(0.7);
         let bodies = (0..5).map(|i| {
             let translation = Vec3::new(3.0 * i as f32, 0.0, 0.0);
-            Body::new(Arc::clone(&cube), Placement { rotation: turn, translation })
+            BlasInstance::new(Arc::clone(&cube), Placement { rotation: turn, translation })
         });
-        let bodies = Bodies::new(bodies.collect());
+        let bodies = Tlas::new(bodies.collect());
         for i in 0..5u32 {
             let from = Vec3::new(3.0 * i as f32 + 0.1, 4.0, 0.1);
             let (body, hit) = bodies.nearest(from, Vec3::NEG_Y, 9.0, false, |_, _| true).unwrap();
             assert_eq!(body, BodyId::new(i));
-            assert!((hit.meeting.t - 3.5).abs() < 1e-6);
+            assert!((hit.intersection.t - 3.5).abs() < 1e-6);
             assert!(bodies.nearest(from, Vec3::NEG_Y, 3.4, true, |_, _| true).is_none());
             assert!(bodies.nearest(from, Vec3::NEG_Y, 9.0, true, |body, _| body != BodyId::new(i)).is_none());
         }
@@ -211,9 +211,12 @@ mod tests {
     fn a_ball_meets_the_bodies_whose_leaves_it_touches() {
         let cube = Arc::new(Blas::build(&naive::cube(0.5), Effort::Best));
         let at = |x: f32| {
-            Body::new(Arc::clone(&cube), Placement { translation: Vec3::X * x, ..Placement::IDENTITY })
+            BlasInstance::new(
+                Arc::clone(&cube),
+                Placement { translation: Vec3::X * x, ..Placement::IDENTITY },
+            )
         };
-        let bodies = Bodies::new((0..20).map(|i| at(2.0 * i as f32)).collect());
+        let bodies = Tlas::new((0..20).map(|i| at(2.0 * i as f32)).collect());
         let mut found = Vec::new();
         bodies.near(Vec3::X * 5.0, 0.51, &mut Vec::new(), &mut found);
         found.sort_unstable();
@@ -223,11 +226,11 @@ mod tests {
             naive::cube(0.5).into_iter().map(move |triangle| triangle.map(|corner| corner + Vec3::Z * z))
         });
         let ends = Arc::new(Blas::build(&ends.collect::<Vec<_>>(), Effort::Best));
-        let bodies = Bodies::new(vec![Body::new(ends, Placement::IDENTITY)]);
+        let bodies = Tlas::new(vec![BlasInstance::new(ends, Placement::IDENTITY)]);
         for (z, count) in [(0.0, 0), (8.2, 1)] {
             bodies.near(Vec3::Z * z, 0.5, &mut Vec::new(), &mut found);
             assert_eq!(found.len(), count);
         }
-        assert!(Bodies::new(Vec::new()).nearest(Vec3::ZERO, Vec3::X, 1.0, false, |_, _| true).is_none());
+        assert!(Tlas::new(Vec::new()).nearest(Vec3::ZERO, Vec3::X, 1.0, false, |_, _| true).is_none());
     }
 }

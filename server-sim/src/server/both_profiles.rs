@@ -17,7 +17,7 @@ use super::{ProgressFn, Server, ServerError, ServerSettings, StepOutput};
 use crate::clock::Clock;
 use crate::points::PointCache;
 use crate::scene::Scene;
-use crate::world::World;
+use crate::world::SceneBvh;
 
 /// A value for each profile.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -123,7 +123,7 @@ impl BothProfiles {
 
     /// The scene as of the last step.
     #[must_use]
-    pub fn world(&self) -> &World {
+    pub fn world(&self) -> &SceneBvh {
         &self.tracing.world
     }
 

@@ -14,7 +14,7 @@ use super::tracing::Tracing;
 use super::{ServerError, ServerSettings};
 use crate::delta::{ResendAo, place_changed};
 use crate::scene::Motion;
-use crate::world::Stir;
+use crate::world::InstanceChange;
 
 /// Encoder of the stream, and what it was given last.
 ///
@@ -101,7 +101,7 @@ impl CellsStream {
     /// Writes what [`CellsStream::decide`] found, and the poses that changed.
     pub(super) fn encode(&mut self, tracing: &Tracing, meta: FrameMeta) -> Result<EncodedFrame, ServerError> {
         for (instance, at) in tracing.pose.instances().iter().enumerate() {
-            if meta.kind == FrameKind::Key || tracing.world.stirs()[instance] != Stir::Still {
+            if meta.kind == FrameKind::Key || tracing.world.changes()[instance] != InstanceChange::Unchanged {
                 let (translation, rotation) =
                     (at.frame().translation.to_array(), at.frame().rotation.to_array());
                 self.encoder.set_pose(instance as u32, Pose { translation, rotation })?;

@@ -16,7 +16,7 @@ use crate::points::{PlacedPoint, ScenePoints};
 use crate::scene::{InstanceId, Motion, PosedMesh};
 use crate::shortcuts::Shortcuts;
 use crate::visibility::{Overlap, Views};
-use crate::world::{Stir, Swept, World};
+use crate::world::{InstanceChange, SceneBvh, SweptBounds};
 
 /// Points of a chunk: few enough to share out, many enough to be worth it.
 const CHUNK: usize = 256;
@@ -82,7 +82,7 @@ enum Places {
 
 impl Field {
     /// The field of a scene. With `exact` it keeps the AO of every point as it was traced, besides its byte.
-    pub(super) fn new(world: &World, points: &ScenePoints, exact: bool, shortcuts: Shortcuts) -> Self {
+    pub(super) fn new(world: &SceneBvh, points: &ScenePoints, exact: bool, shortcuts: Shortcuts) -> Self {
         let scene = world.scene();
         let instances = scene.instances();
         let shared = (0..points.sets().len()).into_par_iter().map(|rest| {
@@ -166,8 +166,8 @@ impl Field {
 
     /// Places the points of instances that deformed, and seats those of instances that left the body of the still ones
     /// in their own.
-    pub(super) fn place(&mut self, world: &World, points: &ScenePoints, all: bool) {
-        let left = |instance: usize| matches!(world.stirs()[instance], Stir::Left(_));
+    pub(super) fn place(&mut self, world: &SceneBvh, points: &ScenePoints, all: bool) {
+        let left = |instance: usize| matches!(world.changes()[instance], InstanceChange::Detached(_));
         if (0..self.worlds.len()).any(left) {
             (0..)
                 .zip(&mut self.worlds)
@@ -178,7 +178,7 @@ impl Field {
         let all = all || !self.rigid;
         self.places.par_iter_mut().enumerate().for_each(|(instance, places)| {
             let Places::Own(own) = places else { return };
-            if !all && !matches!(world.stirs()[instance], Stir::Deformed(_)) {
+            if !all && !matches!(world.changes()[instance], InstanceChange::Deformed(_)) {
                 return;
             }
             let Some(posed) = world.posed(InstanceId(instance as u32)) else { return };
@@ -216,7 +216,7 @@ impl Field {
     }
 
     /// Bounds of a chunk in the world.
-    pub(super) fn bounds(&self, world: &World, chunk: &Chunk) -> Bounds {
+    pub(super) fn bounds(&self, world: &SceneBvh, chunk: &Chunk) -> Bounds {
         let known = chunk.world_bounds(world);
         known.unwrap_or_else(|| {
             Bounds::around(self.placed().in_world(world, chunk).map(|(position, _)| position))
@@ -224,17 +224,17 @@ impl Field {
     }
 
     /// Marks which points are in view and which are no longer fresh.
-    pub(super) fn mark(&mut self, world: &World, views: Option<&Views>, bias: f32, reach: f32) {
-        let unrest = Unrest {
-            swept: world.stirs().iter().filter_map(Stir::swept).collect(),
-            left: world.stirs().iter().any(|stir| matches!(stir, Stir::Left(_))),
+    pub(super) fn mark(&mut self, world: &SceneBvh, views: Option<&Views>, bias: f32, reach: f32) {
+        let dirty = DirtyRegions {
+            swept: world.changes().iter().filter_map(InstanceChange::swept).collect(),
+            left: world.changes().iter().any(|change| matches!(change, InstanceChange::Detached(_))),
             bias,
             reach,
         };
         let (parts, rest) = self.split();
         parts.into_par_iter().for_each(|mut part| {
             part.see(&rest, world, views);
-            part.wilt(&rest, world, &unrest);
+            part.invalidate(&rest, world, &dirty);
         });
     }
 
@@ -275,8 +275,8 @@ impl Field {
 }
 
 /// What happened to the world since the last frame, and how far away it counts.
-struct Unrest<'a> {
-    swept: Vec<&'a Swept>,
+struct DirtyRegions<'a> {
+    swept: Vec<&'a SweptBounds>,
     /// Whether some instance left the body that the still ones share.
     left: bool,
     bias: f32,
@@ -306,13 +306,13 @@ impl<'a> Placed<'a> {
     }
 
     /// Seat of a point for tracing.
-    pub(super) fn seat(&self, world: &World, instance: usize, point: usize) -> Seat {
+    pub(super) fn seat(&self, world: &SceneBvh, instance: usize, point: usize) -> Seat {
         let PlacedPoint { position, normal, edge } = self.seats(instance)[point];
         Seat { body: world.body(instance), position, normal, edge }
     }
 
     /// Points of a chunk with the world position of each.
-    fn in_world(&self, world: &World, chunk: &Chunk) -> impl Iterator<Item = (Vec3, Vec3)> + 'a {
+    fn in_world(&self, world: &SceneBvh, chunk: &Chunk) -> impl Iterator<Item = (Vec3, Vec3)> + 'a {
         let still = world.is_still(chunk.instance);
         let at = world.placement(InstanceId(chunk.instance as u32));
         self.seats(chunk.instance)[chunk.points.clone()].iter().map(move |point| {
@@ -327,7 +327,7 @@ impl<'a> Placed<'a> {
 
 impl Chunk {
     /// Bounds in the world, or nothing where they are not known.
-    fn world_bounds(&self, world: &World) -> Option<Bounds> {
+    fn world_bounds(&self, world: &SceneBvh) -> Option<Bounds> {
         if world.is_still(self.instance) {
             return Some(self.bounds);
         }
@@ -344,7 +344,7 @@ impl Part<'_> {
     }
 
     /// Marks the points in view.
-    fn see(&mut self, placed: &Placed<'_>, world: &World, views: Option<&Views>) {
+    fn see(&mut self, placed: &Placed<'_>, world: &SceneBvh, views: Option<&Views>) {
         let present = world.is_present(self.chunk.instance);
         let overlap = match (views, self.chunk.world_bounds(world)) {
             _ if !present => Overlap::Outside,
@@ -368,12 +368,14 @@ impl Part<'_> {
 
     /// Takes freshness from points whose AO may have changed: their instance moved, or bounds of one that moved,
     /// before or after, touch the ball that their rays reach.
-    fn wilt(&mut self, placed: &Placed<'_>, world: &World, unrest: &Unrest<'_>) {
-        let Unrest { swept, left, bias, reach } = unrest;
-        match world.stirs()[self.chunk.instance] {
-            Stir::Still => {}
-            Stir::Moved(_) => return self.flags.iter_mut().for_each(|flags| *flags &= !flag::FRESH),
-            Stir::Deformed(_) | Stir::Left(_) => {
+    fn invalidate(&mut self, placed: &Placed<'_>, world: &SceneBvh, dirty: &DirtyRegions<'_>) {
+        let DirtyRegions { swept, left, bias, reach } = dirty;
+        match world.changes()[self.chunk.instance] {
+            InstanceChange::Unchanged => {}
+            InstanceChange::Moved(_) => {
+                return self.flags.iter_mut().for_each(|flags| *flags &= !flag::FRESH);
+            }
+            InstanceChange::Deformed(_) | InstanceChange::Detached(_) => {
                 self.memory.clear();
                 return self.flags.iter_mut().for_each(|flags| *flags &= !(flag::FRESH | flag::ALONE));
             }

@@ -45,7 +45,7 @@ use crate::ao::Tracer;
 use crate::clock::Clock;
 use crate::points::{PointCache, ScenePoints, generate_cached, order_at_rest};
 use crate::scene::{EditError, Edits, Scene};
-use crate::world::World;
+use crate::world::SceneBvh;
 use cells::CellsStream;
 use stats::Lap;
 use stream::{Frame, Stream};
@@ -252,7 +252,7 @@ impl Server {
 
     /// The scene as of the last step, edits included.
     #[must_use]
-    pub fn world(&self) -> &World {
+    pub fn world(&self) -> &SceneBvh {
         &self.tracing.world
     }
 

@@ -7,7 +7,7 @@ use super::field::Field;
 use super::screen_area::Nearness;
 use crate::points::ScenePoints;
 use crate::scene::InstanceId;
-use crate::world::World;
+use crate::world::SceneBvh;
 
 /// Rays that a frame may take, and how long points wait at most because of it.
 ///
@@ -82,7 +82,7 @@ impl Ration {
         &mut self,
         budget: RayBudget,
         stale: &[u32],
-        place: (&World, &ScenePoints, &Field),
+        place: (&SceneBvh, &ScenePoints, &Field),
         cameras: &[CameraPose],
     ) {
         let near = Nearness::new(cameras);
@@ -129,7 +129,7 @@ impl Ration {
 }
 
 /// How large the points of a chunk are on the screen.
-fn weight(near: &Nearness, (world, points, field): (&World, &ScenePoints, &Field), chunk: usize) -> u16 {
+fn weight(near: &Nearness, (world, points, field): (&SceneBvh, &ScenePoints, &Field), chunk: usize) -> u16 {
     let chunk = &field.chunks()[chunk];
     let middle = field.placed().local(chunk.instance)[usize::midpoint(chunk.points.start, chunk.points.end)];
     let at = world.placement(InstanceId(chunk.instance as u32));

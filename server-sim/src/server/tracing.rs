@@ -18,7 +18,7 @@ use crate::points::ScenePoints;
 use crate::scene::{Edits, Scene, ScenePose};
 use crate::shortcuts::Shortcuts;
 use crate::visibility::Views;
-use crate::world::{Stir, World};
+use crate::world::{InstanceChange, SceneBvh};
 
 /// A scene, its points, and their AO as of the last step.
 pub(super) struct Tracing {
@@ -27,7 +27,7 @@ pub(super) struct Tracing {
     pub(super) pose: ScenePose,
     /// What clients changed; in force from the next step on.
     pub(super) edits: Edits,
-    pub(super) world: World,
+    pub(super) world: SceneBvh,
     pub(super) field: Field,
     tracer: Tracer,
     pub(super) ration: Ration,
@@ -51,7 +51,7 @@ impl Tracing {
     ) -> Self {
         let pose = scene.pose(0.0);
         let ServerSettings { view_margin, shortcuts, ray_memory, ray_budget, .. } = *settings;
-        let world = World::with_shortcuts(&scene, &pose, shortcuts);
+        let world = SceneBvh::with_shortcuts(&scene, &pose, shortcuts);
         let field = Field::new(&world, &points, exact, shortcuts);
         let ration = Ration::new(field.chunks().len(), settings.ao.rays);
         let memory = [usize::try_from(ray_memory).unwrap_or(usize::MAX), 0];
@@ -187,7 +187,7 @@ impl Tracing {
 
 /// What the parts of a field are traced with.
 struct Trace<'a> {
-    world: &'a World,
+    world: &'a SceneBvh,
     points: &'a ScenePoints,
     tracer: &'a Tracer,
     shortcuts: Shortcuts,
@@ -203,7 +203,7 @@ impl Trace<'_> {
             (shortcuts.contains(Shortcuts::UNTOUCHED), shortcuts.contains(Shortcuts::ALONE));
         let instance = part.chunk.instance;
         let everywhere = !shortcuts.contains(Shortcuts::OUT_OF_VIEW) && world.is_present(instance);
-        let remember = remember && !matches!(world.stirs()[instance], Stir::Deformed(_));
+        let remember = remember && !matches!(world.changes()[instance], InstanceChange::Deformed(_));
         let opaque = |body: BodyId, hit: &BlasHit| world.opaque(body, hit);
         let numbers = self.points.sets()[world.scene().instances()[instance].rest().index()].numbers();
         let base = self.points.firsts()[instance];

@@ -7,5 +7,5 @@ mod static_batch;
 #[cfg(test)]
 mod tests;
 
-pub(crate) use dynamic_instance::{Stir, Swept};
-pub use scene_bvh::{Hit, SurfaceAt, World};
+pub(crate) use dynamic_instance::{InstanceChange, SweptBounds};
+pub use scene_bvh::{Hit, SceneBvh, SurfaceAt};

@@ -10,15 +10,15 @@ use crate::bvh::{Blas, Effort, Placement};
 use crate::scene::{Geometry, InstanceId, PosedMesh, Scene, ScenePose};
 use crate::shortcuts::Shortcuts;
 
-/// A body of instances that stand still.
+/// A body of instances that stand batch.
 #[derive(Clone, Debug)]
-pub(super) struct Still {
+pub(super) struct StaticBatch {
     pub(super) blas: Arc<Blas>,
     /// Number of each instance's first triangle, and the instance.
     starts: Vec<(u32, u32)>,
 }
 
-impl Still {
+impl StaticBatch {
     /// Of some instances of a scene, where they are.
     pub(super) fn build(
         scene: &Scene,
@@ -34,11 +34,11 @@ impl Still {
             let asked = posed.masked() || !shortcuts.contains(Shortcuts::MASKS);
             masked.resize(masked.len() + posed.triangles.len(), asked);
         }
-        let mut still = Self { blas: Arc::default(), starts };
-        let triangles = still.triangles(scene, pose, placements, |_| true);
+        let mut batch = Self { blas: Arc::default(), starts };
+        let triangles = batch.triangles(scene, pose, placements, |_| true);
         let blas = Blas::build(&triangles, Effort::Best).with_masks(|triangle| masked[triangle as usize]);
-        still.blas = Arc::new(blas);
-        still
+        batch.blas = Arc::new(blas);
+        batch
     }
 
     /// Brings the body up to date: of the instances that are not `present`, nothing is left.

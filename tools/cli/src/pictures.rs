@@ -18,7 +18,7 @@ use psao_proto::message::{self, CameraPose, PointSource, SceneInfo};
 use psao_server::ao::{AoSettings, Occlusion};
 use psao_server::points::share;
 use psao_server::scene::{Edits, Scene};
-use psao_server::world::World;
+use psao_server::world::SceneBvh;
 
 use crate::args::SizeArg;
 use crate::error::{Exit, Failure, Outcome};
@@ -123,7 +123,7 @@ impl Shot<'_> {
         let camera = CameraPose { aspect, ..self.camera.unwrap_or_else(|| self.scene.camera(self.time_s)) };
         let mut pose = self.scene.pose(self.time_s);
         pose.apply(self.edits);
-        let world = World::new(self.scene, &pose);
+        let world = SceneBvh::new(self.scene, &pose);
         let view = SceneView::new(&world);
         let start = Instant::now();
         let buffer = raster(&view, &camera, size).map_err(Failure::usage)?;

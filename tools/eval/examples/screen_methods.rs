@@ -15,7 +15,7 @@ use psao_eval::sweep::screen_methods;
 use psao_server::ao::AoSettings;
 use psao_server::clock::Clock;
 use psao_server::scene::Scene;
-use psao_server::world::World;
+use psao_server::world::SceneBvh;
 
 /// Microseconds since it was made.
 struct WallClock(Instant);
@@ -34,7 +34,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     std::fs::create_dir_all(&folder)?;
 
     let scene = Arc::new(Scene::load(&name)?);
-    let world = World::new(&scene, &scene.pose(time));
+    let world = SceneBvh::new(&scene, &scene.pose(time));
     let view = SceneView::new(&world);
     let (camera, size) = (scene.camera(time), Size::new(480, 270)?);
     let radius = scene.ao_radius_m();

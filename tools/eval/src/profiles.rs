@@ -18,7 +18,7 @@ use psao_server::bvh::Bounds;
 use psao_server::points::{PlacedPoint, PointSettings};
 use psao_server::scene::{InstanceId, PosedMesh, Scene};
 use psao_server::server::{Server, ServerSettings};
-use psao_server::world::World;
+use psao_server::world::SceneBvh;
 use rayon::prelude::*;
 
 use crate::adapter::SceneView;
@@ -28,7 +28,7 @@ use crate::shapes;
 
 /// A scene at one moment, and its points as clients of both profiles have them.
 struct Both {
-    world: World,
+    world: SceneBvh,
     ao: AoSettings,
     cells: State,
     rest: surface::State,
@@ -39,7 +39,7 @@ impl Both {
         let ao = AoSettings { rays, ..AoSettings::default() };
         let settings = ServerSettings { profile: Profile::PAPER, points, ao, ..ServerSettings::default() };
         let server = Server::new(Arc::clone(scene), settings, Arc::new(|_| ())).unwrap();
-        let world = World::new(scene, &scene.pose(time_s));
+        let world = SceneBvh::new(scene, &scene.pose(time_s));
         let placed: Vec<Vec<PlacedPoint>> = (0..)
             .zip(scene.instances())
             .map(|(instance, of)| {
@@ -76,7 +76,7 @@ impl Both {
 }
 
 /// AO of an instance's points as they are now.
-fn trace(world: &World, ao: &AoSettings, instance: u32, placed: &[PlacedPoint]) -> Vec<u8> {
+fn trace(world: &SceneBvh, ao: &AoSettings, instance: u32, placed: &[PlacedPoint]) -> Vec<u8> {
     let tracer = Tracer::new(*ao).unwrap();
     let at = world.placement(InstanceId(instance));
     let traced = placed.par_iter().enumerate().map_init(Scratch::default, |scratch, (point, placed)| {
@@ -86,7 +86,7 @@ fn trace(world: &World, ao: &AoSettings, instance: u32, placed: &[PlacedPoint]) 
     traced.collect()
 }
 
-fn in_cells(server: &Server, world: &World, placed: &[Vec<PlacedPoint>], values: &[Vec<u8>]) -> State {
+fn in_cells(server: &Server, world: &SceneBvh, placed: &[Vec<PlacedPoint>], values: &[Vec<u8>]) -> State {
     let layout = server.layout().as_cells().unwrap();
     let counts: Vec<u32> = values.iter().map(|values| values.len() as u32).collect();
     let mut encoder = PaperEncoder::new(Arc::clone(layout), &counts).unwrap();

@@ -9,7 +9,7 @@ use psao_proto::message::CameraPose;
 use psao_server::ao::{AoSettings, Scratch, Tracer};
 use psao_server::clock::Clock;
 use psao_server::scene::Scene;
-use psao_server::world::World;
+use psao_server::world::SceneBvh;
 use rayon::prelude::*;
 
 use super::visible::visible;
@@ -29,7 +29,7 @@ pub struct TextureServer {
     settings: TextureSettings,
     tracer: Tracer,
     patches: Arc<Patches>,
-    world: World,
+    world: SceneBvh,
     atlas: Atlas,
     /// Row by row.
     texels: Vec<u8>,
@@ -75,7 +75,7 @@ impl TextureServer {
             settings,
             tracer,
             patches: Arc::clone(patches),
-            world: World::new(scene, &scene.pose(0.0)),
+            world: SceneBvh::new(scene, &scene.pose(0.0)),
             atlas: Atlas::default(),
             texels: Vec::new(),
             ages: BTreeMap::new(),

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use criterion::measurement::WallTime;
 use criterion::{BenchmarkGroup, Criterion, Throughput, criterion_group, criterion_main};
-use psao_server::ao::{AoSettings, Occlusion, Probe, Ray, Scratch, Tracer, Twin};
+use psao_server::ao::{AoSettings, Occlusion, Ray, RayWorkload, ReferenceTracer, Scratch, Tracer};
 use psao_server::points::{PointSettings, ScenePoints, generate};
 use psao_server::scene::{InstanceId, Scene};
 use psao_server::world::SceneBvh;
@@ -32,9 +32,9 @@ fn places(world: &SceneBvh, points: &ScenePoints) -> Vec<(glam::Vec3, glam::Vec3
 }
 
 /// All rays of a sample of points: as the server traces them, and one by one through a plain tree.
-fn rays(group: &mut BenchmarkGroup<'_, WallTime>, kind: Occlusion, probe: &Probe) {
+fn rays(group: &mut BenchmarkGroup<'_, WallTime>, kind: Occlusion, probe: &RayWorkload) {
     let mut scratch = Scratch::default();
-    let (rays, twin) = (probe.rays(), Twin::new(&probe.triangles()));
+    let (rays, twin) = (probe.rays(), ReferenceTracer::new(&probe.triangles()));
     let any = kind == Occlusion::Binary;
     let hit = |ray: &Ray| if any { twin.occluded(ray) } else { twin.closest(ray).is_finite() };
     // The answer first: but for grazing rays, both hit the same.
@@ -63,7 +63,7 @@ fn trace(criterion: &mut Criterion) {
         group.sample_size(10);
         for kind in [Occlusion::Obscurance, Occlusion::Binary] {
             let Ok(tracer) = Tracer::new(AoSettings { kind, ..AoSettings::default() }) else { continue };
-            rays(&mut group, kind, &Probe::new(&scene, &points, tracer, SAMPLE, 1));
+            rays(&mut group, kind, &RayWorkload::new(&scene, &points, tracer, SAMPLE, 1));
         }
         group.throughput(Throughput::Elements(places.len() as u64));
         group.bench_function("single rays", |bencher| {

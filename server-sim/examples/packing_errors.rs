@@ -15,7 +15,7 @@ use psao_codec::point::PointFormat;
 use psao_proto::Profile;
 use psao_server::clock::NoClock;
 use psao_server::points::{
-    Fineness, PlacedPoint, PointSettings, ScenePoints, generate, order_at_rest, rest_points,
+    GeometryPrecision, PlacedPoint, PointSettings, ScenePoints, generate, order_at_rest, rest_points,
 };
 use psao_server::scene::{Geometry, InstanceId, PosedMesh, Scene};
 use psao_server::server::{Server, ServerSettings};
@@ -80,15 +80,15 @@ fn main() -> Result<(), Failure> {
     println!("  bits | position, mm | Poisson radii | normal, degrees | lattice, normal bits");
     let made = generate(&scene, &points, &|_, _| {})?;
     for format in PointFormat::ALL {
-        let (errors, fineness) = at_rest(&scene, &made, format)?;
+        let (errors, precision) = at_rest(&scene, &made, format)?;
         println!(
             "  {} | {} | {} | {} | 1/{} radius, {}",
             format.bits(),
             errors.millimetres.text(),
             errors.radii.text(),
             errors.degrees.text(),
-            fineness.steps,
-            fineness.normal_bits,
+            precision.steps,
+            precision.normal_bits,
         );
     }
     let mut server = Server::new(
@@ -119,12 +119,16 @@ fn main() -> Result<(), Failure> {
 }
 
 /// Errors of the points of every mesh at rest, as finely rounded as goes by the bits.
-fn at_rest(scene: &Scene, points: &ScenePoints, format: PointFormat) -> Result<(Places, Fineness), Failure> {
-    let fineness = Fineness::of_bits(format.bits() as u8).ok_or("no such packing")?;
+fn at_rest(
+    scene: &Scene,
+    points: &ScenePoints,
+    format: PointFormat,
+) -> Result<(Places, GeometryPrecision), Failure> {
+    let precision = GeometryPrecision::of_bits(format.bits() as u8).ok_or("no such packing")?;
     let kernel = ServerSettings::default().kernel;
     let mut errors = Places::default();
     let mut ordered = points.clone();
-    let geometry = order_at_rest(scene, &mut ordered, fineness, kernel);
+    let geometry = order_at_rest(scene, &mut ordered, precision, kernel);
     for (set, geometry) in geometry.iter().enumerate() {
         let radius = points.sets()[set].radius();
         for (at, point) in rest_points(scene, &ordered, set).iter().enumerate() {
@@ -132,7 +136,7 @@ fn at_rest(scene: &Scene, points: &ScenePoints, format: PointFormat) -> Result<(
             errors.add_pair(position, (point.normal.into(), geometry.normal(at).into()), radius);
         }
     }
-    Ok((errors, fineness))
+    Ok((errors, precision))
 }
 
 /// Errors of all points of the scene as it is posed at `time`.

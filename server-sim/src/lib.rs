@@ -1,6 +1,6 @@
 //! The server of point-based ambient occlusion streams: scenes, rays, points and the frame loop.
 //!
-//! Data flows one way: a [`scene`] is posed, [`bvh::SceneBvh`] makes it ready for rays, [`points`] lie on its surfaces,
+//! Data flows one way: a [`scene`] is posed, [`world::SceneBvh`] makes it ready for rays, [`points`] lie on its surfaces,
 //! [`ao`] traces them, and [`server::Server`] writes what changed as frame bodies. Time comes in as an argument,
 //! randomness from a seed; the same arguments give the same bytes on any machine.
 //!

@@ -16,7 +16,7 @@ impl Shortcuts {
     pub const ALONE: Self = Self(2);
     /// What the rays of a point met in its own body is remembered as long as that keeps its shape, so that only the rest
     /// is traced.
-    pub const REMEMBERED: Self = Self(4);
+    pub const SELF_HITS: Self = Self(4);
     /// Only hits on faces with a mask are looked up in a texture.
     pub const MASKS: Self = Self(8);
     /// Only instances with a skin, morph targets or a changing scale are posed vertex by vertex, their trees adapted and
@@ -34,7 +34,7 @@ impl Shortcuts {
     pub const EACH: [Self; 9] = [
         Self::UNTOUCHED,
         Self::ALONE,
-        Self::REMEMBERED,
+        Self::SELF_HITS,
         Self::MASKS,
         Self::RIGID,
         Self::SHAPES,

@@ -1,4 +1,4 @@
-//! Ambient occlusion of points: fixed ray sets, traced in bundles.
+//! Ambient occlusion of points: fixed ray sets, traced in packets.
 //!
 //! AO is accessibility in [0, 1]: 1 is open. See [`AoSettings`] for the two kinds.
 
@@ -13,9 +13,9 @@ mod tracer;
 
 pub use crate::bvh::Instructions;
 pub use frame::tangent_frame;
-pub use ray_workload::{Probe, Ray};
-pub use reference_tracer::Twin;
-pub(crate) use self_hits::Remembered;
+pub use ray_workload::{Ray, RayWorkload};
+pub use reference_tracer::ReferenceTracer;
+pub(crate) use self_hits::SelfHits;
 pub use settings::{AoError, AoSettings, MAX_RAYS, Occlusion};
-pub(crate) use tracer::{Memory, Seat};
-pub use tracer::{Scratch, Traced, Tracer};
+pub use tracer::{PointAo, Scratch, Tracer};
+pub(crate) use tracer::{RayFrame, SelfHitCache};

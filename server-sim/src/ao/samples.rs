@@ -49,7 +49,7 @@ pub(crate) struct SampleSets {
 }
 
 /// A set and how it is turned about the normal.
-pub(crate) struct Turned<'a> {
+pub(crate) struct PointRays<'a> {
     pub(crate) set: &'a SampleSet,
     pub(crate) cos: f32,
     pub(crate) sin: f32,
@@ -62,21 +62,21 @@ impl SampleSets {
     }
 
     /// Bytes held.
-    pub(super) fn held(&self) -> usize {
+    pub(super) fn heap_bytes(&self) -> usize {
         let set = |set: &SampleSet| memory::list(&set.groups) + memory::list(&set.cones);
         memory::list(&self.sets) + self.sets.iter().map(set).sum::<usize>()
     }
 
     /// The rays of a point.
-    pub(crate) fn of(&self, point: u32) -> Turned<'_> {
+    pub(crate) fn of(&self, point: u32) -> PointRays<'_> {
         let hash = mix(self.seed ^ mix(u64::from(point).wrapping_add(0x5EED)));
         let angle = unit(hash) * std::f32::consts::TAU;
         let set = &self.sets[(hash % SETS) as usize];
-        Turned { set, cos: libm::cosf(angle), sin: libm::sinf(angle) }
+        PointRays { set, cos: libm::cosf(angle), sin: libm::sinf(angle) }
     }
 }
 
-impl Turned<'_> {
+impl PointRays<'_> {
     /// Where the axes of the set point after its turn about the normal and `turn`.
     #[inline(always)]
     pub(super) fn axes(&self, turn: &Mat3) -> [Vec3; 3] {
@@ -84,7 +84,7 @@ impl Turned<'_> {
         [x * self.cos + y * self.sin, y * self.cos - x * self.sin, z]
     }
 
-    /// Directions of all rays after `turn`, the very ones that a bundle has.
+    /// Directions of all rays after `turn`, the very ones that a packet has.
     pub(super) fn directions(&self, turn: &Mat3) -> Vec<Vec3> {
         let [x, y, z] = self.axes(turn);
         let turned = |group: &Packed3| dispatch!(Level::baseline(), simd => Packed3::from(group.load(simd).turned(x, y, z)));
@@ -93,19 +93,19 @@ impl Turned<'_> {
         all.take(self.set.rays).collect()
     }
 
-    /// How many bundles the rays fill.
+    /// How many packets the rays fill.
     pub(super) fn chunks(&self) -> usize {
         self.set.groups.len().div_ceil(PACKET_GROUPS)
     }
 
-    /// Directions of one bundle, by group.
+    /// Directions of one packet, by group.
     #[inline(always)]
     pub(super) fn groups(&self, chunk: usize) -> &[Packed3] {
         let groups = &self.set.groups;
         &groups[chunk * PACKET_GROUPS..groups.len().min((chunk + 1) * PACKET_GROUPS)]
     }
 
-    /// Cones of one bundle, eight groups each.
+    /// Cones of one packet, eight groups each.
     #[inline(always)]
     pub(super) fn cones(&self, chunk: usize) -> &[Cones] {
         const CONES: usize = PACKET_GROUPS / LANES;
@@ -113,7 +113,7 @@ impl Turned<'_> {
         &cones[chunk * CONES..cones.len().min((chunk + 1) * CONES)]
     }
 
-    /// Lanes of the last group of a bundle that hold no ray of their own.
+    /// Lanes of the last group of a packet that hold no ray of their own.
     pub(super) fn padding(&self, chunk: usize) -> usize {
         if chunk + 1 == self.chunks() { self.set.groups.len() * LANES - self.set.rays } else { 0 }
     }

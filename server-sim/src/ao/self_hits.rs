@@ -3,58 +3,58 @@
 //! A point's rays turn with its body. As long as the body keeps its shape they meet it where they met it before, to the
 //! bit, so near something that moves only the rest of the world has to be asked again.
 
-use super::ray_packet::{Bundle, Reach};
+use super::ray_packet::{RayPacket, RayReach};
 
 /// Distances of the hits of one point's rays in its own body.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct Remembered {
+pub(crate) struct SelfHits {
     /// Bit per ray, groups of eight: whether it hit.
     hits: Box<[u8]>,
     /// Distances of those that hit, in the order of the rays; empty where a hit at any distance is all the same.
     distances: Box<[f32]>,
 }
 
-/// Collects a [`Remembered`] from one bundle after the other.
+/// Collects a [`SelfHits`] from one packet after the other.
 #[derive(Debug, Default)]
-pub(super) struct Recorder {
+pub(super) struct SelfHitRecorder {
     hits: Vec<u8>,
     distances: Vec<f32>,
 }
 
-/// Gives a [`Remembered`] back to one bundle after the other.
+/// Gives a [`SelfHits`] back to one packet after the other.
 #[derive(Debug)]
-pub(super) struct Recall<'a> {
+pub(super) struct SelfHitReader<'a> {
     hits: &'a [u8],
     distances: &'a [f32],
 }
 
-impl Remembered {
+impl SelfHits {
     /// Bytes of memory.
     pub(crate) fn bytes(&self) -> usize {
         size_of::<Self>() + self.hits.len() + size_of_val(&*self.distances)
     }
 
-    pub(super) fn recall(&self) -> Recall<'_> {
-        Recall { hits: &self.hits, distances: &self.distances }
+    pub(super) fn reader(&self) -> SelfHitReader<'_> {
+        SelfHitReader { hits: &self.hits, distances: &self.distances }
     }
 }
 
-impl Recorder {
+impl SelfHitRecorder {
     /// Starts with a new point.
     pub(super) fn clear(&mut self) {
         self.hits.clear();
         self.distances.clear();
     }
 
-    /// Takes down what a bundle's rays have met.
-    pub(super) fn record(&mut self, bundle: &Bundle) {
-        for rays in bundle.reaches() {
+    /// Takes down what a packet's rays have met.
+    pub(super) fn record(&mut self, packet: &RayPacket) {
+        for rays in packet.reaches() {
             let mut hits = 0;
             for (ray, reach) in rays.enumerate() {
                 match reach {
-                    Reach::Open => continue,
-                    Reach::Hit => {}
-                    Reach::At(distance) => self.distances.push(distance),
+                    RayReach::Unbounded => continue,
+                    RayReach::Hit => {}
+                    RayReach::At(distance) => self.distances.push(distance),
                 }
                 hits |= 1 << ray;
             }
@@ -62,32 +62,32 @@ impl Recorder {
         }
     }
 
-    /// What was taken down since the last [`Recorder::clear`].
-    pub(super) fn remembered(&self) -> Remembered {
-        Remembered { hits: self.hits.as_slice().into(), distances: self.distances.as_slice().into() }
+    /// What was taken down since the last [`SelfHitRecorder::clear`].
+    pub(super) fn self_hits(&self) -> SelfHits {
+        SelfHits { hits: self.hits.as_slice().into(), distances: self.distances.as_slice().into() }
     }
 }
 
-impl Recall<'_> {
-    /// Puts a bundle that was just begun where it was when it was taken down.
-    pub(super) fn restore<const ANY: bool>(&mut self, bundle: &mut Bundle) {
-        let groups = bundle.groups();
+impl SelfHitReader<'_> {
+    /// Puts a packet that was just begun where it was when it was taken down.
+    pub(super) fn restore<const ANY: bool>(&mut self, packet: &mut RayPacket) {
+        let groups = packet.groups();
         let (hits, rest) = self.hits.split_at(groups.min(self.hits.len()));
         self.hits = rest;
         for (group, &hits) in hits.iter().enumerate().filter(|(_, hits)| **hits != 0) {
             let rays = (0..8).filter(|ray| hits >> ray & 1 == 1);
-            bundle.set(group, rays.map(|ray| (ray, self.next::<ANY>())));
+            packet.set(group, rays.map(|ray| (ray, self.next::<ANY>())));
         }
     }
 
     /// How far the next ray that hit something got.
-    fn next<const ANY: bool>(&mut self) -> Reach {
+    fn next<const ANY: bool>(&mut self) -> RayReach {
         match self.distances.split_first() {
             Some((&distance, rest)) if !ANY => {
                 self.distances = rest;
-                Reach::At(distance)
+                RayReach::At(distance)
             }
-            _ => Reach::Hit,
+            _ => RayReach::Hit,
         }
     }
 }

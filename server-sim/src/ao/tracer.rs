@@ -4,9 +4,9 @@ use fearless_simd::{Simd, dispatch};
 use glam::{Mat3, Vec3};
 
 use super::frame::tangent_frame;
-use super::ray_packet::{Bundle, Start, Trace};
+use super::ray_packet::{PacketOrigin, PacketTraversal, RayPacket};
 use super::samples::SampleSets;
-use super::self_hits::{Recorder, Remembered};
+use super::self_hits::{SelfHitRecorder, SelfHits};
 use super::settings::{AoError, AoSettings, Occlusion};
 use crate::bvh::{BlasHit, BodyId, Instructions, Placement, Tlas};
 use crate::world::SceneBvh;
@@ -22,15 +22,15 @@ pub struct Tracer {
 /// Working memory of a thread.
 #[derive(Debug, Default)]
 pub struct Scratch {
-    bundle: Bundle,
+    packet: RayPacket,
     near: Vec<BodyId>,
     stack: Vec<u32>,
-    recorder: Recorder,
+    recorder: SelfHitRecorder,
 }
 
 /// The AO of a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Traced {
+pub struct PointAo {
     /// Accessibility in [0, 1], 1 is open.
     pub ao: f32,
     /// Whether no body but the point's own was within reach: then moving it rigidly changes nothing.
@@ -42,19 +42,19 @@ pub struct Traced {
 
 /// What is known of a point's rays in its own body, and whether to keep it.
 #[derive(Debug)]
-pub(crate) enum Memory<'a> {
+pub(crate) enum SelfHitCache<'a> {
     /// Nothing is known or kept.
-    None,
+    Off,
     /// Nothing is known; what the rays meet is put here if another body is near.
-    Vacant(&'a mut Option<Box<Remembered>>),
+    Empty(&'a mut Option<Box<SelfHits>>),
     /// What they meet.
-    Known(&'a Remembered),
+    Filled(&'a SelfHits),
 }
 
 /// Where a point sits: in the space of its own body, if it has one, so that a body that moves alone keeps its AO to
 /// the bit.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Seat {
+pub(crate) struct RayFrame {
     /// The body whose space `position`, `normal` and `edge` are in; none for the space of the world.
     pub(crate) body: Option<BodyId>,
     pub(crate) position: Vec3,
@@ -65,10 +65,10 @@ pub(crate) struct Seat {
 }
 
 /// A point among bodies; `opaque` is asked about hits on masked triangles, with the body.
-struct Place<'a> {
+struct PointQuery<'a> {
     bodies: &'a Tlas,
     point: u32,
-    seat: &'a Seat,
+    ray_frame: &'a RayFrame,
     opaque: &'a dyn Fn(BodyId, &BlasHit) -> bool,
 }
 
@@ -98,7 +98,7 @@ impl Tracer {
     /// Bytes of memory held: the directions of all sets of rays.
     #[must_use]
     pub fn memory_bytes(&self) -> usize {
-        self.sets.held()
+        self.sets.heap_bytes()
     }
 
     /// AO of a place in the world, as by a point there: `normal` is unit, `point` chooses the rays. For references; the
@@ -111,52 +111,59 @@ impl Tracer {
         position: Vec3,
         normal: Vec3,
         scratch: &mut Scratch,
-    ) -> Traced {
-        let seat = Seat { body: None, position, normal, edge: Vec3::ZERO };
-        self.trace(world.bodies(), point, &seat, &|body, hit| world.opaque(body, hit), Memory::None, scratch)
+    ) -> PointAo {
+        let ray_frame = RayFrame { body: None, position, normal, edge: Vec3::ZERO };
+        self.trace(
+            world.bodies(),
+            point,
+            &ray_frame,
+            &|body, hit| world.opaque(body, hit),
+            SelfHitCache::Off,
+            scratch,
+        )
     }
 
-    /// AO of point number `point` at `seat`; `opaque` is asked about hits on masked triangles, with the body. `memory` must
-    /// be of the same point, and of its body in the same shape.
+    /// Returns the AO of a point: `key` chooses its rays, `opaque` is asked about hits on masked triangles. `memory` must be
+    /// of the same point, and of its body in the same shape.
     pub(crate) fn trace(
         &self,
         bodies: &Tlas,
         point: u32,
-        seat: &Seat,
+        ray_frame: &RayFrame,
         opaque: &dyn Fn(BodyId, &BlasHit) -> bool,
-        memory: Memory<'_>,
+        memory: SelfHitCache<'_>,
         scratch: &mut Scratch,
-    ) -> Traced {
-        let place = Place { bodies, point, seat, opaque };
+    ) -> PointAo {
+        let place = PointQuery { bodies, point, ray_frame, opaque };
         let mut hidden = 0.0;
-        let (alone, rays) = self.trace_all(&place, memory, scratch, &mut |bundle| {
+        let (alone, rays) = self.trace_all(&place, memory, scratch, &mut |packet| {
             hidden += match self.settings.kind {
-                Occlusion::Obscurance => bundle.hidden::<false>(),
-                Occlusion::Binary => bundle.hidden::<true>(),
+                Occlusion::Obscurance => packet.hidden::<false>(),
+                Occlusion::Binary => packet.hidden::<true>(),
             };
         });
         let ao = 1.0 - hidden / self.settings.rays as f32;
-        Traced { ao: ao.clamp(0.0, 1.0), alone, rays }
+        PointAo { ao: ao.clamp(0.0, 1.0), alone, rays }
     }
 
-    /// Whether no body but its own is within reach of the point at `seat`.
-    pub(crate) fn is_alone(&self, bodies: &Tlas, seat: &Seat, scratch: &mut Scratch) -> bool {
-        self.gather(bodies, seat, scratch);
-        scratch.near.iter().all(|&body| Some(body) == seat.body)
+    /// Returns whether no body but its own is within reach of a point.
+    pub(crate) fn is_alone(&self, bodies: &Tlas, ray_frame: &RayFrame, scratch: &mut Scratch) -> bool {
+        self.gather(bodies, ray_frame, scratch);
+        scratch.near.iter().all(|&body| Some(body) == ray_frame.body)
     }
 
-    /// Collects the bodies within reach of the point at `seat`; where its rays start in the world.
-    fn gather(&self, bodies: &Tlas, seat: &Seat, scratch: &mut Scratch) -> Vec3 {
-        let home = home_of(bodies, seat);
-        let origin = self.origin(seat);
+    /// Collects the bodies within reach of a point. Returns where its rays start in the world.
+    fn gather(&self, bodies: &Tlas, ray_frame: &RayFrame, scratch: &mut Scratch) -> Vec3 {
+        let home = home_of(bodies, ray_frame);
+        let origin = self.origin(ray_frame);
         let in_world = if home == Placement::IDENTITY { origin } else { home.point(origin) };
         bodies.near(in_world, self.settings.radius, &mut scratch.stack, &mut scratch.near);
         in_world
     }
 
-    /// Where the rays of the point at `seat` start, in the space of the seat.
-    fn origin(&self, seat: &Seat) -> Vec3 {
-        seat.position + seat.normal * self.settings.bias()
+    /// Returns where the rays of a point start, in the space of its frame.
+    fn origin(&self, ray_frame: &RayFrame) -> Vec3 {
+        ray_frame.position + ray_frame.normal * self.settings.bias()
     }
 
     /// Appends what [`Tracer::trace`] finds, ray by ray: the distance of the hit, with binary occlusion 0, or infinity.
@@ -165,37 +172,37 @@ impl Tracer {
         &self,
         bodies: &Tlas,
         point: u32,
-        seat: &Seat,
+        ray_frame: &RayFrame,
         scratch: &mut Scratch,
         all: &mut Vec<f32>,
     ) {
-        let place = Place { bodies, point, seat, opaque: &|_, _| true };
+        let place = PointQuery { bodies, point, ray_frame, opaque: &|_, _| true };
         let end = all.len() + self.settings.rays as usize;
-        self.trace_all(&place, Memory::None, scratch, &mut |bundle| {
-            all.extend(bundle.distances(self.settings.kind));
+        self.trace_all(&place, SelfHitCache::Off, scratch, &mut |packet| {
+            all.extend(packet.distances(self.settings.kind));
         });
         all.resize(end, f32::INFINITY);
     }
 
     /// Origin and directions of a point's rays in the world.
-    pub(super) fn rays(&self, bodies: &Tlas, point: u32, seat: &Seat) -> (Vec3, Vec<Vec3>) {
-        let home = home_of(bodies, seat);
-        let mut directions = self.sets.of(point).directions(&tangent_frame(seat.normal, seat.edge));
+    pub(super) fn rays(&self, bodies: &Tlas, point: u32, ray_frame: &RayFrame) -> (Vec3, Vec<Vec3>) {
+        let home = home_of(bodies, ray_frame);
+        let mut directions = self.sets.of(point).directions(&tangent_frame(ray_frame.normal, ray_frame.edge));
         if home == Placement::IDENTITY {
-            return (self.origin(seat), directions);
+            return (self.origin(ray_frame), directions);
         }
         directions.iter_mut().for_each(|direction| *direction = home.direction(*direction));
-        (home.point(self.origin(seat)), directions)
+        (home.point(self.origin(ray_frame)), directions)
     }
 
-    /// Traces the rays of a place and calls `done` with every bundle of them; whether nothing but its own body is within
+    /// Traces the rays of a place and calls `done` with every packet of them; whether nothing but its own body is within
     /// reach, and how many rays had to be traced.
     fn trace_all(
         &self,
-        place: &Place<'_>,
-        memory: Memory<'_>,
+        place: &PointQuery<'_>,
+        memory: SelfHitCache<'_>,
         scratch: &mut Scratch,
-        done: &mut dyn FnMut(&Bundle),
+        done: &mut dyn FnMut(&RayPacket),
     ) -> (bool, u32) {
         // All of a point is compiled once for each set of instructions.
         dispatch!(self.instructions.level(), simd => match self.settings.kind {
@@ -208,76 +215,80 @@ impl Tracer {
     fn trace_kind<S: Simd, const ANY: bool>(
         &self,
         simd: S,
-        place: &Place<'_>,
-        mut memory: Memory<'_>,
+        place: &PointQuery<'_>,
+        mut memory: SelfHitCache<'_>,
         scratch: &mut Scratch,
-        done: &mut dyn FnMut(&Bundle),
+        done: &mut dyn FnMut(&RayPacket),
     ) -> (bool, u32) {
-        let Place { bodies, point, seat, opaque } = *place;
-        let in_world = self.gather(bodies, seat, scratch);
-        let (home, origin) = (home_of(bodies, seat), self.origin(seat));
-        let frame = tangent_frame(seat.normal, seat.edge);
-        let Scratch { bundle, near, recorder, .. } = scratch;
-        let alone = near.iter().all(|&body| Some(body) == seat.body);
+        let PointQuery { bodies, point, ray_frame, opaque } = *place;
+        let in_world = self.gather(bodies, ray_frame, scratch);
+        let (home, origin) = (home_of(bodies, ray_frame), self.origin(ray_frame));
+        let frame = tangent_frame(ray_frame.normal, ray_frame.edge);
+        let Scratch { packet, near, recorder, .. } = scratch;
+        let alone = near.iter().all(|&body| Some(body) == ray_frame.body);
         if near.is_empty() {
             return (alone, 0);
         }
         // The point's own body first: it hides the most.
-        near.sort_by_key(|&body| (Some(body) != seat.body, body));
-        let own = near.first().is_some_and(|&body| Some(body) == seat.body);
+        near.sort_by_key(|&body| (Some(body) != ray_frame.body, body));
+        let own = near.first().is_some_and(|&body| Some(body) == ray_frame.body);
         if alone || !own {
             // There is nothing else, or nothing of its own, to tell apart.
             memory = match memory {
-                Memory::Known(known) if own => Memory::Known(known),
-                _ => Memory::None,
+                SelfHitCache::Filled(known) if own => SelfHitCache::Filled(known),
+                _ => SelfHitCache::Off,
             };
         }
         let rays = self.sets.of(point);
         let start = |id: BodyId| {
             let body = &bodies.list()[id.index()];
-            if Some(id) == seat.body || body.placement == home {
-                Start { turn: frame, origin }
+            if Some(id) == ray_frame.body || body.placement == home {
+                PacketOrigin { turn: frame, origin }
             } else {
                 from_home(&home, &body.placement, &frame, in_world)
             }
         };
-        let mut recall = if let Memory::Known(known) = &memory { Some(known.recall()) } else { None };
-        let keep = matches!(memory, Memory::Vacant(_));
+        let mut reader = if let SelfHitCache::Filled(known) = &memory { Some(known.reader()) } else { None };
+        let keep = matches!(memory, SelfHitCache::Empty(_));
         recorder.clear();
         let mut traced = 0;
         for chunk in 0..rays.chunks() {
-            bundle.begin(&rays, chunk, self.settings.radius);
-            if let Some(recall) = &mut recall {
-                recall.restore::<ANY>(bundle);
+            packet.begin(&rays, chunk, self.settings.radius);
+            if let Some(reader) = &mut reader {
+                reader.restore::<ANY>(packet);
             }
-            for (place, &id) in near.iter().enumerate().skip(usize::from(recall.is_some())) {
+            for (place, &id) in near.iter().enumerate().skip(usize::from(reader.is_some())) {
                 let blas = &bodies.list()[id.index()].blas;
                 let accept = |hit: &BlasHit| opaque(id, hit);
                 let start = start(id);
-                Trace::<S, ANY> { simd, bundle, rays: &rays, chunk, start, blas, accept: &accept }.run();
+                PacketTraversal::<S, ANY> { simd, packet, rays: &rays, chunk, start, blas, accept: &accept }
+                    .run();
                 if keep && place == 0 {
-                    recorder.record(bundle);
+                    recorder.record(packet);
                 }
             }
-            traced += bundle.traced();
-            done(bundle);
+            traced += packet.traced();
+            done(packet);
         }
-        if let Memory::Vacant(slot) = memory {
-            *slot = Some(Box::new(recorder.remembered()));
+        if let SelfHitCache::Empty(slot) = memory {
+            *slot = Some(Box::new(recorder.self_hits()));
         }
         (alone, traced)
     }
 }
 
-/// Placement of the space that a seat is in.
-fn home_of(bodies: &Tlas, seat: &Seat) -> Placement {
-    let body = seat.body.and_then(|id| bodies.list().get(id.index()));
+/// Returns the placement of the space that a ray frame is in.
+fn home_of(bodies: &Tlas, ray_frame: &RayFrame) -> Placement {
+    let body = ray_frame.body.and_then(|id| bodies.list().get(id.index()));
     body.map_or(Placement::IDENTITY, |body| body.placement)
 }
 
 /// The start of the rays in the space of another body.
-fn from_home(home: &Placement, body: &Placement, frame: &Mat3, in_world: Vec3) -> Start {
-    Start { turn: body.rotation.transpose() * (home.rotation * *frame), origin: body.local_point(in_world) }
+fn from_home(home: &Placement, body: &Placement, frame: &Mat3, in_world: Vec3) -> PacketOrigin {
+    PacketOrigin {
+        turn: body.rotation.transpose() * (home.rotation * *frame),
+        origin: body.local_point(in_world),
+    }
 }
 
 #[cfg(test)]
@@ -297,8 +308,8 @@ mod tests {
         Tracer::new(AoSettings { rays, kind, ..AoSettings::default() }).unwrap()
     }
 
-    fn trace(tracer: &Tracer, bodies: &Tlas, point: u32, seat: &Seat) -> Traced {
-        tracer.trace(bodies, point, seat, &|_, _| true, Memory::None, &mut Scratch::default())
+    fn trace(tracer: &Tracer, bodies: &Tlas, point: u32, ray_frame: &RayFrame) -> PointAo {
+        tracer.trace(bodies, point, ray_frame, &|_, _| true, SelfHitCache::Off, &mut Scratch::default())
     }
 
     fn floor(half: f32) -> Vec<[Vec3; 3]> {
@@ -306,18 +317,23 @@ mod tests {
         vec![[at(-1.0, -1.0), at(1.0, 1.0), at(1.0, -1.0)], [at(-1.0, -1.0), at(-1.0, 1.0), at(1.0, 1.0)]]
     }
 
-    fn on_floor(body: u32) -> Seat {
+    fn on_floor(body: u32) -> RayFrame {
         let body = Some(BodyId::new(body));
-        Seat { body, position: Vec3::new(0.1, 0.0, 0.2), normal: Vec3::Y, edge: Vec3::X }
+        RayFrame { body, position: Vec3::new(0.1, 0.0, 0.2), normal: Vec3::Y, edge: Vec3::X }
     }
 
     /// The slow, obvious twin: each ray alone against every triangle of every body.
-    fn naive_ao(tracer: &Tracer, bodies: &[(Vec<[Vec3; 3]>, Placement)], point: u32, seat: &Seat) -> f32 {
-        let home = seat.body.and_then(|id| bodies.get(id.index()));
+    fn naive_ao(
+        tracer: &Tracer,
+        bodies: &[(Vec<[Vec3; 3]>, Placement)],
+        point: u32,
+        ray_frame: &RayFrame,
+    ) -> f32 {
+        let home = ray_frame.body.and_then(|id| bodies.get(id.index()));
         let home = home.map_or(Placement::IDENTITY, |(_, placement)| *placement);
-        let frame = tangent_frame(seat.normal, seat.edge);
+        let frame = tangent_frame(ray_frame.normal, ray_frame.edge);
         let settings = tracer.settings();
-        let origin = home.point(seat.position + seat.normal * settings.bias());
+        let origin = home.point(ray_frame.position + ray_frame.normal * settings.bias());
         let rays = tracer.sets.of(point);
         let mut sum = 0.0;
         for ray in 0..rays.set.rays() {
@@ -351,10 +367,10 @@ mod tests {
     #[test]
     fn inside_a_closed_box_every_ray_hits() {
         let bodies = Tlas::new(vec![body(&naive::cube(0.2), Placement::IDENTITY)]);
-        let seat = Seat { position: Vec3::new(0.02, -0.2, 0.05), ..on_floor(0) };
+        let ray_frame = RayFrame { position: Vec3::new(0.02, -0.2, 0.05), ..on_floor(0) };
         for point in 0..50 {
-            assert_eq!(trace(&tracer(192, Occlusion::Binary), &bodies, point, &seat).ao, 0.0);
-            let ao = trace(&tracer(192, Occlusion::Obscurance), &bodies, point, &seat).ao;
+            assert_eq!(trace(&tracer(192, Occlusion::Binary), &bodies, point, &ray_frame).ao, 0.0);
+            let ao = trace(&tracer(192, Occlusion::Obscurance), &bodies, point, &ray_frame).ao;
             assert!(ao > 0.3 && ao < 0.9, "{ao}");
         }
     }
@@ -369,8 +385,8 @@ mod tests {
         let tracer = Tracer::new(settings).unwrap();
         // The lifted origin (16 m) shares the direction space: put it at the wall's height zero.
         let position = Vec3::new(0.0, -settings.bias(), 0.0);
-        let seat = Seat { body: None, position, normal: Vec3::Y, edge: Vec3::X };
-        let mean = (0..40).map(|point| trace(&tracer, &bodies, point, &seat).ao).sum::<f32>() / 40.0;
+        let ray_frame = RayFrame { body: None, position, normal: Vec3::Y, edge: Vec3::X };
+        let mean = (0..40).map(|point| trace(&tracer, &bodies, point, &ray_frame).ao).sum::<f32>() / 40.0;
         assert!((mean - 0.5).abs() < 0.003, "{mean}");
     }
 
@@ -379,12 +395,12 @@ mod tests {
         let mut triangles = floor(3.0);
         triangles.extend(naive::cube(0.15).iter().map(|t| t.map(|c| c + Vec3::new(0.35, 0.15, 0.1))));
         let bodies = Tlas::new(vec![body(&triangles, Placement::IDENTITY)]);
-        let seat = on_floor(0);
-        let truth = trace(&tracer(65_536, Occlusion::Obscurance), &bodies, 0, &seat).ao;
+        let ray_frame = on_floor(0);
+        let truth = trace(&tracer(65_536, Occlusion::Obscurance), &bodies, 0, &ray_frame).ao;
         assert!(truth < 0.99);
         let error = |rays: u32| {
             let tracer = tracer(rays, Occlusion::Obscurance);
-            let square = |point| (trace(&tracer, &bodies, point, &seat).ao - truth).powi(2);
+            let square = |point| (trace(&tracer, &bodies, point, &ray_frame).ao - truth).powi(2);
             ((0..64).map(square).sum::<f32>() / 64.0).sqrt()
         };
         let (few, many) = (error(16), error(512));
@@ -397,13 +413,13 @@ mod tests {
         let tracer = tracer(192, Occlusion::Obscurance);
         let mut triangles = naive::cube(0.2);
         triangles.extend(floor(0.5).iter().map(|t| t.map(|c| c - Vec3::Y * 0.2)));
-        let seat = Seat { position: Vec3::new(0.3, -0.2, 0.0), edge: Vec3::Z, ..on_floor(0) };
-        let still = trace(&tracer, &Tlas::new(vec![body(&triangles, Placement::IDENTITY)]), 9, &seat);
+        let ray_frame = RayFrame { position: Vec3::new(0.3, -0.2, 0.0), edge: Vec3::Z, ..on_floor(0) };
+        let still = trace(&tracer, &Tlas::new(vec![body(&triangles, Placement::IDENTITY)]), 9, &ray_frame);
         assert!(still.ao < 1.0);
         for step in 1..20 {
             let rotation = Mat3::from_rotation_y(0.3 * step as f32) * Mat3::from_rotation_x(0.1);
             let placement = Placement { rotation, translation: Vec3::splat(step as f32) };
-            assert_eq!(trace(&tracer, &Tlas::new(vec![body(&triangles, placement)]), 9, &seat), still);
+            assert_eq!(trace(&tracer, &Tlas::new(vec![body(&triangles, placement)]), 9, &ray_frame), still);
         }
     }
 
@@ -422,8 +438,10 @@ mod tests {
             for kind in [Occlusion::Obscurance, Occlusion::Binary] {
                 let tracer = tracer(rays, kind);
                 let mut scratch = Scratch::default();
-                let shut = tracer.trace(&bodies, 1, &on_floor(0), &|_, _| true, Memory::None, &mut scratch);
-                let open = tracer.trace(&bodies, 1, &on_floor(0), &|_, _| false, Memory::None, &mut scratch);
+                let shut =
+                    tracer.trace(&bodies, 1, &on_floor(0), &|_, _| true, SelfHitCache::Off, &mut scratch);
+                let open =
+                    tracer.trace(&bodies, 1, &on_floor(0), &|_, _| false, SelfHitCache::Off, &mut scratch);
                 assert!(shut.ao < 0.8 && open.ao > shut.ao);
                 assert_eq!(open, trace(&tracer, &plain, 1, &on_floor(0)));
                 assert_eq!(shut, trace(&tracer, &whole, 1, &on_floor(0)));
@@ -437,10 +455,10 @@ mod tests {
             &floor(1.0),
             Placement { translation: Vec3::Y * 9.0, ..Placement::IDENTITY },
         )]);
-        let seat = Seat { body: None, ..on_floor(0) };
+        let ray_frame = RayFrame { body: None, ..on_floor(0) };
         assert_eq!(
-            trace(&tracer(192, Occlusion::Obscurance), &bodies, 0, &seat),
-            Traced { ao: 1.0, alone: true, rays: 0 }
+            trace(&tracer(192, Occlusion::Obscurance), &bodies, 0, &ray_frame),
+            PointAo { ao: 1.0, alone: true, rays: 0 }
         );
     }
 
@@ -461,22 +479,22 @@ mod tests {
             }).collect();
             let home = home.filter(|&home| (home as usize) < list.len()).map(BodyId::new);
             let normal = Vec3::from(normal).normalize_or(Vec3::X);
-            let seat = Seat { body: home, position: position.into(), normal, edge: Vec3::new(0.3, 0.4, 0.5) };
+            let ray_frame = RayFrame { body: home, position: position.into(), normal, edge: Vec3::new(0.3, 0.4, 0.5) };
             let bodies = Tlas::new(list.iter().map(|(t, p)| body(t, *p)).collect());
-            let fast = trace(&tracer, &bodies, point, &seat).ao;
+            let fast = trace(&tracer, &bodies, point, &ray_frame).ao;
             let mut distances = Vec::new();
-            tracer.distances(&bodies, point, &seat, &mut Scratch::default(), &mut distances);
+            tracer.distances(&bodies, point, &ray_frame, &mut Scratch::default(), &mut distances);
             for instructions in Instructions::all() {
                 let other = tracer.clone().with_instructions(instructions);
-                prop_assert_eq!(trace(&other, &bodies, point, &seat).ao.to_bits(), fast.to_bits());
+                prop_assert_eq!(trace(&other, &bodies, point, &ray_frame).ao.to_bits(), fast.to_bits());
                 let mut found = Vec::new();
-                other.distances(&bodies, point, &seat, &mut Scratch::default(), &mut found);
+                other.distances(&bodies, point, &ray_frame, &mut Scratch::default(), &mut found);
                 prop_assert_eq!(&found, &distances);
             }
-            let (origin, directions) = tracer.rays(&bodies, point, &seat);
+            let (origin, directions) = tracer.rays(&bodies, point, &ray_frame);
             prop_assert_eq!((distances.len(), directions.len()), (rays as usize, rays as usize));
-            prop_assert!((origin - home_of(&bodies, &seat).point(tracer.origin(&seat))).length() < 1e-5);
-            let slow = naive_ao(&tracer, &list, point, &seat);
+            prop_assert!((origin - home_of(&bodies, &ray_frame).point(tracer.origin(&ray_frame))).length() < 1e-5);
+            let slow = naive_ao(&tracer, &list, point, &ray_frame);
             // The twin rounds its directions in another order: a ray that grazes an edge may fall either way.
             prop_assert!((fast - slow).abs() <= 1e-4 + 1.01 / rays as f32 * f32::from(rays > 1), "{} {}", fast, slow);
         }

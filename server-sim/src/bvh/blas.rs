@@ -47,9 +47,13 @@ impl Blas {
     }
 
     /// Bytes held, itself included.
-    pub(crate) fn held(&self) -> usize {
+    pub(crate) fn heap_bytes(&self) -> usize {
         let Self { tree, wides, blocks, masked } = self;
-        size_of::<Self>() + tree.held() + memory::list(wides) + memory::list(blocks) + memory::list(masked)
+        size_of::<Self>()
+            + tree.heap_bytes()
+            + memory::list(wides)
+            + memory::list(blocks)
+            + memory::list(masked)
     }
 
     /// Marks the triangles whose hits must ask for the texel.

@@ -105,8 +105,8 @@ impl Tlas {
     }
 
     /// Bytes held, but for what bodies share.
-    pub(crate) fn held(&self) -> usize {
-        memory::list(&self.list) + self.top.held()
+    pub(crate) fn heap_bytes(&self) -> usize {
+        memory::list(&self.list) + self.top.heap_bytes()
     }
 
     #[inline(always)]

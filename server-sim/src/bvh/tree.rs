@@ -60,7 +60,7 @@ pub(crate) struct Tree {
 
 impl Tree {
     /// Bytes held.
-    pub(super) fn held(&self) -> usize {
+    pub(super) fn heap_bytes(&self) -> usize {
         memory::list(&self.nodes) + memory::list(&self.order)
     }
 

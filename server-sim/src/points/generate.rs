@@ -101,12 +101,12 @@ fn spread(
 impl ScenePoints {
     /// The sets of a scene's meshes.
     fn new(scene: &Scene, sets: Vec<PointSet>) -> Self {
-        let mut firsts = vec![0u32];
+        let mut offsets = vec![0u32];
         for instance in scene.instances() {
-            let next = firsts[firsts.len() - 1] + sets[instance.rest().index()].points.len() as u32;
-            firsts.push(next);
+            let next = offsets[offsets.len() - 1] + sets[instance.rest().index()].points.len() as u32;
+            offsets.push(next);
         }
-        Self { sets, firsts }
+        Self { sets, offsets }
     }
 }
 
@@ -242,7 +242,7 @@ mod tests {
         let scene = colonnade();
         let made = points(20.0, 100, 1).unwrap();
         assert_eq!(made.sets().len(), scene.rests().len());
-        for (instance, range) in scene.instances().iter().zip(made.firsts().windows(2)) {
+        for (instance, range) in scene.instances().iter().zip(made.offsets().windows(2)) {
             let set = &made.sets()[instance.rest().index()];
             assert_eq!((range[1] - range[0]) as usize, set.points().len());
             let wanted = (set.area() * 20.0).max(100.0);
@@ -250,7 +250,7 @@ mod tests {
             assert!(found >= wanted && found <= wanted + 2.0, "{}: {found} of {wanted}", instance.name());
             assert!(set.radius() > 0.0);
         }
-        assert_eq!(made.total(), *made.firsts().last().unwrap());
+        assert_eq!(made.total(), *made.offsets().last().unwrap());
     }
 
     #[test]

@@ -14,7 +14,7 @@ pub use cache::{EntryError, PointCache, PointKey};
 pub use eliminate::{eliminate, poisson_radius};
 pub use generate::{generate, generate_cached};
 pub use place::PlacedPoint;
-pub use rest::{Fineness, ShareError, order_at_rest, rest_points, share};
+pub use rest::{GeometryPrecision, ShareError, order_at_rest, rest_points, share};
 
 /// Most points of a scene, all instances together.
 pub const MAX_POINTS: u64 = 64 << 20;
@@ -71,7 +71,7 @@ impl PointSet {
 #[derive(Clone, Debug)]
 pub struct ScenePoints {
     sets: Vec<PointSet>,
-    firsts: Vec<u32>,
+    offsets: Vec<u32>,
 }
 
 impl ScenePoints {
@@ -83,8 +83,8 @@ impl ScenePoints {
 
     /// First point id of every instance in order, then the number of all points.
     #[must_use]
-    pub fn firsts(&self) -> &[u32] {
-        &self.firsts
+    pub fn offsets(&self) -> &[u32] {
+        &self.offsets
     }
 
     /// Puts the points of a set into another order: `order` names, for each place, the point that goes there.
@@ -99,13 +99,13 @@ impl ScenePoints {
     pub fn memory_bytes(&self) -> usize {
         // Counted by length: how much room there is depends on whether the points come from a cache.
         let set = |set: &PointSet| size_of_val(set) + size_of_val(set.points()) + size_of_val(set.numbers());
-        self.sets.iter().map(set).sum::<usize>() + size_of_val(self.firsts())
+        self.sets.iter().map(set).sum::<usize>() + size_of_val(self.offsets())
     }
 
     /// Points of all instances together.
     #[must_use]
     pub fn total(&self) -> u32 {
-        self.firsts.last().copied().unwrap_or(0)
+        self.offsets.last().copied().unwrap_or(0)
     }
 }
 

@@ -46,7 +46,7 @@ impl CellsStream {
         layout: &Arc<Layout>,
         settings: &ServerSettings,
     ) -> Result<Self, ServerError> {
-        let counts: Vec<u32> = tracing.points.firsts().windows(2).map(|pair| pair[1] - pair[0]).collect();
+        let counts: Vec<u32> = tracing.points.offsets().windows(2).map(|pair| pair[1] - pair[0]).collect();
         Ok(Self {
             encoder: PaperEncoder::new(Arc::clone(layout), &counts)?,
             sent: Sent::new(tracing),
@@ -58,7 +58,7 @@ impl CellsStream {
     }
 
     /// Bytes held.
-    pub(super) fn held(&self) -> usize {
+    pub(super) fn heap_bytes(&self) -> usize {
         let Sent { ao, places } = &self.sent;
         let places = memory::list(places) + places.iter().map(memory::list).sum::<usize>();
         self.encoder.memory_bytes() + memory::list(ao) + places + memory::list(&self.changed)
@@ -84,7 +84,7 @@ impl CellsStream {
         let mut changed = Vec::new();
         for (place, _, ao) in tracing.field.visible(chunk) {
             let (at, number) = (&local[place], numbers[place]);
-            let id = tracing.points.firsts()[instance] + number;
+            let id = tracing.points.offsets()[instance] + number;
             let moved = || {
                 let sent = places.get(number as usize);
                 sent.is_some_and(|&sent| place_changed(grid, (at.position, at.normal), sent))
@@ -110,7 +110,7 @@ impl CellsStream {
         for (point, sample) in &self.changed {
             self.encoder.put(*point, sample)?;
         }
-        self.sent.remember(tracing.points.firsts(), &self.changed, self.layout.format());
+        self.sent.remember(tracing.points.offsets(), &self.changed, self.layout.format());
         self.encoder.retry_homeless();
         Ok(self.encoder.finish(meta, self.coder)?)
     }

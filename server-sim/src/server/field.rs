@@ -9,8 +9,8 @@ use glam::Vec3;
 use psao_codec::memory::list;
 use rayon::prelude::*;
 
-use super::hit_cache::{self, ChunkMemory};
-use crate::ao::Seat;
+use super::hit_cache::{self, ChunkHitCache};
+use crate::ao::RayFrame;
 use crate::bvh::Bounds;
 use crate::points::{PlacedPoint, ScenePoints};
 use crate::scene::{InstanceId, Motion, PosedMesh};
@@ -39,7 +39,7 @@ pub(super) struct Chunk {
     pub(super) first: u32,
     /// Places within the instance.
     pub(super) points: Range<usize>,
-    /// Bounds in the space of the seats; of instances that do not deform only.
+    /// Bounds in the space of the points' bodies; only of instances that do not deform.
     bounds: Bounds,
 }
 
@@ -50,7 +50,7 @@ pub(super) struct Part<'a> {
     pub(super) ao: &'a mut [u8],
     /// Empty unless the field keeps them.
     pub(super) exact: &'a mut [f32],
-    pub(super) memory: &'a mut ChunkMemory,
+    pub(super) memory: &'a mut ChunkHitCache,
 }
 
 /// The points of a scene.
@@ -62,7 +62,7 @@ pub(super) struct Field {
     /// AO as traced, not rounded; empty unless asked for.
     exact: Vec<f32>,
     /// What rays met, by chunk.
-    memories: Vec<ChunkMemory>,
+    memories: Vec<ChunkHitCache>,
     /// Points in instance-local space, by instance; those of instances that do not deform are shared by set.
     places: Vec<Places>,
     shared: Vec<Vec<PlacedPoint>>,
@@ -125,7 +125,7 @@ impl Field {
             field.worlds.push(placed);
             let count = points.sets()[rest].points().len();
             let ranges = (0..count).step_by(CHUNK).map(|start| start..count.min(start + CHUNK));
-            let first = |start: usize| points.firsts()[index] + start as u32;
+            let first = |start: usize| points.offsets()[index] + start as u32;
             field.chunks.extend(ranges.map(|points| Chunk {
                 instance: index,
                 first: first(points.start),
@@ -133,14 +133,14 @@ impl Field {
                 bounds: Bounds::EMPTY,
             }));
         }
-        field.memories.resize_with(field.chunks.len(), ChunkMemory::default);
+        field.memories.resize_with(field.chunks.len(), ChunkHitCache::default);
         field.place(world, points, true);
         field.measure(|_| true);
         field
     }
 
     /// Bytes held, but for what points remember of their rays.
-    pub(super) fn held(&self) -> usize {
+    pub(super) fn heap_bytes(&self) -> usize {
         let Self { chunks, flags, ao, exact, memories, places, shared, worlds, .. } = self;
         let own = |places: &Places| match places {
             Places::Shared(_) => 0,
@@ -154,26 +154,26 @@ impl Field {
         list(chunks) + known + list(memories) + places + placed(shared) + placed(worlds)
     }
 
-    /// Measures the chunks of some instances in the space of their seats.
+    /// Measures the chunks of some instances in the space of their bodies.
     fn measure(&mut self, of: impl Fn(usize) -> bool) {
         let mut chunks = std::mem::take(&mut self.chunks);
         for chunk in chunks.iter_mut().filter(|chunk| of(chunk.instance)) {
-            let seats = &self.placed().seats(chunk.instance)[chunk.points.clone()];
-            chunk.bounds = Bounds::around(seats.iter().map(|point| point.position));
+            let placed = &self.placed().in_body_space(chunk.instance)[chunk.points.clone()];
+            chunk.bounds = Bounds::around(placed.iter().map(|point| point.position));
         }
         self.chunks = chunks;
     }
 
-    /// Places the points of instances that deformed, and seats those of instances that left the body of the still ones
-    /// in their own.
+    /// Places the points of instances that deformed. Moves those of detached instances from the space of the world to that
+    /// of their own body.
     pub(super) fn place(&mut self, world: &SceneBvh, points: &ScenePoints, all: bool) {
-        let left = |instance: usize| matches!(world.changes()[instance], InstanceChange::Detached(_));
-        if (0..self.worlds.len()).any(left) {
+        let detached = |instance: usize| matches!(world.changes()[instance], InstanceChange::Detached(_));
+        if (0..self.worlds.len()).any(detached) {
             (0..)
                 .zip(&mut self.worlds)
-                .filter(|(instance, _)| left(*instance))
-                .for_each(|(_, seats)| seats.clear());
-            self.measure(left);
+                .filter(|(instance, _)| detached(*instance))
+                .for_each(|(_, placed)| placed.clear());
+            self.measure(detached);
         }
         let all = all || !self.rigid;
         self.places.par_iter_mut().enumerate().for_each(|(instance, places)| {
@@ -227,7 +227,7 @@ impl Field {
     pub(super) fn mark(&mut self, world: &SceneBvh, views: Option<&Views>, bias: f32, reach: f32) {
         let dirty = DirtyRegions {
             swept: world.changes().iter().filter_map(InstanceChange::swept).collect(),
-            left: world.changes().iter().any(|change| matches!(change, InstanceChange::Detached(_))),
+            detached: world.changes().iter().any(|change| matches!(change, InstanceChange::Detached(_))),
             bias,
             reach,
         };
@@ -274,11 +274,11 @@ impl Field {
     }
 }
 
-/// What happened to the world since the last frame, and how far away it counts.
+/// Regions that changed since the last frame, and the distance within which they invalidate AO.
 struct DirtyRegions<'a> {
     swept: Vec<&'a SweptBounds>,
-    /// Whether some instance left the body that the still ones share.
-    left: bool,
+    /// Whether some instance was moved out of a static batch.
+    detached: bool,
     bias: f32,
     reach: f32,
 }
@@ -301,21 +301,21 @@ impl<'a> Placed<'a> {
     }
 
     /// Points of an instance in the space of its body: the world for still ones, else its own.
-    fn seats(&self, instance: usize) -> &'a [PlacedPoint] {
+    fn in_body_space(&self, instance: usize) -> &'a [PlacedPoint] {
         if self.worlds[instance].is_empty() { self.local(instance) } else { &self.worlds[instance] }
     }
 
-    /// Seat of a point for tracing.
-    pub(super) fn seat(&self, world: &SceneBvh, instance: usize, point: usize) -> Seat {
-        let PlacedPoint { position, normal, edge } = self.seats(instance)[point];
-        Seat { body: world.body(instance), position, normal, edge }
+    /// Returns the frame of a point's rays.
+    pub(super) fn ray_frame(&self, world: &SceneBvh, instance: usize, point: usize) -> RayFrame {
+        let PlacedPoint { position, normal, edge } = self.in_body_space(instance)[point];
+        RayFrame { body: world.body(instance), position, normal, edge }
     }
 
     /// Points of a chunk with the world position of each.
     fn in_world(&self, world: &SceneBvh, chunk: &Chunk) -> impl Iterator<Item = (Vec3, Vec3)> + 'a {
         let still = world.is_still(chunk.instance);
         let at = world.placement(InstanceId(chunk.instance as u32));
-        self.seats(chunk.instance)[chunk.points.clone()].iter().map(move |point| {
+        self.in_body_space(chunk.instance)[chunk.points.clone()].iter().map(move |point| {
             if still {
                 (point.position, point.normal)
             } else {
@@ -366,10 +366,10 @@ impl Part<'_> {
         }
     }
 
-    /// Takes freshness from points whose AO may have changed: their instance moved, or bounds of one that moved,
-    /// before or after, touch the ball that their rays reach.
+    /// Marks points as stale whose AO may have changed: their instance moved, or swept bounds touch the ball that their
+    /// rays reach.
     fn invalidate(&mut self, placed: &Placed<'_>, world: &SceneBvh, dirty: &DirtyRegions<'_>) {
-        let DirtyRegions { swept, left, bias, reach } = dirty;
+        let DirtyRegions { swept, detached, bias, reach } = dirty;
         match world.changes()[self.chunk.instance] {
             InstanceChange::Unchanged => {}
             InstanceChange::Moved(_) => {
@@ -391,7 +391,7 @@ impl Part<'_> {
             return;
         }
         // A point that had the body of the still ones to itself had that of an instance that has left it, too.
-        let kept = if *left && world.is_still(self.chunk.instance) {
+        let kept = if *detached && world.is_still(self.chunk.instance) {
             self.memory.clear();
             !(flag::FRESH | flag::ALONE)
         } else {

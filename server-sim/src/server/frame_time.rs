@@ -9,7 +9,7 @@ const PLANNED: f64 = 0.85;
 
 /// Turns a time for each frame into rays for each frame.
 #[derive(Clone, Debug)]
-pub struct Pacing {
+pub struct FrameTimeController {
     /// Microseconds a frame may take.
     frame: f64,
     /// Microseconds a ray takes; nothing before any was traced.
@@ -18,7 +18,7 @@ pub struct Pacing {
     rest: f64,
 }
 
-impl Pacing {
+impl FrameTimeController {
     /// Frames may take `micros` each.
     #[must_use]
     pub fn new(micros: u64) -> Self {
@@ -61,7 +61,7 @@ mod tests {
 
     #[test]
     fn rays_fill_what_is_left_of_the_time() {
-        let mut pacing = Pacing::new(16_667);
+        let mut pacing = FrameTimeController::new(16_667);
         assert_eq!(pacing.rays(), None);
         pacing.learn(&frame(1_000_000, 50_000, 900_000, true));
         assert_eq!(pacing.rays(), Some((16_667.0 * PLANNED / 0.05) as u64));
@@ -77,12 +77,12 @@ mod tests {
 
     #[test]
     fn there_are_always_some() {
-        let mut pacing = Pacing::new(1_000);
+        let mut pacing = FrameTimeController::new(1_000);
         for _ in 0..100 {
             pacing.learn(&frame(10, 1_000_000, 5_000, false));
         }
         assert_eq!(pacing.rays(), Some(1));
-        let mut pacing = Pacing::new(u64::MAX);
+        let mut pacing = FrameTimeController::new(u64::MAX);
         pacing.learn(&frame(10, 0, 0, false));
         assert_eq!(pacing.rays(), Some(u64::MAX));
     }

@@ -5,7 +5,7 @@ use psao_codec::frame::{FrameIndex, StreamTime};
 use psao_codec::stream::StateRef;
 use psao_proto::message::{CameraPose, Edit};
 
-use super::stats::{Lap, Traces};
+use super::stats::{Lap, TraceTotals};
 use super::stream::{Frame, Stream};
 use super::surface::{Gathered, SurfaceStream};
 use super::tracing::Tracing;
@@ -34,7 +34,7 @@ pub struct TracedFrame {
     time: StreamTime,
     first: bool,
     gathered: Gathered,
-    traces: Traces,
+    traces: TraceTotals,
     micros: StageMicros,
 }
 

@@ -1,6 +1,6 @@
 //! What points near moving things remember of their rays, within a bound.
 
-use crate::ao::{Memory, Remembered};
+use crate::ao::{SelfHitCache, SelfHits};
 
 /// Frames in which no point of a chunk was traced, after which the chunk forgets: things that pass come back soon or not
 /// for a long time.
@@ -8,28 +8,28 @@ const FORGET_AFTER: u16 = 240;
 
 /// What the points of a chunk remember.
 #[derive(Debug, Default)]
-pub(super) struct ChunkMemory {
+pub(super) struct ChunkHitCache {
     /// By point; empty when nothing is remembered.
-    points: Vec<Option<Box<Remembered>>>,
+    points: Vec<Option<Box<SelfHits>>>,
     /// Frames since a point was traced.
     idle: u16,
     bytes: usize,
 }
 
-impl ChunkMemory {
+impl ChunkHitCache {
     /// What is known of a point of a chunk of `count`, or where to put it, if `keep` says so.
-    pub(super) fn of(&mut self, point: usize, count: usize, keep: bool) -> Memory<'_> {
+    pub(super) fn of(&mut self, point: usize, count: usize, keep: bool) -> SelfHitCache<'_> {
         if self.points.is_empty() {
             if !keep {
-                return Memory::None;
+                return SelfHitCache::Off;
             }
             self.points.resize_with(count, || None);
         }
         self.idle = 0;
         match &mut self.points[point] {
-            Some(known) => Memory::Known(known),
-            vacant if keep => Memory::Vacant(vacant),
-            _ => Memory::None,
+            Some(known) => SelfHitCache::Filled(known),
+            vacant if keep => SelfHitCache::Empty(vacant),
+            _ => SelfHitCache::Off,
         }
     }
 
@@ -57,8 +57,8 @@ impl ChunkMemory {
 
 /// Ends a frame for all chunks: bytes that are remembered afterwards. More than `limit` are forgotten at once, those that
 /// were of no use for longest first.
-pub(super) fn settle(chunks: &mut [ChunkMemory], limit: usize) -> usize {
-    let mut bytes: usize = chunks.iter_mut().map(ChunkMemory::rest).sum();
+pub(super) fn settle(chunks: &mut [ChunkHitCache], limit: usize) -> usize {
+    let mut bytes: usize = chunks.iter_mut().map(ChunkHitCache::rest).sum();
     if bytes > limit {
         let mut order: Vec<usize> = (0..chunks.len()).filter(|&chunk| chunks[chunk].bytes > 0).collect();
         order.sort_by_key(|&chunk| std::cmp::Reverse(chunks[chunk].idle));
@@ -77,35 +77,35 @@ pub(super) fn settle(chunks: &mut [ChunkMemory], limit: usize) -> usize {
 mod tests {
     use super::*;
 
-    fn remember(memory: &mut ChunkMemory, point: usize) {
-        let Memory::Vacant(slot) = memory.of(point, 8, true) else { panic!("there is room") };
+    fn remember(memory: &mut ChunkHitCache, point: usize) {
+        let SelfHitCache::Empty(slot) = memory.of(point, 8, true) else { panic!("there is room") };
         *slot = Some(Box::default());
     }
 
     #[test]
     fn what_is_of_no_use_for_long_is_forgotten() {
-        let mut chunks = [ChunkMemory::default(), ChunkMemory::default()];
+        let mut chunks = [ChunkHitCache::default(), ChunkHitCache::default()];
         chunks.iter_mut().for_each(|chunk| remember(chunk, 3));
         let both = settle(&mut chunks, usize::MAX);
         for _ in 0..FORGET_AFTER {
-            assert!(matches!(chunks[0].of(3, 8, false), Memory::Known(_)));
-            assert!(matches!(chunks[0].of(4, 8, false), Memory::None));
+            assert!(matches!(chunks[0].of(3, 8, false), SelfHitCache::Filled(_)));
+            assert!(matches!(chunks[0].of(4, 8, false), SelfHitCache::Off));
             settle(&mut chunks, usize::MAX);
         }
         assert_eq!(settle(&mut chunks, usize::MAX), both / 2);
-        assert!(matches!(chunks[1].of(3, 8, false), Memory::None));
+        assert!(matches!(chunks[1].of(3, 8, false), SelfHitCache::Off));
     }
 
     #[test]
     fn the_limit_is_kept_by_forgetting_the_idlest() {
-        let mut chunks = [ChunkMemory::default(), ChunkMemory::default()];
+        let mut chunks = [ChunkHitCache::default(), ChunkHitCache::default()];
         chunks.iter_mut().for_each(|chunk| remember(chunk, 0));
         let both = settle(&mut chunks, usize::MAX);
         remember(&mut chunks[1], 1);
         let left = settle(&mut chunks, both);
         assert!(left > both / 2 && left <= both);
-        assert!(matches!(chunks[0].of(0, 8, false), Memory::None));
-        assert!(matches!(chunks[1].of(1, 8, false), Memory::Known(_)));
+        assert!(matches!(chunks[0].of(0, 8, false), SelfHitCache::Off));
+        assert!(matches!(chunks[1].of(1, 8, false), SelfHitCache::Filled(_)));
         assert_eq!(settle(&mut chunks, 0), 0);
     }
 }

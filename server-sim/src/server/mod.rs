@@ -33,11 +33,11 @@ use psao_proto::message::{CameraPose, Edit};
 use psao_proto::{Limits, Profile, SceneError, SceneTable};
 use thiserror::Error;
 
-pub use both_profiles::{AoError, BothProfiles, Each};
-pub use frame_time::Pacing;
+pub use both_profiles::{AoErrorStats, BothProfiles, PerProfile};
+pub use frame_time::FrameTimeController;
 pub use halves::{TracedFrame, TracingHalf, WritingHalf};
 pub use memory::ServerMemory;
-pub use ray_scheduler::{RayBudget, Waiting};
+pub use ray_scheduler::{RayBacklog, RayBudget};
 pub use settings::{ServerSettings, SettingsError};
 pub use stats::{FrameStats, Progress, StageMicros, Work};
 
@@ -170,7 +170,7 @@ impl Server {
         let limits = Limits::default();
         let mut geometry = Vec::new();
         let table = if settings.profile == Profile::SURFACE {
-            geometry = order_at_rest(&scene, &mut points, settings.fineness()?, settings.kernel);
+            geometry = order_at_rest(&scene, &mut points, settings.precision()?, settings.kernel);
             surface::table(&scene, &points, &geometry, &settings, &limits)?
         } else {
             grids::table(&scene, &points, &settings, &limits)?
@@ -218,7 +218,7 @@ impl Server {
     }
 
     /// Sets how many rays frames may take from the next step on: for live servers, which learn what they have time for
-    /// ([`Pacing`]). The bytes then depend on what was set when.
+    /// ([`FrameTimeController`]). The bytes then depend on what was set when.
     ///
     /// # Errors
     /// [`SettingsError::RayBudget`].
@@ -229,7 +229,7 @@ impl Server {
     /// Bytes of memory held now, by part.
     #[must_use]
     pub fn memory(&self) -> ServerMemory {
-        ServerMemory { stream: self.stream.held(), ..self.tracing.held() }
+        ServerMemory { stream: self.stream.heap_bytes(), ..self.tracing.heap_bytes() }
     }
 
     /// The edits in force from the next step on.

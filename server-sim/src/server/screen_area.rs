@@ -12,11 +12,11 @@ const UNIT: f32 = (1 << 21) as f32;
 const OUT_OF_VIEW: f32 = 1.0 / 8.0;
 
 /// The cameras of a frame.
-pub(super) struct Nearness {
+pub(super) struct ScreenArea {
     eyes: Vec<(Vec3, Option<View>)>,
 }
 
-impl Nearness {
+impl ScreenArea {
     pub(super) fn new(cameras: &[CameraPose]) -> Self {
         Self { eyes: cameras.iter().map(|camera| (camera.eye.into(), View::new(camera, 1.0))).collect() }
     }
@@ -45,7 +45,7 @@ mod tests {
 
     #[test]
     fn points_count_as_the_square_of_their_size() {
-        let near = Nearness::new(&[camera([0.0; 3])]);
+        let near = ScreenArea::new(&[camera([0.0; 3])]);
         let ahead = |metres: f32| near.weight(Vec3::new(0.0, 0.0, -metres), 0.0625);
         assert_eq!([1.0, 2.0, 4.0, 16.0].map(ahead), [8192, 2048, 512, 32]);
         assert_eq!([0.0, 0.1, 1e9, f32::INFINITY, f32::NAN].map(ahead), [65_535, 65_535, 1, 1, 1]);
@@ -57,10 +57,10 @@ mod tests {
 
     #[test]
     fn the_camera_that_sees_it_best_decides() {
-        let near = Nearness::new(&[camera([0.0; 3]), camera([0.0, 0.0, 3.0])]);
+        let near = ScreenArea::new(&[camera([0.0; 3]), camera([0.0, 0.0, 3.0])]);
         // One metre ahead of the first; just behind the first, and ahead of the second.
         assert_eq!(near.weight(Vec3::new(0.0, 0.0, -1.0), 0.0625), 8192);
         assert_eq!(near.weight(Vec3::new(0.0, 0.0, 1.0), 0.0625), 2048);
-        assert_eq!(Nearness::new(&[]).weight(Vec3::ZERO, 0.0625), 1);
+        assert_eq!(ScreenArea::new(&[]).weight(Vec3::ZERO, 0.0625), 1);
     }
 }

@@ -11,8 +11,8 @@ use psao_proto::{Limits, SceneEntries, SceneTable};
 
 use super::field::Chunk;
 use super::grids::info;
-use super::screen_area::Nearness;
-use super::stats::{Lap, Traces};
+use super::screen_area::ScreenArea;
+use super::stats::{Lap, TraceTotals};
 use super::stream::{Decided, Frame};
 use super::tracing::Tracing;
 use super::{FrameStats, ServerError, ServerSettings, StageMicros, StepOutput};
@@ -62,7 +62,7 @@ impl SurfaceStream {
     }
 
     /// Bytes held.
-    pub(super) fn held(&self) -> usize {
+    pub(super) fn heap_bytes(&self) -> usize {
         self.encoder.memory_bytes() + memory::list(&self.cameras)
     }
 
@@ -90,7 +90,7 @@ impl SurfaceStream {
         gathered: Gathered,
         first: bool,
         frame: Frame<'_>,
-        traced: (Traces, StageMicros),
+        traced: (TraceTotals, StageMicros),
         lap: &mut Lap<'_>,
     ) -> Result<StepOutput, ServerError> {
         let changed = self.decide(gathered);
@@ -150,7 +150,7 @@ impl Gathered {
 
 /// Weight of every block: how large its points are on the screen.
 fn weights(tracing: &Tracing, cameras: &[CameraPose]) -> Vec<(u32, usize, u16)> {
-    let near = Nearness::new(cameras);
+    let near = ScreenArea::new(cameras);
     let mut weights = Vec::new();
     for Chunk { instance, points, .. } in tracing.field.chunks() {
         let at = tracing.world.placement(InstanceId(*instance as u32));

@@ -3,7 +3,7 @@
 mod bad_scenes;
 mod budget;
 mod edits;
-mod ration;
+mod ray_scheduler;
 mod shortcuts;
 
 use std::collections::BTreeMap;
@@ -148,7 +148,7 @@ fn bytes_do_not_depend_on_threads() {
 fn held_in_cells(server: &Server, state: &frame::State, instance: usize, place: usize) -> Option<u8> {
     let Stream::Cells(stream) = &server.stream else { panic!("not of profile paper") };
     let number = server.tracing.numbers(instance)[place];
-    let id = server.points().firsts()[instance] + number;
+    let id = server.points().offsets()[instance] + number;
     if stream.encoder.placement(id) != Some(Placement::Stored) {
         return None;
     }
@@ -283,7 +283,7 @@ fn points_of_deforming_instances_stay_inside_their_grids() {
 fn by_number(tracing: &Tracing) -> Vec<Option<u8>> {
     let mut found = vec![None; tracing.points.total() as usize];
     for chunk in tracing.field.chunks() {
-        let base = tracing.points.firsts()[chunk.instance];
+        let base = tracing.points.offsets()[chunk.instance];
         for (place, _, ao) in tracing.field.visible(chunk) {
             found[(base + tracing.numbers(chunk.instance)[place]) as usize] = Some(ao);
         }
@@ -321,7 +321,7 @@ fn both_profiles_at_once_write_what_each_writes_alone() {
         let mut both =
             BothProfiles::new(Arc::clone(&scene), &paper, BlockCoder::Range, None, Arc::new(|_| {})).unwrap();
         let mut clients = [&both.tables().paper, &both.tables().surface].map(|t| State::new(t.layout()));
-        let mut errors = Each::<AoError>::default();
+        let mut errors = PerProfile::<AoErrorStats>::default();
         for frame in 0..8 {
             let outputs = both.step(FrameIndex(frame), time(frame), &views(&scene, frame), &NoClock).unwrap();
             assert!(outputs.paper.body == alone[0][frame as usize], "paper, frame {frame}");

@@ -18,7 +18,7 @@ pub(crate) enum InstanceChange {
     Moved(SweptBounds),
     /// Its local geometry changed too.
     Deformed(SweptBounds),
-    /// It left the body that the still ones share, for one of its own: both are others than before.
+    /// It was moved out of the shared static BLAS into its own. Both BLASes changed.
     Detached(SweptBounds),
 }
 
@@ -102,10 +102,11 @@ impl DynamicInstance {
     }
 
     /// Bytes held; of the tree, only where it is not `rest`, which movers share.
-    pub(super) fn held(&self, rest: Option<&Arc<Blas>>) -> usize {
+    pub(super) fn heap_bytes(&self, rest: Option<&Arc<Blas>>) -> usize {
         let shared = rest.is_some_and(|rest| Arc::ptr_eq(rest, &self.blas));
-        let tree = if shared { 0 } else { self.blas.held() };
-        let shape = self.shape.as_ref().map_or(0, |shape| shape.geometry.held() + shape.spare.held());
+        let tree = if shared { 0 } else { self.blas.heap_bytes() };
+        let shape =
+            self.shape.as_ref().map_or(0, |shape| shape.geometry.heap_bytes() + shape.spare.heap_bytes());
         tree + memory::list(&self.parts) + memory::list(&self.cut) + shape
     }
 

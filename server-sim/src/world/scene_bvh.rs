@@ -227,18 +227,18 @@ impl SceneBvh {
             changes,
             ..
         } = self;
-        let stills: usize = static_batches.iter().map(StaticBatch::held).sum();
-        let at_rest: usize = rests.iter().flatten().map(|blas| blas.held()).sum();
+        let stills: usize = static_batches.iter().map(StaticBatch::heap_bytes).sum();
+        let at_rest: usize = rests.iter().flatten().map(|blas| blas.heap_bytes()).sum();
         let rest =
             |dynamic: &DynamicInstance| rests[scene.instances()[dynamic.instance].rest().index()].as_ref();
-        let moving: usize = dynamic_instances.iter().map(|dynamic| dynamic.held(rest(dynamic))).sum();
+        let moving: usize = dynamic_instances.iter().map(|dynamic| dynamic.heap_bytes(rest(dynamic))).sum();
         let swept = changes.iter().filter_map(InstanceChange::swept).map(|swept| memory::list(&swept.parts));
         let structures = memory::list(static_batches)
             + memory::list(rests)
             + memory::list(dynamic_instances)
             + memory::list(owners);
         let instances = memory::list(shared) + memory::list(instance_bodies) + memory::list(placements);
-        let trees = stills + at_rest + moving + bodies.held();
+        let trees = stills + at_rest + moving + bodies.heap_bytes();
         trees + structures + instances + memory::list(changes) + swept.sum::<usize>()
     }
 

@@ -54,8 +54,8 @@ impl StaticBatch {
     }
 
     /// Bytes held.
-    pub(super) fn held(&self) -> usize {
-        self.blas.held() + memory::list(&self.starts)
+    pub(super) fn heap_bytes(&self) -> usize {
+        self.blas.heap_bytes() + memory::list(&self.starts)
     }
 
     /// The instances that it was built of.

@@ -98,7 +98,7 @@ pub(super) fn measure(
     // Spreads the points, which takes a while and is shown.
     let first = Server::with_cache(Arc::clone(scene), *settings, Some(&points), show_progress());
     let first = first.map_err(refused)?;
-    let (total, firsts) = (first.points().total(), first.points().firsts().to_vec());
+    let (total, firsts) = (first.points().total(), first.points().offsets().to_vec());
     drop(first);
     let ways = WORK.len() + 1;
     let frames = u64::from(args.frames) * (u64::from(args.rounds) * ways as u64 + 2);

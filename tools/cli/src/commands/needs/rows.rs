@@ -23,7 +23,7 @@ pub(super) const WORK: [Work; Shortcuts::EACH.len()] = [
         why: "a rigid body sees itself as before",
     },
     Work {
-        shortcut: Shortcuts::REMEMBERED,
+        shortcut: Shortcuts::SELF_HITS,
         what: "rays against a point's own body",
         why: "it keeps its shape; hits are remembered",
     },

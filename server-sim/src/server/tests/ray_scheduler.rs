@@ -84,7 +84,7 @@ fn what_is_largest_on_the_screen_goes_first() {
         assert!(!of.is_empty());
         of.iter().sum::<f32>() / of.len() as f32
     };
-    let traced = mean(&|chunk| tracing.ration.is_chosen(chunk));
+    let traced = mean(&|chunk| tracing.scheduler.is_chosen(chunk));
     let waiting = mean(&|chunk| stale[chunk] > 0);
     assert!(traced < waiting, "traced at {traced} m, waiting at {waiting} m");
 }

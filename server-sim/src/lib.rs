@@ -38,6 +38,7 @@
 //! use glam::Vec3;
 //! use psao_server::ao::{AoSettings, Scratch, Tracer};
 //! use psao_server::world::SceneBvh;
+//! use psao_server::points::RayKey;
 //! use psao_server::scene::Scene;
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -48,7 +49,7 @@
 //! let surface = world.surface(&hit).ok_or("not of this world")?;
 //!
 //! let tracer = Tracer::new(AoSettings { rays: 512, ..AoSettings::default() })?;
-//! let ao = tracer.at(&world, 0, surface.position, surface.normal, &mut Scratch::default()).ao;
+//! let ao = tracer.at(&world, RayKey(0), surface.position, surface.normal, &mut Scratch::default()).ao;
 //! assert!(ao > 0.0 && ao <= 1.0);
 //! # Ok(())
 //! # }

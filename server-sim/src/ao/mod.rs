@@ -4,7 +4,9 @@
 
 mod frame;
 mod ray_packet;
+#[cfg(any(test, feature = "testing"))]
 mod ray_workload;
+#[cfg(any(test, feature = "testing"))]
 mod reference_tracer;
 mod samples;
 mod self_hits;
@@ -13,7 +15,11 @@ mod tracer;
 
 pub use crate::bvh::Instructions;
 pub use frame::tangent_frame;
+#[cfg(any(test, feature = "testing"))]
+#[doc(hidden)]
 pub use ray_workload::{Ray, RayWorkload};
+#[cfg(any(test, feature = "testing"))]
+#[doc(hidden)]
 pub use reference_tracer::ReferenceTracer;
 pub(crate) use self_hits::SelfHits;
 pub use settings::{AoError, AoSettings, MAX_RAYS, Occlusion};

@@ -9,7 +9,6 @@ use fearless_simd::prelude::*;
 use glam::{Mat3, Vec3};
 
 use super::samples::PointRays;
-use super::settings::Occlusion;
 use crate::bvh::{
     Blas, BlasHit, BlockCulling, BlockSetup, Child, Intersection, LANES, Lanes, Lanes3, Node, PACKET_GROUPS,
     Packed, Packed3, RayCone, TriangleSetup, Wide, bits,
@@ -181,11 +180,12 @@ impl RayPacket {
     }
 
     /// Distance of each ray's hit, 0 with binary occlusion, or infinity for none.
-    pub(super) fn distances(&self, kind: Occlusion) -> impl Iterator<Item = f32> {
+    #[cfg(any(test, feature = "testing"))]
+    pub(super) fn distances(&self, kind: super::settings::Occlusion) -> impl Iterator<Item = f32> {
         let all = self.best[..self.groups].iter().flat_map(Packed::array);
         let distance = move |&t: &f32| match t {
             t if t >= self.radius => f32::INFINITY,
-            _ if kind == Occlusion::Binary => 0.0,
+            _ if kind == super::settings::Occlusion::Binary => 0.0,
             t => t,
         };
         all.take(self.groups * LANES - self.padding).map(distance)

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::Vec3;
 
 use super::tracer::{RayFrame, Scratch, SelfHitCache, Tracer};
-use crate::points::ScenePoints;
+use crate::points::{PointInSet, RayKey, ScenePoints};
 use crate::random::{mix, unit};
 use crate::scene::{InstanceId, Scene};
 use crate::world::SceneBvh;
@@ -26,8 +26,8 @@ pub struct Ray {
 pub struct RayWorkload {
     world: SceneBvh,
     tracer: Tracer,
-    /// Number, which chooses the rays, and place of each point.
-    points: Vec<(u32, RayFrame)>,
+    /// Ray key and frame of each point.
+    points: Vec<(RayKey, RayFrame)>,
 }
 
 impl RayWorkload {
@@ -43,12 +43,12 @@ impl RayWorkload {
             let id = InstanceId(index as u32);
             let (Some(posed), true) = (world.posed(id), world.is_present(index)) else { continue };
             let set = &points.sets()[instance.rest().index()];
-            let first = points.offsets()[index];
+            let first = points.id(index, PointInSet(0)).0;
             let at = world.placement(id);
             while next < f64::from(first) + set.points().len() as f64 {
-                let point = (next as u32).saturating_sub(first) as usize;
+                let point = PointInSet((next as u32).saturating_sub(first));
                 next += step;
-                let Some(placed) = set.points().get(point).map(|point| point.place_on(&posed)) else {
+                let Some(placed) = set.points().get(point.index()).map(|point| point.place_on(&posed)) else {
                     continue;
                 };
                 let (mut position, mut normal, mut edge) = (placed.position, placed.normal, placed.edge);
@@ -56,7 +56,7 @@ impl RayWorkload {
                     (position, normal, edge) = (at.point(position), at.direction(normal), at.direction(edge));
                 }
                 let ray_frame = RayFrame { body: world.body(index), position, normal, edge };
-                taken.push((first + set.numbers()[point], ray_frame));
+                taken.push((points.ray_key(index, set, point), ray_frame));
             }
         }
         Self { world, tracer, points: taken }
@@ -79,10 +79,8 @@ impl RayWorkload {
     #[must_use]
     pub fn trace(&self, scratch: &mut Scratch) -> f64 {
         let bodies = self.world.bodies();
-        let ao = self.points.iter().map(|&(number, ray_frame)| {
-            f64::from(
-                self.tracer.trace(bodies, number, &ray_frame, &|_, _| true, SelfHitCache::Off, scratch).ao,
-            )
+        let ao = self.points.iter().map(|&(key, ray_frame)| {
+            f64::from(self.tracer.trace(bodies, key, &ray_frame, &|_, _| true, SelfHitCache::Off, scratch).ao)
         });
         ao.sum::<f64>() / self.points.len().max(1) as f64
     }
@@ -92,8 +90,8 @@ impl RayWorkload {
     #[must_use]
     pub fn distances(&self, scratch: &mut Scratch) -> Vec<f32> {
         let mut all = Vec::with_capacity(self.points.len() * self.tracer.settings().rays as usize);
-        for (number, ray_frame) in &self.points {
-            self.tracer.distances(self.world.bodies(), *number, ray_frame, scratch, &mut all);
+        for (key, ray_frame) in &self.points {
+            self.tracer.distances(self.world.bodies(), *key, ray_frame, scratch, &mut all);
         }
         all
     }
@@ -101,8 +99,8 @@ impl RayWorkload {
     /// All rays, in the order of [`RayWorkload::distances`].
     #[must_use]
     pub fn rays(&self) -> Vec<Ray> {
-        let rays = self.points.iter().flat_map(|(number, ray_frame)| {
-            let (origin, directions) = self.tracer.rays(self.world.bodies(), *number, ray_frame);
+        let rays = self.points.iter().flat_map(|(key, ray_frame)| {
+            let (origin, directions) = self.tracer.rays(self.world.bodies(), *key, ray_frame);
             let length = self.tracer.settings().radius;
             directions.into_iter().map(move |direction| Ray { origin, direction, length })
         });

@@ -5,11 +5,13 @@
 //! disk (Malley's method), so that every ray carries the same weight. Its rays are sorted into groups of eight that
 //! point roughly the same way.
 
+#[cfg(any(test, feature = "testing"))]
 use fearless_simd::{Level, dispatch};
 use glam::{Mat3, Vec3};
 use psao_codec::memory;
 
 use crate::bvh::{LANES, PACKET_GROUPS, Packed, Packed3, SPREAD_SLACK};
+use crate::points::RayKey;
 use crate::random::{Random, mix, substream, unit};
 
 /// Number of sets that are computed ahead.
@@ -68,8 +70,8 @@ impl SampleSets {
     }
 
     /// The rays of a point.
-    pub(crate) fn of(&self, point: u32) -> PointRays<'_> {
-        let hash = mix(self.seed ^ mix(u64::from(point).wrapping_add(0x5EED)));
+    pub(crate) fn of(&self, key: RayKey) -> PointRays<'_> {
+        let hash = mix(self.seed ^ mix(u64::from(key.0).wrapping_add(0x5EED)));
         let angle = unit(hash) * std::f32::consts::TAU;
         let set = &self.sets[(hash % SETS) as usize];
         PointRays { set, cos: libm::cosf(angle), sin: libm::sinf(angle) }
@@ -85,6 +87,7 @@ impl PointRays<'_> {
     }
 
     /// Directions of all rays after `turn`, the very ones that a packet has.
+    #[cfg(any(test, feature = "testing"))]
     pub(super) fn directions(&self, turn: &Mat3) -> Vec<Vec3> {
         let [x, y, z] = self.axes(turn);
         let turned = |group: &Packed3| dispatch!(Level::baseline(), simd => Packed3::from(group.load(simd).turned(x, y, z)));
@@ -270,9 +273,9 @@ mod tests {
     #[test]
     fn a_point_always_gets_the_same_rays_and_points_differ() {
         let (a, b) = (SampleSets::new(16, 3), SampleSets::new(16, 3));
-        assert_eq!(a.of(5).cos.to_bits(), b.of(5).cos.to_bits());
-        assert_eq!(a.of(5).set.groups[0].x, b.of(5).set.groups[0].x);
-        assert_ne!(a.of(5).cos.to_bits(), a.of(6).cos.to_bits());
-        assert_ne!(a.of(5).cos.to_bits(), SampleSets::new(16, 4).of(5).cos.to_bits());
+        assert_eq!(a.of(RayKey(5)).cos.to_bits(), b.of(RayKey(5)).cos.to_bits());
+        assert_eq!(a.of(RayKey(5)).set.groups[0].x, b.of(RayKey(5)).set.groups[0].x);
+        assert_ne!(a.of(RayKey(5)).cos.to_bits(), a.of(RayKey(6)).cos.to_bits());
+        assert_ne!(a.of(RayKey(5)).cos.to_bits(), SampleSets::new(16, 4).of(RayKey(5)).cos.to_bits());
     }
 }

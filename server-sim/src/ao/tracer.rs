@@ -9,6 +9,7 @@ use super::samples::SampleSets;
 use super::self_hits::{SelfHitRecorder, SelfHits};
 use super::settings::{AoError, AoSettings, Occlusion};
 use crate::bvh::{BlasHit, BodyId, Instructions, Placement, Tlas};
+use crate::points::RayKey;
 use crate::world::SceneBvh;
 
 /// Computes AO with the rays of one [`AoSettings`]. Shared by all threads; each has its own [`Scratch`].
@@ -67,7 +68,7 @@ pub(crate) struct RayFrame {
 /// A point among bodies; `opaque` is asked about hits on masked triangles, with the body.
 struct PointQuery<'a> {
     bodies: &'a Tlas,
-    point: u32,
+    key: RayKey,
     ray_frame: &'a RayFrame,
     opaque: &'a dyn Fn(BodyId, &BlasHit) -> bool,
 }
@@ -101,13 +102,13 @@ impl Tracer {
         self.sets.heap_bytes()
     }
 
-    /// AO of a place in the world, as by a point there: `normal` is unit, `point` chooses the rays. For references; the
+    /// AO of a place in the world, as by a point there: `normal` is unit, `key` chooses the rays. For references; the
     /// server keeps its points in the spaces of their bodies.
     #[must_use]
     pub fn at(
         &self,
         world: &SceneBvh,
-        point: u32,
+        key: RayKey,
         position: Vec3,
         normal: Vec3,
         scratch: &mut Scratch,
@@ -115,7 +116,7 @@ impl Tracer {
         let ray_frame = RayFrame { body: None, position, normal, edge: Vec3::ZERO };
         self.trace(
             world.bodies(),
-            point,
+            key,
             &ray_frame,
             &|body, hit| world.opaque(body, hit),
             SelfHitCache::Off,
@@ -128,13 +129,13 @@ impl Tracer {
     pub(crate) fn trace(
         &self,
         bodies: &Tlas,
-        point: u32,
+        key: RayKey,
         ray_frame: &RayFrame,
         opaque: &dyn Fn(BodyId, &BlasHit) -> bool,
         memory: SelfHitCache<'_>,
         scratch: &mut Scratch,
     ) -> PointAo {
-        let place = PointQuery { bodies, point, ray_frame, opaque };
+        let place = PointQuery { bodies, key, ray_frame, opaque };
         let mut hidden = 0.0;
         let (alone, rays) = self.trace_all(&place, memory, scratch, &mut |packet| {
             hidden += match self.settings.kind {
@@ -168,15 +169,16 @@ impl Tracer {
 
     /// Appends what [`Tracer::trace`] finds, ray by ray: the distance of the hit, with binary occlusion 0, or infinity.
     /// Every texel is there.
+    #[cfg(any(test, feature = "testing"))]
     pub(super) fn distances(
         &self,
         bodies: &Tlas,
-        point: u32,
+        key: RayKey,
         ray_frame: &RayFrame,
         scratch: &mut Scratch,
         all: &mut Vec<f32>,
     ) {
-        let place = PointQuery { bodies, point, ray_frame, opaque: &|_, _| true };
+        let place = PointQuery { bodies, key, ray_frame, opaque: &|_, _| true };
         let end = all.len() + self.settings.rays as usize;
         self.trace_all(&place, SelfHitCache::Off, scratch, &mut |packet| {
             all.extend(packet.distances(self.settings.kind));
@@ -185,9 +187,10 @@ impl Tracer {
     }
 
     /// Origin and directions of a point's rays in the world.
-    pub(super) fn rays(&self, bodies: &Tlas, point: u32, ray_frame: &RayFrame) -> (Vec3, Vec<Vec3>) {
+    #[cfg(any(test, feature = "testing"))]
+    pub(super) fn rays(&self, bodies: &Tlas, key: RayKey, ray_frame: &RayFrame) -> (Vec3, Vec<Vec3>) {
         let home = home_of(bodies, ray_frame);
-        let mut directions = self.sets.of(point).directions(&tangent_frame(ray_frame.normal, ray_frame.edge));
+        let mut directions = self.sets.of(key).directions(&tangent_frame(ray_frame.normal, ray_frame.edge));
         if home == Placement::IDENTITY {
             return (self.origin(ray_frame), directions);
         }
@@ -220,7 +223,7 @@ impl Tracer {
         scratch: &mut Scratch,
         done: &mut dyn FnMut(&RayPacket),
     ) -> (bool, u32) {
-        let PointQuery { bodies, point, ray_frame, opaque } = *place;
+        let PointQuery { bodies, key, ray_frame, opaque } = *place;
         let in_world = self.gather(bodies, ray_frame, scratch);
         let (home, origin) = (home_of(bodies, ray_frame), self.origin(ray_frame));
         let frame = tangent_frame(ray_frame.normal, ray_frame.edge);
@@ -239,7 +242,7 @@ impl Tracer {
                 _ => SelfHitCache::Off,
             };
         }
-        let rays = self.sets.of(point);
+        let rays = self.sets.of(key);
         let start = |id: BodyId| {
             let body = &bodies.list()[id.index()];
             if Some(id) == ray_frame.body || body.placement == home {
@@ -308,8 +311,8 @@ mod tests {
         Tracer::new(AoSettings { rays, kind, ..AoSettings::default() }).unwrap()
     }
 
-    fn trace(tracer: &Tracer, bodies: &Tlas, point: u32, ray_frame: &RayFrame) -> PointAo {
-        tracer.trace(bodies, point, ray_frame, &|_, _| true, SelfHitCache::Off, &mut Scratch::default())
+    fn trace(tracer: &Tracer, bodies: &Tlas, key: u32, ray_frame: &RayFrame) -> PointAo {
+        tracer.trace(bodies, RayKey(key), ray_frame, &|_, _| true, SelfHitCache::Off, &mut Scratch::default())
     }
 
     fn floor(half: f32) -> Vec<[Vec3; 3]> {
@@ -334,7 +337,7 @@ mod tests {
         let frame = tangent_frame(ray_frame.normal, ray_frame.edge);
         let settings = tracer.settings();
         let origin = home.point(ray_frame.position + ray_frame.normal * settings.bias());
-        let rays = tracer.sets.of(point);
+        let rays = tracer.sets.of(RayKey(point));
         let mut sum = 0.0;
         for ray in 0..rays.set.rays() {
             let Vec3 { x, y, z } = rays.set.groups[ray / LANES].at(ray % LANES);
@@ -438,10 +441,22 @@ mod tests {
             for kind in [Occlusion::Obscurance, Occlusion::Binary] {
                 let tracer = tracer(rays, kind);
                 let mut scratch = Scratch::default();
-                let shut =
-                    tracer.trace(&bodies, 1, &on_floor(0), &|_, _| true, SelfHitCache::Off, &mut scratch);
-                let open =
-                    tracer.trace(&bodies, 1, &on_floor(0), &|_, _| false, SelfHitCache::Off, &mut scratch);
+                let shut = tracer.trace(
+                    &bodies,
+                    RayKey(1),
+                    &on_floor(0),
+                    &|_, _| true,
+                    SelfHitCache::Off,
+                    &mut scratch,
+                );
+                let open = tracer.trace(
+                    &bodies,
+                    RayKey(1),
+                    &on_floor(0),
+                    &|_, _| false,
+                    SelfHitCache::Off,
+                    &mut scratch,
+                );
                 assert!(shut.ao < 0.8 && open.ao > shut.ao);
                 assert_eq!(open, trace(&tracer, &plain, 1, &on_floor(0)));
                 assert_eq!(shut, trace(&tracer, &whole, 1, &on_floor(0)));
@@ -483,15 +498,15 @@ mod tests {
             let bodies = Tlas::new(list.iter().map(|(t, p)| body(t, *p)).collect());
             let fast = trace(&tracer, &bodies, point, &ray_frame).ao;
             let mut distances = Vec::new();
-            tracer.distances(&bodies, point, &ray_frame, &mut Scratch::default(), &mut distances);
+            tracer.distances(&bodies, RayKey(point), &ray_frame, &mut Scratch::default(), &mut distances);
             for instructions in Instructions::all() {
                 let other = tracer.clone().with_instructions(instructions);
                 prop_assert_eq!(trace(&other, &bodies, point, &ray_frame).ao.to_bits(), fast.to_bits());
                 let mut found = Vec::new();
-                other.distances(&bodies, point, &ray_frame, &mut Scratch::default(), &mut found);
+                other.distances(&bodies, RayKey(point), &ray_frame, &mut Scratch::default(), &mut found);
                 prop_assert_eq!(&found, &distances);
             }
-            let (origin, directions) = tracer.rays(&bodies, point, &ray_frame);
+            let (origin, directions) = tracer.rays(&bodies, RayKey(point), &ray_frame);
             prop_assert_eq!((distances.len(), directions.len()), (rays as usize, rays as usize));
             prop_assert!((origin - home_of(&bodies, &ray_frame).point(tracer.origin(&ray_frame))).length() < 1e-5);
             let slow = naive_ao(&tracer, &list, point, &ray_frame);

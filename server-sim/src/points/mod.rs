@@ -4,7 +4,10 @@ mod cache;
 mod candidates;
 mod eliminate;
 mod generate;
+mod ids;
 mod place;
+#[cfg(any(test, feature = "testing"))]
+#[doc(hidden)]
 pub mod reference;
 mod rest;
 
@@ -13,6 +16,7 @@ use thiserror::Error;
 pub use cache::{EntryError, PointCache, PointKey};
 pub use eliminate::{eliminate, poisson_radius};
 pub use generate::{generate, generate_cached};
+pub use ids::{PointId, PointInSet, RayKey};
 pub use place::PlacedPoint;
 pub use rest::{GeometryPrecision, ShareError, order_at_rest, rest_points, share};
 
@@ -100,6 +104,17 @@ impl ScenePoints {
         // Counted by length: how much room there is depends on whether the points come from a cache.
         let set = |set: &PointSet| size_of_val(set) + size_of_val(set.points()) + size_of_val(set.numbers());
         self.sets.iter().map(set).sum::<usize>() + size_of_val(self.offsets())
+    }
+
+    /// Returns the id of a point of an instance.
+    pub(crate) fn id(&self, instance: usize, point: PointInSet) -> PointId {
+        PointId(self.offsets[instance] + point.0)
+    }
+
+    /// Returns the ray key of a point of an instance, whose set is `set`.
+    #[inline(always)]
+    pub(crate) fn ray_key(&self, instance: usize, set: &PointSet, point: PointInSet) -> RayKey {
+        RayKey(self.offsets[instance] + set.numbers[point.index()])
     }
 
     /// Points of all instances together.

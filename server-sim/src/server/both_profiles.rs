@@ -173,6 +173,7 @@ impl BothProfiles {
             let numbers = self.tracing.numbers(chunk.instance);
             let held = client.values(chunk.instance as u32);
             for (place, point, _) in field.visible(chunk) {
+                let place = place.index();
                 let Some(exact) = field.exact(point) else { continue };
                 let here = client.is_present(chunk.instance as u32, place / surface::BLOCK_POINTS);
                 errors.surface.add(held.get(place).copied().filter(|_| here), exact);

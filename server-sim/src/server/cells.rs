@@ -83,7 +83,7 @@ impl CellsStream {
         let resend = ResendAo { threshold: self.threshold, format: self.layout.format() };
         let mut changed = Vec::new();
         for (place, _, ao) in tracing.field.visible(chunk) {
-            let (at, number) = (&local[place], numbers[place]);
+            let (at, number) = (&local[place.index()], numbers[place.index()]);
             let id = tracing.points.offsets()[instance] + number;
             let moved = || {
                 let sent = places.get(number as usize);
@@ -128,6 +128,7 @@ impl Sent {
     }
 
     /// AO byte of a point as last sent, by id of the encoder.
+    #[cfg(any(test, feature = "testing"))]
     pub(super) fn ao(&self, id: u32) -> Option<u8> {
         self.ao[id as usize]
     }

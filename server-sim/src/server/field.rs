@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use super::hit_cache::{self, ChunkHitCache};
 use crate::ao::RayFrame;
 use crate::bvh::Bounds;
-use crate::points::{PlacedPoint, ScenePoints};
+use crate::points::{PlacedPoint, PointId, PointInSet, ScenePoints};
 use crate::scene::{InstanceId, Motion, PosedMesh};
 use crate::shortcuts::Shortcuts;
 use crate::visibility::{Overlap, Views};
@@ -35,8 +35,8 @@ pub(super) mod flag {
 #[derive(Clone, Debug)]
 pub(super) struct Chunk {
     pub(super) instance: usize,
-    /// Point id of the first one.
-    pub(super) first: u32,
+    /// The first one.
+    pub(super) first: PointId,
     /// Places within the instance.
     pub(super) points: Range<usize>,
     /// Bounds in the space of the points' bodies; only of instances that do not deform.
@@ -124,8 +124,8 @@ impl Field {
             };
             field.worlds.push(placed);
             let count = points.sets()[rest].points().len();
+            let first = |start: usize| points.id(index, PointInSet(start as u32));
             let ranges = (0..count).step_by(CHUNK).map(|start| start..count.min(start + CHUNK));
-            let first = |start: usize| points.offsets()[index] + start as u32;
             field.chunks.extend(ranges.map(|points| Chunk {
                 instance: index,
                 first: first(points.start),
@@ -198,21 +198,22 @@ impl Field {
         &self.chunks
     }
 
-    /// Points of a chunk that are in view: place within the instance, point id, AO byte as last traced.
-    pub(super) fn visible(&self, chunk: &Chunk) -> impl Iterator<Item = (usize, u32, u8)> + '_ {
-        let first = chunk.first as usize;
+    /// Points of a chunk that are in view, with the AO byte as last traced.
+    pub(super) fn visible(&self, chunk: &Chunk) -> impl Iterator<Item = (PointInSet, PointId, u8)> + '_ {
+        let first = chunk.first.index();
         let range = first..first + chunk.points.len();
         let values = self.flags[range.clone()].iter().zip(&self.ao[range]);
-        (chunk.points.start..)
-            .zip(chunk.first..)
+        (chunk.points.start as u32..)
+            .zip(chunk.first.0..)
             .zip(values)
             .filter(|(_, (flags, _))| **flags & flag::VISIBLE != 0)
-            .map(|((place, point), (_, ao))| (place, point, *ao))
+            .map(|((place, point), (_, ao))| (PointInSet(place), PointId(point), *ao))
     }
 
     /// AO of a point as last traced, not rounded; nothing where the field does not keep it.
-    pub(super) fn exact(&self, point: u32) -> Option<f32> {
-        self.exact.get(point as usize).copied()
+    #[cfg(any(test, feature = "testing"))]
+    pub(super) fn exact(&self, point: PointId) -> Option<f32> {
+        self.exact.get(point.index()).copied()
     }
 
     /// Bounds of a chunk in the world.
@@ -246,7 +247,7 @@ impl Field {
             (flag::VISIBLE, flag::VISIBLE)
         };
         let of_chunk = |chunk: &Chunk| {
-            let first = chunk.first as usize;
+            let first = chunk.first.index();
             let flags = &self.flags[first..first + chunk.points.len()];
             flags.iter().filter(|&&flags| flags & mask == wanted).count() as u32
         };
@@ -306,8 +307,8 @@ impl<'a> Placed<'a> {
     }
 
     /// Returns the frame of a point's rays.
-    pub(super) fn ray_frame(&self, world: &SceneBvh, instance: usize, point: usize) -> RayFrame {
-        let PlacedPoint { position, normal, edge } = self.in_body_space(instance)[point];
+    pub(super) fn ray_frame(&self, world: &SceneBvh, instance: usize, point: PointInSet) -> RayFrame {
+        let PlacedPoint { position, normal, edge } = self.in_body_space(instance)[point.index()];
         RayFrame { body: world.body(instance), position, normal, edge }
     }
 

@@ -2,6 +2,7 @@
 //!
 //! What is traced is the same in both profiles; a stream decides what of it is sent, and writes it.
 
+#[cfg(any(test, feature = "testing"))]
 mod both_profiles;
 mod cells;
 mod field;
@@ -33,6 +34,8 @@ use psao_proto::message::{CameraPose, Edit};
 use psao_proto::{Limits, Profile, SceneError, SceneTable};
 use thiserror::Error;
 
+#[cfg(any(test, feature = "testing"))]
+#[doc(hidden)]
 pub use both_profiles::{AoErrorStats, BothProfiles, PerProfile};
 pub use frame_time::FrameTimeController;
 pub use halves::{TracedFrame, TracingHalf, WritingHalf};

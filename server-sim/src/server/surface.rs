@@ -141,7 +141,7 @@ impl Gathered {
     pub(super) fn new(tracing: &Tracing, cameras: &[CameraPose], first: bool, weighed: bool) -> Self {
         let chunks = tracing.field.chunks();
         let order = if first { in_view_first(tracing, cameras) } else { (0..chunks.len()).collect() };
-        let seen = |chunk: usize| tracing.field.visible(&chunks[chunk]).map(|(_, point, ao)| (point, ao));
+        let seen = |chunk: usize| tracing.field.visible(&chunks[chunk]).map(|(_, point, ao)| (point.0, ao));
         let points = order.into_iter().flat_map(seen).collect();
         let weights = if weighed { weights(tracing, cameras) } else { Vec::new() };
         Self { points, weights, cameras: cameras.to_vec() }

@@ -180,6 +180,7 @@ fn check_bound(server: &Server, state: &State, threshold: u8, index: FrameIndex)
     let field = &server.tracing.field;
     for chunk in field.chunks() {
         for (place, point, ao) in field.visible(chunk) {
+            let place = place.index();
             let held = match state {
                 State::Cells(state) => held_in_cells(server, state, chunk.instance, place),
                 State::Surface(state) => Some(held_on_surface(state, chunk.instance, place)),
@@ -285,7 +286,7 @@ fn by_number(tracing: &Tracing) -> Vec<Option<u8>> {
     for chunk in tracing.field.chunks() {
         let base = tracing.points.offsets()[chunk.instance];
         for (place, _, ao) in tracing.field.visible(chunk) {
-            found[(base + tracing.numbers(chunk.instance)[place]) as usize] = Some(ao);
+            found[(base + tracing.numbers(chunk.instance)[place.index()]) as usize] = Some(ao);
         }
     }
     found

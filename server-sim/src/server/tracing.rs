@@ -14,7 +14,7 @@ use super::stats::{Lap, Progress, StageMicros, TraceTotals, Work};
 use super::{ProgressFn, ServerMemory, ServerSettings, SettingsError};
 use crate::ao::{Scratch, Tracer};
 use crate::bvh::{BlasHit, BodyId};
-use crate::points::ScenePoints;
+use crate::points::{PointInSet, ScenePoints};
 use crate::scene::{Edits, Scene, ScenePose};
 use crate::shortcuts::Shortcuts;
 use crate::visibility::Views;
@@ -205,11 +205,11 @@ impl Trace<'_> {
         let everywhere = !shortcuts.contains(Shortcuts::OUT_OF_VIEW) && world.is_present(instance);
         let remember = remember && !matches!(world.changes()[instance], InstanceChange::Deformed(_));
         let opaque = |body: BodyId, hit: &BlasHit| world.opaque(body, hit);
-        let numbers = self.points.sets()[world.scene().instances()[instance].rest().index()].numbers();
-        let base = self.points.offsets()[instance];
+        let point_set = &self.points.sets()[world.scene().instances()[instance].rest().index()];
         let count = part.chunk.points.len();
         let mut traces = TraceTotals::default();
         for (index, point) in part.chunk.points.clone().enumerate() {
+            let point = PointInSet(point as u32);
             let flags = &mut part.flags[index];
             if *flags & flag::VISIBLE != 0 {
                 traces.visible += 1;
@@ -225,8 +225,8 @@ impl Trace<'_> {
                 *flags & flag::ALONE != 0 && alone && tracer.is_alone(world.bodies(), &ray_frame, scratch);
             if !unchanged {
                 let memory = part.memory.of(index, count, remember);
-                let point = base + numbers[point];
-                let traced = tracer.trace(world.bodies(), point, &ray_frame, &opaque, memory, scratch);
+                let key = self.points.ray_key(instance, point_set, point);
+                let traced = tracer.trace(world.bodies(), key, &ray_frame, &opaque, memory, scratch);
                 part.ao[index] = unorm::quantise(traced.ao);
                 if let Some(exact) = part.exact.get_mut(index) {
                     *exact = traced.ao;

@@ -15,7 +15,7 @@ use psao_proto::Profile;
 use psao_proto::message::CameraPose;
 use psao_server::ao::{AoSettings, Scratch, Tracer};
 use psao_server::bvh::Bounds;
-use psao_server::points::{PlacedPoint, PointSettings};
+use psao_server::points::{PlacedPoint, PointSettings, RayKey};
 use psao_server::scene::{InstanceId, PosedMesh, Scene};
 use psao_server::server::{Server, ServerSettings};
 use psao_server::world::SceneBvh;
@@ -81,7 +81,7 @@ fn trace(world: &SceneBvh, ao: &AoSettings, instance: u32, placed: &[PlacedPoint
     let at = world.placement(InstanceId(instance));
     let traced = placed.par_iter().enumerate().map_init(Scratch::default, |scratch, (point, placed)| {
         let (position, normal) = (at.point(placed.position), at.direction(placed.normal));
-        unorm::quantise(tracer.at(world, point as u32, position, normal, scratch).ao)
+        unorm::quantise(tracer.at(world, RayKey(point as u32), position, normal, scratch).ao)
     });
     traced.collect()
 }

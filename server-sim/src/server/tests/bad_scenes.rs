@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 
 use super::*;
+use crate::points::PointId;
 use crate::scene::tests::Doc;
 use crate::scene::{Geometry, InstanceId, SceneError};
 
@@ -41,7 +42,7 @@ fn check_numbers(what: &str, server: &Server) {
             assert!(place.position.is_finite(), "{what}: {place:?}");
             assert!((place.normal.length() - 1.0).abs() < 1e-3, "{what}: {place:?}");
         }
-        for point in chunk.first..chunk.first + chunk.points.len() as u32 {
+        for point in (chunk.first.0..).take(chunk.points.len()).map(PointId) {
             let ao = field.exact(point).unwrap();
             assert!((0.0..=1.0).contains(&ao), "{what}: AO {ao}");
         }

@@ -118,7 +118,7 @@ fn shade(server: &Server, x: f32) -> f32 {
     let local = field.placed().local(0);
     let near =
         field.chunks().iter().filter(|chunk| chunk.instance == 0).flat_map(|chunk| field.visible(chunk));
-    let near = near.filter(|(place, ..)| local[*place].position.distance(Vec3::X * x) < 0.5);
+    let near = near.filter(|(place, ..)| local[place.index()].position.distance(Vec3::X * x) < 0.5);
     let (sum, count) = near.fold((0.0, 0), |(sum, count), (.., ao)| (sum + f32::from(ao), count + 1));
     assert!(count > 50, "{count} points near {x}");
     sum / count as f32

@@ -1,6 +1,7 @@
 //! Budgets of rays: what waits, for how long, and where it ends.
 
 use super::*;
+use crate::points::PointId;
 
 const LONGEST: u16 = 5;
 
@@ -15,7 +16,7 @@ fn ahead(server: &mut Server, scene: &Scene, frame: u32, at: u32) -> StepOutput 
 }
 
 /// AO bytes of every point in view.
-fn seen(server: &Server) -> Vec<(u32, u8)> {
+fn seen(server: &Server) -> Vec<(PointId, u8)> {
     let field = &server.tracing.field;
     let points = field.chunks().iter().flat_map(|chunk| field.visible(chunk));
     points.map(|(_, point, ao)| (point, ao)).collect()

@@ -1,9 +1,9 @@
-//! What a server leaves out because it cannot change anything.
+//! Optimisations that do not change the output.
 
 use std::ops::{BitOr, Sub};
 
-/// A set of things that a server does not do because the result would be the same. Each can be left away, to check that
-/// and to measure what it saves: every frame is the same to the bit, unless a budget of rays chooses what is traced.
+/// A set of optimisations that do not change the output. Each can be switched off, to verify that and to measure what it
+/// saves. Every frame is bit-identical without them, unless a budget of rays chooses what is traced.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shortcuts(u16);
 

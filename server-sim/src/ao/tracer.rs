@@ -52,8 +52,8 @@ pub(crate) enum SelfHitCache<'a> {
     Filled(&'a SelfHits),
 }
 
-/// Where a point sits: in the space of its own body, if it has one, so that a body that moves alone keeps its AO to
-/// the bit.
+/// Where the rays of a point start and which way they point, in the space of the point's own body if it has one. So the AO
+/// of a body that moves alone is bit-identical.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct RayFrame {
     /// The body whose space `position`, `normal` and `edge` are in; none for the space of the world.

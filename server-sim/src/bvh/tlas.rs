@@ -48,7 +48,7 @@ impl Placement {
     }
 }
 
-/// Triangles somewhere in the world; several bodies may share them.
+/// A body: a BLAS placed in the world. Several bodies may share one BLAS.
 #[derive(Clone, Debug)]
 pub(crate) struct BlasInstance {
     pub(crate) blas: Arc<Blas>,
@@ -91,7 +91,7 @@ impl BodyId {
     }
 }
 
-/// All bodies of one moment.
+/// The top-level tree: all bodies of one moment.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Tlas {
     list: Vec<BlasInstance>,

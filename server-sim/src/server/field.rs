@@ -66,7 +66,7 @@ pub(super) struct Field {
     /// Points in instance-local space, by instance; those of instances that do not deform are shared by set.
     places: Vec<Places>,
     shared: Vec<Vec<PlacedPoint>>,
-    /// Points in world space of instances that are still, where the body that those share is; empty for others.
+    /// Points in world space of instances in a static batch; empty for others.
     worlds: Vec<Vec<PlacedPoint>>,
     /// Whether only points of deforming instances have places of their own.
     rigid: bool,
@@ -76,7 +76,7 @@ pub(super) struct Field {
 enum Places {
     /// The set's, by number.
     Shared(usize),
-    /// Its own, in the pose of now.
+    /// Its own, in the current pose.
     Own(Vec<PlacedPoint>),
 }
 
@@ -301,7 +301,7 @@ impl<'a> Placed<'a> {
         }
     }
 
-    /// Points of an instance in the space of its body: the world for still ones, else its own.
+    /// Points of an instance in the space of its body: the world for instances in a static batch, else its own.
     fn in_body_space(&self, instance: usize) -> &'a [PlacedPoint] {
         if self.worlds[instance].is_empty() { self.local(instance) } else { &self.worlds[instance] }
     }
@@ -391,7 +391,7 @@ impl Part<'_> {
         if near.is_empty() {
             return;
         }
-        // A point that had the body of the still ones to itself had that of an instance that has left it, too.
+        // A point with nothing but the static batch in reach may have had an instance in reach that was detached from it.
         let kept = if *detached && world.is_still(self.chunk.instance) {
             self.memory.clear();
             !(flag::FRESH | flag::ALONE)

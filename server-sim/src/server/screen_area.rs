@@ -1,4 +1,4 @@
-//! How much a point counts when not all fit a byte budget: its area on the screen of who sees it best.
+//! Priority of a point under a byte budget: its projected area in the camera that sees it largest.
 
 use glam::Vec3;
 use psao_proto::message::CameraPose;

@@ -22,7 +22,7 @@ pub(crate) enum InstanceChange {
     Detached(SweptBounds),
 }
 
-/// Where an instance was before and is now, as far as it was and is there.
+/// Bounds of an instance before and after a change, as far as it was and is visible.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct SweptBounds {
     /// All of it.
@@ -41,7 +41,7 @@ impl InstanceChange {
     }
 }
 
-/// An instance with a body of its own, and what it is made of now.
+/// An instance with a body of its own, in its current pose.
 #[derive(Clone, Debug)]
 pub(super) struct DynamicInstance {
     pub(super) instance: usize,
@@ -66,7 +66,7 @@ struct Shape {
 /// Parts that a moving instance is cut into, to tell what it comes near.
 const PARTS: usize = 32;
 
-/// A refitted tree that costs this many times as much as when it was built is built anew.
+/// A refitted tree is built anew once its cost exceeds the cost at its build by this factor.
 const REBUILD_COST_RATIO: f32 = 1.6;
 
 impl DynamicInstance {
@@ -101,7 +101,7 @@ impl DynamicInstance {
         Self { instance, placement, visible: true, bounds, blas, parts, cut, shape: None }
     }
 
-    /// Bytes held; of the tree, only where it is not `rest`, which movers share.
+    /// Bytes held. The tree counts only where it is not `rest`, which instances share.
     pub(super) fn heap_bytes(&self, rest: Option<&Arc<Blas>>) -> usize {
         let shared = rest.is_some_and(|rest| Arc::ptr_eq(rest, &self.blas));
         let tree = if shared { 0 } else { self.blas.heap_bytes() };

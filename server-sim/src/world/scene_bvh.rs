@@ -1,4 +1,4 @@
-//! A scene at one moment, ready for rays.
+//! The BVH of a scene at one moment.
 
 use std::sync::Arc;
 
@@ -39,22 +39,22 @@ pub struct SurfaceAt {
     pub normal: Vec3,
 }
 
-/// A scene at one moment: all still instances together in one body in world space, every other one a body of its own
-/// that is placed rigidly. Moving rigidly rebuilds nothing but the small tree over the bodies.
+/// A scene at one moment, ready for rays. All static instances share one body in world space, the static batch. Every
+/// other instance has a body of its own, which is placed rigidly: a rigid motion rebuilds only the small tree over the bodies.
 ///
-/// A static instance is still until a pose has it elsewhere or out of sight, which its animation never does, only an
-/// edit ([`ScenePose::apply`]). Then it is taken out of the shared body and has one of its own for good: what was moved
-/// by hand will be moved again, and every change of body costs the AO of all points near it.
+/// Only an edit ([`ScenePose::apply`]) moves or hides a static instance. It is then detached from the static batch and
+/// has a body of its own for good: what was moved by hand is likely to move again, and each change of body costs the AO
+/// of all points near it.
 #[derive(Clone, Debug)]
 pub struct SceneBvh {
     scene: Arc<Scene>,
-    /// Whether each instance is in the body of the still ones.
+    /// Whether each instance is in a static batch.
     shared: Vec<bool>,
-    /// The instances that were still when it was built, but for those that have left: one body of all of them.
+    /// The instances that were static at the build, less those that were detached: one batch, unless shortcuts are off.
     static_batches: Vec<StaticBatch>,
-    /// Meshes at rest of what does not deform, as far as movers need them.
+    /// Trees of meshes at rest, as far as dynamic instances that do not deform need them.
     rests: Vec<Option<Arc<Blas>>>,
-    /// By instance.
+    /// Ascending by instance.
     dynamic_instances: Vec<DynamicInstance>,
     bodies: Tlas,
     owners: Vec<Owner>,
@@ -65,12 +65,12 @@ pub struct SceneBvh {
     shortcuts: Shortcuts,
 }
 
-/// Whose triangles a body holds.
+/// What a body was built from.
 #[derive(Clone, Copy, Debug)]
 enum Owner {
-    /// Those of a list of still instances, by number.
+    /// A static batch, by number.
     Batch(u32),
-    /// Those of one instance.
+    /// One instance.
     Instance(u32),
 }
 
@@ -81,7 +81,7 @@ impl SceneBvh {
         Self::with_shortcuts(scene, pose, Shortcuts::ALL)
     }
 
-    /// As [`SceneBvh::new`], leaving out no more than `shortcuts` say: what rays meet is the same.
+    /// As [`SceneBvh::new`], with only some shortcuts. Rays meet the same surfaces whatever they are.
     #[must_use]
     pub fn with_shortcuts(scene: &Arc<Scene>, pose: &ScenePose, shortcuts: Shortcuts) -> Self {
         let count = scene.instances().len();
@@ -168,8 +168,8 @@ impl SceneBvh {
         }
     }
 
-    /// Gives bodies of their own to the still instances that a pose has elsewhere or out of sight: where they stood, so
-    /// that their first move is seen as one. Gives those instances, ascending; the body that they shared still has them.
+    /// Gives bodies of their own to the static instances that a pose moves or hides. Places them where they stood, so that
+    /// their first move counts as one. Returns those instances, ascending; their batch still has their triangles.
     fn detach(&mut self, pose: &ScenePose) -> Vec<usize> {
         let gone = |&index: &usize| self.shared[index] && !is_at(pose, index, &self.placements[index]);
         let gone: Vec<usize> = (0..self.shared.len()).filter(gone).collect();

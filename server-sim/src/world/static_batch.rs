@@ -1,4 +1,4 @@
-//! Instances that stand still, in one body in world space.
+//! Static instances, in one body in world space.
 
 use std::sync::Arc;
 
@@ -10,7 +10,7 @@ use crate::bvh::{Blas, Effort, Placement};
 use crate::scene::{Geometry, InstanceId, PosedMesh, Scene, ScenePose};
 use crate::shortcuts::Shortcuts;
 
-/// A body of instances that stand batch.
+/// One body of many static instances.
 #[derive(Clone, Debug)]
 pub(super) struct StaticBatch {
     pub(super) blas: Arc<Blas>,
@@ -19,7 +19,7 @@ pub(super) struct StaticBatch {
 }
 
 impl StaticBatch {
-    /// Of some instances of a scene, where they are.
+    /// Builds the batch of some instances of a scene, where they are.
     pub(super) fn build(
         scene: &Scene,
         pose: &ScenePose,
@@ -41,7 +41,7 @@ impl StaticBatch {
         batch
     }
 
-    /// Brings the body up to date: of the instances that are not `present`, nothing is left.
+    /// Refits the body. Removes the triangles of instances that are not `present`.
     pub(super) fn refit(
         &mut self,
         scene: &Scene,

@@ -28,8 +28,8 @@ impl Shortcuts {
     pub const HIDDEN: Self = Self(64);
     /// Points that no camera's widened view holds are not traced before they come into view.
     pub const OUT_OF_VIEW: Self = Self(128);
-    /// What never moves is one body with one tree, not a body for each instance.
-    pub const STILL: Self = Self(256);
+    /// All static instances share one body with one tree, instead of a body for each.
+    pub const STATIC_BATCH: Self = Self(256);
     /// Each of them alone.
     pub const EACH: [Self; 9] = [
         Self::UNTOUCHED,
@@ -40,7 +40,7 @@ impl Shortcuts {
         Self::SHAPES,
         Self::HIDDEN,
         Self::OUT_OF_VIEW,
-        Self::STILL,
+        Self::STATIC_BATCH,
     ];
     /// All of them.
     pub const ALL: Self = Self(511);

@@ -98,7 +98,7 @@ impl Tracer {
 
     /// Bytes of memory held: the directions of all sets of rays.
     #[must_use]
-    pub fn memory_bytes(&self) -> usize {
+    pub fn heap_bytes(&self) -> usize {
         self.sets.heap_bytes()
     }
 
@@ -301,7 +301,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::bvh::{Blas, BlasInstance, Effort, LANES, naive};
+    use crate::bvh::{Blas, BlasInstance, Effort, LANES, reference};
 
     fn body(triangles: &[[Vec3; 3]], placement: Placement) -> BlasInstance {
         BlasInstance::new(Arc::new(Blas::build(triangles, Effort::Best)), placement)
@@ -325,8 +325,8 @@ mod tests {
         RayFrame { body, position: Vec3::new(0.1, 0.0, 0.2), normal: Vec3::Y, edge: Vec3::X }
     }
 
-    /// The slow, obvious twin: each ray alone against every triangle of every body.
-    fn naive_ao(
+    /// The reference: each ray alone against every triangle of every body.
+    fn reference_ao(
         tracer: &Tracer,
         bodies: &[(Vec<[Vec3; 3]>, Placement)],
         point: u32,
@@ -345,7 +345,7 @@ mod tests {
             let direction = home.rotation * (frame * turned);
             let hits = bodies.iter().filter_map(|(triangles, placement)| {
                 let (from, along) = (placement.local_point(origin), placement.local_direction(direction));
-                naive::nearest(triangles, from, along, settings.radius).map(|hit| hit.intersection.t)
+                reference::nearest(triangles, from, along, settings.radius).map(|hit| hit.intersection.t)
             });
             let nearest = hits.fold(settings.radius, f32::min);
             sum += match settings.kind {
@@ -369,7 +369,7 @@ mod tests {
 
     #[test]
     fn inside_a_closed_box_every_ray_hits() {
-        let bodies = Tlas::new(vec![body(&naive::cube(0.2), Placement::IDENTITY)]);
+        let bodies = Tlas::new(vec![body(&reference::cube(0.2), Placement::IDENTITY)]);
         let ray_frame = RayFrame { position: Vec3::new(0.02, -0.2, 0.05), ..on_floor(0) };
         for point in 0..50 {
             assert_eq!(trace(&tracer(192, Occlusion::Binary), &bodies, point, &ray_frame).ao, 0.0);
@@ -396,7 +396,7 @@ mod tests {
     #[test]
     fn more_rays_come_closer_to_the_truth() {
         let mut triangles = floor(3.0);
-        triangles.extend(naive::cube(0.15).iter().map(|t| t.map(|c| c + Vec3::new(0.35, 0.15, 0.1))));
+        triangles.extend(reference::cube(0.15).iter().map(|t| t.map(|c| c + Vec3::new(0.35, 0.15, 0.1))));
         let bodies = Tlas::new(vec![body(&triangles, Placement::IDENTITY)]);
         let ray_frame = on_floor(0);
         let truth = trace(&tracer(65_536, Occlusion::Obscurance), &bodies, 0, &ray_frame).ao;
@@ -414,7 +414,7 @@ mod tests {
     #[test]
     fn a_body_that_moves_alone_keeps_its_ao_to_the_bit() {
         let tracer = tracer(192, Occlusion::Obscurance);
-        let mut triangles = naive::cube(0.2);
+        let mut triangles = reference::cube(0.2);
         triangles.extend(floor(0.5).iter().map(|t| t.map(|c| c - Vec3::Y * 0.2)));
         let ray_frame = RayFrame { position: Vec3::new(0.3, -0.2, 0.0), edge: Vec3::Z, ..on_floor(0) };
         let still = trace(&tracer, &Tlas::new(vec![body(&triangles, Placement::IDENTITY)]), 9, &ray_frame);
@@ -509,7 +509,7 @@ mod tests {
             let (origin, directions) = tracer.rays(&bodies, RayKey(point), &ray_frame);
             prop_assert_eq!((distances.len(), directions.len()), (rays as usize, rays as usize));
             prop_assert!((origin - home_of(&bodies, &ray_frame).point(tracer.origin(&ray_frame))).length() < 1e-5);
-            let slow = naive_ao(&tracer, &list, point, &ray_frame);
+            let slow = reference_ao(&tracer, &list, point, &ray_frame);
             // The twin rounds its directions in another order: a ray that grazes an edge may fall either way.
             prop_assert!((fast - slow).abs() <= 1e-4 + 1.01 / rays as f32 * f32::from(rays > 1), "{} {}", fast, slow);
         }

@@ -196,8 +196,8 @@ fn bounds_of(corners: &[Vec3; 3]) -> Bounds {
 }
 
 #[cfg(test)]
-pub(crate) mod naive {
-    //! The slow, obvious twin: every triangle, one by one.
+pub(crate) mod reference {
+    //! The reference: every triangle, one by one.
 
     use super::*;
 
@@ -267,7 +267,7 @@ pub(crate) mod tests {
     }
 
     fn check(blas: &Blas, triangles: &[[Vec3; 3]], origin: Vec3, direction: Vec3, tmax: f32) {
-        let slow = naive::nearest(triangles, origin, direction, tmax);
+        let slow = reference::nearest(triangles, origin, direction, tmax);
         let fast = blas.nearest(origin, direction, tmax, false, |_| true);
         // Two triangles may be hit at the very same distance: then only that distance is one.
         assert_eq!(
@@ -279,7 +279,7 @@ pub(crate) mod tests {
 
     proptest! {
         #[test]
-        fn finds_what_the_naive_twin_finds(
+        fn finds_what_the_reference_finds(
             triangles in soup(), origin in prop::array::uniform3(-3f32..3.0),
             direction in prop::array::uniform3(-1f32..1.0), tmax in prop_oneof![Just(f32::INFINITY), 0.1f32..4.0],
             axis in prop::option::of(0usize..3),
@@ -330,6 +330,6 @@ pub(crate) mod tests {
         let from = Vec3::new(0.2, 0.2, 1.0);
         let hit = blas.nearest(from, Vec3::NEG_Z, 9.0, false, |hit| hit.triangle >= 2).unwrap();
         assert_eq!((hit.triangle, hit.intersection.t), (2, 3.0));
-        assert_eq!(naive::cube(1.0).len(), 12);
+        assert_eq!(reference::cube(1.0).len(), 12);
     }
 }

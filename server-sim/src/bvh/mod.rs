@@ -10,7 +10,7 @@ mod wide;
 
 pub(crate) use blas::{Blas, BlasHit};
 #[cfg(test)]
-pub(crate) use blas::{naive, tests::soup};
+pub(crate) use blas::{reference, tests::soup};
 pub(crate) use block::{BlockCulling, BlockSetup, Intersection, RayCone, SPREAD_SLACK, TriangleSetup};
 pub use bounds::Bounds;
 pub use lanes::Instructions;

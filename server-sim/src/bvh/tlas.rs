@@ -184,11 +184,11 @@ impl Tlas {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bvh::blas::naive;
+    use crate::bvh::blas::reference;
 
     #[test]
     fn placed_bodies_are_hit_where_they_stand() {
-        let cube = Arc::new(Blas::build(&naive::cube(0.5), Effort::Best));
+        let cube = Arc::new(Blas::build(&reference::cube(0.5), Effort::Best));
         let turn = Mat3::from_rotation_y(0.7);
         let bodies = (0..5).map(|i| {
             let translation = Vec3::new(3.0 * i as f32, 0.0, 0.0);
@@ -209,7 +209,7 @@ mod tests {
 
     #[test]
     fn a_ball_meets_the_bodies_whose_leaves_it_touches() {
-        let cube = Arc::new(Blas::build(&naive::cube(0.5), Effort::Best));
+        let cube = Arc::new(Blas::build(&reference::cube(0.5), Effort::Best));
         let at = |x: f32| {
             BlasInstance::new(
                 Arc::clone(&cube),
@@ -223,7 +223,7 @@ mod tests {
         assert_eq!(found, [BodyId::new(2), BodyId::new(3)]);
         // Between the parts of a body nothing of it is near.
         let ends = [-9.0, 9.0].into_iter().flat_map(|z| {
-            naive::cube(0.5).into_iter().map(move |triangle| triangle.map(|corner| corner + Vec3::Z * z))
+            reference::cube(0.5).into_iter().map(move |triangle| triangle.map(|corner| corner + Vec3::Z * z))
         });
         let ends = Arc::new(Blas::build(&ends.collect::<Vec<_>>(), Effort::Best));
         let bodies = Tlas::new(vec![BlasInstance::new(ends, Placement::IDENTITY)]);

@@ -18,7 +18,7 @@ pub use eliminate::{eliminate, poisson_radius};
 pub use generate::{generate, generate_cached};
 pub use ids::{PointId, PointInSet, RayKey};
 pub use place::PlacedPoint;
-pub use rest::{GeometryPrecision, ShareError, order_at_rest, rest_points, share};
+pub use rest::{GeometryPrecision, SharedGeometryError, make_shared_geometry, order_at_rest, rest_points};
 
 /// Most points of a scene, all instances together.
 pub const MAX_POINTS: u64 = 64 << 20;
@@ -100,7 +100,7 @@ impl ScenePoints {
 
     /// Bytes of memory held.
     #[must_use]
-    pub fn memory_bytes(&self) -> usize {
+    pub fn heap_bytes(&self) -> usize {
         // Counted by length: how much room there is depends on whether the points come from a cache.
         let set = |set: &PointSet| size_of_val(set) + size_of_val(set.points()) + size_of_val(set.numbers());
         self.sets.iter().map(set).sum::<usize>() + size_of_val(self.offsets())

@@ -75,7 +75,7 @@ pub fn order_at_rest(
 /// Why a client could not make the points of a stream itself.
 #[derive(Clone, Debug, Error, PartialEq)]
 #[non_exhaustive]
-pub enum ShareError {
+pub enum SharedGeometryError {
     /// The stream's settings make no points.
     #[error("the stream's points cannot be made: {0}")]
     Points(#[from] PointError),
@@ -96,13 +96,17 @@ pub enum ShareError {
 /// density, minimum and seed in `info`.
 ///
 /// # Errors
-/// [`ShareError`] where the scene or the settings are not those of the stream; sets before the one named have their
+/// [`SharedGeometryError`] where the scene or the settings are not those of the stream; sets before the one named have their
 /// points then.
-pub fn share(scene: &Scene, info: &SceneInfo, state: &mut State) -> Result<(), ShareError> {
+pub fn make_shared_geometry(
+    scene: &Scene,
+    info: &SceneInfo,
+    state: &mut State,
+) -> Result<(), SharedGeometryError> {
     let layout = Arc::clone(state.layout());
     let (meshes, sets) = (scene.rests().len(), layout.sets().len());
     if meshes != sets {
-        return Err(ShareError::Sets { meshes, sets });
+        return Err(SharedGeometryError::Sets { meshes, sets });
     }
     let settings = PointSettings { per_m2: info.points_per_m2, minimum: info.min_points, seed: info.seed };
     let points = generate(scene, &settings, &|_, _| {})?;

@@ -9,7 +9,7 @@ use psao_codec::memory;
 use psao_codec::point::PointFormat;
 use rayon::prelude::*;
 
-use super::field::{Chunk, Placed};
+use super::field::{Chunk, PointPlaces};
 use super::tracing::Tracing;
 use super::{ServerError, ServerSettings};
 use crate::delta::{ResendAo, place_changed};
@@ -75,7 +75,12 @@ impl CellsStream {
         self.changed.len() as u32
     }
 
-    fn decide_chunk(&self, tracing: &Tracing, chunk: &Chunk, placed: &Placed<'_>) -> Vec<(u32, PointSample)> {
+    fn decide_chunk(
+        &self,
+        tracing: &Tracing,
+        chunk: &Chunk,
+        placed: &PointPlaces<'_>,
+    ) -> Vec<(u32, PointSample)> {
         let instance = chunk.instance;
         let (local, places) = (placed.local(instance), &self.sent.places[instance]);
         let grid: &Grid = &self.layout.instances()[instance].grid;

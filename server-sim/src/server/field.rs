@@ -44,7 +44,7 @@ pub(super) struct Chunk {
 }
 
 /// The part of the field that belongs to a chunk.
-pub(super) struct Part<'a> {
+pub(super) struct FieldPart<'a> {
     pub(super) chunk: &'a Chunk,
     pub(super) flags: &'a mut [u8],
     pub(super) ao: &'a mut [u8],
@@ -189,8 +189,8 @@ impl Field {
     }
 
     /// Where the points are.
-    pub(super) fn placed(&self) -> Placed<'_> {
-        Placed { places: &self.places, shared: &self.shared, worlds: &self.worlds }
+    pub(super) fn placed(&self) -> PointPlaces<'_> {
+        PointPlaces { places: &self.places, shared: &self.shared, worlds: &self.worlds }
     }
 
     /// The chunks, in the order of their points.
@@ -260,7 +260,7 @@ impl Field {
     }
 
     /// The field in parts that can be worked on side by side, and what they share.
-    pub(super) fn split(&mut self) -> (Vec<Part<'_>>, Placed<'_>) {
+    pub(super) fn split(&mut self) -> (Vec<FieldPart<'_>>, PointPlaces<'_>) {
         let mut parts = Vec::with_capacity(self.chunks.len());
         let (mut flags, mut ao) = (self.flags.as_mut_slice(), self.ao.as_mut_slice());
         let mut exact = self.exact.as_mut_slice();
@@ -268,10 +268,10 @@ impl Field {
             let (head, tail) = flags.split_at_mut(chunk.points.len());
             let (bytes, others) = ao.split_at_mut(chunk.points.len());
             let (values, rest) = exact.split_at_mut(exact.len().min(chunk.points.len()));
-            parts.push(Part { chunk, flags: head, ao: bytes, exact: values, memory });
+            parts.push(FieldPart { chunk, flags: head, ao: bytes, exact: values, memory });
             (flags, ao, exact) = (tail, others, rest);
         }
-        (parts, Placed { places: &self.places, shared: &self.shared, worlds: &self.worlds })
+        (parts, PointPlaces { places: &self.places, shared: &self.shared, worlds: &self.worlds })
     }
 }
 
@@ -286,13 +286,13 @@ struct DirtyRegions<'a> {
 
 /// Where the points are, to be read while the rest of the field is written.
 #[derive(Clone, Copy)]
-pub(super) struct Placed<'a> {
+pub(super) struct PointPlaces<'a> {
     places: &'a [Places],
     shared: &'a [Vec<PlacedPoint>],
     worlds: &'a [Vec<PlacedPoint>],
 }
 
-impl<'a> Placed<'a> {
+impl<'a> PointPlaces<'a> {
     /// Points of an instance in its local space.
     pub(super) fn local(&self, instance: usize) -> &'a [PlacedPoint] {
         match &self.places[instance] {
@@ -338,14 +338,14 @@ impl Chunk {
     }
 }
 
-impl Part<'_> {
+impl FieldPart<'_> {
     /// Points in view.
     pub(super) fn visible(&self) -> u32 {
         self.flags.iter().filter(|&&flags| flags & flag::VISIBLE != 0).count() as u32
     }
 
     /// Marks the points in view.
-    fn see(&mut self, placed: &Placed<'_>, world: &SceneBvh, views: Option<&Views>) {
+    fn see(&mut self, placed: &PointPlaces<'_>, world: &SceneBvh, views: Option<&Views>) {
         let present = world.is_present(self.chunk.instance);
         let overlap = match (views, self.chunk.world_bounds(world)) {
             _ if !present => Overlap::Outside,
@@ -369,7 +369,7 @@ impl Part<'_> {
 
     /// Marks points as stale whose AO may have changed: their instance moved, or swept bounds touch the ball that their
     /// rays reach.
-    fn invalidate(&mut self, placed: &Placed<'_>, world: &SceneBvh, dirty: &DirtyRegions<'_>) {
+    fn invalidate(&mut self, placed: &PointPlaces<'_>, world: &SceneBvh, dirty: &DirtyRegions<'_>) {
         let DirtyRegions { swept, detached, bias, reach } = dirty;
         match world.changes()[self.chunk.instance] {
             InstanceChange::Unchanged => {}

@@ -384,7 +384,8 @@ fn geometry_that_is_shared_is_not_sent_and_fits_the_layout() {
         let mut state = State::new(server.layout());
         apply(&mut state, &frame.body, &psao_codec::Limits::default()).unwrap();
         let found = state.clone();
-        crate::points::share(&scene, server.table().info(), state.as_surface_mut().unwrap()).unwrap();
+        crate::points::make_shared_geometry(&scene, server.table().info(), state.as_surface_mut().unwrap())
+            .unwrap();
         let sets = server.layout().as_surface().unwrap().sets().len() as u32;
         for set in 0..sets {
             let held = found.as_surface().unwrap().geometry(set);

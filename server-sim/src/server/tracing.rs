@@ -8,7 +8,7 @@ use psao_codec::quant::unorm;
 use psao_proto::message::CameraPose;
 use rayon::prelude::*;
 
-use super::field::{Field, Part, Placed, flag, set};
+use super::field::{Field, FieldPart, PointPlaces, flag, set};
 use super::ray_scheduler::{RayBudget, RayScheduler};
 use super::stats::{Lap, Progress, StageMicros, TraceTotals, Work};
 use super::{ProgressFn, ServerMemory, ServerSettings, SettingsError};
@@ -76,9 +76,9 @@ impl Tracing {
     /// Bytes held, but for the stream.
     pub(super) fn heap_bytes(&self) -> ServerMemory {
         ServerMemory {
-            structures: self.world.memory_bytes() + self.pose.heap_bytes(),
-            points: self.points.memory_bytes() + self.field.heap_bytes() + self.scheduler.heap_bytes(),
-            rays: self.tracer.memory_bytes(),
+            structures: self.world.heap_bytes() + self.pose.heap_bytes(),
+            points: self.points.heap_bytes() + self.field.heap_bytes() + self.scheduler.heap_bytes(),
+            rays: self.tracer.heap_bytes(),
             remembered: self.memory[1],
             stream: 0,
         }
@@ -158,7 +158,7 @@ impl Tracing {
                 (self.progress)(Progress { work: Work::FirstFrame, done, total });
             }
         };
-        let trace = Trace {
+        let tracer = ChunkTracer {
             world: &self.world,
             points: &self.points,
             tracer: &self.tracer,
@@ -172,7 +172,7 @@ impl Tracing {
             .enumerate()
             .map_init(Scratch::default, |scratch, (number, mut part)| {
                 let traces = if scheduler.is_chosen(number) {
-                    trace.part(&mut part, &placed, scratch)
+                    tracer.trace_part(&mut part, &placed, scratch)
                 } else {
                     TraceTotals { visible: part.visible(), ..TraceTotals::default() }
                 };
@@ -186,7 +186,7 @@ impl Tracing {
 }
 
 /// What the parts of a field are traced with.
-struct Trace<'a> {
+struct ChunkTracer<'a> {
     world: &'a SceneBvh,
     points: &'a ScenePoints,
     tracer: &'a Tracer,
@@ -195,9 +195,14 @@ struct Trace<'a> {
     remember: bool,
 }
 
-impl Trace<'_> {
+impl ChunkTracer<'_> {
     /// Brings the AO of a part's visible points up to date; of all its points, where that is not left out.
-    fn part(&self, part: &mut Part<'_>, placed: &Placed<'_>, scratch: &mut Scratch) -> TraceTotals {
+    fn trace_part(
+        &self,
+        part: &mut FieldPart<'_>,
+        placed: &PointPlaces<'_>,
+        scratch: &mut Scratch,
+    ) -> TraceTotals {
         let Self { world, tracer, shortcuts, remember, .. } = *self;
         let (untouched, alone) =
             (shortcuts.contains(Shortcuts::UNTOUCHED), shortcuts.contains(Shortcuts::ALONE));

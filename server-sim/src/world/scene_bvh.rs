@@ -94,7 +94,7 @@ impl SceneBvh {
             })
             .collect();
         let standing: Vec<usize> = (0..count).filter(|&index| shared[index]).collect();
-        let together = if shortcuts.contains(Shortcuts::STILL) { standing.len().max(1) } else { 1 };
+        let together = if shortcuts.contains(Shortcuts::STATIC_BATCH) { standing.len().max(1) } else { 1 };
         let static_batches = standing
             .par_chunks(together)
             .map(|instances| StaticBatch::build(scene, pose, instances, &placements, shortcuts))
@@ -213,7 +213,7 @@ impl SceneBvh {
     /// Bytes of memory held: trees, the posed geometry of what deforms, and where everything is. What instances share counts
     /// once; the scene does not.
     #[must_use]
-    pub fn memory_bytes(&self) -> usize {
+    pub fn heap_bytes(&self) -> usize {
         let Self {
             scene,
             shared,

@@ -7,7 +7,7 @@ use glam::Vec3;
 use psao_proto::message::{Edit, EditAction};
 
 use super::SceneBvh;
-use crate::bvh::{BlasHit, naive};
+use crate::bvh::{BlasHit, reference};
 use crate::random::Random;
 use crate::scene::{Edits, InstanceId, Scene};
 
@@ -47,7 +47,7 @@ fn check(world: &SceneBvh, random: &mut Random) -> u32 {
             let [_, u, v] = hit.intersection.barycentric();
             posed.opaque(hit.triangle - starts[instance] as u32, [u, v])
         };
-        let slow = naive::nearest_of(&all, origin, along, 5.0, opaque);
+        let slow = reference::nearest_of(&all, origin, along, 5.0, opaque);
         let fast = world.closest(origin, along, 5.0);
         assert_eq!(world.occluded(origin, along, 5.0), fast.is_some());
         let (Some(slow), Some(fast)) = (slow, fast) else {
@@ -61,7 +61,7 @@ fn check(world: &SceneBvh, random: &mut Random) -> u32 {
         assert!((surface.position - (origin + along * fast.t)).length() < 1e-3);
         assert!((surface.normal.length() - 1.0).abs() < 1e-4);
         let index = starts[fast.instance.index()] + fast.triangle as usize;
-        assert!(naive::nearest(&all[index..=index], origin, along, 5.1).is_some());
+        assert!(reference::nearest(&all[index..=index], origin, along, 5.1).is_some());
     }
     hits
 }

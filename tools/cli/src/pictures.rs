@@ -16,7 +16,7 @@ use psao_eval::reference::reference;
 use psao_eval::sweep::Figures;
 use psao_proto::message::{self, CameraPose, PointSource, SceneInfo};
 use psao_server::ao::{AoSettings, Occlusion};
-use psao_server::points::share;
+use psao_server::points::make_shared_geometry;
 use psao_server::scene::{Edits, Scene};
 use psao_server::world::SceneBvh;
 
@@ -69,7 +69,7 @@ impl SharedPoints {
         let mut whole = state.clone();
         let Some(surface) = whole.as_surface_mut() else { return Ok(Cow::Borrowed(state)) };
         if self.0.is_empty() {
-            share(scene, info, surface).map_err(Failure::input)?;
+            make_shared_geometry(scene, info, surface).map_err(Failure::input)?;
             self.0 = (0..).map_while(|set| surface.geometry(set).cloned()).collect();
         } else {
             for (set, geometry) in (0..).zip(&self.0) {

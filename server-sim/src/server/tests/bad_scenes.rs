@@ -60,7 +60,7 @@ fn odd_meshes_make_finite_streams() {
     let infinite = [Vec3::ZERO, Vec3::X, Vec3::new(0.0, f32::INFINITY, 0.0)];
     let sliver = [Vec3::ZERO, Vec3::new(5.0, 0.0, 1e-9), Vec3::new(10.0, 0.0, 0.0)];
     let point = [Vec3::ONE; 3];
-    let cube = crate::bvh::naive::cube(0.3);
+    let cube = crate::bvh::reference::cube(0.3);
     let cases: [(&str, Vec<Vec<[Vec3; 3]>>); 8] = [
         ("tiny", vec![plate(1e-6, 0.0), plate(1e-6, 1e-7)]),
         ("too small to have an area", vec![plate(1.0, 0.0), plate(1e-30, 0.1)]),

@@ -17,7 +17,7 @@ use psao_eval::reference::reference;
 use psao_proto::message::{CameraPose, PointSource};
 use psao_proto::{HEADER_BYTES, Limits, SceneTable};
 use psao_server::ao::AoSettings;
-use psao_server::points::share;
+use psao_server::points::make_shared_geometry;
 use psao_server::scene::Scene;
 use psao_server::server::{AoErrorStats, BothProfiles, PerProfile, ServerSettings, StepOutput};
 
@@ -107,7 +107,7 @@ pub(super) fn measure(
     let mut surface = Client::new("surface", &tables.surface);
     let info = tables.surface.info().clone();
     if let (PointSource::SHARED, Some(state)) = (info.geometry, surface.state.as_surface_mut()) {
-        share(scene, &info, state).map_err(Failure::input)?;
+        make_shared_geometry(scene, &info, state).map_err(Failure::input)?;
     }
     let clock = WallClock::start();
     let bar = progress("comparing", u64::from(args.frames));
@@ -190,7 +190,7 @@ impl Shot<'_> {
         if let (PointSource::SHARED, Some(state)) =
             (self.both.tables().surface.info().geometry, empty.as_surface_mut())
         {
-            share(self.both.world().scene(), self.both.tables().surface.info(), state)
+            make_shared_geometry(self.both.world().scene(), self.both.tables().surface.info(), state)
                 .map_err(Failure::input)?;
         }
         let Some(empty) = empty.as_surface() else { return Ok(0) };

@@ -49,7 +49,7 @@ pub(super) const WORK: [Work; Shortcuts::EACH.len()] = [
         why: "they are traced when they come into view",
     },
     Work {
-        shortcut: Shortcuts::STILL,
+        shortcut: Shortcuts::STATIC_BATCH,
         what: "a tree for each still instance",
         why: "they never move: one tree holds them all",
     },

@@ -15,10 +15,10 @@ use crate::points::RayKey;
 use crate::random::{Random, mix, substream, unit};
 
 /// Number of sets that are computed ahead.
-const SETS: u64 = 64;
+const RAY_SETS: u64 = 64;
 
 /// Cosine of the widest half angle of a cone.
-const LEAST_COSINE: f32 = 1e-3;
+const MIN_CONE_COSINE: f32 = 1e-3;
 
 /// One set: groups of eight rays.
 #[derive(Clone, Debug)]
@@ -60,7 +60,7 @@ pub(crate) struct PointRays<'a> {
 impl SampleSets {
     /// Computes the sets for `rays` (at least 1) rays a point.
     pub(crate) fn new(rays: u32, seed: u64) -> Self {
-        Self { seed, sets: (0..SETS).map(|set| SampleSet::new(rays, substream(seed, set))).collect() }
+        Self { seed, sets: (0..RAY_SETS).map(|set| SampleSet::new(rays, substream(seed, set))).collect() }
     }
 
     /// Bytes held.
@@ -73,7 +73,7 @@ impl SampleSets {
     pub(crate) fn of(&self, key: RayKey) -> PointRays<'_> {
         let hash = mix(self.seed ^ mix(u64::from(key.0).wrapping_add(0x5EED)));
         let angle = unit(hash) * std::f32::consts::TAU;
-        let set = &self.sets[(hash % SETS) as usize];
+        let set = &self.sets[(hash % RAY_SETS) as usize];
         PointRays { set, cos: libm::cosf(angle), sin: libm::sinf(angle) }
     }
 }
@@ -164,12 +164,12 @@ impl Cones {
         let cos = Packed::from_fn(|i| rays(i).map(|d| d.dot(axis(i))).fold(1.0, f32::min) - 1e-5);
         let spread = |i: usize| rays(i).map(|d| d.distance(axis(i))).fold(0.0, f32::max) + SPREAD_SLACK;
         // Next to a right angle the half angle says nothing any more: then everything is in the cone.
-        let narrow = |i: usize| Some(cos.array()[i]).filter(|&cos| cos > LEAST_COSINE);
+        let narrow = |i: usize| Some(cos.array()[i]).filter(|&cos| cos > MIN_CONE_COSINE);
         Self {
             axes: Packed3::from_fn(axis),
             spread: Packed::from_fn(spread),
             sin: Packed::from_fn(|i| narrow(i).map_or(1e30, |cos| (1.0 - cos * cos).sqrt())),
-            cos: Packed::from_fn(|i| narrow(i).unwrap_or(LEAST_COSINE)),
+            cos: Packed::from_fn(|i| narrow(i).unwrap_or(MIN_CONE_COSINE)),
         }
     }
 }
@@ -228,7 +228,7 @@ mod tests {
             // The mean cosine of a cosine-weighted hemisphere is 2/3; each stratified set alone comes close.
             let cosine = all.iter().map(|d| d.z).sum::<f32>() / 192.0;
             assert!((cosine - 2.0 / 3.0).abs() < 0.01, "{cosine}");
-            mean += all.iter().copied().sum::<Vec3>() / (192.0 * SETS as f32);
+            mean += all.iter().copied().sum::<Vec3>() / (192.0 * RAY_SETS as f32);
         }
         assert!(mean.truncate().length() < 0.01, "{mean}");
     }

@@ -13,9 +13,9 @@ use crate::random::{Random, substream};
 use crate::scene::{PosedMesh, RestMesh, Scene};
 
 /// How often a masked surface is drawn again, twice as densely each time, before it counts as empty.
-const ATTEMPTS: u32 = 6;
+const MASKED_ATTEMPTS: u32 = 6;
 /// Radius in metres of a mesh without points, so that its grid has a cell.
-const EMPTY_RADIUS: f32 = 0.05;
+const EMPTY_SET_RADIUS_M: f32 = 0.05;
 
 /// Spreads points over every mesh of the scene: twice as many random candidates as wanted, then weighted sample
 /// elimination to half, the two sides of double-sided meshes apart; none where a mask cuts the surface away (paper,
@@ -152,7 +152,7 @@ impl<'a> Plan<'a> {
         }
         set.numbers = (0..set.points.len() as u32).collect();
         let radius = poisson_radius(set.area, set.points.len());
-        set.radius = if radius.is_normal() { radius } else { EMPTY_RADIUS };
+        set.radius = if radius.is_normal() { radius } else { EMPTY_SET_RADIUS_M };
         set
     }
 
@@ -164,7 +164,7 @@ impl<'a> Plan<'a> {
         let masked = self.posed.masked();
         let mut random = Random::new(seed);
         let mut count = 2 * self.side(surface.area());
-        for _ in 0..ATTEMPTS {
+        for _ in 0..MASKED_ATTEMPTS {
             let mut points = Vec::with_capacity(count);
             let mut positions = Vec::with_capacity(count);
             surface.draw(count, back, &mut random, |point, at| {

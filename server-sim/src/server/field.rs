@@ -19,7 +19,7 @@ use crate::visibility::{Overlap, Views};
 use crate::world::{InstanceChange, SceneBvh, SweptBounds};
 
 /// Points of a chunk: few enough to share out, many enough to be worth it.
-const CHUNK: usize = 256;
+const CHUNK_POINTS: usize = 256;
 
 /// What is known about a point, as bits.
 pub(super) mod flag {
@@ -125,7 +125,7 @@ impl Field {
             field.worlds.push(placed);
             let count = points.sets()[rest].points().len();
             let first = |start: usize| points.id(index, PointInSet(start as u32));
-            let ranges = (0..count).step_by(CHUNK).map(|start| start..count.min(start + CHUNK));
+            let ranges = (0..count).step_by(CHUNK_POINTS).map(|start| start..count.min(start + CHUNK_POINTS));
             field.chunks.extend(ranges.map(|points| Chunk {
                 instance: index,
                 first: first(points.start),

@@ -3,9 +3,9 @@
 use super::FrameStats;
 
 /// Share of what was learnt from a frame in what is known.
-const NEW: f64 = 0.2;
+const LEARNING_RATE: f64 = 0.2;
 /// Share of the time that is planned: the rest is for what varies from frame to frame.
-const PLANNED: f64 = 0.85;
+const PLANNED_SHARE: f64 = 0.85;
 
 /// Turns a time for each frame into rays for each frame.
 #[derive(Clone, Debug)]
@@ -27,7 +27,7 @@ impl FrameTimeController {
 
     /// Takes in what a frame took. The first, which makes the points' AO, tells how long a ray takes, not how long the rest.
     pub fn learn(&mut self, frame: &FrameStats) {
-        let mix = |known: f64, new: f64| known + (new - known) * NEW;
+        let mix = |known: f64, new: f64| known + (new - known) * LEARNING_RATE;
         let times = &frame.micros;
         if frame.rays > 0 {
             let ray = times.trace as f64 / frame.rays as f64;
@@ -43,7 +43,7 @@ impl FrameTimeController {
     /// tracing never stops however much the rest takes.
     #[must_use]
     pub fn rays(&self) -> Option<u64> {
-        let left = (self.frame - self.rest).max(0.0) * PLANNED;
+        let left = (self.frame - self.rest).max(0.0) * PLANNED_SHARE;
         // The cast saturates.
         self.ray.map(|ray| ((left / ray) as u64).max(1))
     }
@@ -64,12 +64,12 @@ mod tests {
         let mut pacing = FrameTimeController::new(16_667);
         assert_eq!(pacing.rays(), None);
         pacing.learn(&frame(1_000_000, 50_000, 900_000, true));
-        assert_eq!(pacing.rays(), Some((16_667.0 * PLANNED / 0.05) as u64));
+        assert_eq!(pacing.rays(), Some((16_667.0 * PLANNED_SHARE / 0.05) as u64));
         for _ in 0..100 {
             pacing.learn(&frame(100_000, 10_000, 6_667, false));
         }
         let rays = pacing.rays().unwrap();
-        assert!(rays.abs_diff((10_000.0 * PLANNED / 0.1) as u64) < 10, "{rays}");
+        assert!(rays.abs_diff((10_000.0 * PLANNED_SHARE / 0.1) as u64) < 10, "{rays}");
         // A frame that nothing was traced in says nothing about rays.
         pacing.learn(&frame(0, 3, 6_667, false));
         assert_eq!(pacing.rays(), Some(rays));

@@ -4,7 +4,7 @@ use crate::ao::{SelfHitCache, SelfHits};
 
 /// Frames in which no point of a chunk was traced, after which the chunk forgets: things that pass come back soon or not
 /// for a long time.
-const FORGET_AFTER: u16 = 240;
+const FORGET_AFTER_FRAMES: u16 = 240;
 
 /// What the points of a chunk remember.
 #[derive(Debug, Default)]
@@ -48,7 +48,7 @@ impl ChunkHitCache {
             self.bytes = held + size_of_val(&*self.points);
         }
         self.idle += 1;
-        if self.idle > FORGET_AFTER {
+        if self.idle > FORGET_AFTER_FRAMES {
             self.clear();
         }
         self.bytes
@@ -87,7 +87,7 @@ mod tests {
         let mut chunks = [ChunkHitCache::default(), ChunkHitCache::default()];
         chunks.iter_mut().for_each(|chunk| remember(chunk, 3));
         let both = settle(&mut chunks, usize::MAX);
-        for _ in 0..FORGET_AFTER {
+        for _ in 0..FORGET_AFTER_FRAMES {
             assert!(matches!(chunks[0].of(3, 8, false), SelfHitCache::Filled(_)));
             assert!(matches!(chunks[0].of(4, 8, false), SelfHitCache::Off));
             settle(&mut chunks, usize::MAX);

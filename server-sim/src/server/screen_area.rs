@@ -7,9 +7,9 @@ use crate::visibility::View;
 
 /// Weight of a point as large as its distance is long: a point of 4.4 cm (512 per square metre) has the largest weight up to 25 cm, 4,100
 /// at 1 m, and 1 from 64 m on.
-const UNIT: f32 = (1 << 21) as f32;
+const WEIGHT_UNIT: f32 = (1 << 21) as f32;
 /// What is left of the weight of points that no camera sees itself, although they are in the margin around its view.
-const OUT_OF_VIEW: f32 = 1.0 / 8.0;
+const OUT_OF_VIEW_FACTOR: f32 = 1.0 / 8.0;
 
 /// The cameras of a frame.
 pub(super) struct ScreenArea {
@@ -25,12 +25,12 @@ impl ScreenArea {
     /// for the camera to which it is largest, in steps of 2^-21, 1 to 65,535. Without cameras everything counts the same: 1.
     pub(super) fn weight(&self, place: Vec3, radius: f32) -> u16 {
         let seen = |(eye, view): &(Vec3, Option<View>)| {
-            let share = if view.is_some_and(|view| view.sees(place)) { 1.0 } else { OUT_OF_VIEW };
+            let share = if view.is_some_and(|view| view.sees(place)) { 1.0 } else { OUT_OF_VIEW_FACTOR };
             share * radius * radius / eye.distance_squared(place)
         };
         let largest = self.eyes.iter().map(seen).fold(0.0, f32::max);
         // The cast keeps within 0 to 65,535, infinity and what is not a number included.
-        ((largest * UNIT) as u16).max(1)
+        ((largest * WEIGHT_UNIT) as u16).max(1)
     }
 }
 

@@ -64,7 +64,7 @@ struct Shape {
 }
 
 /// Parts that a moving instance is cut into, to tell what it comes near.
-const PARTS: usize = 32;
+const SWEPT_PARTS: usize = 32;
 
 /// A refitted tree is built anew once its cost exceeds the cost at its build by this factor.
 const REBUILD_COST_RATIO: f32 = 1.6;
@@ -96,7 +96,7 @@ impl DynamicInstance {
     /// An instance that does not deform, in sight.
     pub(super) fn rigid(instance: usize, blas: Arc<Blas>, placement: Placement) -> Self {
         let bounds = BlasInstance::new(Arc::clone(&blas), placement).bounds();
-        let cut = blas.tree().cut(PARTS);
+        let cut = blas.tree().cut(SWEPT_PARTS);
         let parts = parts(&blas, &cut, &placement);
         Self { instance, placement, visible: true, bounds, blas, parts, cut, shape: None }
     }
@@ -170,7 +170,7 @@ impl DynamicInstance {
         if rebuilds {
             *blas = build(&posed, shortcuts);
             shape.built_cost = blas.cost();
-            self.cut = blas.tree().cut(PARTS);
+            self.cut = blas.tree().cut(SWEPT_PARTS);
         }
         (deforming, rebuilds)
     }

@@ -76,7 +76,7 @@ impl Rig {
         false
     }
 
-    /// SceneBvh transforms of all nodes at a time.
+    /// World transforms of all nodes at a time.
     pub(crate) fn evaluate(&self, time_s: f64, worlds: &mut Vec<DAffine3>) {
         worlds.clear();
         for node in &self.nodes {

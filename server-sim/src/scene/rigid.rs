@@ -9,7 +9,7 @@ use glam::{DAffine3, DMat3, DQuat, DVec3, Mat3, Quat, Vec3};
 pub struct RigidFrame {
     /// Unit quaternion.
     pub rotation: Quat,
-    /// SceneBvh position of the local origin, metres.
+    /// World position of the local origin, metres.
     pub translation: Vec3,
 }
 

@@ -328,7 +328,7 @@ mod tests {
         Track { centre: DVec3::new(1.0, 0.0, -2.0), half_x: 2.0, half_z: 1.2, start: 0.3, laps: -1.0 }
     }
 
-    /// SceneBvh place of an ankle, joint by joint.
+    /// World place of an ankle, joint by joint.
     fn forward(gait: &Gait, side: usize, time: f64) -> DVec3 {
         let (place, heading) = gait.track.at(time);
         let mut at = rest(13 + 3 * side) + DVec3::Y * gait.bob(time);

@@ -158,7 +158,7 @@ fn no_layer_imports_one_above_it() {
             let apart = APART.contains(&(LAYERS[own], LAYERS[other]));
             assert!(
                 !apart,
-                "{shown} imports crate::{}: {} knows nothing of it",
+                "{shown} imports crate::{}: {} must not know of it",
                 path.join("::"),
                 LAYERS[own]
             );

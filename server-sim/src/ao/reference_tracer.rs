@@ -1,5 +1,5 @@
-//! Single rays through the box tree of `obvhs`, one triangle at a time, in double precision: the plain twin that the
-//! packets are measured by and held against. It shares neither tree layout nor arithmetic with them.
+//! Single rays through the box tree of `obvhs`, one triangle at a time, in double precision: the reference that the
+//! packets are measured by and compared with. It shares neither tree layout nor arithmetic with them.
 
 use std::time::Duration;
 

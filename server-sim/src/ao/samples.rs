@@ -163,7 +163,7 @@ impl Cones {
             |i: usize| groups.get(i).into_iter().flat_map(|group| (0..LANES).map(|lane| group.at(lane)));
         let cos = Packed::from_fn(|i| rays(i).map(|d| d.dot(axis(i))).fold(1.0, f32::min) - 1e-5);
         let spread = |i: usize| rays(i).map(|d| d.distance(axis(i))).fold(0.0, f32::max) + SPREAD_SLACK;
-        // Next to a right angle the half angle says nothing any more: then everything is in the cone.
+        // Next to a right angle the half angle is unreliable: then everything is in the cone.
         let narrow = |i: usize| Some(cos.array()[i]).filter(|&cos| cos > MIN_CONE_COSINE);
         Self {
             axes: Packed3::from_fn(axis),

@@ -1,7 +1,7 @@
-//! What the rays of a point met in the body that it sits on.
+//! Hits of a point's rays in its own body, kept from frame to frame.
 //!
-//! A point's rays turn with its body. As long as the body keeps its shape they meet it where they met it before, to the
-//! bit, so near something that moves only the rest of the world has to be asked again.
+//! A point's rays turn with its body. As long as the body keeps its shape, their hits in it are bit-identical. So near a
+//! moving instance only the rest of the scene has to be traced again.
 
 use super::ray_packet::{RayPacket, RayReach};
 
@@ -14,14 +14,14 @@ pub(crate) struct SelfHits {
     distances: Box<[f32]>,
 }
 
-/// Collects a [`SelfHits`] from one packet after the other.
+/// Collects [`SelfHits`] from one packet after the other.
 #[derive(Debug, Default)]
 pub(super) struct SelfHitRecorder {
     hits: Vec<u8>,
     distances: Vec<f32>,
 }
 
-/// Gives a [`SelfHits`] back to one packet after the other.
+/// Restores [`SelfHits`] to one packet after the other.
 #[derive(Debug)]
 pub(super) struct SelfHitReader<'a> {
     hits: &'a [u8],
@@ -46,7 +46,7 @@ impl SelfHitRecorder {
         self.distances.clear();
     }
 
-    /// Takes down what a packet's rays have met.
+    /// Records the hits of a packet's rays.
     pub(super) fn record(&mut self, packet: &RayPacket) {
         for rays in packet.reaches() {
             let mut hits = 0;
@@ -62,14 +62,14 @@ impl SelfHitRecorder {
         }
     }
 
-    /// What was taken down since the last [`SelfHitRecorder::clear`].
+    /// Returns what was recorded since the last [`SelfHitRecorder::clear`].
     pub(super) fn self_hits(&self) -> SelfHits {
         SelfHits { hits: self.hits.as_slice().into(), distances: self.distances.as_slice().into() }
     }
 }
 
 impl SelfHitReader<'_> {
-    /// Puts a packet that was just begun where it was when it was taken down.
+    /// Restores the recorded hits to a packet that was just begun.
     pub(super) fn restore<const ANY: bool>(&mut self, packet: &mut RayPacket) {
         let groups = packet.groups();
         let (hits, rest) = self.hits.split_at(groups.min(self.hits.len()));

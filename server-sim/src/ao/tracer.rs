@@ -41,14 +41,14 @@ pub struct PointAo {
     pub rays: u32,
 }
 
-/// What is known of a point's rays in its own body, and whether to keep it.
+/// The self hits of a point, and whether to keep them.
 #[derive(Debug)]
 pub(crate) enum SelfHitCache<'a> {
-    /// Nothing is known or kept.
+    /// None are known, none are kept.
     Off,
-    /// Nothing is known; what the rays meet is put here if another body is near.
+    /// None are known. Those of this trace are put here if another body is near.
     Empty(&'a mut Option<Box<SelfHits>>),
-    /// What they meet.
+    /// Known from an earlier frame.
     Filled(&'a SelfHits),
 }
 

@@ -15,7 +15,7 @@ use super::wide::{self, Wide};
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Blas {
     tree: Tree,
-    /// The same tree, for bundles of rays.
+    /// The same tree, for ray packets.
     wides: Vec<Wide>,
     blocks: Vec<Block>,
     /// Bit per lane of each block: a hit must ask for the texel. Empty where no triangle of the body is masked.
@@ -107,7 +107,7 @@ impl Blas {
         &self.tree
     }
 
-    /// The box tree eight children at a time, for bundles of rays; empty where it is.
+    /// The box tree with eight children per node, for ray packets; empty where the tree is.
     #[inline(always)]
     pub(crate) fn wides(&self) -> &[Wide] {
         &self.wides

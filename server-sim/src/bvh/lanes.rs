@@ -20,7 +20,7 @@ pub(crate) type Lanes<S> = f32x8<S>;
 /// A truth value for each of eight lanes.
 pub(crate) type LaneMask<S> = mask32x8<S>;
 
-/// A set of instructions that this machine has. The results are the same with all of them, to the bit.
+/// A set of instructions that this machine has. Results are bit-identical with all of them.
 #[derive(Clone, Copy, Debug)]
 pub struct Instructions(Level);
 

@@ -5,7 +5,7 @@
 //! into its local geometry. Instances of the same mesh at the same scale share one [`RestMesh`], whatever
 //! their animation does.
 //!
-//! * [`Scene::pose`] gives the frames of all instances, and what deforms them, at a time.
+//! * [`Scene::pose`] gives the frames of all instances, and what deforms them, at a given time.
 //! * [`ScenePose::apply`] puts on top what clients changed: [`Edits`].
 //! * [`Scene::local_geometry`] gives an instance's deformed vertices in its local space at that time.
 //!
@@ -242,7 +242,7 @@ impl Scene {
         &self.camera
     }
 
-    /// The camera at a time, for a picture of 16 to 9: smooth between the path's keys, clamped at its ends.
+    /// The camera at a given time, for a picture of 16 to 9: smooth between the path's keys, clamped at its ends.
     #[must_use]
     pub fn camera(&self, time_s: f64) -> CameraPose {
         let key = self.camera.at(time_s);

@@ -1,13 +1,13 @@
-//! How many rays a frame of a live stream may take, from what frames have taken: arithmetic alone.
+//! A controller of frame time: how many rays the next frame may take, from the times of earlier frames.
 
 use super::FrameStats;
 
-/// Share of what was learnt from a frame in what is known.
+/// Weight of the newest frame in the running means.
 const LEARNING_RATE: f64 = 0.2;
-/// Share of the time that is planned: the rest is for what varies from frame to frame.
+/// Share of the frame time that is planned for. The rest covers variation from frame to frame.
 const PLANNED_SHARE: f64 = 0.85;
 
-/// Turns a time for each frame into rays for each frame.
+/// Turns a time per frame into a number of rays per frame.
 #[derive(Clone, Debug)]
 pub struct FrameTimeController {
     /// Microseconds a frame may take.
@@ -70,7 +70,7 @@ mod tests {
         }
         let rays = pacing.rays().unwrap();
         assert!(rays.abs_diff((10_000.0 * PLANNED_SHARE / 0.1) as u64) < 10, "{rays}");
-        // A frame that nothing was traced in says nothing about rays.
+        // A frame without traced points does not show how long a ray takes.
         pacing.learn(&frame(0, 3, 6_667, false));
         assert_eq!(pacing.rays(), Some(rays));
     }

@@ -1,15 +1,15 @@
-//! What points near moving things remember of their rays, within a bound.
+//! A cache of self hits for points near moving instances, within a limit of memory.
 
 use crate::ao::{SelfHitCache, SelfHits};
 
-/// Frames in which no point of a chunk was traced, after which the chunk forgets: things that pass come back soon or not
-/// for a long time.
+/// A chunk is cleared after this many frames in which none of its points was traced: what passes by comes back soon or
+/// not for a long time.
 const FORGET_AFTER_FRAMES: u16 = 240;
 
-/// What the points of a chunk remember.
+/// Self hits of the points of a chunk.
 #[derive(Debug, Default)]
 pub(super) struct ChunkHitCache {
-    /// By point; empty when nothing is remembered.
+    /// By point; empty when nothing is cached.
     points: Vec<Option<Box<SelfHits>>>,
     /// Frames since a point was traced.
     idle: u16,
@@ -17,7 +17,7 @@ pub(super) struct ChunkHitCache {
 }
 
 impl ChunkHitCache {
-    /// What is known of a point of a chunk of `count`, or where to put it, if `keep` says so.
+    /// Returns the entry of a point in a chunk of `count` points. Empty entries are offered only with `keep`.
     pub(super) fn of(&mut self, point: usize, count: usize, keep: bool) -> SelfHitCache<'_> {
         if self.points.is_empty() {
             if !keep {
@@ -33,12 +33,12 @@ impl ChunkHitCache {
         }
     }
 
-    /// Forgets everything.
+    /// Drops all entries.
     pub(super) fn clear(&mut self) {
         *self = Self::default();
     }
 
-    /// A frame is over: counts what is remembered, and forgets what has not been of use for long.
+    /// Ends a frame: drops the entries of a chunk that was idle for long. Returns the bytes held.
     fn rest(&mut self) -> usize {
         if self.points.is_empty() {
             return 0;
@@ -55,8 +55,7 @@ impl ChunkHitCache {
     }
 }
 
-/// Ends a frame for all chunks: bytes that are remembered afterwards. More than `limit` are forgotten at once, those that
-/// were of no use for longest first.
+/// Ends a frame for all chunks. Drops entries beyond `limit` bytes, the idlest chunks first. Returns the bytes held.
 pub(super) fn settle(chunks: &mut [ChunkHitCache], limit: usize) -> usize {
     let mut bytes: usize = chunks.iter_mut().map(ChunkHitCache::rest).sum();
     if bytes > limit {

@@ -32,13 +32,13 @@ pub struct FrameStats {
     pub traced: u32,
     /// Rays traced: those that came into the bounds of a body that they had to be tested against.
     pub rays: u64,
-    /// What was left for later frames for want of rays; nothing without a budget of them.
+    /// What was left for later frames because the ray budget was used up; `None` without a budget.
     pub waiting: Option<RayBacklog>,
     /// Whether it is the first frame, in which every point is traced.
     pub first: bool,
     /// Points sent.
     pub changed: u32,
-    /// What was left for later frames for want of bytes; nothing without a budget of them.
+    /// What was left for later frames because the byte budget was used up; `None` without a budget.
     pub postponed: Option<Postponed>,
     /// How full the client's tables are, and what did not fit; nothing in profile `surface`, which has none.
     pub occupancy: Option<Occupancy>,

@@ -56,7 +56,7 @@ pub fn eliminate(points: &[Vec3], keep: usize, radius: f32) -> Vec<u32> {
     eliminate_in(points, keep, radius, points.len().div_ceil(regions).max(MIN_REGION_POINTS))
 }
 
-/// As [`eliminate`], in regions of about so many points.
+/// As [`eliminate`], in regions of about this many points.
 fn eliminate_in(points: &[Vec3], keep: usize, radius: f32, region: usize) -> Vec<u32> {
     let Some(surplus) = points.len().checked_sub(keep).filter(|&surplus| surplus > 0) else {
         return (0..points.len() as u32).collect();

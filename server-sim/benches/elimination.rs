@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use glam::Vec3;
-use psao_server_sim::points::{eliminate, poisson_radius, reference};
+use psao_server::points::{eliminate, poisson_radius, reference};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 /// Rounds in which the ways take turns.

@@ -4,8 +4,8 @@
 use std::sync::Arc;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use psao_server_sim::bvh::World;
-use psao_server_sim::scene::{Motion, Scene};
+use psao_server::scene::{Motion, Scene};
+use psao_server::world::SceneBvh;
 
 fn refit(criterion: &mut Criterion) {
     for name in ["colonnade", "robot-lab"] {
@@ -14,11 +14,11 @@ fn refit(criterion: &mut Criterion) {
         let poses = [scene.pose(0.0), scene.pose(1.0 / 60.0)];
         let deforming = scene.instances().iter().filter(|instance| instance.motion() == Motion::Deforming);
         let triangles: usize = deforming.map(|instance| scene.rest(instance).triangles().len()).sum();
-        let mut world = World::new(&scene, &poses[0]);
+        let mut world = SceneBvh::new(&scene, &poses[0]);
         // The answer first: something deforms, and a world that was moved is where one made there is.
         assert!(triangles > 100, "{name}: {triangles} triangles deform");
         world.update(&poses[1]);
-        assert_eq!(world.bounds(), World::new(&scene, &poses[1]).bounds());
+        assert_eq!(world.bounds(), SceneBvh::new(&scene, &poses[1]).bounds());
         let mut group = criterion.benchmark_group(name);
         group.throughput(Throughput::Elements(2 * triangles as u64));
         group.bench_function("refit, there and back", |bencher| {

@@ -5,10 +5,10 @@ use std::sync::Arc;
 
 use criterion::measurement::WallTime;
 use criterion::{BenchmarkGroup, Criterion, Throughput, criterion_group, criterion_main};
-use psao_server_sim::ao::{AoSettings, Occlusion, Probe, Ray, Scratch, Tracer, Twin};
-use psao_server_sim::bvh::World;
-use psao_server_sim::points::{PointSettings, ScenePoints, generate};
-use psao_server_sim::scene::{InstanceId, Scene};
+use psao_server::ao::{AoSettings, Occlusion, Ray, RayWorkload, ReferenceTracer, Scratch, Tracer};
+use psao_server::points::{PointSettings, ScenePoints, generate};
+use psao_server::scene::{InstanceId, Scene};
+use psao_server::world::SceneBvh;
 
 /// Every how many points a single ray starts: spread over the scene, near enough to share memory.
 const STRIDE: usize = 16;
@@ -17,14 +17,14 @@ const STRIDE: usize = 16;
 const SAMPLE: u32 = 1000;
 
 /// Position and normal of some points, world space.
-fn places(world: &World, points: &ScenePoints) -> Vec<(glam::Vec3, glam::Vec3)> {
+fn places(world: &SceneBvh, points: &ScenePoints) -> Vec<(glam::Vec3, glam::Vec3)> {
     let mut places = Vec::new();
     for (index, instance) in (0u32..).zip(world.scene().instances()) {
         let Some(posed) = world.posed(InstanceId(index)) else { continue };
         let at = world.placement(InstanceId(index));
         let set = points.sets()[instance.rest().index()].points();
         places.extend(set.iter().step_by(STRIDE).map(|point| {
-            let placed = posed.place(point);
+            let placed = point.place_on(&posed);
             (at.point(placed.position), at.direction(placed.normal))
         }));
     }
@@ -32,9 +32,9 @@ fn places(world: &World, points: &ScenePoints) -> Vec<(glam::Vec3, glam::Vec3)> 
 }
 
 /// All rays of a sample of points: as the server traces them, and one by one through a plain tree.
-fn rays(group: &mut BenchmarkGroup<'_, WallTime>, kind: Occlusion, probe: &Probe) {
+fn rays(group: &mut BenchmarkGroup<'_, WallTime>, kind: Occlusion, probe: &RayWorkload) {
     let mut scratch = Scratch::default();
-    let (rays, twin) = (probe.rays(), Twin::new(&probe.triangles()));
+    let (rays, twin) = (probe.rays(), ReferenceTracer::new(&probe.triangles()));
     let any = kind == Occlusion::Binary;
     let hit = |ray: &Ray| if any { twin.occluded(ray) } else { twin.closest(ray).is_finite() };
     // The answer first: but for grazing rays, both hit the same.
@@ -57,13 +57,13 @@ fn trace(criterion: &mut Criterion) {
         let scene = Arc::new(scene);
         let settings = PointSettings { per_m2: 64.0, minimum: 256, seed: 1 };
         let Ok(points) = generate(&scene, &settings, &|_, _| {}) else { continue };
-        let world = World::new(&scene, &scene.pose(0.0));
+        let world = SceneBvh::new(&scene, &scene.pose(0.0));
         let places = places(&world, &points);
         let mut group = criterion.benchmark_group(name);
         group.sample_size(10);
         for kind in [Occlusion::Obscurance, Occlusion::Binary] {
             let Ok(tracer) = Tracer::new(AoSettings { kind, ..AoSettings::default() }) else { continue };
-            rays(&mut group, kind, &Probe::new(&scene, &points, tracer, SAMPLE, 1));
+            rays(&mut group, kind, &RayWorkload::new(&scene, &points, tracer, SAMPLE, 1));
         }
         group.throughput(Throughput::Elements(places.len() as u64));
         group.bench_function("single rays", |bencher| {

@@ -2,7 +2,7 @@
 //! is that of points in their cells; for `surface`, that of points at rest, which is the same in every frame.
 //!
 //! ```sh
-//! cargo run --release -p psao-server-sim --example packing_errors -- colonnade 512 0 10
+//! cargo run --release -p psao-server --example packing_errors -- colonnade 512 0 10
 //! ```
 
 use std::sync::Arc;
@@ -13,12 +13,12 @@ use psao_codec::cells::{Grid, PaperEncoder};
 use psao_codec::frame::{FrameIndex, StreamTime};
 use psao_codec::point::PointFormat;
 use psao_proto::Profile;
-use psao_server_sim::clock::NoClock;
-use psao_server_sim::points::{
-    Fineness, PlacedPoint, PointSettings, PosedMesh, ScenePoints, generate, order_at_rest, rest_points,
+use psao_server::clock::NoClock;
+use psao_server::points::{
+    GeometryPrecision, PlacedPoint, PointSettings, ScenePoints, generate, order_at_rest, rest_points,
 };
-use psao_server_sim::scene::{Geometry, InstanceId, Scene};
-use psao_server_sim::server::{Server, ServerSettings};
+use psao_server::scene::{Geometry, InstanceId, PosedMesh, Scene};
+use psao_server::server::{Server, ServerSettings};
 
 type Failure = Box<dyn std::error::Error>;
 
@@ -80,15 +80,15 @@ fn main() -> Result<(), Failure> {
     println!("  bits | position, mm | Poisson radii | normal, degrees | lattice, normal bits");
     let made = generate(&scene, &points, &|_, _| {})?;
     for format in PointFormat::ALL {
-        let (errors, fineness) = at_rest(&scene, &made, format)?;
+        let (errors, precision) = at_rest(&scene, &made, format)?;
         println!(
             "  {} | {} | {} | {} | 1/{} radius, {}",
             format.bits(),
             errors.millimetres.text(),
             errors.radii.text(),
             errors.degrees.text(),
-            fineness.steps,
-            fineness.normal_bits,
+            precision.steps,
+            precision.normal_bits,
         );
     }
     let mut server = Server::new(
@@ -119,12 +119,16 @@ fn main() -> Result<(), Failure> {
 }
 
 /// Errors of the points of every mesh at rest, as finely rounded as goes by the bits.
-fn at_rest(scene: &Scene, points: &ScenePoints, format: PointFormat) -> Result<(Places, Fineness), Failure> {
-    let fineness = Fineness::of_bits(format.bits() as u8).ok_or("no such packing")?;
+fn at_rest(
+    scene: &Scene,
+    points: &ScenePoints,
+    format: PointFormat,
+) -> Result<(Places, GeometryPrecision), Failure> {
+    let precision = GeometryPrecision::of_bits(format.bits() as u8).ok_or("no such packing")?;
     let kernel = ServerSettings::default().kernel;
     let mut errors = Places::default();
     let mut ordered = points.clone();
-    let geometry = order_at_rest(scene, &mut ordered, fineness, kernel);
+    let geometry = order_at_rest(scene, &mut ordered, precision, kernel);
     for (set, geometry) in geometry.iter().enumerate() {
         let radius = points.sets()[set].radius();
         for (at, point) in rest_points(scene, &ordered, set).iter().enumerate() {
@@ -132,7 +136,7 @@ fn at_rest(scene: &Scene, points: &ScenePoints, format: PointFormat) -> Result<(
             errors.add_pair(position, (point.normal.into(), geometry.normal(at).into()), radius);
         }
     }
-    Ok((errors, fineness))
+    Ok((errors, precision))
 }
 
 /// Errors of all points of the scene as it is posed at `time`.
@@ -152,7 +156,7 @@ fn places(
         scene.local_geometry(InstanceId(index as u32), &pose, &mut geometry);
         let mesh = PosedMesh::posed(scene, scene.rest(instance), &geometry);
         for point in set.points() {
-            errors.add(format, &layout.grid, &mesh.place(point), set.radius());
+            errors.add(format, &layout.grid, &point.place_on(&mesh), set.radius());
         }
     }
     errors

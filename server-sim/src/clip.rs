@@ -78,7 +78,7 @@ pub fn needs(scene: &Scene, clip: &Clip) -> Vec<InstanceNeeds> {
     instances.par_iter().enumerate().map(of).collect()
 }
 
-/// World bounds of an instance at a pose; empty while it is out of sight.
+/// Bounds in world space of an instance at a pose; empty while it is out of sight.
 fn bounds(
     scene: &Scene,
     pose: &ScenePose,
@@ -111,7 +111,7 @@ mod tests {
     use glam::Vec3;
 
     use super::*;
-    use crate::bvh::World;
+    use crate::world::SceneBvh;
 
     fn clip() -> Clip {
         Clip { frames: 24, fps: 6.0, reach_m: 0.6, view_margin: Some(1.0) }
@@ -127,7 +127,7 @@ mod tests {
                 let time_s = f64::from(frame) / clip().fps;
                 let pose = scene.pose(time_s);
                 let views = Views::new(&[scene.camera(time_s)], 1.0).unwrap();
-                let world = World::new(&scene, &pose);
+                let world = SceneBvh::new(&scene, &pose);
                 let vertices: Vec<Vec<Vec3>> = (0..needs.len())
                     .map(|index| {
                         let id = InstanceId(index as u32);

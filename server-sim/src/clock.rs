@@ -1,4 +1,4 @@
-//! The clock that stage times are read from, handed in by whoever has one.
+//! The clock that stage times are read from. The caller hands it in.
 
 /// A monotonic clock. The server reads it for its statistics only: no byte of the stream depends on it.
 pub trait Clock {

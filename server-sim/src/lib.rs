@@ -1,6 +1,6 @@
-//! Point-based ambient occlusion streams: scenes, rays and the simulated server.
+//! The server of point-based ambient occlusion streams: scenes, rays, points and the frame loop.
 //!
-//! Data flows one way: a [`scene`] is posed, [`bvh::World`] makes it ready for rays, [`points`] lie on its surfaces,
+//! Data flows one way: a [`scene`] is posed, [`world::SceneBvh`] makes it ready for rays, [`points`] lie on its surfaces,
 //! [`ao`] traces them, and [`server::Server`] writes what changed as frame bodies. Time comes in as an argument,
 //! randomness from a seed; the same arguments give the same bytes on any machine.
 //!
@@ -9,10 +9,10 @@
 //! ```
 //! use std::sync::Arc;
 //! use psao_codec::frame::{FrameIndex, FrameKind, StreamTime};
-//! use psao_server_sim::clock::NoClock;
-//! use psao_server_sim::points::PointSettings;
-//! use psao_server_sim::scene::Scene;
-//! use psao_server_sim::server::{Server, ServerSettings};
+//! use psao_server::clock::NoClock;
+//! use psao_server::points::PointSettings;
+//! use psao_server::scene::Scene;
+//! use psao_server::server::{Server, ServerSettings};
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! let scene = Arc::new(Scene::load("colonnade")?);
@@ -36,19 +36,20 @@
 //! ```
 //! use std::sync::Arc;
 //! use glam::Vec3;
-//! use psao_server_sim::ao::{AoSettings, Scratch, Tracer};
-//! use psao_server_sim::bvh::World;
-//! use psao_server_sim::scene::Scene;
+//! use psao_server::ao::{AoSettings, Scratch, Tracer};
+//! use psao_server::world::SceneBvh;
+//! use psao_server::points::RayKey;
+//! use psao_server::scene::Scene;
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! let scene = Arc::new(Scene::load("colonnade")?);
-//! let world = World::new(&scene, &scene.pose(0.0));
+//! let world = SceneBvh::new(&scene, &scene.pose(0.0));
 //! let top = world.bounds().max().y + 1.0;
 //! let hit = world.closest(Vec3::new(0.0, top, 0.0), Vec3::NEG_Y, 100.0).ok_or("nothing below")?;
 //! let surface = world.surface(&hit).ok_or("not of this world")?;
 //!
 //! let tracer = Tracer::new(AoSettings { rays: 512, ..AoSettings::default() })?;
-//! let ao = tracer.at(&world, 0, surface.position, surface.normal, &mut Scratch::default()).ao;
+//! let ao = tracer.at(&world, RayKey(0), surface.position, surface.normal, &mut Scratch::default()).ao;
 //! assert!(ao > 0.0 && ao <= 1.0);
 //! # Ok(())
 //! # }
@@ -60,6 +61,11 @@ pub mod clip;
 pub mod clock;
 pub mod delta;
 pub mod points;
+mod random;
 pub mod scene;
 pub mod server;
+mod shortcuts;
 pub mod visibility;
+pub mod world;
+
+pub use shortcuts::Shortcuts;

@@ -8,11 +8,11 @@ use psao_codec::block::BlockCoder;
 use psao_codec::frame::{FrameIndex, StreamTime};
 use psao_codec::surface::Budget;
 use psao_proto::Profile;
-use psao_server_sim::ao::AoSettings;
-use psao_server_sim::clock::NoClock;
-use psao_server_sim::points::PointSettings;
-use psao_server_sim::scene::Scene;
-use psao_server_sim::server::{Server, ServerMemory, ServerSettings};
+use psao_server::ao::AoSettings;
+use psao_server::clock::NoClock;
+use psao_server::points::PointSettings;
+use psao_server::scene::Scene;
+use psao_server::server::{Server, ServerMemory, ServerSettings};
 
 /// Few points and rays.
 fn settings(scene: &Scene) -> ServerSettings {

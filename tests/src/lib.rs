@@ -4,11 +4,11 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use psao_codec::frame::{FrameIndex, StreamTime};
-use psao_server_sim::ao::AoSettings;
-use psao_server_sim::clock::NoClock;
-use psao_server_sim::points::PointSettings;
-use psao_server_sim::scene::Scene;
-use psao_server_sim::server::{Server, ServerError, ServerSettings, StepOutput};
+use psao_server::ao::AoSettings;
+use psao_server::clock::NoClock;
+use psao_server::points::PointSettings;
+use psao_server::scene::Scene;
+use psao_server::server::{Server, ServerError, ServerSettings, StepOutput};
 
 /// The folder with real scenes and reference figures, which is no part of the repository: `$PSAO_SHARED`, or `shared`
 /// beside the repository. Without it the caller skips, and a line says so; with `PSAO_REQUIRE_SHARED` set, that is a

@@ -7,8 +7,8 @@ use psao_codec::frame::EncodedFrame;
 use psao_codec::stream::StateRef;
 use psao_netlab::{ClientPlan, Conditions, Fault, Lab, LabError, Mode, Settings, Source};
 use psao_proto::{Micros, Profile, SceneTable};
-use psao_server_sim::scene::Scene;
-use psao_server_sim::server::{Server, ServerSettings};
+use psao_server::scene::Scene;
+use psao_server::server::{Server, ServerSettings};
 
 use psao_tests::{server, small, step};
 

@@ -8,8 +8,8 @@ use psao_codec::Limits;
 use psao_codec::stream::{Applier, State};
 use psao_eval::adapter::SceneView;
 use psao_proto::Profile;
-use psao_server_sim::scene::Scene;
-use psao_server_sim::server::{Server, ServerSettings};
+use psao_server::scene::Scene;
+use psao_server::server::{Server, ServerSettings};
 
 use psao_tests::{server, shared, small, step};
 

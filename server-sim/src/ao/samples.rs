@@ -5,19 +5,20 @@
 //! disk (Malley's method), so that every ray carries the same weight. Its rays are sorted into groups of eight that
 //! point roughly the same way.
 
+#[cfg(any(test, feature = "testing"))]
 use fearless_simd::{Level, dispatch};
 use glam::{Mat3, Vec3};
 use psao_codec::memory;
 
-use super::bundle::GROUPS;
-use crate::bvh::{LANES, Packed, Packed3, SPREAD_SLACK};
-use crate::points::random::{Random, mix, substream, unit};
+use crate::bvh::{LANES, PACKET_GROUPS, Packed, Packed3, SPREAD_SLACK};
+use crate::points::RayKey;
+use crate::random::{Random, mix, substream, unit};
 
 /// Number of sets that are computed ahead.
-const SETS: u64 = 64;
+const RAY_SETS: u64 = 64;
 
 /// Cosine of the widest half angle of a cone.
-const LEAST_COSINE: f32 = 1e-3;
+const MIN_CONE_COSINE: f32 = 1e-3;
 
 /// One set: groups of eight rays.
 #[derive(Clone, Debug)]
@@ -50,7 +51,7 @@ pub(crate) struct SampleSets {
 }
 
 /// A set and how it is turned about the normal.
-pub(crate) struct Turned<'a> {
+pub(crate) struct PointRays<'a> {
     pub(crate) set: &'a SampleSet,
     pub(crate) cos: f32,
     pub(crate) sin: f32,
@@ -59,25 +60,25 @@ pub(crate) struct Turned<'a> {
 impl SampleSets {
     /// Computes the sets for `rays` (at least 1) rays a point.
     pub(crate) fn new(rays: u32, seed: u64) -> Self {
-        Self { seed, sets: (0..SETS).map(|set| SampleSet::new(rays, substream(seed, set))).collect() }
+        Self { seed, sets: (0..RAY_SETS).map(|set| SampleSet::new(rays, substream(seed, set))).collect() }
     }
 
     /// Bytes held.
-    pub(super) fn held(&self) -> usize {
+    pub(super) fn heap_bytes(&self) -> usize {
         let set = |set: &SampleSet| memory::list(&set.groups) + memory::list(&set.cones);
         memory::list(&self.sets) + self.sets.iter().map(set).sum::<usize>()
     }
 
     /// The rays of a point.
-    pub(crate) fn of(&self, point: u32) -> Turned<'_> {
-        let hash = mix(self.seed ^ mix(u64::from(point).wrapping_add(0x5EED)));
+    pub(crate) fn of(&self, key: RayKey) -> PointRays<'_> {
+        let hash = mix(self.seed ^ mix(u64::from(key.0).wrapping_add(0x5EED)));
         let angle = unit(hash) * std::f32::consts::TAU;
-        let set = &self.sets[(hash % SETS) as usize];
-        Turned { set, cos: libm::cosf(angle), sin: libm::sinf(angle) }
+        let set = &self.sets[(hash % RAY_SETS) as usize];
+        PointRays { set, cos: libm::cosf(angle), sin: libm::sinf(angle) }
     }
 }
 
-impl Turned<'_> {
+impl PointRays<'_> {
     /// Where the axes of the set point after its turn about the normal and `turn`.
     #[inline(always)]
     pub(super) fn axes(&self, turn: &Mat3) -> [Vec3; 3] {
@@ -85,7 +86,8 @@ impl Turned<'_> {
         [x * self.cos + y * self.sin, y * self.cos - x * self.sin, z]
     }
 
-    /// Directions of all rays after `turn`, the very ones that a bundle has.
+    /// Directions of all rays after `turn`, the very ones that a packet has.
+    #[cfg(any(test, feature = "testing"))]
     pub(super) fn directions(&self, turn: &Mat3) -> Vec<Vec3> {
         let [x, y, z] = self.axes(turn);
         let turned = |group: &Packed3| dispatch!(Level::baseline(), simd => Packed3::from(group.load(simd).turned(x, y, z)));
@@ -94,27 +96,27 @@ impl Turned<'_> {
         all.take(self.set.rays).collect()
     }
 
-    /// How many bundles the rays fill.
+    /// How many packets the rays fill.
     pub(super) fn chunks(&self) -> usize {
-        self.set.groups.len().div_ceil(GROUPS)
+        self.set.groups.len().div_ceil(PACKET_GROUPS)
     }
 
-    /// Directions of one bundle, by group.
+    /// Directions of one packet, by group.
     #[inline(always)]
     pub(super) fn groups(&self, chunk: usize) -> &[Packed3] {
         let groups = &self.set.groups;
-        &groups[chunk * GROUPS..groups.len().min((chunk + 1) * GROUPS)]
+        &groups[chunk * PACKET_GROUPS..groups.len().min((chunk + 1) * PACKET_GROUPS)]
     }
 
-    /// Cones of one bundle, eight groups each.
+    /// Cones of one packet, eight groups each.
     #[inline(always)]
     pub(super) fn cones(&self, chunk: usize) -> &[Cones] {
-        const CONES: usize = GROUPS / LANES;
+        const CONES: usize = PACKET_GROUPS / LANES;
         let cones = &self.set.cones;
         &cones[chunk * CONES..cones.len().min((chunk + 1) * CONES)]
     }
 
-    /// Lanes of the last group of a bundle that hold no ray of their own.
+    /// Lanes of the last group of a packet that hold no ray of their own.
     pub(super) fn padding(&self, chunk: usize) -> usize {
         if chunk + 1 == self.chunks() { self.set.groups.len() * LANES - self.set.rays } else { 0 }
     }
@@ -161,13 +163,13 @@ impl Cones {
             |i: usize| groups.get(i).into_iter().flat_map(|group| (0..LANES).map(|lane| group.at(lane)));
         let cos = Packed::from_fn(|i| rays(i).map(|d| d.dot(axis(i))).fold(1.0, f32::min) - 1e-5);
         let spread = |i: usize| rays(i).map(|d| d.distance(axis(i))).fold(0.0, f32::max) + SPREAD_SLACK;
-        // Next to a right angle the half angle says nothing any more: then everything is in the cone.
-        let narrow = |i: usize| Some(cos.array()[i]).filter(|&cos| cos > LEAST_COSINE);
+        // Next to a right angle the half angle is unreliable: then everything is in the cone.
+        let narrow = |i: usize| Some(cos.array()[i]).filter(|&cos| cos > MIN_CONE_COSINE);
         Self {
             axes: Packed3::from_fn(axis),
             spread: Packed::from_fn(spread),
             sin: Packed::from_fn(|i| narrow(i).map_or(1e30, |cos| (1.0 - cos * cos).sqrt())),
-            cos: Packed::from_fn(|i| narrow(i).unwrap_or(LEAST_COSINE)),
+            cos: Packed::from_fn(|i| narrow(i).unwrap_or(MIN_CONE_COSINE)),
         }
     }
 }
@@ -226,7 +228,7 @@ mod tests {
             // The mean cosine of a cosine-weighted hemisphere is 2/3; each stratified set alone comes close.
             let cosine = all.iter().map(|d| d.z).sum::<f32>() / 192.0;
             assert!((cosine - 2.0 / 3.0).abs() < 0.01, "{cosine}");
-            mean += all.iter().copied().sum::<Vec3>() / (192.0 * SETS as f32);
+            mean += all.iter().copied().sum::<Vec3>() / (192.0 * RAY_SETS as f32);
         }
         assert!(mean.truncate().length() < 0.01, "{mean}");
     }
@@ -271,9 +273,9 @@ mod tests {
     #[test]
     fn a_point_always_gets_the_same_rays_and_points_differ() {
         let (a, b) = (SampleSets::new(16, 3), SampleSets::new(16, 3));
-        assert_eq!(a.of(5).cos.to_bits(), b.of(5).cos.to_bits());
-        assert_eq!(a.of(5).set.groups[0].x, b.of(5).set.groups[0].x);
-        assert_ne!(a.of(5).cos.to_bits(), a.of(6).cos.to_bits());
-        assert_ne!(a.of(5).cos.to_bits(), SampleSets::new(16, 4).of(5).cos.to_bits());
+        assert_eq!(a.of(RayKey(5)).cos.to_bits(), b.of(RayKey(5)).cos.to_bits());
+        assert_eq!(a.of(RayKey(5)).set.groups[0].x, b.of(RayKey(5)).set.groups[0].x);
+        assert_ne!(a.of(RayKey(5)).cos.to_bits(), a.of(RayKey(6)).cos.to_bits());
+        assert_ne!(a.of(RayKey(5)).cos.to_bits(), SampleSets::new(16, 4).of(RayKey(5)).cos.to_bits());
     }
 }

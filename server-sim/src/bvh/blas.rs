@@ -5,7 +5,7 @@ use fearless_simd::{Level, dispatch};
 use glam::Vec3;
 use psao_codec::memory;
 
-use super::block::{Block, Meeting};
+use super::block::{Block, Intersection};
 use super::bounds::Bounds;
 use super::lanes::{LANES, Lanes, bits};
 use super::tree::{Effort, Tree, VACANT};
@@ -15,17 +15,17 @@ use super::wide::{self, Wide};
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Blas {
     tree: Tree,
-    /// The same tree, for bundles of rays.
+    /// The same tree, for ray packets.
     wides: Vec<Wide>,
     blocks: Vec<Block>,
     /// Bit per lane of each block: a hit must ask for the texel. Empty where no triangle of the body is masked.
     masked: Vec<u8>,
 }
 
-/// The nearest meeting of a ray with a body.
+/// The nearest intersection of a ray with a body.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct BlasHit {
-    pub(crate) meeting: Meeting,
+    pub(crate) intersection: Intersection,
     /// Number of the triangle in the list the body was built from.
     pub(crate) triangle: u32,
 }
@@ -47,9 +47,13 @@ impl Blas {
     }
 
     /// Bytes held, itself included.
-    pub(super) fn held(&self) -> usize {
+    pub(crate) fn heap_bytes(&self) -> usize {
         let Self { tree, wides, blocks, masked } = self;
-        size_of::<Self>() + tree.held() + memory::list(wides) + memory::list(blocks) + memory::list(masked)
+        size_of::<Self>()
+            + tree.heap_bytes()
+            + memory::list(wides)
+            + memory::list(blocks)
+            + memory::list(masked)
     }
 
     /// Marks the triangles whose hits must ask for the texel.
@@ -103,7 +107,7 @@ impl Blas {
         &self.tree
     }
 
-    /// The box tree eight children at a time, for bundles of rays; empty where it is.
+    /// The box tree with eight children per node, for ray packets; empty where the tree is.
     #[inline(always)]
     pub(crate) fn wides(&self) -> &[Wide] {
         &self.wides
@@ -172,10 +176,10 @@ impl Blas {
             let prepared = self.block(node.first).prepare(simd, origin);
             let nearer = bits(prepared.distances(simd, direction).simd_lt(Lanes::splat(simd, limit)));
             for lane in (0..node.count as usize).filter(|lane| nearer >> lane & 1 == 1) {
-                let Some(meeting) = prepared.facet(lane).meet(direction) else { continue };
-                let hit = BlasHit { meeting, triangle: self.triangle_at(node.first, lane) };
-                if meeting.t < limit && accept(&hit) {
-                    limit = meeting.t;
+                let Some(intersection) = prepared.triangle(lane).intersect(direction) else { continue };
+                let hit = BlasHit { intersection, triangle: self.triangle_at(node.first, lane) };
+                if intersection.t < limit && accept(&hit) {
+                    limit = intersection.t;
                     best = Some(hit);
                     if any {
                         return best;
@@ -192,8 +196,8 @@ fn bounds_of(corners: &[Vec3; 3]) -> Bounds {
 }
 
 #[cfg(test)]
-pub(crate) mod naive {
-    //! The slow, obvious twin: every triangle, one by one.
+pub(crate) mod reference {
+    //! The reference: every triangle, one by one.
 
     use super::*;
 
@@ -219,9 +223,9 @@ pub(crate) mod naive {
             let mut best: Option<BlasHit> = None;
             for (triangle, corners) in (0..).zip(triangles) {
                 let prepared = Block::new(&[*corners]).prepare(simd, origin);
-                let Some(meeting) = prepared.facet(0).meet(direction) else { continue };
-                let hit = BlasHit { meeting, triangle };
-                if meeting.t < best.map_or(tmax, |hit| hit.meeting.t) && accept(&hit) {
+                let Some(intersection) = prepared.triangle(0).intersect(direction) else { continue };
+                let hit = BlasHit { intersection, triangle };
+                if intersection.t < best.map_or(tmax, |hit| hit.intersection.t) && accept(&hit) {
                     best = Some(hit);
                 }
             }
@@ -263,16 +267,19 @@ pub(crate) mod tests {
     }
 
     fn check(blas: &Blas, triangles: &[[Vec3; 3]], origin: Vec3, direction: Vec3, tmax: f32) {
-        let slow = naive::nearest(triangles, origin, direction, tmax);
+        let slow = reference::nearest(triangles, origin, direction, tmax);
         let fast = blas.nearest(origin, direction, tmax, false, |_| true);
         // Two triangles may be hit at the very same distance: then only that distance is one.
-        assert_eq!(fast.map(|hit| hit.meeting.t.to_bits()), slow.map(|hit| hit.meeting.t.to_bits()));
+        assert_eq!(
+            fast.map(|hit| hit.intersection.t.to_bits()),
+            slow.map(|hit| hit.intersection.t.to_bits())
+        );
         assert_eq!(blas.nearest(origin, direction, tmax, true, |_| true).is_some(), slow.is_some());
     }
 
     proptest! {
         #[test]
-        fn finds_what_the_naive_twin_finds(
+        fn finds_what_the_reference_finds(
             triangles in soup(), origin in prop::array::uniform3(-3f32..3.0),
             direction in prop::array::uniform3(-1f32..1.0), tmax in prop_oneof![Just(f32::INFINITY), 0.1f32..4.0],
             axis in prop::option::of(0usize..3),
@@ -322,7 +329,7 @@ pub(crate) mod tests {
         let blas = Blas::build(&list, Effort::Best);
         let from = Vec3::new(0.2, 0.2, 1.0);
         let hit = blas.nearest(from, Vec3::NEG_Z, 9.0, false, |hit| hit.triangle >= 2).unwrap();
-        assert_eq!((hit.triangle, hit.meeting.t), (2, 3.0));
-        assert_eq!(naive::cube(1.0).len(), 12);
+        assert_eq!((hit.triangle, hit.intersection.t), (2, 3.0));
+        assert_eq!(reference::cube(1.0).len(), 12);
     }
 }

@@ -8,7 +8,7 @@
 use fearless_simd::prelude::*;
 use glam::Vec3;
 
-use super::lanes::{Answers, LANES, Lanes, Lanes3, Packed, Packed3, bits};
+use super::lanes::{LANES, LaneMask, Lanes, Lanes3, Packed, Packed3, bits};
 
 /// The corners of eight triangles. Vacant lanes hold a point at zero, which no ray hits.
 #[derive(Clone, Debug)]
@@ -17,7 +17,7 @@ pub(crate) struct Block {
 }
 
 /// A block as seen from one origin: what is left for a ray are four dot products.
-pub(crate) struct Prepared {
+pub(crate) struct BlockSetup {
     /// `b x c`, `c x a`, `a x b` of the corners less the origin; with `normal`, of the sign that makes `plane` positive.
     volumes: [Packed3; 3],
     /// `(b - a) x (c - a)`, not normalised; from the edges, where nothing cancels.
@@ -26,8 +26,8 @@ pub(crate) struct Prepared {
     plane: Packed,
 }
 
-/// What tells early which triangles of a [`Prepared`] block some rays can meet.
-pub(crate) struct Reachable {
+/// Per-lane bounds that rule out triangles of a [`BlockSetup`] which no ray of a cone can meet.
+pub(crate) struct BlockCulling {
     /// Bit per lane: whether any ray may meet the triangle at all.
     pub(crate) lanes: u32,
     /// Squared distance to the box of the triangle.
@@ -37,9 +37,9 @@ pub(crate) struct Reachable {
     lengths: [Packed; 4],
 }
 
-/// Rays close together: all directions within `spread` of `axis`, none to go farther than `reach`.
+/// A cone of rays: all directions within `spread` of `axis`, none to go farther than `reach`.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Pencil {
+pub(crate) struct RayCone {
     pub(crate) axis: Vec3,
     /// At least 1e-5 more than the rays take, for what rounds; see [`SPREAD_SLACK`].
     pub(crate) spread: f32,
@@ -50,8 +50,8 @@ pub(crate) struct Pencil {
 /// Added to the spread of rays, it covers how their directions and dot products round.
 pub(crate) const SPREAD_SLACK: f32 = 2e-5;
 
-/// One triangle of a [`Prepared`] block, ready to meet many rays.
-pub(crate) struct Facet {
+/// One triangle of a [`BlockSetup`], to intersect with many rays.
+pub(crate) struct TriangleSetup {
     volumes: [Vec3; 3],
     normal: Vec3,
     plane: f32,
@@ -59,7 +59,7 @@ pub(crate) struct Facet {
 
 /// Where a ray meets a triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Meeting {
+pub(crate) struct Intersection {
     /// Distance along the unit direction.
     pub(crate) t: f32,
     /// Signed volumes opposite to the three corners: the barycentric weights before normalisation.
@@ -85,13 +85,13 @@ impl Block {
 
     /// What all rays from `origin` share.
     #[inline(always)]
-    pub(crate) fn prepare<S: Simd>(&self, simd: S, origin: Vec3) -> Prepared {
-        self.seen(simd, origin).prepared()
+    pub(crate) fn prepare<S: Simd>(&self, simd: S, origin: Vec3) -> BlockSetup {
+        self.setup_lanes(simd, origin).in_memory()
     }
 
-    /// The same in registers, and more.
+    /// As [`Block::prepare`], in registers.
     #[inline(always)]
-    pub(crate) fn seen<S: Simd>(&self, simd: S, origin: Vec3) -> Seen<S> {
+    pub(crate) fn setup_lanes<S: Simd>(&self, simd: S, origin: Vec3) -> BlockSetupLanes<S> {
         let [p, q, r] = &self.corners;
         let (p, q, r) = (p.load(simd), q.load(simd), r.load(simd));
         let origin = Lanes3::splat(simd, origin);
@@ -102,12 +102,17 @@ impl Block {
         let behind = plane.simd_lt(Lanes::splat(simd, 0.0));
         let facing = |volume: Lanes3<S>| volume.turned_about(behind);
         let volumes = [facing(b.cross(c)), facing(c.cross(a)), facing(a.cross(b))];
-        Seen { volumes, normal: normal.turned_about(behind), plane: behind.select(-plane, plane), corners }
+        BlockSetupLanes {
+            volumes,
+            normal: normal.turned_about(behind),
+            plane: behind.select(-plane, plane),
+            corners,
+        }
     }
 }
 
-/// What [`Prepared`] is made of, and more.
-pub(crate) struct Seen<S: Simd> {
+/// A [`BlockSetup`] in registers, with the corners that [`BlockCulling`] needs.
+pub(crate) struct BlockSetupLanes<S: Simd> {
     /// Corners less the origin.
     corners: [Lanes3<S>; 3],
     volumes: [Lanes3<S>; 3],
@@ -115,11 +120,11 @@ pub(crate) struct Seen<S: Simd> {
     plane: Lanes<S>,
 }
 
-impl<S: Simd> Seen<S> {
+impl<S: Simd> BlockSetupLanes<S> {
     #[inline(always)]
-    pub(crate) fn prepared(&self) -> Prepared {
+    pub(crate) fn in_memory(&self) -> BlockSetup {
         let [u, v, w] = self.volumes;
-        Prepared {
+        BlockSetup {
             volumes: [u.into(), v.into(), w.into()],
             normal: self.normal.into(),
             plane: self.plane.into(),
@@ -128,7 +133,7 @@ impl<S: Simd> Seen<S> {
 
     /// What rays into the half-space of `up`, at most `reach` long, may meet. Never says no to a triangle that is met.
     #[inline(always)]
-    pub(crate) fn within(&self, up: Vec3, reach: f32) -> Reachable {
+    pub(crate) fn culling(&self, up: Vec3, reach: f32) -> BlockCulling {
         let simd = self.plane.simd;
         let splat = |value: f32| Lanes::splat(simd, value);
         let [a, b, c] = &self.corners;
@@ -155,7 +160,7 @@ impl<S: Simd> Seen<S> {
         let sided = self.plane.simd_ge(splat(1e-5 * reach) * (size * size));
         let length = |a: &Lanes3<S>| Packed::from(sided.select(a.length(), splat(f32::INFINITY)));
         let [u, v, w] = &self.volumes;
-        Reachable {
+        BlockCulling {
             lanes,
             near: near.into(),
             lengths: [length(u), length(v), length(w), length(&self.normal)],
@@ -163,13 +168,13 @@ impl<S: Simd> Seen<S> {
     }
 }
 
-impl Reachable {
-    /// Bit per lane: whether some ray of a pencil may meet the triangle. Never says no to one that is met.
+impl BlockCulling {
+    /// Bit per lane: whether some ray of a cone may meet the triangle. Never says no to one that is met.
     #[inline(always)]
-    pub(crate) fn by<S: Simd>(&self, simd: S, prepared: &Prepared, pencil: &Pencil) -> u32 {
-        let axis = Lanes3::splat(simd, pencil.axis);
-        let spread = Lanes::splat(simd, pencil.spread);
-        let reach = Lanes::splat(simd, pencil.reach);
+    pub(crate) fn lanes_met<S: Simd>(&self, simd: S, prepared: &BlockSetup, cone: &RayCone) -> u32 {
+        let axis = Lanes3::splat(simd, cone.axis);
+        let spread = Lanes::splat(simd, cone.spread);
+        let reach = Lanes::splat(simd, cone.reach);
         let most =
             |vectors: &Packed3, length: &Packed| vectors.load(simd).dot(&axis) + spread * length.load(simd);
         let [u, v, w] = &prepared.volumes;
@@ -181,12 +186,12 @@ impl Reachable {
     }
 }
 
-impl Prepared {
+impl BlockSetup {
     /// The triangle of one lane, for many rays.
     #[inline(always)]
-    pub(crate) fn facet(&self, lane: usize) -> Facet {
+    pub(crate) fn triangle(&self, lane: usize) -> TriangleSetup {
         let [u, v, w] = &self.volumes;
-        Facet {
+        TriangleSetup {
             volumes: [u.at(lane), v.at(lane), w.at(lane)],
             normal: self.normal.at(lane),
             plane: self.plane.array()[lane],
@@ -214,12 +219,12 @@ impl Prepared {
 
 /// Whether three volumes agree in sign.
 #[inline(always)]
-fn inside<S: Simd>(u: Lanes<S>, v: Lanes<S>, w: Lanes<S>) -> Answers<S> {
+fn inside<S: Simd>(u: Lanes<S>, v: Lanes<S>, w: Lanes<S>) -> LaneMask<S> {
     let zero = Lanes::splat(u.simd, 0.0);
     u.min(v).min(w).simd_ge(zero) | zero.simd_ge(u.max(v).max(w))
 }
 
-impl Facet {
+impl TriangleSetup {
     /// Shortens those of eight rays that meet the triangle nearer than `best`: to where they do, or to `hit`. Says whether
     /// any of them did.
     #[inline(always)]
@@ -242,18 +247,18 @@ impl Facet {
         Some(met.select(hit.map_or(t, |hit| Lanes::splat(simd, hit)), best))
     }
 
-    /// Where one unit direction meets the triangle; the same bits as [`Facet::shorten`].
+    /// Where one unit direction meets the triangle; the same bits as [`TriangleSetup::shorten`].
     #[inline(always)]
-    pub(crate) fn meet(&self, direction: Vec3) -> Option<Meeting> {
+    pub(crate) fn intersect(&self, direction: Vec3) -> Option<Intersection> {
         let along = |n: Vec3| direction.x * n.x + direction.y * n.y + direction.z * n.z;
         let volumes = [along(self.volumes[0]), along(self.volumes[1]), along(self.volumes[2])];
         let t = self.plane / along(self.normal);
         let inside = volumes.iter().all(|&v| v >= 0.0) || volumes.iter().all(|&v| v <= 0.0);
-        (inside && t > 0.0 && t < f32::INFINITY).then_some(Meeting { t, volumes })
+        (inside && t > 0.0 && t < f32::INFINITY).then_some(Intersection { t, volumes })
     }
 }
 
-impl Meeting {
+impl Intersection {
     /// Weights of the three corners, summing to 1. A ray that touches an edge-on triangle gets its first corner.
     pub(crate) fn barycentric(&self) -> [f32; 3] {
         let sum = self.volumes[0] + self.volumes[1] + self.volumes[2];
@@ -273,21 +278,21 @@ mod tests {
         prop::array::uniform3(-range..range).prop_map(Vec3::from)
     }
 
-    fn prepare(triangles: &[[Vec3; 3]], origin: Vec3) -> Prepared {
+    fn prepare(triangles: &[[Vec3; 3]], origin: Vec3) -> BlockSetup {
         dispatch!(Level::baseline(), simd => Block::new(triangles).prepare(simd, origin))
     }
 
-    fn meet(triangle: [Vec3; 3], origin: Vec3, direction: Vec3) -> Option<Meeting> {
-        prepare(&[triangle], origin).facet(0).meet(direction)
+    fn intersect(triangle: [Vec3; 3], origin: Vec3, direction: Vec3) -> Option<Intersection> {
+        prepare(&[triangle], origin).triangle(0).intersect(direction)
     }
 
     /// Distances to one triangle along eight directions, and along each of them to that triangle four lanes on.
     #[inline(always)]
     fn distances<S: Simd>(simd: S, triangle: [Vec3; 3], origin: Vec3, directions: &[Vec3]) -> [Packed; 2] {
-        let facet = Block::new(&[triangle]).prepare(simd, origin).facet(0);
+        let setup = Block::new(&[triangle]).prepare(simd, origin).triangle(0);
         let along = Packed3::from_fn(|i| directions[i]).load(simd);
         let none = Lanes::splat(simd, f32::INFINITY);
-        let by_ray = facet.shorten(&along, none, None).unwrap_or(none);
+        let by_ray = setup.shorten(&along, none, None).unwrap_or(none);
         let block = Block::new(&[triangle; 5]).prepare(simd, origin);
         let by_triangle = Packed::from_fn(|i| {
             let all = block.distances(simd, directions[i]);
@@ -301,21 +306,21 @@ mod tests {
     fn hits_both_sides_and_reports_the_point() {
         let triangle = [Vec3::ZERO, Vec3::X, Vec3::Y];
         for side in [1.0, -1.0] {
-            let hit = meet(triangle, Vec3::new(0.25, 0.5, 2.0 * side), Vec3::NEG_Z * side).unwrap();
+            let hit = intersect(triangle, Vec3::new(0.25, 0.5, 2.0 * side), Vec3::NEG_Z * side).unwrap();
             assert_eq!(hit.t, 2.0);
             assert_eq!(hit.barycentric(), [0.25, 0.25, 0.5]);
         }
-        assert_eq!(meet(triangle, Vec3::new(0.25, 0.5, 2.0), Vec3::Z), None);
-        assert_eq!(meet(triangle, Vec3::new(0.75, 0.5, 2.0), Vec3::NEG_Z), None);
+        assert_eq!(intersect(triangle, Vec3::new(0.25, 0.5, 2.0), Vec3::Z), None);
+        assert_eq!(intersect(triangle, Vec3::new(0.75, 0.5, 2.0), Vec3::NEG_Z), None);
     }
 
     #[test]
     fn triangles_without_area_are_never_hit() {
         let point = [Vec3::ONE; 3];
         let line = [Vec3::ZERO, Vec3::X, Vec3::X * 2.0];
-        assert_eq!(meet(point, Vec3::ZERO, Vec3::ONE.normalize()), None);
-        assert_eq!(meet(line, Vec3::new(0.5, 0.0, 1.0), Vec3::NEG_Z), None);
-        assert_eq!(meet([Vec3::ZERO; 3], Vec3::ZERO, Vec3::X), None);
+        assert_eq!(intersect(point, Vec3::ZERO, Vec3::ONE.normalize()), None);
+        assert_eq!(intersect(line, Vec3::new(0.5, 0.0, 1.0), Vec3::NEG_Z), None);
+        assert_eq!(intersect([Vec3::ZERO; 3], Vec3::ZERO, Vec3::X), None);
     }
 
     proptest! {
@@ -328,7 +333,7 @@ mod tests {
             for instructions in Instructions::all() {
                 let both = dispatch!(instructions.level(), simd => distances(simd, triangle, origin, &directions));
                 for (i, &direction) in directions.iter().enumerate() {
-                    let single = meet(triangle, origin, direction).map_or(f32::INFINITY, |hit| hit.t);
+                    let single = intersect(triangle, origin, direction).map_or(f32::INFINITY, |hit| hit.t);
                     prop_assert_eq!(both.map(|by| by.array()[i].to_bits()), [single.to_bits(); 2]);
                 }
             }
@@ -348,7 +353,7 @@ mod tests {
             prop_assume!((target - origin).length() > 0.05 && normal.dot(target - origin).abs() > 0.02);
             let direction = (target - origin).normalize();
             prop_assert!(
-                meet([p, q, left], origin, direction).is_some() || meet([q, p, right], origin, direction).is_some()
+                intersect([p, q, left], origin, direction).is_some() || intersect([q, p, right], origin, direction).is_some()
             );
         }
 
@@ -356,7 +361,7 @@ mod tests {
         fn what_is_met_is_never_culled(
             triangle in prop::array::uniform3(vector(1.0)), origin in vector(1.5), up in vector(1.0),
             direction in vector(1.0), reach in 0.1f32..1.5, off in vector(1.0), turn in 0f32..0.6,
-            // Seen edge-on, or nearly so: from a place in the triangle's plane.
+            // Viewed edge-on, or nearly so: from a place in the triangle's plane.
             flat in prop_oneof![Just(0f32), Just(1.0), 0.999_99f32..1.0], aimed in any::<bool>(), at in 0f32..1.0,
         ) {
             let [a, b, c] = triangle;
@@ -366,8 +371,8 @@ mod tests {
             let direction = if aimed { target - origin } else { direction }.normalize_or_zero();
             let up = up.normalize_or_zero();
             prop_assume!(up.dot(direction) >= 0.0 && direction != Vec3::ZERO);
-            let Some(hit) = meet(triangle, origin, direction).filter(|hit| hit.t <= reach) else { return Ok(()) };
-            // Seen edge-on, rounding alone may say where it is met, and say nearer than its box is.
+            let Some(hit) = intersect(triangle, origin, direction).filter(|hit| hit.t <= reach) else { return Ok(()) };
+            // Viewed edge-on, rounding alone may say where it is met, and say nearer than its box is.
             let away = Bounds::around(triangle).distance_squared(origin);
             prop_assume!(away <= reach * reach);
             let axis = (direction + off * turn).normalize_or(direction);
@@ -375,10 +380,10 @@ mod tests {
             for instructions in Instructions::all() {
                 // The ray goes just as far as the triangle, too.
                 for most in [reach, if away > hit.t * hit.t { reach } else { hit.t }] {
-                    let pencil = Pencil { axis, spread, reach: most };
+                    let cone = RayCone { axis, spread, reach: most };
                     let lanes = dispatch!(instructions.level(), simd => {
-                        let seen = Block::new(&[triangle]).seen(simd, origin);
-                        seen.within(up, reach).by(simd, &seen.prepared(), &pencil)
+                        let lanes = Block::new(&[triangle]).setup_lanes(simd, origin);
+                        lanes.culling(up, reach).lanes_met(simd, &lanes.in_memory(), &cone)
                     });
                     prop_assert_eq!(lanes & 1, 1);
                 }
@@ -390,10 +395,10 @@ mod tests {
     fn pencils_that_miss_a_triangle_are_told_so() {
         let triangle = [Vec3::new(0.0, 0.0, 1.0), Vec3::new(0.2, 0.0, 1.0), Vec3::new(0.0, 0.2, 1.0)];
         let by = |axis: Vec3, spread: f32, reach: f32| {
-            let pencil = Pencil { axis: axis.normalize(), spread, reach };
+            let cone = RayCone { axis: axis.normalize(), spread, reach };
             dispatch!(Level::new(), simd => {
-                let seen = Block::new(&[triangle]).seen(simd, Vec3::ZERO);
-                seen.within(Vec3::Z, 2.0).by(simd, &seen.prepared(), &pencil)
+                let lanes = Block::new(&[triangle]).setup_lanes(simd, Vec3::ZERO);
+                lanes.culling(Vec3::Z, 2.0).lanes_met(simd, &lanes.in_memory(), &cone)
             }) & 1
         };
         assert_eq!(by(Vec3::Z, 0.1, 2.0), 1);

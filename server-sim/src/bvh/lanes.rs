@@ -11,13 +11,16 @@ use glam::Vec3;
 /// Triangles in a block, and rays in a group: eight `f32` fill one AVX register or two SSE ones.
 pub(crate) const LANES: usize = 8;
 
+/// Groups of rays that are traced together: bits of a mask.
+pub(crate) const PACKET_GROUPS: usize = 32;
+
 /// Eight numbers in registers.
 pub(crate) type Lanes<S> = f32x8<S>;
 
-/// Eight answers.
-pub(crate) type Answers<S> = mask32x8<S>;
+/// A truth value for each of eight lanes.
+pub(crate) type LaneMask<S> = mask32x8<S>;
 
-/// A set of instructions that this machine has. The results are the same with all of them, to the bit.
+/// A set of instructions that this machine has. Results are bit-identical with all of them.
 #[derive(Clone, Copy, Debug)]
 pub struct Instructions(Level);
 
@@ -198,7 +201,7 @@ impl<S: Simd> Lanes3<S> {
 
     /// The same vectors, pointing the other way where the answer is yes.
     #[inline(always)]
-    pub(crate) fn turned_about(&self, answers: Answers<S>) -> Self {
+    pub(crate) fn turned_about(&self, answers: LaneMask<S>) -> Self {
         Self {
             x: answers.select(-self.x, self.x),
             y: answers.select(-self.y, self.y),
@@ -234,7 +237,7 @@ impl<S: Simd> Lanes3<S> {
 
 /// Bit `i` is set where the answer of lane `i` is yes.
 #[inline(always)]
-pub(crate) fn bits<S: Simd>(answers: Answers<S>) -> u32 {
+pub(crate) fn bits<S: Simd>(answers: LaneMask<S>) -> u32 {
     answers.to_bitmask() as u32
 }
 

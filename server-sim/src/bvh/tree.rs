@@ -60,7 +60,7 @@ pub(crate) struct Tree {
 
 impl Tree {
     /// Bytes held.
-    pub(super) fn held(&self) -> usize {
+    pub(super) fn heap_bytes(&self) -> usize {
         memory::list(&self.nodes) + memory::list(&self.order)
     }
 
@@ -161,7 +161,7 @@ impl Tree {
         cut
     }
 
-    /// Recomputes all bounds from the boxes of now; which box is in which leaf stays.
+    /// Recomputes all bounds from the current boxes. Each box stays in its leaf.
     pub(crate) fn refit(&mut self, bounds_of: impl Fn(u32) -> Bounds) {
         for index in (0..self.nodes.len()).rev() {
             let Node { first, count, .. } = self.nodes[index];

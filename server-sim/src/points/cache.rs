@@ -255,7 +255,7 @@ mod tests {
         let without = generate(&scene, &SETTINGS, &|_, _| {}).unwrap();
         for expected in [&["none", "stored"][..], &["found"]] {
             let with = cache.run(&scene);
-            assert_eq!((with.sets(), with.firsts()), (without.sets(), without.firsts()));
+            assert_eq!((with.sets(), with.offsets()), (without.sets(), without.offsets()));
             assert_eq!(cache.heard(), expected);
         }
     }

@@ -3,7 +3,7 @@
 use glam::Vec3;
 
 use super::SurfacePoint;
-use super::random::Random;
+use crate::random::Random;
 
 /// A mesh's triangles with their areas added up.
 pub(super) struct Surface<'a> {

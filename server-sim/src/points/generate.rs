@@ -8,15 +8,14 @@ use rayon::prelude::*;
 use super::cache::{self, PointCache, PointKey};
 use super::candidates::Surface;
 use super::eliminate::{eliminate, poisson_radius};
-use super::place::PosedMesh;
-use super::random::{Random, substream};
 use super::{MAX_POINTS, PointError, PointSet, PointSettings, ScenePoints, SurfacePoint};
-use crate::scene::{RestMesh, Scene};
+use crate::random::{Random, substream};
+use crate::scene::{PosedMesh, RestMesh, Scene};
 
 /// How often a masked surface is drawn again, twice as densely each time, before it counts as empty.
-const ATTEMPTS: u32 = 6;
+const MASKED_ATTEMPTS: u32 = 6;
 /// Radius in metres of a mesh without points, so that its grid has a cell.
-const EMPTY_RADIUS: f32 = 0.05;
+const EMPTY_SET_RADIUS_M: f32 = 0.05;
 
 /// Spreads points over every mesh of the scene: twice as many random candidates as wanted, then weighted sample
 /// elimination to half, the two sides of double-sided meshes apart; none where a mask cuts the surface away (paper,
@@ -102,12 +101,12 @@ fn spread(
 impl ScenePoints {
     /// The sets of a scene's meshes.
     fn new(scene: &Scene, sets: Vec<PointSet>) -> Self {
-        let mut firsts = vec![0u32];
+        let mut offsets = vec![0u32];
         for instance in scene.instances() {
-            let next = firsts[firsts.len() - 1] + sets[instance.rest().index()].points.len() as u32;
-            firsts.push(next);
+            let next = offsets[offsets.len() - 1] + sets[instance.rest().index()].points.len() as u32;
+            offsets.push(next);
         }
-        Self { sets, firsts }
+        Self { sets, offsets }
     }
 }
 
@@ -153,7 +152,7 @@ impl<'a> Plan<'a> {
         }
         set.numbers = (0..set.points.len() as u32).collect();
         let radius = poisson_radius(set.area, set.points.len());
-        set.radius = if radius.is_normal() { radius } else { EMPTY_RADIUS };
+        set.radius = if radius.is_normal() { radius } else { EMPTY_SET_RADIUS_M };
         set
     }
 
@@ -165,7 +164,7 @@ impl<'a> Plan<'a> {
         let masked = self.posed.masked();
         let mut random = Random::new(seed);
         let mut count = 2 * self.side(surface.area());
-        for _ in 0..ATTEMPTS {
+        for _ in 0..MASKED_ATTEMPTS {
             let mut points = Vec::with_capacity(count);
             let mut positions = Vec::with_capacity(count);
             surface.draw(count, back, &mut random, |point, at| {
@@ -210,21 +209,6 @@ fn spread_bits(value: u32) -> u32 {
     (value | (value << 2)) & 0x0924_9249
 }
 
-impl<'a> PosedMesh<'a> {
-    /// A mesh at rest.
-    #[must_use]
-    pub fn at_rest(scene: &'a Scene, rest: &'a RestMesh) -> Self {
-        Self::posed(scene, rest, rest.geometry())
-    }
-
-    /// A mesh in the pose that `geometry` holds.
-    #[must_use]
-    pub fn posed(scene: &'a Scene, rest: &'a RestMesh, geometry: &'a crate::scene::Geometry) -> Self {
-        let mesh = &scene.meshes()[rest.mesh().index()];
-        Self { geometry, triangles: rest.triangles(), mesh, material: scene.material(mesh) }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -258,7 +242,7 @@ mod tests {
         let scene = colonnade();
         let made = points(20.0, 100, 1).unwrap();
         assert_eq!(made.sets().len(), scene.rests().len());
-        for (instance, range) in scene.instances().iter().zip(made.firsts().windows(2)) {
+        for (instance, range) in scene.instances().iter().zip(made.offsets().windows(2)) {
             let set = &made.sets()[instance.rest().index()];
             assert_eq!((range[1] - range[0]) as usize, set.points().len());
             let wanted = (set.area() * 20.0).max(100.0);
@@ -266,7 +250,7 @@ mod tests {
             assert!(found >= wanted && found <= wanted + 2.0, "{}: {found} of {wanted}", instance.name());
             assert!(set.radius() > 0.0);
         }
-        assert_eq!(made.total(), *made.firsts().last().unwrap());
+        assert_eq!(made.total(), *made.offsets().last().unwrap());
     }
 
     #[test]

@@ -4,8 +4,10 @@ mod cache;
 mod candidates;
 mod eliminate;
 mod generate;
+mod ids;
 mod place;
-pub(crate) mod random;
+#[cfg(any(test, feature = "testing"))]
+#[doc(hidden)]
 pub mod reference;
 mod rest;
 
@@ -14,8 +16,9 @@ use thiserror::Error;
 pub use cache::{EntryError, PointCache, PointKey};
 pub use eliminate::{eliminate, poisson_radius};
 pub use generate::{generate, generate_cached};
-pub use place::{PlacedPoint, PosedMesh};
-pub use rest::{Fineness, ShareError, order_at_rest, rest_points, share};
+pub use ids::{PointId, PointInSet, RayKey};
+pub use place::PlacedPoint;
+pub use rest::{GeometryPrecision, SharedGeometryError, make_shared_geometry, order_at_rest, rest_points};
 
 /// Most points of a scene, all instances together.
 pub const MAX_POINTS: u64 = 64 << 20;
@@ -72,7 +75,7 @@ impl PointSet {
 #[derive(Clone, Debug)]
 pub struct ScenePoints {
     sets: Vec<PointSet>,
-    firsts: Vec<u32>,
+    offsets: Vec<u32>,
 }
 
 impl ScenePoints {
@@ -84,8 +87,8 @@ impl ScenePoints {
 
     /// First point id of every instance in order, then the number of all points.
     #[must_use]
-    pub fn firsts(&self) -> &[u32] {
-        &self.firsts
+    pub fn offsets(&self) -> &[u32] {
+        &self.offsets
     }
 
     /// Puts the points of a set into another order: `order` names, for each place, the point that goes there.
@@ -97,16 +100,27 @@ impl ScenePoints {
 
     /// Bytes of memory held.
     #[must_use]
-    pub fn memory_bytes(&self) -> usize {
+    pub fn heap_bytes(&self) -> usize {
         // Counted by length: how much room there is depends on whether the points come from a cache.
         let set = |set: &PointSet| size_of_val(set) + size_of_val(set.points()) + size_of_val(set.numbers());
-        self.sets.iter().map(set).sum::<usize>() + size_of_val(self.firsts())
+        self.sets.iter().map(set).sum::<usize>() + size_of_val(self.offsets())
+    }
+
+    /// Returns the id of a point of an instance.
+    pub(crate) fn id(&self, instance: usize, point: PointInSet) -> PointId {
+        PointId(self.offsets[instance] + point.0)
+    }
+
+    /// Returns the ray key of a point of an instance, whose set is `set`.
+    #[inline(always)]
+    pub(crate) fn ray_key(&self, instance: usize, set: &PointSet, point: PointInSet) -> RayKey {
+        RayKey(self.offsets[instance] + set.numbers[point.index()])
     }
 
     /// Points of all instances together.
     #[must_use]
     pub fn total(&self) -> u32 {
-        self.firsts.last().copied().unwrap_or(0)
+        self.offsets.last().copied().unwrap_or(0)
     }
 }
 

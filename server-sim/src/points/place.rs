@@ -1,9 +1,9 @@
 //! Where a surface point is on a mesh as it is now.
 
-use glam::{Vec3, Vec4};
+use glam::Vec3;
 
 use super::SurfacePoint;
-use crate::scene::{Geometry, Material, Mesh};
+use crate::scene::PosedMesh;
 
 /// A point on a mesh in its pose, in the mesh's local space.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -16,104 +16,16 @@ pub struct PlacedPoint {
     pub edge: Vec3,
 }
 
-/// A mesh in its pose: what points are placed on and hits are looked up in.
-#[derive(Clone, Copy, Debug)]
-pub struct PosedMesh<'a> {
-    /// Positions, normals and tangents, local space.
-    pub geometry: &'a Geometry,
-    /// Vertex numbers, counter-clockwise from the front.
-    pub triangles: &'a [[u32; 3]],
-    /// Texture coordinates.
-    pub mesh: &'a Mesh,
-    /// Normal map and mask.
-    pub material: &'a Material,
-}
-
-impl PosedMesh<'_> {
-    /// The corners of a triangle.
+impl SurfacePoint {
+    /// Returns where the point is on a mesh in its pose.
     #[must_use]
-    pub fn corners(&self, triangle: u32) -> [Vec3; 3] {
-        self.triangles[triangle as usize].map(|corner| self.geometry.positions()[corner as usize])
-    }
-
-    /// Unit normal of a triangle's front; zero without area.
-    #[must_use]
-    pub fn facing(&self, triangle: u32) -> Vec3 {
-        let [a, b, c] = self.corners(triangle);
-        (b - a).cross(c - a).normalize_or_zero()
-    }
-
-    /// Unit shading normal on the front, with the normal map where there is one. `bary` weighs the second and the
-    /// third corner.
-    #[must_use]
-    pub fn shading_normal(&self, triangle: u32, bary: [f32; 2]) -> Vec3 {
-        let corners = self.triangles[triangle as usize];
-        let weights = [1.0 - bary[0] - bary[1], bary[0], bary[1]];
-        let normals = corners.map(|corner| self.geometry.normals()[corner as usize]);
-        let smooth = normals[0] * weights[0] + normals[1] * weights[1] + normals[2] * weights[2];
-        let smooth = smooth.try_normalize().unwrap_or_else(|| self.facing(triangle)).normalize_or(Vec3::Y);
-        match self.mesh.normal_uvs() {
-            Some(uvs) if !self.geometry.tangents().is_empty() => {
-                let uv = corners.map(|corner| uvs[corner as usize]);
-                let uv = uv[0] * weights[0] + uv[1] * weights[1] + uv[2] * weights[2];
-                let tangents = corners.map(|corner| self.geometry.tangents()[corner as usize]);
-                let tangent = tangents[0] * weights[0] + tangents[1] * weights[1] + tangents[2] * weights[2];
-                bend(smooth, tangent, self.material.normal_at(uv))
-            }
-            _ => smooth,
-        }
-    }
-
-    /// Whether the mask leaves the surface there; always without one. `bary` weighs the second and third corner.
-    #[must_use]
-    pub fn opaque(&self, triangle: u32, bary: [f32; 2]) -> bool {
-        let Some(uvs) = self.mesh.uvs() else { return true };
-        let [a, b, c] = self.triangles[triangle as usize].map(|corner| uvs[corner as usize]);
-        self.material.alpha_at(a + (b - a) * bary[0] + (c - a) * bary[1])
-    }
-
-    /// Whether some of the surface may be masked out.
-    #[must_use]
-    pub fn masked(&self) -> bool {
-        self.material.mask().is_some() && self.mesh.uvs().is_some()
-    }
-
-    /// Places a point.
-    #[must_use]
-    pub fn place(&self, point: &SurfacePoint) -> PlacedPoint {
-        let [a, b, c] = self.corners(point.triangle);
-        let normal = self.shading_normal(point.triangle, point.bary);
+    pub fn place_on(&self, mesh: &PosedMesh<'_>) -> PlacedPoint {
+        let [a, b, c] = mesh.corners(self.triangle);
+        let normal = mesh.shading_normal(self.triangle, self.bary);
         PlacedPoint {
-            position: a + (b - a) * point.bary[0] + (c - a) * point.bary[1],
-            normal: if point.back { -normal } else { normal },
+            position: a + (b - a) * self.bary[0] + (c - a) * self.bary[1],
+            normal: if self.back { -normal } else { normal },
             edge: b - a,
         }
-    }
-}
-
-/// A normal of tangent space taken to local space; glTF 2.0, section 3.9.3: the bitangent is normal x tangent times w.
-fn bend(normal: Vec3, tangent: Vec4, bent: Vec3) -> Vec3 {
-    let flat = tangent.truncate() - normal * normal.dot(tangent.truncate());
-    let Some(along) = flat.try_normalize() else { return normal };
-    let across = normal.cross(along) * if tangent.w < 0.0 { -1.0 } else { 1.0 };
-    (along * bent.x + across * bent.y + normal * bent.z).try_normalize().unwrap_or(normal)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_flat_map_keeps_the_normal_and_a_bent_one_turns_it() {
-        let tangent = Vec4::new(1.0, 0.5, 0.0, -1.0);
-        assert_eq!(bend(Vec3::Y, tangent, Vec3::Z), Vec3::Y);
-        assert!(
-            (bend(Vec3::Y, tangent, Vec3::new(0.6, 0.0, 0.8)) - Vec3::new(0.6, 0.8, 0.0)).length() < 1e-6
-        );
-        // With w = -1 the bitangent is tangent x normal.
-        assert!(
-            (bend(Vec3::Y, tangent, Vec3::new(0.0, 0.6, 0.8)) - Vec3::new(0.0, 0.8, 0.6)).length() < 1e-6
-        );
-        assert_eq!(bend(Vec3::Y, Vec4::ZERO, Vec3::X), Vec3::Y);
     }
 }

@@ -1,4 +1,4 @@
-//! The slow, obvious twin of [`eliminate`](super::eliminate()), for tests and benches.
+//! The reference for [`eliminate`](super::eliminate()), for tests and benches.
 //!
 //! As Yuksel describes it (2015, section 3): a binary heap, in which every weight that drops is sifted down in place;
 //! O(n log n).

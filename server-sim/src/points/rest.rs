@@ -9,21 +9,21 @@ use psao_proto::message::SceneInfo;
 use rayon::prelude::*;
 use thiserror::Error;
 
-use super::{PointError, PointSet, PointSettings, PosedMesh, ScenePoints, generate};
+use super::{PointError, PointSet, PointSettings, ScenePoints, SurfacePoint, generate};
 use crate::bvh::Bounds;
-use crate::scene::Scene;
+use crate::scene::{PosedMesh, Scene};
 
 /// How finely the points of a `surface` stream are rounded.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Fineness {
+pub struct GeometryPrecision {
     /// Lattice steps to a Poisson-disk radius of the points.
     pub steps: f32,
     /// Bits of one axis of a normal's octahedral code, 2 to 8.
     pub normal_bits: u8,
 }
 
-impl Fineness {
-    /// The fineness that goes by the bits of the paper's packed points: 32, 24 or 16; `None` for others.
+impl GeometryPrecision {
+    /// The precision that goes by the bits of the paper's packed points: 32, 24 or 16; `None` for others.
     #[must_use]
     pub const fn of_bits(bits: u8) -> Option<Self> {
         match bits {
@@ -41,8 +41,8 @@ impl Fineness {
 pub fn rest_points(scene: &Scene, points: &ScenePoints, set: usize) -> Vec<RestPoint> {
     let (Some(rest), Some(set)) = (scene.rests().get(set), points.sets().get(set)) else { return Vec::new() };
     let posed = PosedMesh::at_rest(scene, rest);
-    let place = |point| {
-        let placed = posed.place(point);
+    let place = |point: &SurfacePoint| {
+        let placed = point.place_on(&posed);
         RestPoint { position: placed.position.to_array(), normal: placed.normal.to_array() }
     };
     set.points().iter().map(place).collect()
@@ -54,14 +54,14 @@ pub fn rest_points(scene: &Scene, points: &ScenePoints, set: usize) -> Vec<RestP
 pub fn order_at_rest(
     scene: &Scene,
     points: &mut ScenePoints,
-    fineness: Fineness,
+    precision: GeometryPrecision,
     kernel: f32,
 ) -> Vec<Arc<Geometry>> {
     let made: Vec<Rounded> = (0..points.sets().len())
         .into_par_iter()
         .map(|set| {
             let at_rest = rest_points(scene, points, set);
-            Geometry::round(lattice(&points.sets()[set], &at_rest, fineness, kernel), &at_rest)
+            Geometry::round(lattice(&points.sets()[set], &at_rest, precision, kernel), &at_rest)
         })
         .collect();
     let mut geometry = Vec::with_capacity(made.len());
@@ -75,7 +75,7 @@ pub fn order_at_rest(
 /// Why a client could not make the points of a stream itself.
 #[derive(Clone, Debug, Error, PartialEq)]
 #[non_exhaustive]
-pub enum ShareError {
+pub enum SharedGeometryError {
     /// The stream's settings make no points.
     #[error("the stream's points cannot be made: {0}")]
     Points(#[from] PointError),
@@ -96,13 +96,17 @@ pub enum ShareError {
 /// density, minimum and seed in `info`.
 ///
 /// # Errors
-/// [`ShareError`] where the scene or the settings are not those of the stream; sets before the one named have their
+/// [`SharedGeometryError`] where the scene or the settings are not those of the stream; sets before the one named have their
 /// points then.
-pub fn share(scene: &Scene, info: &SceneInfo, state: &mut State) -> Result<(), ShareError> {
+pub fn make_shared_geometry(
+    scene: &Scene,
+    info: &SceneInfo,
+    state: &mut State,
+) -> Result<(), SharedGeometryError> {
     let layout = Arc::clone(state.layout());
     let (meshes, sets) = (scene.rests().len(), layout.sets().len());
     if meshes != sets {
-        return Err(ShareError::Sets { meshes, sets });
+        return Err(SharedGeometryError::Sets { meshes, sets });
     }
     let settings = PointSettings { per_m2: info.points_per_m2, minimum: info.min_points, seed: info.seed };
     let points = generate(scene, &settings, &|_, _| {})?;
@@ -119,17 +123,17 @@ pub fn share(scene: &Scene, info: &SceneInfo, state: &mut State) -> Result<(), S
 }
 
 /// The lattice of a set: as fine as said, or as fine as it can be on a mesh that is very large for its points.
-fn lattice(set: &PointSet, points: &[RestPoint], fineness: Fineness, kernel: f32) -> SetLayout {
+fn lattice(set: &PointSet, points: &[RestPoint], precision: GeometryPrecision, kernel: f32) -> SetLayout {
     let bounds = Bounds::around(points.iter().map(|point| point.position.into()));
     let (low, size) =
         if points.is_empty() { (glam::Vec3::ZERO, glam::Vec3::ZERO) } else { (bounds.min(), bounds.size()) };
     let most = (MAX_GRID_DIM - 2) as f32;
-    let step = (set.radius() / fineness.steps).max(size.max_element() / most);
+    let step = (set.radius() / precision.steps).max(size.max_element() / most);
     SetLayout {
         origin: low.to_array(),
         step,
         extent: size.to_array().map(|axis| ((axis / step).ceil() as u32).min(MAX_GRID_DIM - 1)),
-        normal_bits: fineness.normal_bits,
+        normal_bits: precision.normal_bits,
         kernel_radius: kernel * set.radius(),
         // Filled in when the points are rounded.
         points: 0,
@@ -151,8 +155,8 @@ mod tests {
         let scene = Scene::load("colonnade").unwrap();
         let before = points(&scene);
         let mut after = before.clone();
-        let geometry = order_at_rest(&scene, &mut after, Fineness::of_bits(32).unwrap(), 2.5);
-        assert_eq!(after.firsts(), before.firsts());
+        let geometry = order_at_rest(&scene, &mut after, GeometryPrecision::of_bits(32).unwrap(), 2.5);
+        assert_eq!(after.offsets(), before.offsets());
         for (set, geometry) in geometry.iter().enumerate() {
             let (old, new) = (&before.sets()[set], &after.sets()[set]);
             assert_eq!(geometry.len(), new.points().len());
@@ -169,7 +173,7 @@ mod tests {
         let scene = Scene::load("robot-lab").unwrap();
         for bits in [16, 24, 32] {
             let mut points = points(&scene);
-            let geometry = order_at_rest(&scene, &mut points, Fineness::of_bits(bits).unwrap(), 2.5);
+            let geometry = order_at_rest(&scene, &mut points, GeometryPrecision::of_bits(bits).unwrap(), 2.5);
             for (set, geometry) in geometry.iter().enumerate() {
                 let error = geometry.layout().max_position_error();
                 for (index, point) in rest_points(&scene, &points, set).iter().enumerate() {
@@ -184,15 +188,15 @@ mod tests {
 
     #[test]
     fn lattices_of_meshes_without_points_or_of_any_size_make_sense() {
-        let fineness = Fineness::of_bits(32).unwrap();
+        let precision = GeometryPrecision::of_bits(32).unwrap();
         let set = PointSet { radius: 1e-6, ..PointSet::default() };
         let at = |x| RestPoint { position: [x, 0.0, 0.0], normal: [0.0, 1.0, 0.0] };
         for points in [&[][..], &[at(5.0)], &[at(-1e6), at(1e6)]] {
-            let found = lattice(&set, points, fineness, 2.5);
+            let found = lattice(&set, points, precision, 2.5);
             let limits = psao_codec::Limits::default();
             let members = vec![psao_codec::surface::Member { set: 0 }];
             psao_codec::surface::Layout::new(vec![found], members, &limits).unwrap();
         }
-        assert_eq!(Fineness::of_bits(31), None);
+        assert_eq!(GeometryPrecision::of_bits(31), None);
     }
 }

@@ -72,7 +72,7 @@ impl Curve {
         f64::from(self.values[(key * parts + part) * self.width + component])
     }
 
-    /// The curve at a time, into `out[..width]`; held before the first and after the last key. Rotations come
+    /// The curve at a given time, into `out[..width]`; held before the first and after the last key. Rotations come
     /// out unit.
     pub(crate) fn sample(&self, time_s: f64, out: &mut [f64]) {
         let next = self.times.partition_point(|t| f64::from(*t) <= time_s);
@@ -128,7 +128,7 @@ pub(crate) fn unit_quaternion(q: DQuat) -> DQuat {
 }
 
 /// Spherical linear interpolation along the shorter arc (glTF 2.0, appendix C.3); a straight line, to be made
-/// unit, where the two are so close that the arc's sine says nothing.
+/// unit, where the two are so close that the arc's sine is unreliable.
 fn slerp(a: DQuat, b: DQuat, s: f64) -> DQuat {
     let dot = a.x * b.x + a.y * b.y + a.z * b.z + a.w * b.w;
     let b = if dot < 0.0 { -b } else { b };

@@ -45,7 +45,7 @@ impl CameraPath {
         &self.keys
     }
 
-    /// Eye, target and up at a time: a cubic Hermite curve through the keys with Catmull-Rom tangents
+    /// Eye, target and up at a given time: a cubic Hermite curve through the keys with Catmull-Rom tangents
     /// (slope between the neighbours, one-sided at the ends).
     #[must_use]
     pub fn at(&self, time_s: f64) -> CameraKey {

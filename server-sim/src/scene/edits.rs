@@ -16,7 +16,7 @@ const UNIT_TOLERANCE: f32 = 1e-3;
 ///
 /// ```
 /// use psao_proto::message::{Edit, EditAction};
-/// use psao_server_sim::scene::{Edits, Scene};
+/// use psao_server::scene::{Edits, Scene};
 ///
 /// let scene = Scene::load("colonnade")?;
 /// let mut edits = Edits::new(scene.instances().len() as u32);
@@ -69,7 +69,7 @@ pub enum EditError {
         /// `translation` or `rotation`.
         what: &'static str,
     },
-    /// A rotation that is none.
+    /// A rotation that is not a unit quaternion.
     #[error("instance {instance}: {rotation:?} is no unit quaternion: divide it by its length")]
     Rotation {
         /// Which instance.
@@ -127,7 +127,7 @@ impl Edits {
         Ok(after != before)
     }
 
-    /// The fewest edits that make this out of a scene without any, by instance: for whoever joins late.
+    /// The fewest edits that make this out of a scene without any, by instance: for clients that join late.
     pub fn iter(&self) -> impl Iterator<Item = Edit> + '_ {
         self.changes.iter().flat_map(|(&instance, change)| {
             let moved = change

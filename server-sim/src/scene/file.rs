@@ -1,8 +1,6 @@
 //! Scene files: TOML, version 1. A scene file places one or more glTF files and gives the camera's path.
 //! Unknown keys are errors, and every error names the file and the key.
 
-use std::fs;
-use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use glam::{DQuat, DVec3, Vec3};
@@ -12,6 +10,7 @@ use crate::scene::animation::unit_quaternion;
 use crate::scene::camera::{CameraKey, CameraPath};
 use crate::scene::error::SceneError;
 use crate::scene::gltf::{Part, Play};
+use crate::scene::io::{Checker, hash_file, read_file};
 use crate::scene::limits;
 use crate::scene::model::{Local, Model};
 use crate::scene::{Header, Scene};
@@ -84,32 +83,6 @@ struct KeyTable {
 
 fn straight_up() -> [f64; 3] {
     [0.0, 1.0, 0.0]
-}
-
-/// Says which key of a file is wrong, and how.
-struct Checker<'a> {
-    path: &'a Path,
-}
-
-impl Checker<'_> {
-    fn wrong(&self, key: &str, problem: impl Into<String>) -> SceneError {
-        SceneError::SceneValue { path: self.path.to_owned(), key: key.to_owned(), problem: problem.into() }
-    }
-
-    fn range(&self, key: &str, value: f64, low: f64, high: f64) -> Result<f64, SceneError> {
-        if value >= low && value <= high {
-            Ok(value)
-        } else {
-            Err(self.wrong(key, format!("{value} is not between {low} and {high}")))
-        }
-    }
-
-    fn vector(&self, key: &str, value: [f64; 3]) -> Result<DVec3, SceneError> {
-        for v in value {
-            self.range(key, v, -limits::MAX_MAGNITUDE, limits::MAX_MAGNITUDE)?;
-        }
-        Ok(DVec3::from_array(value))
-    }
 }
 
 /// Loads a scene file.
@@ -225,29 +198,4 @@ fn camera_of(check: &Checker<'_>, table: &CameraTable) -> Result<CameraPath, Sce
         keys.push(CameraKey { time_s, eye, target, up });
     }
     Ok(CameraPath::new(check.range("camera.fov_y_deg", table.fov_y_deg, 1.0, 170.0)? as f32, keys))
-}
-
-/// Reads a whole file, within the size limit.
-pub(crate) fn read_file(path: &Path) -> Result<Vec<u8>, SceneError> {
-    let io = |source| SceneError::Io { path: path.to_owned(), source };
-    let file = fs::File::open(path).map_err(io)?;
-    let bytes = file.metadata().map_err(io)?.len();
-    let too_large =
-        |bytes| SceneError::FileTooLarge { path: path.to_owned(), bytes, limit: limits::MAX_FILE_BYTES };
-    if bytes > limits::MAX_FILE_BYTES {
-        return Err(too_large(bytes));
-    }
-    let mut data = Vec::new();
-    // A device or a pipe has no size beforehand: read at most one byte more than is allowed.
-    file.take(limits::MAX_FILE_BYTES + 1).read_to_end(&mut data).map_err(io)?;
-    if data.len() as u64 > limits::MAX_FILE_BYTES {
-        return Err(too_large(data.len() as u64));
-    }
-    Ok(data)
-}
-
-/// Adds a file to a scene's digest, with its length, so that no two lists of files run together.
-pub(crate) fn hash_file(hasher: &mut blake3::Hasher, bytes: &[u8]) {
-    hasher.update(&(bytes.len() as u64).to_le_bytes());
-    hasher.update(bytes);
 }

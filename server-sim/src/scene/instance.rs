@@ -163,7 +163,7 @@ pub struct ScenePose {
 
 impl ScenePose {
     /// Bytes held.
-    pub(crate) fn held(&self) -> usize {
+    pub(crate) fn heap_bytes(&self) -> usize {
         let posed = self.instances.iter().map(|instance| match &instance.deform {
             Deform::Rest | Deform::Affine(_) => 0,
             Deform::Morph { weights, .. } => memory::list(weights),

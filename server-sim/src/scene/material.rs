@@ -106,7 +106,7 @@ impl Material {
         })
     }
 
-    /// Whether the mask lets nothing of the surface be there, anywhere.
+    /// Returns whether the mask cuts away all of the surface.
     pub(crate) fn all_masked(&self) -> bool {
         self.mask.as_ref().is_some_and(|mask| {
             let alpha =

@@ -18,7 +18,7 @@ pub struct Geometry {
 
 impl Geometry {
     /// Bytes held.
-    pub(crate) fn held(&self) -> usize {
+    pub(crate) fn heap_bytes(&self) -> usize {
         memory::list(&self.positions) + memory::list(&self.normals) + memory::list(&self.tangents)
     }
 

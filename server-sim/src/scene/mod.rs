@@ -5,12 +5,12 @@
 //! into its local geometry. Instances of the same mesh at the same scale share one [`RestMesh`], whatever
 //! their animation does.
 //!
-//! * [`Scene::pose`] gives the frames of all instances, and what deforms them, at a time.
+//! * [`Scene::pose`] gives the frames of all instances, and what deforms them, at a given time.
 //! * [`ScenePose::apply`] puts on top what clients changed: [`Edits`].
 //! * [`Scene::local_geometry`] gives an instance's deformed vertices in its local space at that time.
 //!
 //! ```
-//! use psao_server_sim::scene::{Geometry, InstanceId, Scene};
+//! use psao_server::scene::{Geometry, InstanceId, Scene};
 //!
 //! let scene = Scene::load("colonnade")?;
 //! let pose = scene.pose(1.5);
@@ -18,7 +18,7 @@
 //! scene.local_geometry(InstanceId(0), &pose, &mut geometry);
 //! let world = pose.instances()[0].frame().point(geometry.positions()[0]);
 //! assert!(world.is_finite());
-//! # Ok::<(), psao_server_sim::scene::SceneError>(())
+//! # Ok::<(), psao_server::scene::SceneError>(())
 //! ```
 //!
 //! glTF is read in full as far as surfaces are concerned: node hierarchies, rigid and skinned animation, morph
@@ -37,12 +37,14 @@ mod file;
 mod gltf;
 mod ids;
 mod instance;
+mod io;
 pub mod limits;
 mod material;
 mod mesh;
 mod model;
 mod needs;
 mod pose;
+mod posed_mesh;
 mod prepare;
 mod report;
 mod rig;
@@ -64,6 +66,7 @@ pub use instance::{Deform, Instance, InstancePose, Motion, ScenePose};
 pub use material::{AlphaMask, Material, NormalMap};
 pub use mesh::{Geometry, Mesh, MorphTarget, RestMesh, SkinWeights};
 pub use needs::{Needs, SceneNeeds};
+pub use posed_mesh::PosedMesh;
 pub use report::SceneReport;
 pub use rigid::RigidFrame;
 pub use texture::{Texture, Wrap};
@@ -239,7 +242,7 @@ impl Scene {
         &self.camera
     }
 
-    /// The camera at a time, for a picture of 16 to 9: smooth between the path's keys, clamped at its ends.
+    /// The camera at a given time, for a picture of 16 to 9: smooth between the path's keys, clamped at its ends.
     #[must_use]
     pub fn camera(&self, time_s: f64) -> CameraPose {
         let key = self.camera.at(time_s);

@@ -1,4 +1,4 @@
-//! A scene at a time: frames of all instances, and the geometry of those that deform.
+//! A scene at a given time: frames of all instances, and the geometry of those that deform.
 
 use glam::{DAffine3, DMat3, DVec3};
 
@@ -11,7 +11,7 @@ use crate::scene::rig::Rig;
 use crate::scene::rigid::{RigidFrame, columns, rotation_of};
 
 impl Scene {
-    /// The scene at a time, seconds. Animations loop with their own lengths; any finite time is allowed. The
+    /// The scene at a given time in seconds. Animations loop with their own lengths; any finite time is allowed. The
     /// same time gives the same bits, whatever was asked for before.
     #[must_use]
     pub fn pose(&self, time_s: f64) -> ScenePose {

@@ -1,4 +1,4 @@
-//! The nodes that something visible hangs on, and their world transforms at a time.
+//! Nodes with visible descendants, and their world transforms at a given time.
 
 use std::ops::Range;
 
@@ -76,7 +76,7 @@ impl Rig {
         false
     }
 
-    /// World transforms of all nodes at a time.
+    /// World transforms of all nodes at a given time.
     pub(crate) fn evaluate(&self, time_s: f64, worlds: &mut Vec<DAffine3>) {
         worlds.clear();
         for node in &self.nodes {
@@ -118,7 +118,7 @@ impl Rig {
         self.weight_channel(place).is_some_and(|c| c.curve.varies())
     }
 
-    /// Morph weights of a node at a time; `defaults` where nothing drives them.
+    /// Morph weights of a node at a given time; `defaults` where nothing drives them.
     pub(crate) fn weights(&self, place: usize, defaults: &[f32], time_s: f64, out: &mut Vec<f32>) {
         out.clear();
         out.extend_from_slice(defaults);

@@ -27,12 +27,12 @@ impl Scene {
     ///
     /// ```
     /// use glam::Vec3;
-    /// use psao_server_sim::scene::Scene;
+    /// use psao_server::scene::Scene;
     ///
     /// let scene = Scene::from_triangles("corner", &[vec![[Vec3::ZERO, Vec3::Z, Vec3::X]]], 0.6)?;
     /// assert_eq!(scene.instances().len(), 1);
     /// assert!(Scene::from_triangles("line", &[vec![[Vec3::ZERO, Vec3::Z, Vec3::Z]]], 0.6).is_err());
-    /// # Ok::<(), psao_server_sim::scene::SceneError>(())
+    /// # Ok::<(), psao_server::scene::SceneError>(())
     /// ```
     pub fn from_triangles(
         name: &str,

@@ -9,12 +9,12 @@ use psao_codec::memory;
 use psao_codec::point::PointFormat;
 use rayon::prelude::*;
 
-use super::field::{Chunk, Placed};
+use super::field::{Chunk, PointPlaces};
 use super::tracing::Tracing;
 use super::{ServerError, ServerSettings};
-use crate::bvh::Stir;
 use crate::delta::{ResendAo, place_changed};
 use crate::scene::Motion;
+use crate::world::InstanceChange;
 
 /// Encoder of the stream, and what it was given last.
 ///
@@ -46,7 +46,7 @@ impl CellsStream {
         layout: &Arc<Layout>,
         settings: &ServerSettings,
     ) -> Result<Self, ServerError> {
-        let counts: Vec<u32> = tracing.points.firsts().windows(2).map(|pair| pair[1] - pair[0]).collect();
+        let counts: Vec<u32> = tracing.points.offsets().windows(2).map(|pair| pair[1] - pair[0]).collect();
         Ok(Self {
             encoder: PaperEncoder::new(Arc::clone(layout), &counts)?,
             sent: Sent::new(tracing),
@@ -58,7 +58,7 @@ impl CellsStream {
     }
 
     /// Bytes held.
-    pub(super) fn held(&self) -> usize {
+    pub(super) fn heap_bytes(&self) -> usize {
         let Sent { ao, places } = &self.sent;
         let places = memory::list(places) + places.iter().map(memory::list).sum::<usize>();
         self.encoder.memory_bytes() + memory::list(ao) + places + memory::list(&self.changed)
@@ -75,7 +75,12 @@ impl CellsStream {
         self.changed.len() as u32
     }
 
-    fn decide_chunk(&self, tracing: &Tracing, chunk: &Chunk, placed: &Placed<'_>) -> Vec<(u32, PointSample)> {
+    fn decide_chunk(
+        &self,
+        tracing: &Tracing,
+        chunk: &Chunk,
+        placed: &PointPlaces<'_>,
+    ) -> Vec<(u32, PointSample)> {
         let instance = chunk.instance;
         let (local, places) = (placed.local(instance), &self.sent.places[instance]);
         let grid: &Grid = &self.layout.instances()[instance].grid;
@@ -83,8 +88,8 @@ impl CellsStream {
         let resend = ResendAo { threshold: self.threshold, format: self.layout.format() };
         let mut changed = Vec::new();
         for (place, _, ao) in tracing.field.visible(chunk) {
-            let (at, number) = (&local[place], numbers[place]);
-            let id = tracing.points.firsts()[instance] + number;
+            let (at, number) = (&local[place.index()], numbers[place.index()]);
+            let id = tracing.points.offsets()[instance] + number;
             let moved = || {
                 let sent = places.get(number as usize);
                 sent.is_some_and(|&sent| place_changed(grid, (at.position, at.normal), sent))
@@ -101,7 +106,7 @@ impl CellsStream {
     /// Writes what [`CellsStream::decide`] found, and the poses that changed.
     pub(super) fn encode(&mut self, tracing: &Tracing, meta: FrameMeta) -> Result<EncodedFrame, ServerError> {
         for (instance, at) in tracing.pose.instances().iter().enumerate() {
-            if meta.kind == FrameKind::Key || tracing.world.stirs()[instance] != Stir::Still {
+            if meta.kind == FrameKind::Key || tracing.world.changes()[instance] != InstanceChange::Unchanged {
                 let (translation, rotation) =
                     (at.frame().translation.to_array(), at.frame().rotation.to_array());
                 self.encoder.set_pose(instance as u32, Pose { translation, rotation })?;
@@ -110,7 +115,7 @@ impl CellsStream {
         for (point, sample) in &self.changed {
             self.encoder.put(*point, sample)?;
         }
-        self.sent.remember(tracing.points.firsts(), &self.changed, self.layout.format());
+        self.sent.remember(tracing.points.offsets(), &self.changed, self.layout.format());
         self.encoder.retry_homeless();
         Ok(self.encoder.finish(meta, self.coder)?)
     }
@@ -128,6 +133,7 @@ impl Sent {
     }
 
     /// AO byte of a point as last sent, by id of the encoder.
+    #[cfg(any(test, feature = "testing"))]
     pub(super) fn ao(&self, id: u32) -> Option<u8> {
         self.ao[id as usize]
     }

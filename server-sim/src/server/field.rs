@@ -9,16 +9,17 @@ use glam::Vec3;
 use psao_codec::memory::list;
 use rayon::prelude::*;
 
-use super::Shortcuts;
-use super::memory::{self, ChunkMemory};
-use crate::ao::Seat;
-use crate::bvh::{Bounds, Stir, Swept, World};
-use crate::points::{PlacedPoint, ScenePoints};
-use crate::scene::{InstanceId, Motion};
+use super::hit_cache::{self, ChunkHitCache};
+use crate::ao::RayFrame;
+use crate::bvh::Bounds;
+use crate::points::{PlacedPoint, PointId, PointInSet, ScenePoints};
+use crate::scene::{InstanceId, Motion, PosedMesh};
+use crate::shortcuts::Shortcuts;
 use crate::visibility::{Overlap, Views};
+use crate::world::{InstanceChange, SceneBvh, SweptBounds};
 
 /// Points of a chunk: few enough to share out, many enough to be worth it.
-const CHUNK: usize = 256;
+const CHUNK_POINTS: usize = 256;
 
 /// What is known about a point, as bits.
 pub(super) mod flag {
@@ -34,22 +35,22 @@ pub(super) mod flag {
 #[derive(Clone, Debug)]
 pub(super) struct Chunk {
     pub(super) instance: usize,
-    /// Point id of the first one.
-    pub(super) first: u32,
+    /// The first one.
+    pub(super) first: PointId,
     /// Places within the instance.
     pub(super) points: Range<usize>,
-    /// Bounds in the space of the seats; of instances that do not deform only.
+    /// Bounds in the space of the points' bodies; only of instances that do not deform.
     bounds: Bounds,
 }
 
 /// The part of the field that belongs to a chunk.
-pub(super) struct Part<'a> {
+pub(super) struct FieldPart<'a> {
     pub(super) chunk: &'a Chunk,
     pub(super) flags: &'a mut [u8],
     pub(super) ao: &'a mut [u8],
     /// Empty unless the field keeps them.
     pub(super) exact: &'a mut [f32],
-    pub(super) memory: &'a mut ChunkMemory,
+    pub(super) memory: &'a mut ChunkHitCache,
 }
 
 /// The points of a scene.
@@ -61,11 +62,11 @@ pub(super) struct Field {
     /// AO as traced, not rounded; empty unless asked for.
     exact: Vec<f32>,
     /// What rays met, by chunk.
-    memories: Vec<ChunkMemory>,
+    memories: Vec<ChunkHitCache>,
     /// Points in instance-local space, by instance; those of instances that do not deform are shared by set.
     places: Vec<Places>,
     shared: Vec<Vec<PlacedPoint>>,
-    /// Points in world space of instances that are still, where the body that those share is; empty for others.
+    /// Points in world space of instances in a static batch; empty for others.
     worlds: Vec<Vec<PlacedPoint>>,
     /// Whether only points of deforming instances have places of their own.
     rigid: bool,
@@ -75,13 +76,13 @@ pub(super) struct Field {
 enum Places {
     /// The set's, by number.
     Shared(usize),
-    /// Its own, in the pose of now.
+    /// Its own, in the current pose.
     Own(Vec<PlacedPoint>),
 }
 
 impl Field {
     /// The field of a scene. With `exact` it keeps the AO of every point as it was traced, besides its byte.
-    pub(super) fn new(world: &World, points: &ScenePoints, exact: bool, shortcuts: Shortcuts) -> Self {
+    pub(super) fn new(world: &SceneBvh, points: &ScenePoints, exact: bool, shortcuts: Shortcuts) -> Self {
         let scene = world.scene();
         let instances = scene.instances();
         let shared = (0..points.sets().len()).into_par_iter().map(|rest| {
@@ -91,8 +92,8 @@ impl Field {
             if !of_rest(|motion| motion != Motion::Deforming) {
                 return Vec::new();
             }
-            let posed = crate::points::PosedMesh::at_rest(scene, &scene.rests()[rest]);
-            points.sets()[rest].points().iter().map(|point| posed.place(point)).collect()
+            let posed = PosedMesh::at_rest(scene, &scene.rests()[rest]);
+            points.sets()[rest].points().iter().map(|point| point.place_on(&posed)).collect()
         });
         let shared: Vec<Vec<PlacedPoint>> = shared.collect();
         let mut field = Self {
@@ -123,8 +124,8 @@ impl Field {
             };
             field.worlds.push(placed);
             let count = points.sets()[rest].points().len();
-            let ranges = (0..count).step_by(CHUNK).map(|start| start..count.min(start + CHUNK));
-            let first = |start: usize| points.firsts()[index] + start as u32;
+            let first = |start: usize| points.id(index, PointInSet(start as u32));
+            let ranges = (0..count).step_by(CHUNK_POINTS).map(|start| start..count.min(start + CHUNK_POINTS));
             field.chunks.extend(ranges.map(|points| Chunk {
                 instance: index,
                 first: first(points.start),
@@ -132,14 +133,14 @@ impl Field {
                 bounds: Bounds::EMPTY,
             }));
         }
-        field.memories.resize_with(field.chunks.len(), ChunkMemory::default);
+        field.memories.resize_with(field.chunks.len(), ChunkHitCache::default);
         field.place(world, points, true);
         field.measure(|_| true);
         field
     }
 
     /// Bytes held, but for what points remember of their rays.
-    pub(super) fn held(&self) -> usize {
+    pub(super) fn heap_bytes(&self) -> usize {
         let Self { chunks, flags, ao, exact, memories, places, shared, worlds, .. } = self;
         let own = |places: &Places| match places {
             Places::Shared(_) => 0,
@@ -153,43 +154,43 @@ impl Field {
         list(chunks) + known + list(memories) + places + placed(shared) + placed(worlds)
     }
 
-    /// Measures the chunks of some instances in the space of their seats.
+    /// Measures the chunks of some instances in the space of their bodies.
     fn measure(&mut self, of: impl Fn(usize) -> bool) {
         let mut chunks = std::mem::take(&mut self.chunks);
         for chunk in chunks.iter_mut().filter(|chunk| of(chunk.instance)) {
-            let seats = &self.placed().seats(chunk.instance)[chunk.points.clone()];
-            chunk.bounds = Bounds::around(seats.iter().map(|point| point.position));
+            let placed = &self.placed().in_body_space(chunk.instance)[chunk.points.clone()];
+            chunk.bounds = Bounds::around(placed.iter().map(|point| point.position));
         }
         self.chunks = chunks;
     }
 
-    /// Places the points of instances that deformed, and seats those of instances that left the body of the still ones
-    /// in their own.
-    pub(super) fn place(&mut self, world: &World, points: &ScenePoints, all: bool) {
-        let left = |instance: usize| matches!(world.stirs()[instance], Stir::Left(_));
-        if (0..self.worlds.len()).any(left) {
+    /// Places the points of instances that deformed. Moves those of detached instances from the space of the world to that
+    /// of their own body.
+    pub(super) fn place(&mut self, world: &SceneBvh, points: &ScenePoints, all: bool) {
+        let detached = |instance: usize| matches!(world.changes()[instance], InstanceChange::Detached(_));
+        if (0..self.worlds.len()).any(detached) {
             (0..)
                 .zip(&mut self.worlds)
-                .filter(|(instance, _)| left(*instance))
-                .for_each(|(_, seats)| seats.clear());
-            self.measure(left);
+                .filter(|(instance, _)| detached(*instance))
+                .for_each(|(_, placed)| placed.clear());
+            self.measure(detached);
         }
         let all = all || !self.rigid;
         self.places.par_iter_mut().enumerate().for_each(|(instance, places)| {
             let Places::Own(own) = places else { return };
-            if !all && !matches!(world.stirs()[instance], Stir::Deformed(_)) {
+            if !all && !matches!(world.changes()[instance], InstanceChange::Deformed(_)) {
                 return;
             }
             let Some(posed) = world.posed(InstanceId(instance as u32)) else { return };
             let set = &points.sets()[world.scene().instances()[instance].rest().index()];
             own.clear();
-            own.extend(set.points().iter().map(|point| posed.place(point)));
+            own.extend(set.points().iter().map(|point| point.place_on(&posed)));
         });
     }
 
     /// Where the points are.
-    pub(super) fn placed(&self) -> Placed<'_> {
-        Placed { places: &self.places, shared: &self.shared, worlds: &self.worlds }
+    pub(super) fn placed(&self) -> PointPlaces<'_> {
+        PointPlaces { places: &self.places, shared: &self.shared, worlds: &self.worlds }
     }
 
     /// The chunks, in the order of their points.
@@ -197,25 +198,26 @@ impl Field {
         &self.chunks
     }
 
-    /// Points of a chunk that are in view: place within the instance, point id, AO byte as last traced.
-    pub(super) fn visible(&self, chunk: &Chunk) -> impl Iterator<Item = (usize, u32, u8)> + '_ {
-        let first = chunk.first as usize;
+    /// Points of a chunk that are in view, with the AO byte as last traced.
+    pub(super) fn visible(&self, chunk: &Chunk) -> impl Iterator<Item = (PointInSet, PointId, u8)> + '_ {
+        let first = chunk.first.index();
         let range = first..first + chunk.points.len();
         let values = self.flags[range.clone()].iter().zip(&self.ao[range]);
-        (chunk.points.start..)
-            .zip(chunk.first..)
+        (chunk.points.start as u32..)
+            .zip(chunk.first.0..)
             .zip(values)
             .filter(|(_, (flags, _))| **flags & flag::VISIBLE != 0)
-            .map(|((place, point), (_, ao))| (place, point, *ao))
+            .map(|((place, point), (_, ao))| (PointInSet(place), PointId(point), *ao))
     }
 
     /// AO of a point as last traced, not rounded; nothing where the field does not keep it.
-    pub(super) fn exact(&self, point: u32) -> Option<f32> {
-        self.exact.get(point as usize).copied()
+    #[cfg(any(test, feature = "testing"))]
+    pub(super) fn exact(&self, point: PointId) -> Option<f32> {
+        self.exact.get(point.index()).copied()
     }
 
     /// Bounds of a chunk in the world.
-    pub(super) fn bounds(&self, world: &World, chunk: &Chunk) -> Bounds {
+    pub(super) fn bounds(&self, world: &SceneBvh, chunk: &Chunk) -> Bounds {
         let known = chunk.world_bounds(world);
         known.unwrap_or_else(|| {
             Bounds::around(self.placed().in_world(world, chunk).map(|(position, _)| position))
@@ -223,17 +225,17 @@ impl Field {
     }
 
     /// Marks which points are in view and which are no longer fresh.
-    pub(super) fn mark(&mut self, world: &World, views: Option<&Views>, bias: f32, reach: f32) {
-        let unrest = Unrest {
-            swept: world.stirs().iter().filter_map(Stir::swept).collect(),
-            left: world.stirs().iter().any(|stir| matches!(stir, Stir::Left(_))),
+    pub(super) fn mark(&mut self, world: &SceneBvh, views: Option<&Views>, bias: f32, reach: f32) {
+        let dirty = DirtyRegions {
+            swept: world.changes().iter().filter_map(InstanceChange::swept).collect(),
+            detached: world.changes().iter().any(|change| matches!(change, InstanceChange::Detached(_))),
             bias,
             reach,
         };
         let (parts, rest) = self.split();
         parts.into_par_iter().for_each(|mut part| {
             part.see(&rest, world, views);
-            part.wilt(&rest, world, &unrest);
+            part.invalidate(&rest, world, &dirty);
         });
     }
 
@@ -245,7 +247,7 @@ impl Field {
             (flag::VISIBLE, flag::VISIBLE)
         };
         let of_chunk = |chunk: &Chunk| {
-            let first = chunk.first as usize;
+            let first = chunk.first.index();
             let flags = &self.flags[first..first + chunk.points.len()];
             flags.iter().filter(|&&flags| flags & mask == wanted).count() as u32
         };
@@ -254,11 +256,11 @@ impl Field {
 
     /// Ends a frame: bytes that points remember of their rays, at most `limit`.
     pub(super) fn settle(&mut self, limit: usize) -> usize {
-        memory::settle(&mut self.memories, limit)
+        hit_cache::settle(&mut self.memories, limit)
     }
 
     /// The field in parts that can be worked on side by side, and what they share.
-    pub(super) fn split(&mut self) -> (Vec<Part<'_>>, Placed<'_>) {
+    pub(super) fn split(&mut self) -> (Vec<FieldPart<'_>>, PointPlaces<'_>) {
         let mut parts = Vec::with_capacity(self.chunks.len());
         let (mut flags, mut ao) = (self.flags.as_mut_slice(), self.ao.as_mut_slice());
         let mut exact = self.exact.as_mut_slice();
@@ -266,31 +268,31 @@ impl Field {
             let (head, tail) = flags.split_at_mut(chunk.points.len());
             let (bytes, others) = ao.split_at_mut(chunk.points.len());
             let (values, rest) = exact.split_at_mut(exact.len().min(chunk.points.len()));
-            parts.push(Part { chunk, flags: head, ao: bytes, exact: values, memory });
+            parts.push(FieldPart { chunk, flags: head, ao: bytes, exact: values, memory });
             (flags, ao, exact) = (tail, others, rest);
         }
-        (parts, Placed { places: &self.places, shared: &self.shared, worlds: &self.worlds })
+        (parts, PointPlaces { places: &self.places, shared: &self.shared, worlds: &self.worlds })
     }
 }
 
-/// What happened to the world since the last frame, and how far away it counts.
-struct Unrest<'a> {
-    swept: Vec<&'a Swept>,
-    /// Whether some instance left the body that the still ones share.
-    left: bool,
+/// Regions that changed since the last frame, and the distance within which they invalidate AO.
+struct DirtyRegions<'a> {
+    swept: Vec<&'a SweptBounds>,
+    /// Whether some instance was moved out of a static batch.
+    detached: bool,
     bias: f32,
     reach: f32,
 }
 
 /// Where the points are, to be read while the rest of the field is written.
 #[derive(Clone, Copy)]
-pub(super) struct Placed<'a> {
+pub(super) struct PointPlaces<'a> {
     places: &'a [Places],
     shared: &'a [Vec<PlacedPoint>],
     worlds: &'a [Vec<PlacedPoint>],
 }
 
-impl<'a> Placed<'a> {
+impl<'a> PointPlaces<'a> {
     /// Points of an instance in its local space.
     pub(super) fn local(&self, instance: usize) -> &'a [PlacedPoint] {
         match &self.places[instance] {
@@ -299,22 +301,22 @@ impl<'a> Placed<'a> {
         }
     }
 
-    /// Points of an instance in the space of its body: the world for still ones, else its own.
-    fn seats(&self, instance: usize) -> &'a [PlacedPoint] {
+    /// Points of an instance in the space of its body: the world for instances in a static batch, else its own.
+    fn in_body_space(&self, instance: usize) -> &'a [PlacedPoint] {
         if self.worlds[instance].is_empty() { self.local(instance) } else { &self.worlds[instance] }
     }
 
-    /// Seat of a point for tracing.
-    pub(super) fn seat(&self, world: &World, instance: usize, point: usize) -> Seat {
-        let PlacedPoint { position, normal, edge } = self.seats(instance)[point];
-        Seat { body: world.body(instance), position, normal, edge }
+    /// Returns the frame of a point's rays.
+    pub(super) fn ray_frame(&self, world: &SceneBvh, instance: usize, point: PointInSet) -> RayFrame {
+        let PlacedPoint { position, normal, edge } = self.in_body_space(instance)[point.index()];
+        RayFrame { body: world.body(instance), position, normal, edge }
     }
 
     /// Points of a chunk with the world position of each.
-    fn in_world(&self, world: &World, chunk: &Chunk) -> impl Iterator<Item = (Vec3, Vec3)> + 'a {
+    fn in_world(&self, world: &SceneBvh, chunk: &Chunk) -> impl Iterator<Item = (Vec3, Vec3)> + 'a {
         let still = world.is_still(chunk.instance);
         let at = world.placement(InstanceId(chunk.instance as u32));
-        self.seats(chunk.instance)[chunk.points.clone()].iter().map(move |point| {
+        self.in_body_space(chunk.instance)[chunk.points.clone()].iter().map(move |point| {
             if still {
                 (point.position, point.normal)
             } else {
@@ -326,7 +328,7 @@ impl<'a> Placed<'a> {
 
 impl Chunk {
     /// Bounds in the world, or nothing where they are not known.
-    fn world_bounds(&self, world: &World) -> Option<Bounds> {
+    fn world_bounds(&self, world: &SceneBvh) -> Option<Bounds> {
         if world.is_still(self.instance) {
             return Some(self.bounds);
         }
@@ -336,14 +338,14 @@ impl Chunk {
     }
 }
 
-impl Part<'_> {
+impl FieldPart<'_> {
     /// Points in view.
     pub(super) fn visible(&self) -> u32 {
         self.flags.iter().filter(|&&flags| flags & flag::VISIBLE != 0).count() as u32
     }
 
     /// Marks the points in view.
-    fn see(&mut self, placed: &Placed<'_>, world: &World, views: Option<&Views>) {
+    fn see(&mut self, placed: &PointPlaces<'_>, world: &SceneBvh, views: Option<&Views>) {
         let present = world.is_present(self.chunk.instance);
         let overlap = match (views, self.chunk.world_bounds(world)) {
             _ if !present => Overlap::Outside,
@@ -365,14 +367,16 @@ impl Part<'_> {
         }
     }
 
-    /// Takes freshness from points whose AO may have changed: their instance moved, or bounds of one that moved,
-    /// before or after, touch the ball that their rays reach.
-    fn wilt(&mut self, placed: &Placed<'_>, world: &World, unrest: &Unrest<'_>) {
-        let Unrest { swept, left, bias, reach } = unrest;
-        match world.stirs()[self.chunk.instance] {
-            Stir::Still => {}
-            Stir::Moved(_) => return self.flags.iter_mut().for_each(|flags| *flags &= !flag::FRESH),
-            Stir::Deformed(_) | Stir::Left(_) => {
+    /// Marks points as stale whose AO may have changed: their instance moved, or swept bounds touch the ball that their
+    /// rays reach.
+    fn invalidate(&mut self, placed: &PointPlaces<'_>, world: &SceneBvh, dirty: &DirtyRegions<'_>) {
+        let DirtyRegions { swept, detached, bias, reach } = dirty;
+        match world.changes()[self.chunk.instance] {
+            InstanceChange::Unchanged => {}
+            InstanceChange::Moved(_) => {
+                return self.flags.iter_mut().for_each(|flags| *flags &= !flag::FRESH);
+            }
+            InstanceChange::Deformed(_) | InstanceChange::Detached(_) => {
                 self.memory.clear();
                 return self.flags.iter_mut().for_each(|flags| *flags &= !(flag::FRESH | flag::ALONE));
             }
@@ -387,8 +391,8 @@ impl Part<'_> {
         if near.is_empty() {
             return;
         }
-        // A point that had the body of the still ones to itself had that of an instance that has left it, too.
-        let kept = if *left && world.is_still(self.chunk.instance) {
+        // A point with nothing but the static batch in reach may have had an instance in reach that was detached from it.
+        let kept = if *detached && world.is_still(self.chunk.instance) {
             self.memory.clear();
             !(flag::FRESH | flag::ALONE)
         } else {

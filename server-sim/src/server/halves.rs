@@ -5,10 +5,10 @@ use psao_codec::frame::{FrameIndex, StreamTime};
 use psao_codec::stream::StateRef;
 use psao_proto::message::{CameraPose, Edit};
 
-use super::stats::Lap;
+use super::stats::{Lap, TraceTotals};
 use super::stream::{Frame, Stream};
 use super::surface::{Gathered, SurfaceStream};
-use super::tracing::{Traces, Tracing};
+use super::tracing::Tracing;
 use super::{FrameStats, RayBudget, Server, ServerError, SettingsError, StageMicros, StepOutput};
 use crate::clock::Clock;
 use crate::scene::EditError;
@@ -34,7 +34,7 @@ pub struct TracedFrame {
     time: StreamTime,
     first: bool,
     gathered: Gathered,
-    traces: Traces,
+    traces: TraceTotals,
     micros: StageMicros,
 }
 

@@ -1,111 +1,29 @@
-//! What points near moving things remember of their rays, within a bound.
+//! The memory of a running server.
 
-use crate::ao::{Memory, Remembered};
-
-/// Frames in which no point of a chunk was traced, after which the chunk forgets: things that pass come back soon or not
-/// for a long time.
-const FORGET_AFTER: u16 = 240;
-
-/// What the points of a chunk remember.
-#[derive(Debug, Default)]
-pub(super) struct ChunkMemory {
-    /// By point; empty when nothing is remembered.
-    points: Vec<Option<Box<Remembered>>>,
-    /// Frames since a point was traced.
-    idle: u16,
-    bytes: usize,
+/// Bytes that a server holds between two frames, by part.
+///
+/// Folded from the sizes of what is held, room that lists keep included: the same on any machine of one word size with the
+/// same build. Not in it: the scene, which its owner has anyway; what threads take while they trace, tens of kB each; tables
+/// of the scene that clients are sent first.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ServerMemory {
+    /// Trees over the triangles, with a copy of their own and of the posed vertices for each instance that deforms; the pose.
+    pub structures: usize,
+    /// Points: on their meshes, where they are now, their AO and what is known of it.
+    pub points: usize,
+    /// Directions of the sets of rays that points choose from.
+    pub rays: usize,
+    /// What points remember of their rays' hits, at most [`ServerSettings::ray_memory`](super::ServerSettings::ray_memory).
+    pub remembered: usize,
+    /// The stream: what clients hold, tables and models of the encoder, buffers.
+    pub stream: usize,
 }
 
-impl ChunkMemory {
-    /// What is known of a point of a chunk of `count`, or where to put it, if `keep` says so.
-    pub(super) fn of(&mut self, point: usize, count: usize, keep: bool) -> Memory<'_> {
-        if self.points.is_empty() {
-            if !keep {
-                return Memory::None;
-            }
-            self.points.resize_with(count, || None);
-        }
-        self.idle = 0;
-        match &mut self.points[point] {
-            Some(known) => Memory::Known(known),
-            vacant if keep => Memory::Vacant(vacant),
-            _ => Memory::None,
-        }
-    }
-
-    /// Forgets everything.
-    pub(super) fn clear(&mut self) {
-        *self = Self::default();
-    }
-
-    /// A frame is over: counts what is remembered, and forgets what has not been of use for long.
-    fn rest(&mut self) -> usize {
-        if self.points.is_empty() {
-            return 0;
-        }
-        if self.idle == 0 {
-            let held = self.points.iter().flatten().map(|known| known.bytes()).sum::<usize>();
-            self.bytes = held + size_of_val(&*self.points);
-        }
-        self.idle += 1;
-        if self.idle > FORGET_AFTER {
-            self.clear();
-        }
-        self.bytes
-    }
-}
-
-/// Ends a frame for all chunks: bytes that are remembered afterwards. More than `limit` are forgotten at once, those that
-/// were of no use for longest first.
-pub(super) fn settle(chunks: &mut [ChunkMemory], limit: usize) -> usize {
-    let mut bytes: usize = chunks.iter_mut().map(ChunkMemory::rest).sum();
-    if bytes > limit {
-        let mut order: Vec<usize> = (0..chunks.len()).filter(|&chunk| chunks[chunk].bytes > 0).collect();
-        order.sort_by_key(|&chunk| std::cmp::Reverse(chunks[chunk].idle));
-        for chunk in order {
-            if bytes <= limit {
-                break;
-            }
-            bytes -= chunks[chunk].bytes;
-            chunks[chunk].clear();
-        }
-    }
-    bytes
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn remember(memory: &mut ChunkMemory, point: usize) {
-        let Memory::Vacant(slot) = memory.of(point, 8, true) else { panic!("there is room") };
-        *slot = Some(Box::default());
-    }
-
-    #[test]
-    fn what_is_of_no_use_for_long_is_forgotten() {
-        let mut chunks = [ChunkMemory::default(), ChunkMemory::default()];
-        chunks.iter_mut().for_each(|chunk| remember(chunk, 3));
-        let both = settle(&mut chunks, usize::MAX);
-        for _ in 0..FORGET_AFTER {
-            assert!(matches!(chunks[0].of(3, 8, false), Memory::Known(_)));
-            assert!(matches!(chunks[0].of(4, 8, false), Memory::None));
-            settle(&mut chunks, usize::MAX);
-        }
-        assert_eq!(settle(&mut chunks, usize::MAX), both / 2);
-        assert!(matches!(chunks[1].of(3, 8, false), Memory::None));
-    }
-
-    #[test]
-    fn the_limit_is_kept_by_forgetting_the_idlest() {
-        let mut chunks = [ChunkMemory::default(), ChunkMemory::default()];
-        chunks.iter_mut().for_each(|chunk| remember(chunk, 0));
-        let both = settle(&mut chunks, usize::MAX);
-        remember(&mut chunks[1], 1);
-        let left = settle(&mut chunks, both);
-        assert!(left > both / 2 && left <= both);
-        assert!(matches!(chunks[0].of(0, 8, false), Memory::None));
-        assert!(matches!(chunks[1].of(1, 8, false), Memory::Known(_)));
-        assert_eq!(settle(&mut chunks, 0), 0);
+impl ServerMemory {
+    /// All parts together.
+    #[must_use]
+    pub fn total(&self) -> usize {
+        let Self { structures, points, rays, remembered, stream } = *self;
+        structures + points + rays + remembered + stream
     }
 }

@@ -2,18 +2,18 @@
 //!
 //! What is traced is the same in both profiles; a stream decides what of it is sent, and writes it.
 
-mod both;
+#[cfg(any(test, feature = "testing"))]
+mod both_profiles;
 mod cells;
 mod field;
+mod frame_time;
 mod grids;
 mod halves;
-mod held;
+mod hit_cache;
 mod memory;
-mod nearness;
-mod pacing;
-mod ration;
+mod ray_scheduler;
+mod screen_area;
 mod settings;
-mod shortcuts;
 mod stats;
 mod stream;
 mod surface;
@@ -34,20 +34,21 @@ use psao_proto::message::{CameraPose, Edit};
 use psao_proto::{Limits, Profile, SceneError, SceneTable};
 use thiserror::Error;
 
-pub use both::{AoError, BothProfiles, Each};
+#[cfg(any(test, feature = "testing"))]
+#[doc(hidden)]
+pub use both_profiles::{AoErrorStats, BothProfiles, PerProfile};
+pub use frame_time::FrameTimeController;
 pub use halves::{TracedFrame, TracingHalf, WritingHalf};
-pub use held::ServerMemory;
-pub use pacing::Pacing;
-pub use ration::{RayBudget, Waiting};
+pub use memory::ServerMemory;
+pub use ray_scheduler::{RayBacklog, RayBudget};
 pub use settings::{ServerSettings, SettingsError};
-pub use shortcuts::Shortcuts;
 pub use stats::{FrameStats, Progress, StageMicros, Work};
 
 use crate::ao::Tracer;
-use crate::bvh::World;
 use crate::clock::Clock;
 use crate::points::{PointCache, ScenePoints, generate_cached, order_at_rest};
 use crate::scene::{EditError, Edits, Scene};
+use crate::world::SceneBvh;
 use cells::CellsStream;
 use stats::Lap;
 use stream::{Frame, Stream};
@@ -172,7 +173,7 @@ impl Server {
         let limits = Limits::default();
         let mut geometry = Vec::new();
         let table = if settings.profile == Profile::SURFACE {
-            geometry = order_at_rest(&scene, &mut points, settings.fineness()?, settings.kernel);
+            geometry = order_at_rest(&scene, &mut points, settings.precision()?, settings.kernel);
             surface::table(&scene, &points, &geometry, &settings, &limits)?
         } else {
             grids::table(&scene, &points, &settings, &limits)?
@@ -220,7 +221,7 @@ impl Server {
     }
 
     /// Sets how many rays frames may take from the next step on: for live servers, which learn what they have time for
-    /// ([`Pacing`]). The bytes then depend on what was set when.
+    /// ([`FrameTimeController`]). The bytes then depend on what was set when.
     ///
     /// # Errors
     /// [`SettingsError::RayBudget`].
@@ -231,7 +232,7 @@ impl Server {
     /// Bytes of memory held now, by part.
     #[must_use]
     pub fn memory(&self) -> ServerMemory {
-        ServerMemory { stream: self.stream.held(), ..self.tracing.held() }
+        ServerMemory { stream: self.stream.heap_bytes(), ..self.tracing.heap_bytes() }
     }
 
     /// The edits in force from the next step on.
@@ -254,7 +255,7 @@ impl Server {
 
     /// The scene as of the last step, edits included.
     #[must_use]
-    pub fn world(&self) -> &World {
+    pub fn world(&self) -> &SceneBvh {
         &self.tracing.world
     }
 

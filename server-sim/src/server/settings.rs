@@ -5,9 +5,10 @@ use psao_codec::surface::{Budget, GeometrySource};
 use psao_proto::Profile;
 use thiserror::Error;
 
-use super::{RayBudget, Shortcuts};
+use super::RayBudget;
 use crate::ao::{AoError, AoSettings};
-use crate::points::{Fineness, PointError, PointSettings};
+use crate::points::{GeometryPrecision, PointError, PointSettings};
+use crate::shortcuts::Shortcuts;
 
 /// Settings of a stream.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -17,7 +18,7 @@ pub struct ServerSettings {
     /// Profile `surface`: whether clients are sent the points, or spread them themselves.
     pub geometry: GeometrySource,
     /// Bits of a packed point: 32, 24 or 16. In profile `surface`, how finely positions and normals are rounded: see
-    /// [`Fineness::of_bits`].
+    /// [`GeometryPrecision::of_bits`].
     pub bits: u8,
     /// How many points.
     pub points: PointSettings,
@@ -49,7 +50,7 @@ pub struct ServerSettings {
     /// What is left out because it cannot change anything. The bytes are the same without; it is there to check and to
     /// measure that.
     pub shortcuts: Shortcuts,
-    /// Most bytes for [`Shortcuts::REMEMBERED`]. What is kept beyond that is forgotten when the frame ends.
+    /// Most bytes for [`Shortcuts::SELF_HITS`]. What is kept beyond that is forgotten when the frame ends.
     pub ray_memory: u64,
 }
 
@@ -87,7 +88,7 @@ impl ServerSettings {
         if !matches!(self.profile, Profile::PAPER | Profile::SURFACE) {
             return Err(SettingsError::Profile { profile: self.profile });
         }
-        self.fineness()?;
+        self.precision()?;
         if self.threshold == 0 {
             return Err(SettingsError::Threshold);
         }
@@ -117,8 +118,8 @@ impl ServerSettings {
     }
 
     /// How finely points are rounded in profile `surface`.
-    pub(super) fn fineness(&self) -> Result<Fineness, SettingsError> {
-        Fineness::of_bits(self.bits).ok_or(SettingsError::Bits { found: self.bits })
+    pub(super) fn precision(&self) -> Result<GeometryPrecision, SettingsError> {
+        GeometryPrecision::of_bits(self.bits).ok_or(SettingsError::Bits { found: self.bits })
     }
 }
 

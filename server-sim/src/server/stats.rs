@@ -3,8 +3,7 @@
 use psao_codec::cells::Occupancy;
 use psao_codec::surface::Postponed;
 
-use super::Waiting;
-use super::tracing::Traces;
+use super::RayBacklog;
 use crate::clock::Clock;
 
 /// Microseconds that the stages of a step took (paper, section 3.3 and 3.4).
@@ -33,13 +32,13 @@ pub struct FrameStats {
     pub traced: u32,
     /// Rays traced: those that came into the bounds of a body that they had to be tested against.
     pub rays: u64,
-    /// What was left for later frames for want of rays; nothing without a budget of them.
-    pub waiting: Option<Waiting>,
+    /// What was left for later frames because the ray budget was used up; `None` without a budget.
+    pub waiting: Option<RayBacklog>,
     /// Whether it is the first frame, in which every point is traced.
     pub first: bool,
     /// Points sent.
     pub changed: u32,
-    /// What was left for later frames for want of bytes; nothing without a budget of them.
+    /// What was left for later frames because the byte budget was used up; `None` without a budget.
     pub postponed: Option<Postponed>,
     /// How full the client's tables are, and what did not fit; nothing in profile `surface`, which has none.
     pub occupancy: Option<Occupancy>,
@@ -47,10 +46,20 @@ pub struct FrameStats {
     pub micros: StageMicros,
 }
 
+/// What a step traced.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct TraceTotals {
+    pub(super) visible: u32,
+    pub(super) traced: u32,
+    pub(super) rays: u64,
+    /// Nothing without a budget of rays.
+    pub(super) waiting: Option<RayBacklog>,
+}
+
 impl FrameStats {
     /// Of a frame that is traced.
-    pub(super) fn traced(traces: Traces, micros: StageMicros) -> Self {
-        let Traces { visible, traced, rays, waiting } = traces;
+    pub(super) fn traced(traces: TraceTotals, micros: StageMicros) -> Self {
+        let TraceTotals { visible, traced, rays, waiting } = traces;
         Self { visible, traced, rays, waiting, micros, ..Self::default() }
     }
 }

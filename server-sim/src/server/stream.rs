@@ -9,8 +9,7 @@ use super::cells::CellsStream;
 use super::surface::{Gathered, SurfaceStream};
 use super::tracing::Tracing;
 use super::{FrameStats, ServerError, StepOutput};
-use crate::server::stats::{Lap, StageMicros};
-use crate::server::tracing::Traces;
+use crate::server::stats::{Lap, StageMicros, TraceTotals};
 
 /// Decides what is sent, and writes it.
 #[derive(Debug)]
@@ -39,7 +38,7 @@ impl Decided {
         first: bool,
         frame: Frame<'_>,
         changed: u32,
-        (traces, mut micros): (Traces, StageMicros),
+        (traces, mut micros): (TraceTotals, StageMicros),
         lap: &mut Lap<'_>,
     ) -> Self {
         micros.decide = lap.micros();
@@ -73,10 +72,10 @@ impl Stream {
     }
 
     /// Bytes held.
-    pub(super) fn held(&self) -> usize {
+    pub(super) fn heap_bytes(&self) -> usize {
         match self {
-            Self::Cells(stream) => stream.held(),
-            Self::Surface(stream) => stream.held(),
+            Self::Cells(stream) => stream.heap_bytes(),
+            Self::Surface(stream) => stream.heap_bytes(),
         }
     }
 
@@ -85,7 +84,7 @@ impl Stream {
         &mut self,
         tracing: &Tracing,
         frame: Frame<'_>,
-        traced: (Traces, StageMicros),
+        traced: (TraceTotals, StageMicros),
         lap: &mut Lap<'_>,
     ) -> Result<StepOutput, ServerError> {
         let first = self.last().is_none();

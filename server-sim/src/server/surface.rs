@@ -11,10 +11,10 @@ use psao_proto::{Limits, SceneEntries, SceneTable};
 
 use super::field::Chunk;
 use super::grids::info;
-use super::nearness::Nearness;
-use super::stats::Lap;
+use super::screen_area::ScreenArea;
+use super::stats::{Lap, TraceTotals};
 use super::stream::{Decided, Frame};
-use super::tracing::{Traces, Tracing};
+use super::tracing::Tracing;
 use super::{FrameStats, ServerError, ServerSettings, StageMicros, StepOutput};
 use crate::points::ScenePoints;
 use crate::scene::{InstanceId, Scene};
@@ -62,7 +62,7 @@ impl SurfaceStream {
     }
 
     /// Bytes held.
-    pub(super) fn held(&self) -> usize {
+    pub(super) fn heap_bytes(&self) -> usize {
         self.encoder.memory_bytes() + memory::list(&self.cameras)
     }
 
@@ -90,7 +90,7 @@ impl SurfaceStream {
         gathered: Gathered,
         first: bool,
         frame: Frame<'_>,
-        traced: (Traces, StageMicros),
+        traced: (TraceTotals, StageMicros),
         lap: &mut Lap<'_>,
     ) -> Result<StepOutput, ServerError> {
         let changed = self.decide(gathered);
@@ -141,7 +141,7 @@ impl Gathered {
     pub(super) fn new(tracing: &Tracing, cameras: &[CameraPose], first: bool, weighed: bool) -> Self {
         let chunks = tracing.field.chunks();
         let order = if first { in_view_first(tracing, cameras) } else { (0..chunks.len()).collect() };
-        let seen = |chunk: usize| tracing.field.visible(&chunks[chunk]).map(|(_, point, ao)| (point, ao));
+        let seen = |chunk: usize| tracing.field.visible(&chunks[chunk]).map(|(_, point, ao)| (point.0, ao));
         let points = order.into_iter().flat_map(seen).collect();
         let weights = if weighed { weights(tracing, cameras) } else { Vec::new() };
         Self { points, weights, cameras: cameras.to_vec() }
@@ -150,7 +150,7 @@ impl Gathered {
 
 /// Weight of every block: how large its points are on the screen.
 fn weights(tracing: &Tracing, cameras: &[CameraPose]) -> Vec<(u32, usize, u16)> {
-    let near = Nearness::new(cameras);
+    let near = ScreenArea::new(cameras);
     let mut weights = Vec::new();
     for Chunk { instance, points, .. } in tracing.field.chunks() {
         let at = tracing.world.placement(InstanceId(*instance as u32));

@@ -3,7 +3,7 @@
 mod bad_scenes;
 mod budget;
 mod edits;
-mod ration;
+mod ray_scheduler;
 mod shortcuts;
 
 use std::collections::BTreeMap;
@@ -148,7 +148,7 @@ fn bytes_do_not_depend_on_threads() {
 fn held_in_cells(server: &Server, state: &frame::State, instance: usize, place: usize) -> Option<u8> {
     let Stream::Cells(stream) = &server.stream else { panic!("not of profile paper") };
     let number = server.tracing.numbers(instance)[place];
-    let id = server.points().firsts()[instance] + number;
+    let id = server.points().offsets()[instance] + number;
     if stream.encoder.placement(id) != Some(Placement::Stored) {
         return None;
     }
@@ -180,6 +180,7 @@ fn check_bound(server: &Server, state: &State, threshold: u8, index: FrameIndex)
     let field = &server.tracing.field;
     for chunk in field.chunks() {
         for (place, point, ao) in field.visible(chunk) {
+            let place = place.index();
             let held = match state {
                 State::Cells(state) => held_in_cells(server, state, chunk.instance, place),
                 State::Surface(state) => Some(held_on_surface(state, chunk.instance, place)),
@@ -283,9 +284,9 @@ fn points_of_deforming_instances_stay_inside_their_grids() {
 fn by_number(tracing: &Tracing) -> Vec<Option<u8>> {
     let mut found = vec![None; tracing.points.total() as usize];
     for chunk in tracing.field.chunks() {
-        let base = tracing.points.firsts()[chunk.instance];
+        let base = tracing.points.offsets()[chunk.instance];
         for (place, _, ao) in tracing.field.visible(chunk) {
-            found[(base + tracing.numbers(chunk.instance)[place]) as usize] = Some(ao);
+            found[(base + tracing.numbers(chunk.instance)[place.index()]) as usize] = Some(ao);
         }
     }
     found
@@ -321,7 +322,7 @@ fn both_profiles_at_once_write_what_each_writes_alone() {
         let mut both =
             BothProfiles::new(Arc::clone(&scene), &paper, BlockCoder::Range, None, Arc::new(|_| {})).unwrap();
         let mut clients = [&both.tables().paper, &both.tables().surface].map(|t| State::new(t.layout()));
-        let mut errors = Each::<AoError>::default();
+        let mut errors = PerProfile::<AoErrorStats>::default();
         for frame in 0..8 {
             let outputs = both.step(FrameIndex(frame), time(frame), &views(&scene, frame), &NoClock).unwrap();
             assert!(outputs.paper.body == alone[0][frame as usize], "paper, frame {frame}");
@@ -383,7 +384,8 @@ fn geometry_that_is_shared_is_not_sent_and_fits_the_layout() {
         let mut state = State::new(server.layout());
         apply(&mut state, &frame.body, &psao_codec::Limits::default()).unwrap();
         let found = state.clone();
-        crate::points::share(&scene, server.table().info(), state.as_surface_mut().unwrap()).unwrap();
+        crate::points::make_shared_geometry(&scene, server.table().info(), state.as_surface_mut().unwrap())
+            .unwrap();
         let sets = server.layout().as_surface().unwrap().sets().len() as u32;
         for set in 0..sets {
             let held = found.as_surface().unwrap().geometry(set);

@@ -8,15 +8,17 @@ use psao_codec::quant::unorm;
 use psao_proto::message::CameraPose;
 use rayon::prelude::*;
 
-use super::field::{Field, Part, Placed, flag, set};
-use super::ration::{Ration, RayBudget, Waiting};
-use super::stats::{Lap, Progress, StageMicros, Work};
-use super::{ProgressFn, ServerMemory, ServerSettings, SettingsError, Shortcuts};
+use super::field::{Field, FieldPart, PointPlaces, flag, set};
+use super::ray_scheduler::{RayBudget, RayScheduler};
+use super::stats::{Lap, Progress, StageMicros, TraceTotals, Work};
+use super::{ProgressFn, ServerMemory, ServerSettings, SettingsError};
 use crate::ao::{Scratch, Tracer};
-use crate::bvh::{BlasHit, Stir, World};
-use crate::points::ScenePoints;
+use crate::bvh::{BlasHit, BodyId};
+use crate::points::{PointInSet, ScenePoints};
 use crate::scene::{Edits, Scene, ScenePose};
+use crate::shortcuts::Shortcuts;
 use crate::visibility::Views;
+use crate::world::{InstanceChange, SceneBvh};
 
 /// A scene, its points, and their AO as of the last step.
 pub(super) struct Tracing {
@@ -25,26 +27,16 @@ pub(super) struct Tracing {
     pub(super) pose: ScenePose,
     /// What clients changed; in force from the next step on.
     pub(super) edits: Edits,
-    pub(super) world: World,
+    pub(super) world: SceneBvh,
     pub(super) field: Field,
     tracer: Tracer,
-    pub(super) ration: Ration,
+    pub(super) scheduler: RayScheduler,
     ray_budget: Option<RayBudget>,
     view_margin: f32,
     shortcuts: Shortcuts,
     /// Most bytes that points may remember of their rays, and how many they do.
     memory: [usize; 2],
     progress: Arc<ProgressFn>,
-}
-
-/// What a step traced.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Traces {
-    pub(super) visible: u32,
-    pub(super) traced: u32,
-    pub(super) rays: u64,
-    /// Nothing without a budget of rays.
-    pub(super) waiting: Option<Waiting>,
 }
 
 impl Tracing {
@@ -59,9 +51,9 @@ impl Tracing {
     ) -> Self {
         let pose = scene.pose(0.0);
         let ServerSettings { view_margin, shortcuts, ray_memory, ray_budget, .. } = *settings;
-        let world = World::with_shortcuts(&scene, &pose, shortcuts);
+        let world = SceneBvh::with_shortcuts(&scene, &pose, shortcuts);
         let field = Field::new(&world, &points, exact, shortcuts);
-        let ration = Ration::new(field.chunks().len(), settings.ao.rays);
+        let scheduler = RayScheduler::new(field.chunks().len(), settings.ao.rays);
         let memory = [usize::try_from(ray_memory).unwrap_or(usize::MAX), 0];
         let edits = Edits::new(scene.instances().len() as u32);
         Self {
@@ -72,7 +64,7 @@ impl Tracing {
             world,
             field,
             tracer,
-            ration,
+            scheduler,
             ray_budget,
             view_margin,
             shortcuts,
@@ -82,11 +74,11 @@ impl Tracing {
     }
 
     /// Bytes held, but for the stream.
-    pub(super) fn held(&self) -> ServerMemory {
+    pub(super) fn heap_bytes(&self) -> ServerMemory {
         ServerMemory {
-            structures: self.world.memory_bytes() + self.pose.held(),
-            points: self.points.memory_bytes() + self.field.held() + self.ration.held(),
-            rays: self.tracer.memory_bytes(),
+            structures: self.world.heap_bytes() + self.pose.heap_bytes(),
+            points: self.points.heap_bytes() + self.field.heap_bytes() + self.scheduler.heap_bytes(),
+            rays: self.tracer.heap_bytes(),
             remembered: self.memory[1],
             stream: 0,
         }
@@ -119,7 +111,7 @@ impl Tracing {
         cameras: &[CameraPose],
         first: bool,
         lap: &mut Lap<'_>,
-    ) -> (Traces, StageMicros) {
+    ) -> (TraceTotals, StageMicros) {
         self.scene.pose_into(time.micros() as f64 * 1e-6, &mut self.pose);
         self.pose.apply(&self.edits);
         let mut micros = StageMicros { pose: lap.micros(), ..StageMicros::default() };
@@ -133,14 +125,14 @@ impl Tracing {
         let stale = self.choose(budget, cameras);
         micros.place = lap.micros();
         let chunks = self.trace(first);
-        let mut traces = chunks.iter().fold(Traces::default(), |sum, part| Traces {
+        let mut traces = chunks.iter().fold(TraceTotals::default(), |sum, part| TraceTotals {
             visible: sum.visible + part.visible,
             traced: sum.traced + part.traced,
             rays: sum.rays + part.rays,
             waiting: None,
         });
         let each = chunks.iter().map(|part| (part.traced, part.rays));
-        traces.waiting = budget.map(|_| self.ration.settle(each, &stale));
+        traces.waiting = budget.map(|_| self.scheduler.settle(each, &stale));
         micros.trace = lap.micros();
         (traces, micros)
     }
@@ -148,16 +140,16 @@ impl Tracing {
     /// Chooses the chunks that are traced; gives the stale points in view of each, where that matters.
     fn choose(&mut self, budget: Option<RayBudget>, cameras: &[CameraPose]) -> Vec<u32> {
         let Some(budget) = budget else {
-            self.ration.choose_all();
+            self.scheduler.choose_all();
             return Vec::new();
         };
         let stale = self.field.stale(self.shortcuts.contains(Shortcuts::UNTOUCHED));
-        self.ration.choose(budget, &stale, (&self.world, &self.points, &self.field), cameras);
+        self.scheduler.choose(budget, &stale, (&self.world, &self.points, &self.field), cameras);
         stale
     }
 
     /// Traces the visible points whose AO may have changed, as far as they are chosen; what was done by chunk.
-    fn trace(&mut self, first: bool) -> Vec<Traces> {
+    fn trace(&mut self, first: bool) -> Vec<TraceTotals> {
         let total = self.points.total().into();
         let done = AtomicU64::new(0);
         let progress = |points: usize| {
@@ -166,23 +158,23 @@ impl Tracing {
                 (self.progress)(Progress { work: Work::FirstFrame, done, total });
             }
         };
-        let trace = Trace {
+        let tracer = ChunkTracer {
             world: &self.world,
             points: &self.points,
             tracer: &self.tracer,
             shortcuts: self.shortcuts,
-            remember: self.shortcuts.contains(Shortcuts::REMEMBERED) && self.memory[1] < self.memory[0],
+            remember: self.shortcuts.contains(Shortcuts::SELF_HITS) && self.memory[1] < self.memory[0],
         };
         let (parts, placed) = self.field.split();
-        let ration = &self.ration;
+        let scheduler = &self.scheduler;
         let traces = parts
             .into_par_iter()
             .enumerate()
             .map_init(Scratch::default, |scratch, (number, mut part)| {
-                let traces = if ration.is_chosen(number) {
-                    trace.part(&mut part, &placed, scratch)
+                let traces = if scheduler.is_chosen(number) {
+                    tracer.trace_part(&mut part, &placed, scratch)
                 } else {
-                    Traces { visible: part.visible(), ..Traces::default() }
+                    TraceTotals { visible: part.visible(), ..TraceTotals::default() }
                 };
                 progress(part.flags.len());
                 traces
@@ -194,8 +186,8 @@ impl Tracing {
 }
 
 /// What the parts of a field are traced with.
-struct Trace<'a> {
-    world: &'a World,
+struct ChunkTracer<'a> {
+    world: &'a SceneBvh,
     points: &'a ScenePoints,
     tracer: &'a Tracer,
     shortcuts: Shortcuts,
@@ -203,21 +195,26 @@ struct Trace<'a> {
     remember: bool,
 }
 
-impl Trace<'_> {
+impl ChunkTracer<'_> {
     /// Brings the AO of a part's visible points up to date; of all its points, where that is not left out.
-    fn part(&self, part: &mut Part<'_>, placed: &Placed<'_>, scratch: &mut Scratch) -> Traces {
+    fn trace_part(
+        &self,
+        part: &mut FieldPart<'_>,
+        placed: &PointPlaces<'_>,
+        scratch: &mut Scratch,
+    ) -> TraceTotals {
         let Self { world, tracer, shortcuts, remember, .. } = *self;
         let (untouched, alone) =
             (shortcuts.contains(Shortcuts::UNTOUCHED), shortcuts.contains(Shortcuts::ALONE));
         let instance = part.chunk.instance;
         let everywhere = !shortcuts.contains(Shortcuts::OUT_OF_VIEW) && world.is_present(instance);
-        let remember = remember && !matches!(world.stirs()[instance], Stir::Deformed(_));
-        let opaque = |body: u32, hit: &BlasHit| world.opaque(body, hit);
-        let numbers = self.points.sets()[world.scene().instances()[instance].rest().index()].numbers();
-        let base = self.points.firsts()[instance];
+        let remember = remember && !matches!(world.changes()[instance], InstanceChange::Deformed(_));
+        let opaque = |body: BodyId, hit: &BlasHit| world.opaque(body, hit);
+        let point_set = &self.points.sets()[world.scene().instances()[instance].rest().index()];
         let count = part.chunk.points.len();
-        let mut traces = Traces::default();
+        let mut traces = TraceTotals::default();
         for (index, point) in part.chunk.points.clone().enumerate() {
+            let point = PointInSet(point as u32);
             let flags = &mut part.flags[index];
             if *flags & flag::VISIBLE != 0 {
                 traces.visible += 1;
@@ -227,14 +224,14 @@ impl Trace<'_> {
             if *flags & flag::FRESH != 0 && untouched {
                 continue;
             }
-            let seat = placed.seat(world, instance, point);
+            let ray_frame = placed.ray_frame(world, instance, point);
             // A body that has nothing near it, then and now, sees what it saw: its points lie in its own space.
             let unchanged =
-                *flags & flag::ALONE != 0 && alone && tracer.is_alone(world.bodies(), &seat, scratch);
+                *flags & flag::ALONE != 0 && alone && tracer.is_alone(world.bodies(), &ray_frame, scratch);
             if !unchanged {
                 let memory = part.memory.of(index, count, remember);
-                let point = base + numbers[point];
-                let traced = tracer.trace(world.bodies(), point, &seat, &opaque, memory, scratch);
+                let key = self.points.ray_key(instance, point_set, point);
+                let traced = tracer.trace(world.bodies(), key, &ray_frame, &opaque, memory, scratch);
                 part.ao[index] = unorm::quantise(traced.ao);
                 if let Some(exact) = part.exact.get_mut(index) {
                     *exact = traced.ao;

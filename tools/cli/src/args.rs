@@ -8,7 +8,7 @@ use psao_codec::block::BlockCoder;
 use psao_codec::surface::GeometrySource;
 use psao_eval::metric::Lpips;
 use psao_proto::Profile;
-use psao_server_sim::ao::Occlusion;
+use psao_server::ao::Occlusion;
 
 use crate::analysis::load;
 use crate::budget::BudgetArgs;

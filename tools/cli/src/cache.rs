@@ -6,7 +6,7 @@ use std::io::{self, Read as _, Write as _};
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
-use psao_server_sim::points::{EntryError, PointCache, PointKey};
+use psao_server::points::{EntryError, PointCache, PointKey};
 
 use crate::args::CacheArgs;
 
@@ -128,8 +128,8 @@ impl PointCache for Folder {
 mod tests {
     use std::time::Duration;
 
-    use psao_server_sim::points::PointSettings;
-    use psao_server_sim::scene::Scene;
+    use psao_server::points::PointSettings;
+    use psao_server::scene::Scene;
 
     use super::*;
 

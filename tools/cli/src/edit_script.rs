@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use psao_proto::message::{Edit, EditAction};
-use psao_server_sim::scene::{Edits, Scene};
+use psao_server::scene::{Edits, Scene};
 
 use crate::args::numbers;
 use crate::error::{Failure, Outcome};

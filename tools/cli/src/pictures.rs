@@ -15,10 +15,10 @@ use psao_eval::metric::{Comparison, Lpips, MetricError, Perceived};
 use psao_eval::reference::reference;
 use psao_eval::sweep::Figures;
 use psao_proto::message::{self, CameraPose, PointSource, SceneInfo};
-use psao_server_sim::ao::{AoSettings, Occlusion};
-use psao_server_sim::bvh::World;
-use psao_server_sim::points::share;
-use psao_server_sim::scene::{Edits, Scene};
+use psao_server::ao::{AoSettings, Occlusion};
+use psao_server::points::make_shared_geometry;
+use psao_server::scene::{Edits, Scene};
+use psao_server::world::SceneBvh;
 
 use crate::args::SizeArg;
 use crate::error::{Exit, Failure, Outcome};
@@ -69,7 +69,7 @@ impl SharedPoints {
         let mut whole = state.clone();
         let Some(surface) = whole.as_surface_mut() else { return Ok(Cow::Borrowed(state)) };
         if self.0.is_empty() {
-            share(scene, info, surface).map_err(Failure::input)?;
+            make_shared_geometry(scene, info, surface).map_err(Failure::input)?;
             self.0 = (0..).map_while(|set| surface.geometry(set).cloned()).collect();
         } else {
             for (set, geometry) in (0..).zip(&self.0) {
@@ -123,7 +123,7 @@ impl Shot<'_> {
         let camera = CameraPose { aspect, ..self.camera.unwrap_or_else(|| self.scene.camera(self.time_s)) };
         let mut pose = self.scene.pose(self.time_s);
         pose.apply(self.edits);
-        let world = World::new(self.scene, &pose);
+        let world = SceneBvh::new(self.scene, &pose);
         let view = SceneView::new(&world);
         let start = Instant::now();
         let buffer = raster(&view, &camera, size).map_err(Failure::usage)?;

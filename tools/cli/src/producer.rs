@@ -9,13 +9,14 @@ use psao_codec::stream::StateRef;
 use psao_codec::surface;
 use psao_proto::message::{Budget, CameraPose, Edit, Report, SceneInfo, StageId, StageTime};
 use psao_proto::{Micros, SceneTable};
-use psao_server_sim::ao::AoSettings;
-use psao_server_sim::clock::Clock;
-use psao_server_sim::points::PointSettings;
-use psao_server_sim::scene::{EditError, Scene};
-use psao_server_sim::server::{
-    Progress, ProgressFn, RayBudget, Server, ServerError, ServerSettings, Shortcuts, StageMicros, StepOutput,
-    TracedFrame, TracingHalf, Waiting, Work, WritingHalf,
+use psao_server::Shortcuts;
+use psao_server::ao::AoSettings;
+use psao_server::clock::Clock;
+use psao_server::points::PointSettings;
+use psao_server::scene::{EditError, Scene};
+use psao_server::server::{
+    Progress, ProgressFn, RayBacklog, RayBudget, Server, ServerError, ServerSettings, StageMicros,
+    StepOutput, TracedFrame, TracingHalf, Work, WritingHalf,
 };
 
 use crate::args::{PointArgs, TuningArgs};
@@ -302,7 +303,7 @@ pub(crate) struct Produced {
     /// What was done with the byte budget, where there is one; of a sum, in the newest frame.
     pub(crate) budget: Option<Budget>,
     /// Points that waited for rays, and frames that the oldest waited; of a sum, all points and the longest wait.
-    pub(crate) waiting: Waiting,
+    pub(crate) waiting: RayBacklog,
     /// By stage, in the order of [`STAGES`].
     pub(crate) micros: [u64; STAGES.len()],
 }
@@ -338,7 +339,7 @@ impl Produced {
             traced: self.traced + frame.traced,
             rays: self.rays + frame.rays,
             changed: self.changed + frame.changed,
-            waiting: Waiting {
+            waiting: RayBacklog {
                 points: self.waiting.points.saturating_add(frame.waiting.points),
                 oldest: self.waiting.oldest.max(frame.waiting.oldest),
             },

@@ -12,9 +12,9 @@ use psao_eval::screen::{
     Falloff, FarField, FarFieldSettings, Mipmap, MipmapSettings, NearField, Screen, ScreenMethod, Separate,
     Traced,
 };
-use psao_server_sim::bvh::World;
-use psao_server_sim::clock::Clock;
-use psao_server_sim::scene::Scene;
+use psao_server::clock::Clock;
+use psao_server::scene::Scene;
+use psao_server::world::SceneBvh;
 
 /// Microseconds since it was made.
 struct WallClock(Instant);
@@ -73,7 +73,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     std::fs::create_dir_all(&folder)?;
 
     let scene = Arc::new(Scene::load(&name)?);
-    let world = World::new(&scene, &scene.pose(1.0));
+    let world = SceneBvh::new(&scene, &scene.pose(1.0));
     // The guard band of the paper: a tenth.
     let inner = Size::new(width, width * 9 / 16)?;
     let screen = Screen::new(&SceneView::new(&world), &scene.camera(1.0), inner, width / 10)?;

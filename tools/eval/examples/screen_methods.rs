@@ -12,10 +12,10 @@ use psao_eval::metric::Comparison;
 use psao_eval::reference::{PAPER_RAYS, reference};
 use psao_eval::screen::Screen;
 use psao_eval::sweep::screen_methods;
-use psao_server_sim::ao::AoSettings;
-use psao_server_sim::bvh::World;
-use psao_server_sim::clock::Clock;
-use psao_server_sim::scene::Scene;
+use psao_server::ao::AoSettings;
+use psao_server::clock::Clock;
+use psao_server::scene::Scene;
+use psao_server::world::SceneBvh;
 
 /// Microseconds since it was made.
 struct WallClock(Instant);
@@ -34,7 +34,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     std::fs::create_dir_all(&folder)?;
 
     let scene = Arc::new(Scene::load(&name)?);
-    let world = World::new(&scene, &scene.pose(time));
+    let world = SceneBvh::new(&scene, &scene.pose(time));
     let view = SceneView::new(&world);
     let (camera, size) = (scene.camera(time), Size::new(480, 270)?);
     let radius = scene.ao_radius_m();

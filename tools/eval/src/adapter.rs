@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 use psao_client::{AtRest, Surface, Surfaces};
-use psao_server_sim::bvh::{Hit, SurfaceAt, World};
+use psao_server::world::{Hit, SceneBvh, SurfaceAt};
 
 use crate::reference::Rays;
 
@@ -12,7 +12,7 @@ use crate::reference::Rays;
 /// References count them, as the server's rays do.
 #[derive(Clone, Copy, Debug)]
 pub struct SceneView<'a> {
-    world: &'a World,
+    world: &'a SceneBvh,
 }
 
 /// Most backs of one-sided faces that a ray may pass before it counts as meeting nothing.
@@ -20,11 +20,11 @@ const MOST_BACKS: u32 = 256;
 
 impl<'a> SceneView<'a> {
     /// Looks at `world` as it is now.
-    pub fn new(world: &'a World) -> Self {
+    pub fn new(world: &'a SceneBvh) -> Self {
         Self { world }
     }
 
-    pub(crate) fn world(&self) -> &'a World {
+    pub(crate) fn world(&self) -> &'a SceneBvh {
         self.world
     }
 }
@@ -94,15 +94,15 @@ mod tests {
 
     use psao_client::{Camera, GBuffer, Size, raster};
     use psao_proto::message::CameraPose;
-    use psao_server_sim::scene::{InstanceId, Motion, Scene};
+    use psao_server::scene::{InstanceId, Motion, Scene};
 
     use super::*;
     use crate::shapes;
 
-    fn world(lists: &[Vec<[Vec3; 3]>]) -> World {
+    fn world(lists: &[Vec<[Vec3; 3]>]) -> SceneBvh {
         let scene = Arc::new(Scene::from_triangles("test", lists, 0.6).unwrap());
         let pose = scene.pose(0.0);
-        World::new(&scene, &pose)
+        SceneBvh::new(&scene, &pose)
     }
 
     #[test]
@@ -131,7 +131,7 @@ mod tests {
     }
 
     /// What the scene's camera sees now.
-    fn seen(world: &World, time_s: f64) -> GBuffer {
+    fn seen(world: &SceneBvh, time_s: f64) -> GBuffer {
         let camera = world.scene().camera(time_s);
         raster(&SceneView::new(world), &camera, Size::new(160, 90).unwrap()).unwrap()
     }
@@ -141,7 +141,7 @@ mod tests {
         let mut checked = [0, 0];
         for name in ["colonnade", "robot-lab"] {
             let scene = Arc::new(Scene::load(name).unwrap());
-            let world = World::new(&scene, &scene.pose(1.3));
+            let world = SceneBvh::new(&scene, &scene.pose(1.3));
             let view = seen(&world, 1.3);
             for fragment in (0..view.size().pixels()).filter_map(|pixel| view.fragment(pixel)) {
                 let motion = scene.instances()[fragment.instance as usize].motion();
@@ -161,7 +161,7 @@ mod tests {
     #[test]
     fn at_rest_a_walker_stands_still() {
         let scene = Arc::new(Scene::load("colonnade").unwrap());
-        let mut world = World::new(&scene, &scene.pose(0.7));
+        let mut world = SceneBvh::new(&scene, &scene.pose(0.7));
         let view = SceneView::new(&world);
         let camera = Camera::new(&scene.camera(0.7)).unwrap();
         let size = Size::new(160, 90).unwrap();

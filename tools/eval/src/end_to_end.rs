@@ -11,12 +11,12 @@ use psao_codec::frame::{FrameIndex, StreamTime};
 use psao_codec::stream::{State, apply};
 use psao_proto::Profile;
 use psao_proto::message::CameraPose;
-use psao_server_sim::ao::{AoSettings, Occlusion};
-use psao_server_sim::bvh::World;
-use psao_server_sim::clock::NoClock;
-use psao_server_sim::points::PointSettings;
-use psao_server_sim::scene::Scene;
-use psao_server_sim::server::{Server, ServerSettings};
+use psao_server::ao::{AoSettings, Occlusion};
+use psao_server::clock::NoClock;
+use psao_server::points::PointSettings;
+use psao_server::scene::Scene;
+use psao_server::server::{Server, ServerSettings};
+use psao_server::world::SceneBvh;
 
 use crate::adapter::SceneView;
 use crate::metric::Comparison;
@@ -105,7 +105,7 @@ fn it_is_dark_where_the_cube_stands_and_open_far_from_it() {
 fn rays_traced_together_agree_with_single_ones() {
     let lists = [shapes::floor(2.0), shapes::cube(Vec3::new(0.0, 0.3, 0.0), 0.3)];
     let scene = Arc::new(Scene::from_triangles("cube on floor", &lists, 0.6).unwrap());
-    let world = World::new(&scene, &scene.pose(0.0));
+    let world = SceneBvh::new(&scene, &scene.pose(0.0));
     let scene = SceneView::new(&world);
     let pose = CameraPose {
         eye: [1.1, 1.2, 1.6],

@@ -17,15 +17,15 @@
 //! use psao_eval::adapter::SceneView;
 //! use psao_eval::metric::Comparison;
 //! use psao_eval::reference::reference;
-//! use psao_server_sim::ao::AoSettings;
-//! use psao_server_sim::bvh::World;
-//! use psao_server_sim::scene::Scene;
+//! use psao_server::ao::AoSettings;
+//! use psao_server::world::SceneBvh;
+//! use psao_server::scene::Scene;
 //!
 //! // A wall stands on a floor; both face the camera.
 //! let floor = [Vec3::ZERO, Vec3::Z * 4.0, Vec3::X * 4.0];
 //! let wall = [Vec3::ZERO, Vec3::X * 4.0, Vec3::Y * 4.0];
 //! let scene = Arc::new(Scene::from_triangles("corner", &[vec![floor], vec![wall]], 0.6)?);
-//! let world = World::new(&scene, &scene.pose(0.0));
+//! let world = SceneBvh::new(&scene, &scene.pose(0.0));
 //! let scene_view = SceneView::new(&world);
 //!
 //! let view = raster(&scene_view, &scene.camera(0.0), Size::new(32, 18)?)?;

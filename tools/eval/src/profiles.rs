@@ -13,11 +13,12 @@ use psao_codec::quant::unorm;
 use psao_codec::surface;
 use psao_proto::Profile;
 use psao_proto::message::CameraPose;
-use psao_server_sim::ao::{AoSettings, Scratch, Tracer};
-use psao_server_sim::bvh::{Bounds, World};
-use psao_server_sim::points::{PlacedPoint, PointSettings, PosedMesh};
-use psao_server_sim::scene::{InstanceId, Scene};
-use psao_server_sim::server::{Server, ServerSettings};
+use psao_server::ao::{AoSettings, Scratch, Tracer};
+use psao_server::bvh::Bounds;
+use psao_server::points::{PlacedPoint, PointSettings, RayKey};
+use psao_server::scene::{InstanceId, PosedMesh, Scene};
+use psao_server::server::{Server, ServerSettings};
+use psao_server::world::SceneBvh;
 use rayon::prelude::*;
 
 use crate::adapter::SceneView;
@@ -27,7 +28,7 @@ use crate::shapes;
 
 /// A scene at one moment, and its points as clients of both profiles have them.
 struct Both {
-    world: World,
+    world: SceneBvh,
     ao: AoSettings,
     cells: State,
     rest: surface::State,
@@ -38,7 +39,7 @@ impl Both {
         let ao = AoSettings { rays, ..AoSettings::default() };
         let settings = ServerSettings { profile: Profile::PAPER, points, ao, ..ServerSettings::default() };
         let server = Server::new(Arc::clone(scene), settings, Arc::new(|_| ())).unwrap();
-        let world = World::new(scene, &scene.pose(time_s));
+        let world = SceneBvh::new(scene, &scene.pose(time_s));
         let placed: Vec<Vec<PlacedPoint>> = (0..)
             .zip(scene.instances())
             .map(|(instance, of)| {
@@ -46,7 +47,7 @@ impl Both {
                 server.points().sets()[of.rest().index()]
                     .points()
                     .iter()
-                    .map(|point| posed.place(point))
+                    .map(|point| point.place_on(&posed))
                     .collect()
             })
             .collect();
@@ -75,17 +76,17 @@ impl Both {
 }
 
 /// AO of an instance's points as they are now.
-fn trace(world: &World, ao: &AoSettings, instance: u32, placed: &[PlacedPoint]) -> Vec<u8> {
+fn trace(world: &SceneBvh, ao: &AoSettings, instance: u32, placed: &[PlacedPoint]) -> Vec<u8> {
     let tracer = Tracer::new(*ao).unwrap();
     let at = world.placement(InstanceId(instance));
     let traced = placed.par_iter().enumerate().map_init(Scratch::default, |scratch, (point, placed)| {
         let (position, normal) = (at.point(placed.position), at.direction(placed.normal));
-        unorm::quantise(tracer.at(world, point as u32, position, normal, scratch).ao)
+        unorm::quantise(tracer.at(world, RayKey(point as u32), position, normal, scratch).ao)
     });
     traced.collect()
 }
 
-fn in_cells(server: &Server, world: &World, placed: &[Vec<PlacedPoint>], values: &[Vec<u8>]) -> State {
+fn in_cells(server: &Server, world: &SceneBvh, placed: &[Vec<PlacedPoint>], values: &[Vec<u8>]) -> State {
     let layout = server.layout().as_cells().unwrap();
     let counts: Vec<u32> = values.iter().map(|values| values.len() as u32).collect();
     let mut encoder = PaperEncoder::new(Arc::clone(layout), &counts).unwrap();
@@ -113,7 +114,7 @@ fn at_rest(server: &Server, settings: &ServerSettings, values: &[Vec<u8>]) -> su
     let sets = scene.rests().iter().zip(server.points().sets()).map(|(rest, set)| {
         let posed = PosedMesh::at_rest(scene, rest);
         let points = set.points().iter().map(|point| {
-            let PlacedPoint { position, normal, .. } = posed.place(point);
+            let PlacedPoint { position, normal, .. } = point.place_on(&posed);
             surface::RestPoint { position: position.to_array(), normal: normal.to_array() }
         });
         let points: Vec<_> = points.collect();

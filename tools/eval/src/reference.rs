@@ -3,7 +3,8 @@
 
 use glam::{Mat3, Vec2, Vec3};
 use psao_client::{AoImage, AoImageError, GBuffer, Surface};
-use psao_server_sim::ao::{AoError, AoSettings, Occlusion, Scratch, Tracer};
+use psao_server::ao::{AoError, AoSettings, Occlusion, Scratch, Tracer};
+use psao_server::points::RayKey;
 use rayon::prelude::*;
 
 use crate::adapter::SceneView;
@@ -56,7 +57,7 @@ pub fn reference(
 ) -> Result<AoImage, ReferenceError> {
     let tracer = Tracer::new(*settings)?;
     each_fragment(view, Scratch::default, |scratch, pixel, fragment| {
-        tracer.at(scene.world(), pixel as u32, fragment.position, fragment.normal, scratch).ao
+        tracer.at(scene.world(), RayKey(pixel as u32), fragment.position, fragment.normal, scratch).ao
     })
 }
 

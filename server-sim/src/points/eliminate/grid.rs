@@ -1,4 +1,4 @@
-//! Points sorted by the cells of a grid, and who is within reach of whom.
+//! Points sorted by the cells of a grid, and which of them are neighbours.
 
 use std::ops::Range;
 

@@ -31,7 +31,7 @@ use grid::{Grid, Links};
 use region::{Crossing, Region};
 
 /// Fewest points of a region: smaller ones wait for each other more than they work.
-const LEAST_REGION: usize = 1 << 13;
+const MIN_REGION_POINTS: usize = 1 << 13;
 
 /// How often regions may look at each link, on average, before one region alone is thought to be faster. Once is usual;
 /// where points have thousands of neighbours, regions do little but wait for each other.
@@ -53,10 +53,10 @@ pub fn eliminate(points: &[Vec3], keep: usize, radius: f32) -> Vec<u32> {
     let threads = rayon::current_num_threads();
     // Two for each thread, so that one that is held up does not hold up the others for long.
     let regions = if threads == 1 { 1 } else { 2 * threads };
-    eliminate_in(points, keep, radius, points.len().div_ceil(regions).max(LEAST_REGION))
+    eliminate_in(points, keep, radius, points.len().div_ceil(regions).max(MIN_REGION_POINTS))
 }
 
-/// As [`eliminate`], in regions of about so many points.
+/// As [`eliminate`], in regions of about this many points.
 fn eliminate_in(points: &[Vec3], keep: usize, radius: f32, region: usize) -> Vec<u32> {
     let Some(surplus) = points.len().checked_sub(keep).filter(|&surplus| surplus > 0) else {
         return (0..points.len() as u32).collect();

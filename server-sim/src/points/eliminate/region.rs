@@ -202,8 +202,8 @@ impl Region {
         }
     }
 
-    /// Goes from `point` to its heaviest neighbour and on from there up to one that is heavier than all of its own, lets
-    /// that one go, and starts over, until the point is gone or light.
+    /// Climbs from `point` along heaviest neighbours to a local maximum, removes it, and repeats until `point` itself is
+    /// removed or below the threshold.
     fn settle(&mut self, point: u32, least: Key) {
         self.ascent.push(point);
         while let Some(&top) = self.ascent.last() {

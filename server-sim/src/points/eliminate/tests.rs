@@ -3,8 +3,8 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::points::random::Random;
 use crate::points::reference;
+use crate::random::Random;
 
 /// Random points on the unit sphere, uniform by area.
 pub(in crate::points) fn on_sphere(count: usize, seed: u64) -> Vec<Vec3> {

@@ -7,7 +7,7 @@ use glam::{DAffine3, DMat3, DVec3};
 
 use super::solid::{Solid, at, turn};
 use super::stage::{Stage, about, camera, swing};
-use super::{DURATION_S, Design, chance};
+use super::{DURATION_S, Design, noise};
 
 /// Rocks in the scene.
 const ROCKS: i32 = 14;
@@ -100,7 +100,7 @@ fn hull() -> Solid {
 fn greebles() -> Solid {
     let mut solid = Solid::default();
     for i in 0..230 {
-        let number = |k: i32, low, high| chance::between(41, i * 8 + k, low, high);
+        let number = |k: i32, low, high| noise::between(41, i * 8 + k, low, high);
         let (z, angle) = (number(0, -5.4, 5.2), number(1, 0.0, TAU));
         let radius = hull_radius(z);
         let (x, y) = (radius * 1.15 * libm::cos(angle), radius * 0.85 * libm::sin(angle));
@@ -192,7 +192,7 @@ fn engines() -> Solid {
 fn antennas() -> Solid {
     let mut solid = Solid::default();
     for i in 0..9 {
-        let number = |k: i32, low, high| chance::between(77, i * 8 + k, low, high);
+        let number = |k: i32, low, high| noise::between(77, i * 8 + k, low, high);
         let (x, z, tall) = (number(0, -0.6, 0.6), number(1, -4.5, 4.0), number(2, 0.5, 1.1));
         let foot = DVec3::new(x, if i % 3 == 0 { -0.8 } else { 0.75 }, z);
         let up = if i % 3 == 0 { -1.0 } else { 1.0 };
@@ -226,7 +226,7 @@ fn placed_rocks() -> Vec<Rock> {
     let mut rocks: Vec<Rock> = Vec::new();
     let mut tries = 0;
     while (rocks.len() as i32) < ROCKS && tries < 4000 {
-        let number = |k: i32, low, high| chance::between(13, tries * 8 + k, low, high);
+        let number = |k: i32, low, high| noise::between(13, tries * 8 + k, low, high);
         let place = DVec3::new(number(0, -13.0, 13.0), number(1, -6.0, 6.0), number(2, -14.0, 14.0));
         let radius = number(3, 0.4, 1.0);
         // Roughness and drift included.
@@ -247,9 +247,9 @@ fn rocks(stage: &mut Stage) {
     for (i, rock) in placed_rocks().into_iter().enumerate() {
         let seed = 100 + 10 * (i % SHAPES) as u32;
         let level = if rock.radius > 0.7 { 4 } else { 3 };
-        let solid = Solid::ball(level, |direction| rock.radius * chance::rock(seed, direction, 0.42));
+        let solid = Solid::ball(level, |direction| rock.radius * noise::rock(seed, direction, 0.42));
         let mesh = stage.mesh("rock", solid, plain);
-        let number = |k: i32, low, high| chance::between(17, i as i32 * 8 + k, low, high);
+        let number = |k: i32, low, high| noise::between(17, i as i32 * 8 + k, low, high);
         let node = stage.node(None, rock.place.x, rock.place.y, rock.place.z);
         stage.show(&format!("rock {i}"), node, mesh);
         let axis = DVec3::new(number(0, -1.0, 1.0), number(1, -1.0, 1.0), number(2, 0.1, 1.0)).normalize();

@@ -9,7 +9,7 @@ use glam::{DAffine3, DMat3, DVec3, Vec3};
 
 use super::solid::{Solid, at, turn};
 use super::stage::{Stage, about, camera, swing};
-use super::{DURATION_S, Design, chance};
+use super::{DURATION_S, Design, noise};
 use crate::scene::material::{AlphaMask, Material};
 use crate::scene::mesh::{MorphTarget, SkinWeights};
 use crate::scene::model::{Placement, Skin};
@@ -225,7 +225,7 @@ fn wall() -> Solid {
     let mut joints: Vec<[f64; 4]> = Vec::new();
     for course in 0..7 {
         let y = 0.5 + f64::from(course) * 0.4;
-        let out = |i: i32| face - deep + chance::between(3, course * 40 + i, -0.015, 0.015);
+        let out = |i: i32| face - deep + noise::between(3, course * 40 + i, -0.015, 0.015);
         joints.push([0.0, y - 0.2, 6.5, 0.015]);
         let stones = 13 - course % 2;
         let first = if course % 2 == 0 { -6.0 } else { -5.5 };
@@ -271,7 +271,7 @@ fn banners(stage: &mut Stage, material: usize) {
     let step = height / (joints - 1) as f64;
     for i in 0..6 {
         let (bay, row) = (f64::from(i % 3) - 1.0, if i < 3 { -ROW_M } else { ROW_M });
-        let phase = chance::uniform(23, i);
+        let phase = noise::uniform(23, i);
         let holder = stage.node(None, bay * BAY_M + BAY_M / 2.0, SPRING_M + 0.78, row);
         let mut nodes = Vec::new();
         let mut parent = holder;
@@ -349,7 +349,7 @@ fn foliage() -> Arc<[[u8; 1]]> {
     const SIZE: i32 = 128;
     let leaves: Vec<[f64; 5]> = (0..46)
         .map(|i| {
-            let number = |k: i32, low, high| chance::between(61, i * 8 + k, low, high);
+            let number = |k: i32, low, high| noise::between(61, i * 8 + k, low, high);
             let angle = number(2, 0.0, TAU);
             [
                 number(0, 0.1, 0.9),
@@ -404,7 +404,7 @@ fn plants(stage: &mut Stage) {
     };
     let mut bush = Solid::default();
     for i in 0..9 {
-        let number = |k: i32, low, high| chance::between(29, i * 8 + k, low, high);
+        let number = |k: i32, low, high| noise::between(29, i * 8 + k, low, high);
         let lean = turn(1, TAU * f64::from(i) / 9.0) * turn(0, number(0, 0.1, 0.75));
         bush.add(&card(0.55, number(1, 0.6, 0.85)), at(lean, 0.0, 0.36, 0.0));
     }
@@ -419,7 +419,7 @@ fn plants(stage: &mut Stage) {
     // Ivy climbs two columns and the wall.
     let mut ivy = Solid::default();
     for i in 0..44 {
-        let number = |k: i32, low, high| chance::between(31, i * 8 + k, low, high);
+        let number = |k: i32, low, high| noise::between(31, i * 8 + k, low, high);
         let (angle, height) = (number(0, 0.0, TAU), number(1, 0.1, 1.75));
         let row = if i % 2 == 0 { (-2.0 * BAY_M, -ROW_M) } else { (BAY_M, -ROW_M) };
         let place = turn(1, angle) * turn(0, number(2, -0.25, 0.1));
@@ -427,7 +427,7 @@ fn plants(stage: &mut Stage) {
         ivy.add(&card(0.34, 0.36), at(place, row.0 + out.x, height, row.1 + out.z));
     }
     for i in 0..30 {
-        let number = |k: i32, low, high| chance::between(37, i * 8 + k, low, high);
+        let number = |k: i32, low, high| noise::between(37, i * 8 + k, low, high);
         let x = number(0, -3.4, -1.6);
         let tall = number(1, 0.0, 2.4) * (1.0 - (x + 2.5).abs() * 0.6);
         ivy.add(
@@ -469,7 +469,7 @@ fn boulders(stage: &mut Stage) {
         let row = if i % 2 == 0 { ROW_M } else { -ROW_M };
         let turns = [11.0, 13.0, 16.0, 12.0, 18.0, 14.0][i];
         let radius = lap / (TAU * turns);
-        let rock = Solid::ball(3, |direction| radius * chance::rock(200 + i as u32, direction, 0.22));
+        let rock = Solid::ball(3, |direction| radius * noise::rock(200 + i as u32, direction, 0.22));
         let points: Vec<DVec3> = rock.positions().iter().map(|p| p.as_dvec3()).collect();
         let mesh = stage.mesh("boulder", rock, plain);
         let node = stage.node(None, 0.0, 0.0, 0.0);

@@ -1,8 +1,8 @@
 //! Scenes that need no file, made in code: the same bits on every machine.
 
 mod asteroids;
-mod chance;
 mod colonnade;
+mod noise;
 mod robot_lab;
 mod solid;
 mod stage;

@@ -8,7 +8,7 @@ use glam::{DAffine3, DMat3, DVec3};
 use super::solid::{Solid, at, turn};
 use super::stage::{Stage, about, camera, swing};
 use super::walker::{Track, Troupe};
-use super::{DURATION_S, Design, chance};
+use super::{DURATION_S, Design, noise};
 
 /// Half the room's length (x) and width (z), and its height, metres.
 const HALF_X: f64 = 5.8;
@@ -227,7 +227,7 @@ fn benches(stage: &mut Stage) {
         let node = stage.turned(None, turned, x, 0.0, z);
         stage.show("bench", node, mesh);
         for k in 0..9 {
-            let number = |j: i32, low, high| chance::between(51, (i as i32 * 16 + k) * 8 + j, low, high);
+            let number = |j: i32, low, high| noise::between(51, (i as i32 * 16 + k) * 8 + j, low, high);
             let (dx, dz) = ((f64::from(k) - 4.0) * 0.17, number(0, -0.18, 0.18));
             if k % 3 == 0 {
                 let can = Solid::lathe(
@@ -338,7 +338,7 @@ impl Links {
 
     /// An arm at a place, its joints swinging in whole cycles.
     fn arm(&self, stage: &mut Stage, index: i32, place: DVec3, heading: f64) {
-        let number = |k: i32, low, high| chance::between(71, index * 16 + k, low, high);
+        let number = |k: i32, low, high| noise::between(71, index * 16 + k, low, high);
         let [base, turret, upper, fore, hand, finger] = self.meshes;
         let phase = number(0, 0.0, 1.0);
         let name = |part: &str| format!("arm {index} {part}");

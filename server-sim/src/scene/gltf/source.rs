@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use gltf::json::{self, Index, Root};
 
 use crate::scene::error::{GltfProblem, SceneError};
-use crate::scene::file::{hash_file, read_file};
+use crate::scene::io::{hash_file, read_file};
 
 /// Extensions that a file may require, because they change nothing that is read here.
 const HARMLESS: [&str; 8] = [

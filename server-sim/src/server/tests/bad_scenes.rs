@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 
 use super::*;
+use crate::points::PointId;
 use crate::scene::tests::Doc;
 use crate::scene::{Geometry, InstanceId, SceneError};
 
@@ -41,7 +42,7 @@ fn check_numbers(what: &str, server: &Server) {
             assert!(place.position.is_finite(), "{what}: {place:?}");
             assert!((place.normal.length() - 1.0).abs() < 1e-3, "{what}: {place:?}");
         }
-        for point in chunk.first..chunk.first + chunk.points.len() as u32 {
+        for point in (chunk.first.0..).take(chunk.points.len()).map(PointId) {
             let ao = field.exact(point).unwrap();
             assert!((0.0..=1.0).contains(&ao), "{what}: AO {ao}");
         }
@@ -59,7 +60,7 @@ fn odd_meshes_make_finite_streams() {
     let infinite = [Vec3::ZERO, Vec3::X, Vec3::new(0.0, f32::INFINITY, 0.0)];
     let sliver = [Vec3::ZERO, Vec3::new(5.0, 0.0, 1e-9), Vec3::new(10.0, 0.0, 0.0)];
     let point = [Vec3::ONE; 3];
-    let cube = crate::bvh::naive::cube(0.3);
+    let cube = crate::bvh::reference::cube(0.3);
     let cases: [(&str, Vec<Vec<[Vec3; 3]>>); 8] = [
         ("tiny", vec![plate(1e-6, 0.0), plate(1e-6, 1e-7)]),
         ("too small to have an area", vec![plate(1.0, 0.0), plate(1e-30, 0.1)]),

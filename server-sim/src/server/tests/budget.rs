@@ -9,7 +9,7 @@ fn budgeted(bytes: u32, longest_age: u16) -> ServerSettings {
     ServerSettings { budget, threshold: 2, ..settings(Profile::SURFACE, 24.0) }
 }
 
-/// Bodies of a clip that looks along the camera path.
+/// Frame bodies of a clip that looks along the camera path.
 fn bodies(
     scene: &Arc<Scene>,
     settings: ServerSettings,

@@ -103,7 +103,7 @@ fn box_on_floor() -> Arc<Scene> {
     let quad = |a: Vec3, b: Vec3, c: Vec3, d: Vec3| [[a, b, c], [a, c, d]];
     let floor = [[-2.0, -1.0], [-2.0, 1.0], [2.0, 1.0], [2.0, -1.0]].map(|[x, z]| Vec3::new(x, 0.0, z));
     let [a, b, c, d] = floor;
-    let cube = crate::bvh::naive::cube(0.25).into_iter().map(|[a, b, c]| {
+    let cube = crate::bvh::reference::cube(0.25).into_iter().map(|[a, b, c]| {
         let outwards = (b - a).cross(c - a).dot(a) > 0.0;
         let turned = if outwards { [a, b, c] } else { [a, c, b] };
         turned.map(|corner| corner + Vec3::new(-1.0, 0.26, 0.0))
@@ -118,7 +118,7 @@ fn shade(server: &Server, x: f32) -> f32 {
     let local = field.placed().local(0);
     let near =
         field.chunks().iter().filter(|chunk| chunk.instance == 0).flat_map(|chunk| field.visible(chunk));
-    let near = near.filter(|(place, ..)| local[*place].position.distance(Vec3::X * x) < 0.5);
+    let near = near.filter(|(place, ..)| local[place.index()].position.distance(Vec3::X * x) < 0.5);
     let (sum, count) = near.fold((0.0, 0), |(sum, count), (.., ao)| (sum + f32::from(ao), count + 1));
     assert!(count > 50, "{count} points near {x}");
     sum / count as f32

@@ -2,6 +2,7 @@
 
 use super::edits::{edited, first};
 use super::*;
+use crate::shortcuts::Shortcuts;
 
 /// All shortcuts but one, each in turn; then none.
 fn fewer() -> impl Iterator<Item = Shortcuts> {

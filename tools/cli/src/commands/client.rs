@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use psao_proto::message::{CameraPose, CloseCode, Edit, EditAction};
 use psao_proto::net::Address;
 use psao_proto::session::{ClientEvent, ClientOptions};
-use psao_server_sim::scene::Scene;
+use psao_server::scene::Scene;
 
 use crate::args::{Format, Triple};
 use crate::context::runtime;

@@ -5,9 +5,9 @@ use std::sync::Arc;
 use psao_codec::block::BlockCoder;
 use psao_codec::frame::{FrameIndex, FrameKind, FrameMeta, StreamTime};
 use psao_codec::surface::{BLOCK_POINTS, Budget, Encoder, EncoderSettings, Geometry, GeometrySource, Layout};
-use psao_server_sim::clock::NoClock;
-use psao_server_sim::scene::Scene;
-use psao_server_sim::server::{Server, ServerSettings};
+use psao_server::clock::NoClock;
+use psao_server::scene::Scene;
+use psao_server::server::{Server, ServerSettings};
 use serde::Serialize;
 
 use crate::args::{Coder, Format, PointArgs, ProfileArg};

@@ -8,7 +8,7 @@ use psao_eval::sweep::Figures;
 use psao_proto::message::CameraPose;
 use psao_proto::recording::{PlayedFrame, Player, PlayerEvent, ReaderError};
 use psao_proto::{Limits, SceneTable};
-use psao_server_sim::scene::Edits;
+use psao_server::scene::Edits;
 use serde::Serialize;
 
 use crate::analysis::load;

@@ -1,7 +1,7 @@
 //! `psao scenes`: what is built in, and what each scene needs.
 
-use psao_server_sim::bvh::Bounds;
-use psao_server_sim::scene::{Geometry, InstanceId, Motion, Scene};
+use psao_server::bvh::Bounds;
+use psao_server::scene::{Geometry, InstanceId, Motion, Scene};
 use serde::Serialize;
 
 use crate::args::Format;

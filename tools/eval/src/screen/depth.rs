@@ -265,8 +265,8 @@ mod tests {
     use std::sync::Arc;
 
     use psao_client::{CameraError, raster};
-    use psao_server_sim::bvh::World;
-    use psao_server_sim::scene::Scene;
+    use psao_server::scene::Scene;
+    use psao_server::world::SceneBvh;
 
     use super::*;
     use crate::adapter::SceneView;
@@ -283,7 +283,7 @@ mod tests {
     #[test]
     fn inner_pixels_are_those_of_the_raster_whatever_the_guard() {
         let scene = Arc::new(Scene::load("colonnade").unwrap());
-        let world = World::new(&scene, &scene.pose(0.0));
+        let world = SceneBvh::new(&scene, &scene.pose(0.0));
         let view = SceneView::new(&world);
         let (pose, inner) = (scene.camera(0.0), size(32, 18));
         let plain = raster(&view, &pose, inner).unwrap();
@@ -346,7 +346,7 @@ mod tests {
         assert_eq!(wall(size(1, 1), 0).unwrap().size(), size(1, 1));
         assert_eq!(wall(size(1, 1), 40).unwrap().size(), size(81, 81));
         let scene = Arc::new(Scene::from_triangles("floor", &[crate::shapes::floor(4.0)], 0.6).unwrap());
-        let world = World::new(&scene, &scene.pose(0.0));
+        let world = SceneBvh::new(&scene, &scene.pose(0.0));
         let new = |inner, guard| Screen::new(&SceneView::new(&world), &scene.camera(0.0), inner, guard);
         let wide = Screen::MAX_GUARD + 1;
         assert_eq!(new(size(1, 1), wide), Err(ScreenError::Guard { guard: wide }));

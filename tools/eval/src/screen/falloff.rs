@@ -10,10 +10,10 @@ use super::ScreenError;
 /// cosine-weighted mean of the weights of what the rays meet, accessibility is 1 less that.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Falloff {
-    /// `1 - s`: the ray tracer's obscurance ([`Occlusion::Obscurance`](psao_server_sim::ao::Occlusion)), and the
+    /// `1 - s`: the ray tracer's obscurance ([`Occlusion::Obscurance`](psao_server::ao::Occlusion)), and the
     /// attenuation of Pyramid HBAO (Astapov et al. 2021, Eq. 7).
     Linear,
-    /// 1 below R: the ray tracer's [`Occlusion::Binary`](psao_server_sim::ao::Occlusion), ambient occlusion proper.
+    /// 1 below R: the ray tracer's [`Occlusion::Binary`](psao_server::ao::Occlusion), ambient occlusion proper.
     Binary,
     /// `1 - s^2`: HBAO (Bavoil and Sainz 2008).
     Quadratic,

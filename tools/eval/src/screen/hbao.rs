@@ -1,7 +1,7 @@
 //! Horizon-based ambient occlusion.
 
 use glam::{Vec2, Vec3};
-use psao_server_sim::clock::Clock;
+use psao_server::clock::Clock;
 
 use super::depth::Pixel;
 use super::noise::{Compass, bits, pair};

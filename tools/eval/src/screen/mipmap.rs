@@ -1,7 +1,7 @@
 //! Mipmapped depth with the far-field estimator: the reference method of Timonen's far-field obscurance (section 5).
 
 use glam::Vec2;
-use psao_server_sim::clock::Clock;
+use psao_server::clock::Clock;
 use rayon::prelude::*;
 
 use super::depth::Pixel;
@@ -274,7 +274,7 @@ impl Level {
 mod tests {
     use glam::Vec3;
     use psao_client::{AoImage, Size};
-    use psao_server_sim::clock::NoClock;
+    use psao_server::clock::NoClock;
 
     use super::*;
 

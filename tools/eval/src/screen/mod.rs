@@ -22,7 +22,7 @@ mod tests;
 mod traced;
 
 use psao_client::{AoImage, AoImageError, CameraError, Size, SizeError};
-use psao_server_sim::clock::Clock;
+use psao_server::clock::Clock;
 use serde::Serialize;
 
 pub use self::blur::{Blur, Edge};

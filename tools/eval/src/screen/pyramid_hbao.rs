@@ -1,7 +1,7 @@
 //! Pyramid HBAO: horizons from a pyramid of mean depths.
 
 use glam::Vec2;
-use psao_server_sim::clock::Clock;
+use psao_server::clock::Clock;
 
 use super::depth::Pixel;
 use super::noise::{Compass, bits, pair};

@@ -1,7 +1,7 @@
 //! Scalable Ambient Obscurance: a spiral of taps over a chain of depth levels.
 
 use glam::Vec2;
-use psao_server_sim::clock::Clock;
+use psao_server::clock::Clock;
 
 use super::depth::Pixel;
 use super::noise::Compass;

@@ -1,7 +1,7 @@
 //! The first screen-space ambient occlusion: points in a sphere, counted against the depth buffer.
 
 use glam::Vec3;
-use psao_server_sim::clock::Clock;
+use psao_server::clock::Clock;
 
 use super::noise::{bits, pair};
 use super::{

@@ -1,8 +1,8 @@
 //! Ambient occlusion from a hemisphere of points about the normal.
 
 use glam::Vec3;
-use psao_server_sim::ao::AoSettings;
-use psao_server_sim::clock::Clock;
+use psao_server::ao::AoSettings;
+use psao_server::clock::Clock;
 
 use super::noise::{bits, length};
 use super::ssao::covered;

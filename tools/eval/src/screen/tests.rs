@@ -5,10 +5,10 @@ use std::sync::Arc;
 use glam::Vec3;
 use psao_client::{AoImage, Camera, Size, Surface, Surfaces, raster};
 use psao_proto::message::CameraPose;
-use psao_server_sim::ao::AoSettings;
-use psao_server_sim::bvh::World;
-use psao_server_sim::clock::NoClock;
-use psao_server_sim::scene::Scene;
+use psao_server::ao::AoSettings;
+use psao_server::clock::NoClock;
+use psao_server::scene::Scene;
+use psao_server::world::SceneBvh;
 
 use super::*;
 use crate::adapter::SceneView;
@@ -350,7 +350,7 @@ fn stages_take_the_time_that_the_clock_says() {
 #[test]
 fn on_a_built_in_scene_each_is_as_far_from_the_reference_as_it_should_be() {
     let scene = Arc::new(Scene::load("colonnade").unwrap());
-    let world = World::new(&scene, &scene.pose(1.0));
+    let world = SceneBvh::new(&scene, &scene.pose(1.0));
     let view = SceneView::new(&world);
     let (camera, size) = (scene.camera(1.0), size(160, 90));
     let fragments = raster(&view, &camera, size).unwrap();

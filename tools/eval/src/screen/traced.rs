@@ -1,8 +1,8 @@
 //! Rays through the depth buffer: the best that any screen-space method can do.
 
 use glam::{Mat3, Vec2, Vec3};
-use psao_server_sim::ao::{AoSettings, MAX_RAYS};
-use psao_server_sim::clock::Clock;
+use psao_server::ao::{AoSettings, MAX_RAYS};
+use psao_server::clock::Clock;
 
 use super::depth::Pixel;
 use super::noise::bits;
@@ -244,7 +244,7 @@ mod tests {
         let high = Traced { falloff: Falloff::Binary, ..Traced::new(60.0) };
         let low = Traced::far(60.0, Falloff::Binary);
         let [high, low] = [high, low].map(|method| {
-            let shaded = method.shade(&screen, &psao_server_sim::clock::NoClock).unwrap();
+            let shaded = method.shade(&screen, &psao_server::clock::NoClock).unwrap();
             shaded.image.values()[12 * 32 + 17]
         });
         assert!(low < high - 0.05, "{low} {high}");

@@ -8,7 +8,7 @@ use psao_codec::cells::{Grid, InstanceLayout, Layout, PaperEncoder, PointSample}
 use psao_codec::frame::{FrameIndex, FrameKind, FrameMeta, State, StreamTime, apply};
 use psao_codec::point::PointFormat;
 use psao_codec::quant::unorm;
-use psao_server_sim::delta::ResendAo;
+use psao_server::delta::ResendAo;
 
 use super::{Case, StressError};
 

@@ -4,10 +4,10 @@ use std::sync::Arc;
 
 use glam::Vec3;
 use psao_client::{AoImage, GBuffer, Size, Surface};
-use psao_server_sim::ao::{AoSettings, Occlusion};
-use psao_server_sim::bvh::World;
-use psao_server_sim::points::{PointSettings, ScenePoints, generate};
-use psao_server_sim::scene::{InstanceId, Scene};
+use psao_server::ao::{AoSettings, Occlusion};
+use psao_server::points::{PointSettings, ScenePoints, generate};
+use psao_server::scene::{InstanceId, Scene};
+use psao_server::world::SceneBvh;
 
 use super::{Case, StressError};
 use crate::adapter::SceneView;
@@ -87,13 +87,13 @@ struct Traced {
 
 /// Traces every point of a still scene by the rays of `settings`.
 fn trace(scene: &Arc<Scene>, points: &ScenePoints, settings: &AoSettings) -> Result<Traced, StressError> {
-    let world = World::new(scene, &scene.pose(0.0));
+    let world = SceneBvh::new(scene, &scene.pose(0.0));
     let mut fragments = Vec::new();
     for (instance, of) in (0_u32..).zip(scene.instances()) {
         let Some(posed) = world.posed(InstanceId(instance)) else { continue };
         let at = world.placement(InstanceId(instance));
         for point in points.sets()[of.rest().index()].points() {
-            let placed = posed.place(point);
+            let placed = point.place_on(&posed);
             let (position, normal) = (at.point(placed.position), at.direction(placed.normal));
             fragments.push(Some(Surface { t: 0.0, position, normal, instance, rest: None }));
         }

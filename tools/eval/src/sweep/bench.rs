@@ -3,7 +3,7 @@
 use psao_client::reconstruct::{self, Reconstruction, SurfaceReconstructor};
 use psao_client::{AoImage, GBuffer, ReconstructError};
 use psao_codec::stream::State;
-use psao_server_sim::clock::Clock;
+use psao_server::clock::Clock;
 
 use super::run::{Clip, Run, SERVER_STAGES};
 use super::{
@@ -271,10 +271,10 @@ mod tests {
     use glam::Vec3;
     use psao_client::Size;
     use psao_codec::frame::FrameInfo;
-    use psao_server_sim::ao::AoSettings;
-    use psao_server_sim::points::PointSettings;
-    use psao_server_sim::scene::Scene;
-    use psao_server_sim::server::ServerSettings;
+    use psao_server::ao::AoSettings;
+    use psao_server::points::PointSettings;
+    use psao_server::scene::Scene;
+    use psao_server::server::ServerSettings;
 
     use super::*;
     use crate::screen::{Screen, ScreenError, Shaded};

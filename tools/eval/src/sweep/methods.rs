@@ -1,6 +1,6 @@
 //! The screen-space methods that are measured, each with the settings that its own paper varies.
 
-use psao_server_sim::ao::{AoSettings, Occlusion};
+use psao_server::ao::{AoSettings, Occlusion};
 
 use crate::screen::{
     Blur, Falloff, FarField, FarFieldSettings, Hbao, LineSweep, Mipmap, MipmapSettings, PyramidHbao,

@@ -20,7 +20,7 @@ mod views;
 use psao_client::{CameraError, ReconstructError};
 use psao_codec::frame::{FrameError, FrameIndex};
 use psao_proto::message::MessageError;
-use psao_server_sim::server::ServerError;
+use psao_server::server::ServerError;
 
 pub use self::bench::{Bench, Runs, Sample};
 pub use self::methods::{far_field_methods, pyramid_methods, screen_methods};

@@ -245,7 +245,7 @@ pub struct Memory {
     pub largest_frame_bytes: Option<u64>,
     /// What a method allocates besides, as it says itself.
     pub working_bytes: Option<u64>,
-    /// What the server of a stream holds after the last frame, see [`psao_server_sim::server::ServerMemory`].
+    /// What the server of a stream holds after the last frame, see [`psao_server::server::ServerMemory`].
     pub server_bytes: Option<u64>,
 }
 

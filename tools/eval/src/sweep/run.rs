@@ -7,10 +7,10 @@ use psao_codec::block::BlockCoder;
 use psao_codec::frame::{FrameIndex, FrameInfo, StreamTime};
 use psao_codec::stream::{Applier, State};
 use psao_proto::{HEADER_BYTES, SceneTable};
-use psao_server_sim::clock::Clock;
-use psao_server_sim::points::PointCache;
-use psao_server_sim::scene::Scene;
-use psao_server_sim::server::{Server, ServerSettings, StageMicros};
+use psao_server::clock::Clock;
+use psao_server::points::PointCache;
+use psao_server::scene::Scene;
+use psao_server::server::{Server, ServerSettings, StageMicros};
 
 use super::{Setting, Spread, SweepError};
 

@@ -4,8 +4,8 @@ use std::fmt;
 
 use psao_codec::block::BlockCoder;
 use psao_proto::Profile;
-use psao_server_sim::points::PointSettings;
-use psao_server_sim::server::ServerSettings;
+use psao_server::points::PointSettings;
+use psao_server::server::ServerSettings;
 use serde::{Deserialize, Serialize};
 
 /// The coder of profile `paper` where the range coder is asked for, which it does not have (paper, section 4).

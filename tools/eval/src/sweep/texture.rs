@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use psao_client::{Camera, Size};
 use psao_proto::message::CameraPose;
-use psao_server_sim::bvh::World;
+use psao_server::world::SceneBvh;
 
 use super::bench::{Drawn, buffer_bytes, empty};
 use super::run::{frame_at, frames};
@@ -120,7 +120,7 @@ impl Bench<'_> {
 
     /// The patches of a picture's pixels.
     fn look(&self, clip: &Clip<'_>, patches: &Patches, time_s: f64, size: Size) -> Result<Look, SweepError> {
-        let world = World::new(clip.scene, &clip.scene.pose(time_s));
+        let world = SceneBvh::new(clip.scene, &clip.scene.pose(time_s));
         let camera = Camera::new(&CameraPose { aspect: size.aspect(), ..clip.scene.camera(time_s) })?;
         Ok(look(&world, patches, &camera, size))
     }

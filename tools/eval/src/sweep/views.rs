@@ -4,10 +4,10 @@ use std::sync::Arc;
 
 use psao_client::{AoImage, GBuffer, Size, raster};
 use psao_proto::message::CameraPose;
-use psao_server_sim::ao::AoSettings;
-use psao_server_sim::bvh::World;
-use psao_server_sim::clock::NoClock;
-use psao_server_sim::scene::Scene;
+use psao_server::ao::AoSettings;
+use psao_server::clock::NoClock;
+use psao_server::scene::Scene;
+use psao_server::world::SceneBvh;
 
 use super::SweepError;
 use crate::adapter::SceneView;
@@ -53,7 +53,7 @@ pub fn views(
 ) -> Result<Vec<View>, SweepError> {
     let look = |&time_s: &f64| {
         let camera = CameraPose { aspect: size.aspect(), ..scene.camera(time_s) };
-        let world = World::new(scene, &scene.pose(time_s));
+        let world = SceneBvh::new(scene, &scene.pose(time_s));
         let seen = SceneView::new(&world);
         let buffer = raster(&seen, &camera, size)?;
         let screen = Screen::new(&seen, &camera, size, guard)?;
@@ -79,7 +79,7 @@ pub fn reach_px(scene: &Arc<Scene>, times_s: &[f64], size: Size, radius_m: f32) 
     let mut found: Vec<f32> = Vec::new();
     for &time_s in times_s {
         let camera = CameraPose { aspect: size.aspect(), ..scene.camera(time_s) };
-        let world = World::new(scene, &scene.pose(time_s));
+        let world = SceneBvh::new(scene, &scene.pose(time_s));
         let screen = Screen::new(&SceneView::new(&world), &camera, coarse, 0)?;
         let reach = |&depth: &f32| screen.radius_px(radius_m, depth).x * larger;
         found.extend(screen.depths().iter().map(reach).filter(|&pixels| pixels > 0.0));

@@ -6,10 +6,11 @@ use std::sync::Arc;
 use glam::Vec3;
 use psao_client::{AoImage, AoImageError, Camera, Size};
 use psao_proto::message::CameraPose;
-use psao_server_sim::ao::{AoSettings, Scratch, Tracer};
-use psao_server_sim::bvh::World;
-use psao_server_sim::clock::Clock;
-use psao_server_sim::scene::Scene;
+use psao_server::ao::{AoSettings, Scratch, Tracer};
+use psao_server::clock::Clock;
+use psao_server::points::RayKey;
+use psao_server::scene::Scene;
+use psao_server::world::SceneBvh;
 use rayon::prelude::*;
 
 use super::visible::visible;
@@ -29,7 +30,7 @@ pub struct TextureServer {
     settings: TextureSettings,
     tracer: Tracer,
     patches: Arc<Patches>,
-    world: World,
+    world: SceneBvh,
     atlas: Atlas,
     /// Row by row.
     texels: Vec<u8>,
@@ -75,7 +76,7 @@ impl TextureServer {
             settings,
             tracer,
             patches: Arc::clone(patches),
-            world: World::new(scene, &scene.pose(0.0)),
+            world: SceneBvh::new(scene, &scene.pose(0.0)),
             atlas: Atlas::default(),
             texels: Vec::new(),
             ages: BTreeMap::new(),
@@ -190,7 +191,7 @@ impl TextureServer {
                 let normal = if back { -surface.normal } else { surface.normal };
                 // Rays of a texel's own, the same in every frame.
                 let point = patch.0.wrapping_mul(0x9E37_79B1).wrapping_add(index);
-                let ao = tracer.at(world, point, surface.position, normal, scratch).ao;
+                let ao = tracer.at(world, RayKey(point), surface.position, normal, scratch).ao;
                 Some((ao * 255.0).round() as u8)
             };
             (0..block.extent.texels()).map(|index| texel(index).unwrap_or(EMPTY)).collect()

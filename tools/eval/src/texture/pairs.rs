@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use psao_server_sim::scene::Geometry;
+use psao_server::scene::Geometry;
 
 /// A patch of a mesh: a triangle, and the one beyond its longest edge that is still free.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,7 +1,7 @@
 //! The patches of a scene, and where on them a hit lies.
 
-use psao_server_sim::bvh::Hit;
-use psao_server_sim::scene::{InstanceId, Scene};
+use psao_server::scene::{InstanceId, Scene};
+use psao_server::world::Hit;
 
 use super::pairs::{Pair, pairs};
 

@@ -1,7 +1,7 @@
 //! What a texture-space stream can be told.
 
 use psao_client::{CameraError, SizeError};
-use psao_server_sim::ao::AoError;
+use psao_server::ao::AoError;
 
 use super::atlas::AtlasFull;
 

@@ -6,10 +6,10 @@ use glam::Vec3;
 use proptest::prelude::*;
 use psao_client::{Camera, Size, raster};
 use psao_proto::message::CameraPose;
-use psao_server_sim::ao::AoSettings;
-use psao_server_sim::bvh::{Hit, World};
-use psao_server_sim::clock::NoClock;
-use psao_server_sim::scene::{InstanceId, Scene};
+use psao_server::ao::AoSettings;
+use psao_server::clock::NoClock;
+use psao_server::scene::{InstanceId, Scene};
+use psao_server::world::{Hit, SceneBvh};
 
 use super::*;
 use crate::adapter::SceneView;
@@ -52,7 +52,7 @@ fn what_does_not_pair_has_a_patch_of_its_own() {
 }
 
 /// Goes from a hit to its patch and back.
-fn round_trip(scene: &Arc<Scene>, patches: &Patches, world: &World, hit: Hit, back: bool) {
+fn round_trip(scene: &Arc<Scene>, patches: &Patches, world: &SceneBvh, hit: Hit, back: bool) {
     let at = patches.point(&hit, back);
     let (found, side) = patches.hit(&at).unwrap();
     assert_eq!((found.instance, side), (hit.instance, back));
@@ -75,9 +75,9 @@ proptest! {
         back in any::<bool>(),
     ) {
         thread_local! {
-            static SCENE: (Arc<Scene>, Patches, World) = {
+            static SCENE: (Arc<Scene>, Patches, SceneBvh) = {
                 let scene = Arc::new(Scene::load("robot-lab").unwrap());
-                let world = World::new(&scene, &scene.pose(0.7));
+                let world = SceneBvh::new(&scene, &scene.pose(0.7));
                 (Arc::clone(&scene), Patches::new(&scene), world)
             };
         }
@@ -143,7 +143,7 @@ fn error(settings: TextureSettings) -> Comparison {
     assert_eq!((again.placement_bytes, again.texels), (0, stats.texels), "nothing moves");
 
     let size = Size::new(96, 64).unwrap();
-    let world = World::new(&scene, &scene.pose(0.0));
+    let world = SceneBvh::new(&scene, &scene.pose(0.0));
     let seen = SceneView::new(&world);
     let view = raster(&seen, &camera(), size).unwrap();
     let truth = reference(&seen, &view, &AoSettings { rays: 256, ..ao }).unwrap();
@@ -167,7 +167,7 @@ fn what_was_never_placed_is_open_and_counted() {
     let server =
         TextureServer::new(&scene, &patches, TextureSettings::new(8, 16, 30.0), &AoSettings::default())
             .unwrap();
-    let world = World::new(&scene, &scene.pose(0.0));
+    let world = SceneBvh::new(&scene, &scene.pose(0.0));
     let looked = look(&world, &patches, &Camera::new(&camera()).unwrap(), Size::new(12, 8).unwrap());
     assert!(looked.points.iter().any(Option::is_some));
     let (picture, missing) = server.shown().picture(server.texels(), &looked).unwrap();

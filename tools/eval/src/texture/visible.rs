@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use psao_client::{Camera, Size};
-use psao_server_sim::bvh::World;
+use psao_server::world::SceneBvh;
 use rayon::prelude::*;
 
 use super::{Patch, PatchPoint, Patches};
@@ -20,13 +20,18 @@ pub struct Look {
 
 /// Finds the patches of a picture's pixels.
 #[must_use]
-pub fn look(world: &World, patches: &Patches, camera: &Camera, size: Size) -> Look {
+pub fn look(world: &SceneBvh, patches: &Patches, camera: &Camera, size: Size) -> Look {
     let points = each_pixel(world, camera, size, |front| patches.point(&front.hit, front.back));
     Look { size, points }
 }
 
 /// Distance in metres of the nearest pixel of each patch that is in view.
-pub(super) fn visible(world: &World, patches: &Patches, camera: &Camera, size: Size) -> BTreeMap<Patch, f32> {
+pub(super) fn visible(
+    world: &SceneBvh,
+    patches: &Patches,
+    camera: &Camera,
+    size: Size,
+) -> BTreeMap<Patch, f32> {
     let seen =
         each_pixel(world, camera, size, |front| (patches.point(&front.hit, front.back).patch, front.t));
     let mut nearest = BTreeMap::new();
@@ -38,7 +43,7 @@ pub(super) fn visible(world: &World, patches: &Patches, camera: &Camera, size: S
 }
 
 fn each_pixel<T: Send + Clone>(
-    world: &World,
+    world: &SceneBvh,
     camera: &Camera,
     size: Size,
     of: impl Fn(&Front) -> T + Sync,

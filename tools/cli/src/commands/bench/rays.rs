@@ -6,9 +6,11 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
-use psao_server_sim::ao::{AoSettings, Instructions, Occlusion, Probe, Ray, Scratch, Tracer, Twin};
-use psao_server_sim::points::{PointSettings, generate_cached};
-use psao_server_sim::scene::Scene;
+use psao_server::ao::{
+    AoSettings, Instructions, Occlusion, Ray, RayWorkload, ReferenceTracer, Scratch, Tracer,
+};
+use psao_server::points::{PointSettings, generate_cached};
+use psao_server::scene::Scene;
 use serde::Serialize;
 
 use crate::args::{CacheArgs, OcclusionArg};
@@ -121,7 +123,7 @@ pub(crate) fn run(args: &Args) -> Outcome {
     let ao = AoSettings { rays: args.rays, radius, kind, seed: args.seed };
     let instructions = instructions(args.instructions.as_deref())?;
     let tracer = Tracer::new(ao).map_err(Failure::input)?.with_instructions(instructions);
-    let probe = Probe::new(&scene, &points, tracer, args.sample, args.seed);
+    let probe = RayWorkload::new(&scene, &points, tracer, args.sample, args.seed);
     let (rays, triangles) = (probe.rays(), probe.triangles());
     if rays.is_empty() {
         return Err(Failure::new(
@@ -132,7 +134,7 @@ pub(crate) fn run(args: &Args) -> Outcome {
     if let Some(path) = &args.dump {
         dump(path, &triangles, &rays).map_err(|error| Failure::writing(path, &error))?;
     }
-    let report = measure(args, &probe, &rays, &Twin::new(&triangles), kind);
+    let report = measure(args, &probe, &rays, &ReferenceTracer::new(&triangles), kind);
     let report = Report {
         scene: args.scene.clone(),
         triangles: triangles.len(),
@@ -162,7 +164,13 @@ fn instructions(name: Option<&str>) -> Outcome<Instructions> {
 }
 
 /// Traces both ways in turns.
-fn measure(args: &Args, probe: &Probe, rays: &[Ray], twin: &Twin, kind: Occlusion) -> Report {
+fn measure(
+    args: &Args,
+    probe: &RayWorkload,
+    rays: &[Ray],
+    twin: &ReferenceTracer,
+    kind: Occlusion,
+) -> Report {
     let mut scratch = Scratch::default();
     let bundles = probe.distances(&mut scratch);
     let single = |ray: &Ray| match kind {

@@ -2,7 +2,7 @@
 
 use psao_codec::surface::Spent;
 use psao_proto::message::SceneInfo;
-use psao_server_sim::server::{AoError, Each};
+use psao_server::server::{AoErrorStats, PerProfile};
 use serde::Serialize;
 
 use super::Args;
@@ -124,7 +124,7 @@ impl Serialize for Parts {
 }
 
 impl Document {
-    pub(super) fn new(args: &Args, info: &SceneInfo, sides: &Each<Side>) -> Self {
+    pub(super) fn new(args: &Args, info: &SceneInfo, sides: &PerProfile<Side>) -> Self {
         let coder = |coder: &crate::args::Coder| coder.0.id().to_string();
         let paper = Figured::new(coder(&args.paper_compress), info, &sides.paper);
         let surface = Figured::new(coder(&args.surface_compress), info, &sides.surface);
@@ -380,8 +380,8 @@ impl Spread {
 }
 
 impl Error {
-    fn of(error: &AoError) -> Self {
-        let AoError { points, lost, max, .. } = *error;
+    fn of(error: &AoErrorStats) -> Self {
+        let AoErrorStats { points, lost, max, .. } = *error;
         Self { points, lost, mean: error.mean(), rms: error.rms(), max }
     }
 

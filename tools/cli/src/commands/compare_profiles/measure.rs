@@ -16,10 +16,10 @@ use psao_eval::metric::Comparison;
 use psao_eval::reference::reference;
 use psao_proto::message::{CameraPose, PointSource};
 use psao_proto::{HEADER_BYTES, Limits, SceneTable};
-use psao_server_sim::ao::AoSettings;
-use psao_server_sim::points::share;
-use psao_server_sim::scene::Scene;
-use psao_server_sim::server::{AoError, BothProfiles, Each, ServerSettings, StepOutput};
+use psao_server::ao::AoSettings;
+use psao_server::points::make_shared_geometry;
+use psao_server::scene::Scene;
+use psao_server::server::{AoErrorStats, BothProfiles, PerProfile, ServerSettings, StepOutput};
 
 use super::Args;
 use crate::analysis::{PARTS, parts_of};
@@ -36,7 +36,7 @@ pub(super) struct Side {
     /// Wire bytes of a keyframe for who joins after the last frame.
     pub(super) join_bytes: u64,
     /// Over all frames after the first.
-    pub(super) error: AoError,
+    pub(super) error: AoErrorStats,
     pub(super) pictures: Vec<Seen>,
     /// Wire bytes of the first frame after which a client can draw all that the first picture shows.
     pub(super) first_picture_bytes: Option<u64>,
@@ -100,14 +100,14 @@ pub(super) fn measure(
     settings: &ServerSettings,
     surface_coder: BlockCoder,
     both: &mut BothProfiles,
-) -> Outcome<Each<Side>> {
+) -> Outcome<PerProfile<Side>> {
     let tables = both.tables();
-    let mut sides = Each { paper: begin(&tables.paper)?, surface: begin(&tables.surface)? };
+    let mut sides = PerProfile { paper: begin(&tables.paper)?, surface: begin(&tables.surface)? };
     let mut paper = Client::new("paper", &tables.paper);
     let mut surface = Client::new("surface", &tables.surface);
     let info = tables.surface.info().clone();
     if let (PointSource::SHARED, Some(state)) = (info.geometry, surface.state.as_surface_mut()) {
-        share(scene, &info, state).map_err(Failure::input)?;
+        make_shared_geometry(scene, &info, state).map_err(Failure::input)?;
     }
     let clock = WallClock::start();
     let bar = progress("comparing", u64::from(args.frames));
@@ -143,7 +143,7 @@ pub(super) fn measure(
         bar.inc(1);
     }
     bar.finish_and_clear();
-    let coders = Each { paper: settings.coder, surface: surface_coder };
+    let coders = PerProfile { paper: settings.coder, surface: surface_coder };
     let joins = both.keyframes(last.0, last.1, coders).map_err(crate::producer::refused)?;
     sides.paper.join_bytes = (HEADER_BYTES + joins.paper.len()) as u64;
     sides.surface.join_bytes = (HEADER_BYTES + joins.surface.len()) as u64;
@@ -166,7 +166,7 @@ struct Shot<'a> {
 }
 
 impl Shot<'_> {
-    fn draw(&self, paper: &State, surface: &State) -> Outcome<Each<Seen>> {
+    fn draw(&self, paper: &State, surface: &State) -> Outcome<PerProfile<Seen>> {
         let view = SceneView::new(self.both.world());
         let buffer = self.raster(&view)?;
         let rays = AoSettings { rays: self.args.reference_rays, ..self.ao };
@@ -175,7 +175,7 @@ impl Shot<'_> {
         if let Some(folder) = &self.args.output {
             self.write(folder, &truth, [&paper.image, &surface.image])?;
         }
-        Ok(Each { paper: self.seen(&truth, &paper)?, surface: self.seen(&truth, &surface)? })
+        Ok(PerProfile { paper: self.seen(&truth, &paper)?, surface: self.seen(&truth, &surface)? })
     }
 
     fn raster(&self, view: &SceneView<'_>) -> Outcome<GBuffer> {
@@ -190,7 +190,7 @@ impl Shot<'_> {
         if let (PointSource::SHARED, Some(state)) =
             (self.both.tables().surface.info().geometry, empty.as_surface_mut())
         {
-            share(self.both.world().scene(), self.both.tables().surface.info(), state)
+            make_shared_geometry(self.both.world().scene(), self.both.tables().surface.info(), state)
                 .map_err(Failure::input)?;
         }
         let Some(empty) = empty.as_surface() else { return Ok(0) };

@@ -6,8 +6,8 @@ mod measure;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use psao_server_sim::scene::Scene;
-use psao_server_sim::server::BothProfiles;
+use psao_server::scene::Scene;
+use psao_server::server::BothProfiles;
 
 use crate::args::{Coder, PointArgs, ProfileArg, SizeArg};
 use crate::cache::{Folder, as_cache};
@@ -70,7 +70,7 @@ pub(crate) fn run(args: &Args) -> Outcome {
     let paper_coder = ProfileArg::Paper.coder(Some(args.paper_compress))?;
     let surface_coder = ProfileArg::Surface.coder(Some(args.surface_compress))?;
     let scene = Arc::new(Scene::load(&args.scene).map_err(Failure::input)?);
-    let settings = psao_server_sim::server::ServerSettings {
+    let settings = psao_server::server::ServerSettings {
         coder: paper_coder,
         ..settings(&args.points, &scene, args.frames)
     };

@@ -19,7 +19,7 @@ use psao_codec::block::BlockCoder;
 use psao_eval::metric::{Lpips, obscurance};
 use psao_eval::sweep::{Bench, Bytes, Clip, Runs, Sample, SweepError, views};
 use psao_proto::Profile;
-use psao_server_sim::scene::Scene;
+use psao_server::scene::Scene;
 
 use self::plan::{Job, Plan, Sweep};
 use self::preset::TableArg;
@@ -185,7 +185,7 @@ pub(crate) fn run(args: &Args) -> Outcome {
 fn measure(
     plan: &Plan<'_>,
     network: Option<&Lpips>,
-    cache: Option<&dyn psao_server_sim::points::PointCache>,
+    cache: Option<&dyn psao_server::points::PointCache>,
     store: &mut Store,
     bar: &indicatif::ProgressBar,
 ) -> Outcome {

@@ -9,10 +9,10 @@ use psao_eval::sweep::{
     screen_methods,
 };
 use psao_eval::texture::TextureSettings;
-use psao_server_sim::ao::{AoSettings, Occlusion};
-use psao_server_sim::points::PointSettings;
-use psao_server_sim::scene::Scene;
-use psao_server_sim::server::ServerSettings;
+use psao_server::ao::{AoSettings, Occlusion};
+use psao_server::points::PointSettings;
+use psao_server::scene::Scene;
+use psao_server::server::ServerSettings;
 
 use super::machine::Machine;
 use super::preset::TableArg;

@@ -1,9 +1,9 @@
 //! What was found, as tables and as JSON.
 
 use psao_proto::message::Needs;
-use psao_server_sim::clip::InstanceNeeds;
-use psao_server_sim::scene::{Motion, Scene};
-use psao_server_sim::server::{ServerMemory, ServerSettings};
+use psao_server::clip::InstanceNeeds;
+use psao_server::scene::{Motion, Scene};
+use psao_server::server::{ServerMemory, ServerSettings};
 use serde::Serialize;
 
 use super::Args;

@@ -8,9 +8,10 @@ use psao_codec::block::BlockCoder;
 use psao_codec::frame::{FrameIndex, SectionTag, StreamTime, inspect};
 use psao_codec::surface::GeometrySource;
 use psao_proto::{Limits, Profile};
-use psao_server_sim::points::{EntryError, PointCache, PointKey};
-use psao_server_sim::scene::Scene;
-use psao_server_sim::server::{Progress, Server, ServerMemory, ServerSettings, Shortcuts};
+use psao_server::Shortcuts;
+use psao_server::points::{EntryError, PointCache, PointKey};
+use psao_server::scene::Scene;
+use psao_server::server::{Progress, Server, ServerMemory, ServerSettings};
 
 use super::Args;
 use super::rows::{Part, WORK};
@@ -97,7 +98,7 @@ pub(super) fn measure(
     // Spreads the points, which takes a while and is shown.
     let first = Server::with_cache(Arc::clone(scene), *settings, Some(&points), show_progress());
     let first = first.map_err(refused)?;
-    let (total, firsts) = (first.points().total(), first.points().firsts().to_vec());
+    let (total, firsts) = (first.points().total(), first.points().offsets().to_vec());
     drop(first);
     let ways = WORK.len() + 1;
     let frames = u64::from(args.frames) * (u64::from(args.rounds) * ways as u64 + 2);

@@ -6,9 +6,9 @@ mod rows;
 
 use std::sync::Arc;
 
-use psao_server_sim::clip::{self, Clip};
-use psao_server_sim::scene::Scene;
-use psao_server_sim::server::ServerSettings;
+use psao_server::clip::{self, Clip};
+use psao_server::scene::Scene;
+use psao_server::server::ServerSettings;
 
 use crate::args::{Coder, PointArgs, ProfileArg};
 use crate::cache::Folder;

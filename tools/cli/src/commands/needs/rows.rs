@@ -1,6 +1,6 @@
 //! The things that are left out, and why they can be.
 
-use psao_server_sim::server::Shortcuts;
+use psao_server::Shortcuts;
 
 /// Work that a server leaves out, which changes no byte.
 pub(super) struct Work {
@@ -23,7 +23,7 @@ pub(super) const WORK: [Work; Shortcuts::EACH.len()] = [
         why: "a rigid body sees itself as before",
     },
     Work {
-        shortcut: Shortcuts::REMEMBERED,
+        shortcut: Shortcuts::SELF_HITS,
         what: "rays against a point's own body",
         why: "it keeps its shape; hits are remembered",
     },
@@ -49,7 +49,7 @@ pub(super) const WORK: [Work; Shortcuts::EACH.len()] = [
         why: "they are traced when they come into view",
     },
     Work {
-        shortcut: Shortcuts::STILL,
+        shortcut: Shortcuts::STATIC_BATCH,
         what: "a tree for each still instance",
         why: "they never move: one tree holds them all",
     },

@@ -5,8 +5,8 @@ use std::thread::JoinHandle;
 
 use psao_proto::Micros;
 use psao_proto::message::{CameraPose, Edit};
-use psao_server_sim::scene::EditError;
-use psao_server_sim::server::{FrameStats, Pacing, TracedFrame, Waiting};
+use psao_server::scene::EditError;
+use psao_server::server::{FrameStats, FrameTimeController, RayBacklog, TracedFrame};
 
 use super::outlet::Outlet;
 use crate::context::WallClock;
@@ -20,7 +20,7 @@ pub(super) struct Line {
     /// Edits in the scene that are not in a frame yet.
     edits: Vec<Edit>,
     /// Finds out how many rays there is time for; nothing where there is no hurry.
-    pacing: Option<Pacing>,
+    pacing: Option<FrameTimeController>,
     late: Late,
 }
 
@@ -52,7 +52,11 @@ struct Job {
 
 impl Line {
     /// Sets up the stages. `pacing` plans the rays of frames.
-    pub(super) fn new(producer: Producer, outlet: Outlet, pacing: Option<Pacing>) -> Outcome<Self> {
+    pub(super) fn new(
+        producer: Producer,
+        outlet: Outlet,
+        pacing: Option<FrameTimeController>,
+    ) -> Outcome<Self> {
         let stages = match producer.split() {
             Err(producer) => Stages::Whole(producer, outlet),
             Ok((front, back)) => {
@@ -84,7 +88,7 @@ impl Line {
 
     /// Traces a frame and sends it, or has it sent.
     pub(super) fn frame(&mut self, number: u32, views: &[CameraPose], captured: Micros) -> Outcome {
-        let rays = self.pacing.as_ref().and_then(Pacing::rays);
+        let rays = self.pacing.as_ref().and_then(FrameTimeController::rays);
         let edits = std::mem::take(&mut self.edits);
         let stats = match &mut self.stages {
             Stages::Whole(producer, outlet) => {
@@ -115,7 +119,7 @@ impl Line {
         if let Some(pacing) = &mut self.pacing {
             pacing.learn(stats);
         }
-        if let Some(Waiting { points: points @ 1.., oldest }) = stats.waiting {
+        if let Some(RayBacklog { points: points @ 1.., oldest }) = stats.waiting {
             self.late.frames += 1;
             self.late.points = self.late.points.max(points);
             self.late.oldest = self.late.oldest.max(oldest);

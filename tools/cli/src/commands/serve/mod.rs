@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use psao_proto::Limits;
 use psao_proto::message::{CloseCode, Edit};
 use psao_proto::net::{Hub, HubEvent};
-use psao_server_sim::server::Pacing;
+use psao_server::server::FrameTimeController;
 
 use crate::args::{BufferArg, EditsArg, StreamArgs};
 use crate::context::runtime;
@@ -90,14 +90,14 @@ impl Args {
     }
 
     /// What plans the rays of frames.
-    fn pacing(&self) -> Option<Pacing> {
+    fn pacing(&self) -> Option<FrameTimeController> {
         let seconds = match self.frame_time {
             _ if self.stream.tuning.ray_budget.is_some() => return None,
             FrameTime::Off => return None,
             FrameTime::Auto => self.tick().as_secs_f64(),
             FrameTime::Millis(millis) => millis * 1e-3,
         };
-        Some(Pacing::new((seconds * 1e6) as u64))
+        Some(FrameTimeController::new((seconds * 1e6) as u64))
     }
 }
 

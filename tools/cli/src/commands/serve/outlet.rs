@@ -7,7 +7,7 @@ use psao_codec::stream::StateRef;
 use psao_proto::Micros;
 use psao_proto::message::{Close, CloseCode, Edit};
 use psao_proto::net::Hub;
-use psao_server_sim::server::StepOutput;
+use psao_server::server::StepOutput;
 
 use crate::error::{Exit, Failure, Outcome};
 use crate::producer::Produced;

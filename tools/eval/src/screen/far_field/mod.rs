@@ -22,7 +22,7 @@ pub(super) mod table;
 mod tests;
 
 use glam::Vec2;
-use psao_server_sim::clock::Clock;
+use psao_server::clock::Clock;
 use rayon::prelude::*;
 
 pub use self::settings::{FarFieldSettings, NearField, Separate};
@@ -56,7 +56,7 @@ const MAX_STRETCH: f32 = 256.0;
 /// use glam::Vec3;
 /// use psao_client::Size;
 /// use psao_eval::screen::{FarField, FarFieldSettings, Screen, ScreenMethod};
-/// use psao_server_sim::clock::NoClock;
+/// use psao_server::clock::NoClock;
 ///
 /// // The bottom of a shaft: a wall 2 m in front of one that is 4 m away, but for a hole in the middle.
 /// let depth = (0..64 * 36).map(|at| if (28..36).contains(&(at % 64)) { 4.0 } else { 2.0 }).collect();

@@ -5,9 +5,9 @@ use std::sync::Arc;
 use glam::{Vec2, Vec3};
 use proptest::prelude::*;
 use psao_client::{AoImage, Size};
-use psao_server_sim::bvh::World;
-use psao_server_sim::clock::NoClock;
-use psao_server_sim::scene::Scene;
+use psao_server::clock::NoClock;
+use psao_server::scene::Scene;
+use psao_server::world::SceneBvh;
 
 use super::scan::Sense;
 use super::slice::{Slice, Stand};
@@ -33,7 +33,7 @@ fn errors(screen: &Screen, reference: &AoImage, found: &AoImage) -> (f64, f64) {
 
 fn built_in(name: &str, time: f64, inner: Size, guard: u32) -> Screen {
     let scene = Arc::new(Scene::load(name).unwrap());
-    let world = World::new(&scene, &scene.pose(time));
+    let world = SceneBvh::new(&scene, &scene.pose(time));
     Screen::new(&SceneView::new(&world), &scene.camera(time), inner, guard).unwrap()
 }
 

@@ -4,7 +4,7 @@ mod lines;
 mod slice;
 
 use glam::{Vec2, Vec3};
-use psao_server_sim::clock::Clock;
+use psao_server::clock::Clock;
 use rayon::prelude::*;
 
 use self::lines::Lines;
@@ -223,9 +223,9 @@ impl Entry {
 #[cfg(test)]
 mod tests {
     use psao_client::Size;
-    use psao_server_sim::bvh::World;
-    use psao_server_sim::clock::NoClock;
-    use psao_server_sim::scene::Scene;
+    use psao_server::clock::NoClock;
+    use psao_server::scene::Scene;
+    use psao_server::world::SceneBvh;
 
     use super::*;
     use crate::adapter::SceneView;
@@ -233,7 +233,7 @@ mod tests {
 
     fn screen(width: u32, height: u32, guard: u32) -> Screen {
         let scene = std::sync::Arc::new(Scene::load("colonnade").unwrap());
-        let world = World::new(&scene, &scene.pose(1.0));
+        let world = SceneBvh::new(&scene, &scene.pose(1.0));
         let size = Size::new(width, height).unwrap();
         Screen::new(&SceneView::new(&world), &scene.camera(1.0), size, guard).unwrap()
     }

@@ -1,28 +1,25 @@
-//! Instances that stand still, in one body in world space.
+//! Static instances, in one body in world space.
 
 use std::sync::Arc;
 
 use glam::Vec3;
 use psao_codec::memory;
 
-use super::blas::Blas;
-use super::bodies::Placement;
-use super::tree::Effort;
-use super::world::corners;
-use crate::points::PosedMesh;
-use crate::scene::{Geometry, InstanceId, Scene, ScenePose};
-use crate::server::Shortcuts;
+use super::build::corners;
+use crate::bvh::{Blas, Effort, Placement};
+use crate::scene::{Geometry, InstanceId, PosedMesh, Scene, ScenePose};
+use crate::shortcuts::Shortcuts;
 
-/// A body of instances that stand still.
+/// One body of many static instances.
 #[derive(Clone, Debug)]
-pub(super) struct Still {
+pub(super) struct StaticBatch {
     pub(super) blas: Arc<Blas>,
     /// Number of each instance's first triangle, and the instance.
     starts: Vec<(u32, u32)>,
 }
 
-impl Still {
-    /// Of some instances of a scene, where they are.
+impl StaticBatch {
+    /// Builds the batch of some instances of a scene, where they are.
     pub(super) fn build(
         scene: &Scene,
         pose: &ScenePose,
@@ -37,14 +34,14 @@ impl Still {
             let asked = posed.masked() || !shortcuts.contains(Shortcuts::MASKS);
             masked.resize(masked.len() + posed.triangles.len(), asked);
         }
-        let mut still = Self { blas: Arc::default(), starts };
-        let triangles = still.triangles(scene, pose, placements, |_| true);
+        let mut batch = Self { blas: Arc::default(), starts };
+        let triangles = batch.triangles(scene, pose, placements, |_| true);
         let blas = Blas::build(&triangles, Effort::Best).with_masks(|triangle| masked[triangle as usize]);
-        still.blas = Arc::new(blas);
-        still
+        batch.blas = Arc::new(blas);
+        batch
     }
 
-    /// Brings the body up to date: of the instances that are not `present`, nothing is left.
+    /// Refits the body. Removes the triangles of instances that are not `present`.
     pub(super) fn refit(
         &mut self,
         scene: &Scene,
@@ -57,8 +54,8 @@ impl Still {
     }
 
     /// Bytes held.
-    pub(super) fn held(&self) -> usize {
-        self.blas.held() + memory::list(&self.starts)
+    pub(super) fn heap_bytes(&self) -> usize {
+        self.blas.heap_bytes() + memory::list(&self.starts)
     }
 
     /// The instances that it was built of.

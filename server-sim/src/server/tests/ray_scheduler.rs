@@ -1,6 +1,7 @@
 //! Budgets of rays: what waits, for how long, and where it ends.
 
 use super::*;
+use crate::points::PointId;
 
 const LONGEST: u16 = 5;
 
@@ -15,7 +16,7 @@ fn ahead(server: &mut Server, scene: &Scene, frame: u32, at: u32) -> StepOutput 
 }
 
 /// AO bytes of every point in view.
-fn seen(server: &Server) -> Vec<(u32, u8)> {
+fn seen(server: &Server) -> Vec<(PointId, u8)> {
     let field = &server.tracing.field;
     let points = field.chunks().iter().flat_map(|chunk| field.visible(chunk));
     points.map(|(_, point, ao)| (point, ao)).collect()
@@ -84,7 +85,7 @@ fn what_is_largest_on_the_screen_goes_first() {
         assert!(!of.is_empty());
         of.iter().sum::<f32>() / of.len() as f32
     };
-    let traced = mean(&|chunk| tracing.ration.is_chosen(chunk));
+    let traced = mean(&|chunk| tracing.scheduler.is_chosen(chunk));
     let waiting = mean(&|chunk| stale[chunk] > 0);
     assert!(traced < waiting, "traced at {traced} m, waiting at {waiting} m");
 }

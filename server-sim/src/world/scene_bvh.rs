@@ -1,4 +1,4 @@
-//! A scene at one moment, ready for rays.
+//! The BVH of a scene at one moment.
 
 use std::sync::Arc;
 
@@ -6,16 +6,12 @@ use glam::Vec3;
 use psao_codec::memory;
 use rayon::prelude::*;
 
-use super::blas::{Blas, BlasHit};
-use super::bodies::{Bodies, Body, Placement};
-use super::bounds::Bounds;
-use super::mover::{Mover, Stir};
-use super::still::Still;
-use super::tree::Effort;
-use crate::ao::Seat;
-use crate::points::PosedMesh;
-use crate::scene::{InstanceId, Motion, Scene, ScenePose};
-use crate::server::Shortcuts;
+use super::build::{build_rest, placement};
+use super::dynamic_instance::{DynamicInstance, InstanceChange};
+use super::static_batch::StaticBatch;
+use crate::bvh::{Blas, BlasHit, BlasInstance, BodyId, Bounds, Placement, Tlas};
+use crate::scene::{InstanceId, Motion, PosedMesh, Scene, ScenePose};
+use crate::shortcuts::Shortcuts;
 
 /// Where a ray hit.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,49 +39,49 @@ pub struct SurfaceAt {
     pub normal: Vec3,
 }
 
-/// A scene at one moment: all still instances together in one body in world space, every other one a body of its own
-/// that is placed rigidly. Moving rigidly rebuilds nothing but the small tree over the bodies.
+/// A scene at one moment, ready for rays. All static instances share one body in world space, the static batch. Every
+/// other instance has a body of its own, which is placed rigidly: a rigid motion rebuilds only the small tree over the bodies.
 ///
-/// A static instance is still until a pose has it elsewhere or out of sight, which its animation never does, only an
-/// edit ([`ScenePose::apply`]). Then it is taken out of the shared body and has one of its own for good: what was moved
-/// by hand will be moved again, and every change of body costs the AO of all points near it.
+/// Only an edit ([`ScenePose::apply`]) moves or hides a static instance. It is then detached from the static batch and
+/// has a body of its own for good: what was moved by hand is likely to move again, and each change of body costs the AO
+/// of all points near it.
 #[derive(Clone, Debug)]
-pub struct World {
+pub struct SceneBvh {
     scene: Arc<Scene>,
-    /// Whether each instance is in the body of the still ones.
+    /// Whether each instance is in a static batch.
     shared: Vec<bool>,
-    /// The instances that were still when it was built, but for those that have left: one body of all of them.
-    still: Vec<Still>,
-    /// Meshes at rest of what does not deform, as far as movers need them.
+    /// The instances that were static at the build, less those that were detached: one batch, unless shortcuts are off.
+    static_batches: Vec<StaticBatch>,
+    /// Trees of meshes at rest, as far as dynamic instances that do not deform need them.
     rests: Vec<Option<Arc<Blas>>>,
-    /// By instance.
-    movers: Vec<Mover>,
-    bodies: Bodies,
+    /// Ascending by instance.
+    dynamic_instances: Vec<DynamicInstance>,
+    bodies: Tlas,
     owners: Vec<Owner>,
-    /// Body of each instance, [`Seat::WORLD`] while it has none.
-    instance_bodies: Vec<u32>,
+    /// The body of each instance; none while it is out of sight or without triangles.
+    instance_bodies: Vec<Option<BodyId>>,
     placements: Vec<Placement>,
-    stirs: Vec<Stir>,
+    changes: Vec<InstanceChange>,
     shortcuts: Shortcuts,
 }
 
-/// Whose triangles a body holds.
+/// What a body was built from.
 #[derive(Clone, Copy, Debug)]
 enum Owner {
-    /// Those of a list of still instances, by number.
-    Still(u32),
-    /// Those of one instance.
+    /// A static batch, by number.
+    Batch(u32),
+    /// One instance.
     Instance(u32),
 }
 
-impl World {
+impl SceneBvh {
     /// Builds the structures of the scene at a pose of it.
     #[must_use]
     pub fn new(scene: &Arc<Scene>, pose: &ScenePose) -> Self {
         Self::with_shortcuts(scene, pose, Shortcuts::ALL)
     }
 
-    /// As [`World::new`], leaving out no more than `shortcuts` say: what rays meet is the same.
+    /// As [`SceneBvh::new`], with only some shortcuts. Rays meet the same surfaces whatever they are.
     #[must_use]
     pub fn with_shortcuts(scene: &Arc<Scene>, pose: &ScenePose, shortcuts: Shortcuts) -> Self {
         let count = scene.instances().len();
@@ -94,14 +90,14 @@ impl World {
             .map(|index| {
                 let instance = &scene.instances()[index];
                 let fixed = instance.fixed.filter(|_| instance.motion() == Motion::Static);
-                fixed.is_some_and(|fixed| stands(pose, index, &placement(&fixed)))
+                fixed.is_some_and(|fixed| is_at(pose, index, &placement(&fixed)))
             })
             .collect();
         let standing: Vec<usize> = (0..count).filter(|&index| shared[index]).collect();
-        let together = if shortcuts.contains(Shortcuts::STILL) { standing.len().max(1) } else { 1 };
-        let still = standing
+        let together = if shortcuts.contains(Shortcuts::STATIC_BATCH) { standing.len().max(1) } else { 1 };
+        let static_batches = standing
             .par_chunks(together)
-            .map(|instances| Still::build(scene, pose, instances, &placements, shortcuts))
+            .map(|instances| StaticBatch::build(scene, pose, instances, &placements, shortcuts))
             .collect();
         let rigid = |&index: &usize| !shared[index] && scene.instances()[index].motion() != Motion::Deforming;
         let mut rests = vec![None; scene.rests().len()];
@@ -113,23 +109,23 @@ impl World {
         for (rest, blas) in used.into_iter().zip(built) {
             rests[rest] = Some(blas);
         }
-        let movers: Vec<usize> = (0..count).filter(|&index| !shared[index]).collect();
-        let mover = |&index: &usize| {
+        let dynamic_instances: Vec<usize> = (0..count).filter(|&index| !shared[index]).collect();
+        let dynamic = |&index: &usize| {
             let rest = rests[scene.instances()[index].rest().index()].as_ref();
-            Mover::posed(scene, pose, index, rest, shortcuts)
+            DynamicInstance::posed(scene, pose, index, rest, shortcuts)
         };
-        let movers = movers.par_iter().map(mover).collect();
+        let dynamic_instances = dynamic_instances.par_iter().map(dynamic).collect();
         let mut world = Self {
             scene: Arc::clone(scene),
             shared,
-            still,
+            static_batches,
             rests,
-            movers,
-            bodies: Bodies::default(),
+            dynamic_instances,
+            bodies: Tlas::default(),
             owners: Vec::new(),
-            instance_bodies: vec![Seat::WORLD; count],
+            instance_bodies: vec![None; count],
             placements,
-            stirs: vec![Stir::Still; count],
+            changes: vec![InstanceChange::Unchanged; count],
             shortcuts,
         };
         world.assemble();
@@ -138,97 +134,112 @@ impl World {
 
     /// Moves on to another pose of the same scene.
     pub fn update(&mut self, pose: &ScenePose) {
-        let left = self.part(pose);
-        let refits_still = !left.is_empty() || !self.shortcuts.contains(Shortcuts::RIGID);
-        let refits = refits_still || self.movers.iter().any(|mover| mover.geometry().is_some());
+        let detached = self.detach(pose);
+        let refits_still = !detached.is_empty() || !self.shortcuts.contains(Shortcuts::RIGID);
+        let refits =
+            refits_still || self.dynamic_instances.iter().any(|dynamic| dynamic.geometry().is_some());
         if refits {
             // A tree that the bodies share would be copied before it is refitted.
-            self.bodies = Bodies::default();
+            self.bodies = Tlas::default();
         }
         if refits_still {
-            let refit = |still: &mut Still| still.refit(&self.scene, pose, &self.placements, &self.shared);
-            self.still.par_iter_mut().for_each(refit);
+            let refit =
+                |batch: &mut StaticBatch| batch.refit(&self.scene, pose, &self.placements, &self.shared);
+            self.static_batches.par_iter_mut().for_each(refit);
         }
         let (scene, shortcuts) = (&self.scene, self.shortcuts);
-        let update = |mover: &mut Mover| (mover.instance, mover.update(scene, pose, shortcuts));
-        let stirs: Vec<(usize, Stir)> = self.movers.par_iter_mut().map(update).collect();
-        for (instance, stir) in stirs {
-            self.stirs[instance] = match stir {
-                Stir::Moved(swept) if left.binary_search(&instance).is_ok() => Stir::Left(swept),
-                stir => stir,
+        let update =
+            |dynamic: &mut DynamicInstance| (dynamic.instance, dynamic.update(scene, pose, shortcuts));
+        let changes: Vec<(usize, InstanceChange)> =
+            self.dynamic_instances.par_iter_mut().map(update).collect();
+        for (instance, change) in changes {
+            self.changes[instance] = match change {
+                InstanceChange::Moved(swept) if detached.binary_search(&instance).is_ok() => {
+                    InstanceChange::Detached(swept)
+                }
+                change => change,
             };
         }
-        for mover in &self.movers {
-            self.placements[mover.instance] = mover.placement;
+        for dynamic in &self.dynamic_instances {
+            self.placements[dynamic.instance] = dynamic.placement;
         }
-        if refits || self.stirs.iter().any(|stir| stir.swept().is_some()) {
+        if refits || self.changes.iter().any(|change| change.swept().is_some()) {
             self.assemble();
         }
     }
 
-    /// Gives bodies of their own to the still instances that a pose has elsewhere or out of sight: where they stood, so
-    /// that their first move is seen as one. Gives those instances, ascending; the body that they shared still has them.
-    fn part(&mut self, pose: &ScenePose) -> Vec<usize> {
-        let gone = |&index: &usize| self.shared[index] && !stands(pose, index, &self.placements[index]);
+    /// Gives bodies of their own to the static instances that a pose moves or hides. Places them where they stood, so that
+    /// their first move counts as one. Returns those instances, ascending; their batch still has their triangles.
+    fn detach(&mut self, pose: &ScenePose) -> Vec<usize> {
+        let gone = |&index: &usize| self.shared[index] && !is_at(pose, index, &self.placements[index]);
         let gone: Vec<usize> = (0..self.shared.len()).filter(gone).collect();
         for &index in &gone {
             self.shared[index] = false;
             let rest = self.scene.instances()[index].rest().index();
             let blas = self.rests[rest].get_or_insert_with(|| build_rest(&self.scene, rest, self.shortcuts));
-            self.movers.push(Mover::rigid(index, Arc::clone(blas), self.placements[index]));
+            self.dynamic_instances.push(DynamicInstance::rigid(
+                index,
+                Arc::clone(blas),
+                self.placements[index],
+            ));
         }
-        self.movers.sort_unstable_by_key(|mover| mover.instance);
+        self.dynamic_instances.sort_unstable_by_key(|dynamic| dynamic.instance);
         gone
     }
 
     fn assemble(&mut self) {
-        self.instance_bodies.fill(Seat::WORLD);
-        let mut list = Vec::with_capacity(self.movers.len() + self.still.len());
+        self.instance_bodies.fill(None);
+        let mut list = Vec::with_capacity(self.dynamic_instances.len() + self.static_batches.len());
         self.owners.clear();
-        for (number, still) in
-            self.still.iter().enumerate().filter(|(_, still)| !still.blas.bounds().is_empty())
+        for (number, batch) in
+            self.static_batches.iter().enumerate().filter(|(_, batch)| !batch.blas.bounds().is_empty())
         {
-            for index in still.instances().filter(|&index| self.shared[index]) {
-                self.instance_bodies[index] = list.len() as u32;
+            for index in batch.instances().filter(|&index| self.shared[index]) {
+                self.instance_bodies[index] = Some(BodyId::new(list.len() as u32));
             }
-            list.push(Body::new(Arc::clone(&still.blas), Placement::IDENTITY));
-            self.owners.push(Owner::Still(number as u32));
+            list.push(BlasInstance::new(Arc::clone(&batch.blas), Placement::IDENTITY));
+            self.owners.push(Owner::Batch(number as u32));
         }
-        for mover in self.movers.iter().filter(|mover| mover.visible && !mover.bounds.is_empty()) {
-            self.instance_bodies[mover.instance] = list.len() as u32;
-            list.push(Body::new(Arc::clone(&mover.blas), mover.placement));
-            self.owners.push(Owner::Instance(mover.instance as u32));
+        for dynamic in
+            self.dynamic_instances.iter().filter(|dynamic| dynamic.visible && !dynamic.bounds.is_empty())
+        {
+            self.instance_bodies[dynamic.instance] = Some(BodyId::new(list.len() as u32));
+            list.push(BlasInstance::new(Arc::clone(&dynamic.blas), dynamic.placement));
+            self.owners.push(Owner::Instance(dynamic.instance as u32));
         }
-        self.bodies = Bodies::new(list);
+        self.bodies = Tlas::new(list);
     }
 
     /// Bytes of memory held: trees, the posed geometry of what deforms, and where everything is. What instances share counts
     /// once; the scene does not.
     #[must_use]
-    pub fn memory_bytes(&self) -> usize {
+    pub fn heap_bytes(&self) -> usize {
         let Self {
             scene,
             shared,
-            still,
+            static_batches,
             rests,
-            movers,
+            dynamic_instances,
             bodies,
             owners,
             instance_bodies,
             placements,
-            stirs,
+            changes,
             ..
         } = self;
-        let stills: usize = still.iter().map(Still::held).sum();
-        let at_rest: usize = rests.iter().flatten().map(|blas| blas.held()).sum();
-        let rest = |mover: &Mover| rests[scene.instances()[mover.instance].rest().index()].as_ref();
-        let moving: usize = movers.iter().map(|mover| mover.held(rest(mover))).sum();
-        let swept = stirs.iter().filter_map(Stir::swept).map(|swept| memory::list(&swept.parts));
-        let structures =
-            memory::list(still) + memory::list(rests) + memory::list(movers) + memory::list(owners);
+        let stills: usize = static_batches.iter().map(StaticBatch::heap_bytes).sum();
+        let at_rest: usize = rests.iter().flatten().map(|blas| blas.heap_bytes()).sum();
+        let rest =
+            |dynamic: &DynamicInstance| rests[scene.instances()[dynamic.instance].rest().index()].as_ref();
+        let moving: usize = dynamic_instances.iter().map(|dynamic| dynamic.heap_bytes(rest(dynamic))).sum();
+        let swept = changes.iter().filter_map(InstanceChange::swept).map(|swept| memory::list(&swept.parts));
+        let structures = memory::list(static_batches)
+            + memory::list(rests)
+            + memory::list(dynamic_instances)
+            + memory::list(owners);
         let instances = memory::list(shared) + memory::list(instance_bodies) + memory::list(placements);
-        let trees = stills + at_rest + moving + bodies.held();
-        trees + structures + instances + memory::list(stirs) + swept.sum::<usize>()
+        let trees = stills + at_rest + moving + bodies.heap_bytes();
+        trees + structures + instances + memory::list(changes) + swept.sum::<usize>()
     }
 
     /// The scene.
@@ -254,8 +265,9 @@ impl World {
     #[must_use]
     pub fn posed(&self, instance: InstanceId) -> Option<PosedMesh<'_>> {
         let rest = self.scene.rest(self.scene.instances().get(instance.index())?);
-        let mover = self.movers.binary_search_by_key(&instance.index(), |mover| mover.instance).ok();
-        let deformed = mover.and_then(|mover| self.movers[mover].geometry());
+        let dynamic =
+            self.dynamic_instances.binary_search_by_key(&instance.index(), |dynamic| dynamic.instance).ok();
+        let deformed = dynamic.and_then(|dynamic| self.dynamic_instances[dynamic].geometry());
         Some(PosedMesh::posed(&self.scene, rest, deformed.unwrap_or(rest.geometry())))
     }
 
@@ -294,12 +306,12 @@ impl World {
         surface(&PosedMesh::at_rest(&self.scene, self.scene.rest(instance)), hit)
     }
 
-    pub(crate) fn bodies(&self) -> &Bodies {
+    pub(crate) fn bodies(&self) -> &Tlas {
         &self.bodies
     }
 
-    /// Body of an instance now, [`Seat::WORLD`] for none.
-    pub(crate) fn body(&self, instance: usize) -> u32 {
+    /// The body of an instance now, if it has one.
+    pub(crate) fn body(&self, instance: usize) -> Option<BodyId> {
         self.instance_bodies[instance]
     }
 
@@ -310,32 +322,32 @@ impl World {
 
     /// Whether an instance can be seen and hit now.
     pub(crate) fn is_present(&self, instance: usize) -> bool {
-        self.instance_bodies[instance] != Seat::WORLD
+        self.instance_bodies[instance].is_some()
     }
 
-    /// What happened to each instance in the last [`World::update`].
-    pub(crate) fn stirs(&self) -> &[Stir] {
-        &self.stirs
+    /// What happened to each instance in the last [`SceneBvh::update`].
+    pub(crate) fn changes(&self) -> &[InstanceChange] {
+        &self.changes
     }
 
     /// Whether the texel at a hit is there.
-    pub(crate) fn opaque(&self, body: u32, hit: &BlasHit) -> bool {
+    pub(crate) fn opaque(&self, body: BodyId, hit: &BlasHit) -> bool {
         let (instance, triangle) = self.source(body, hit.triangle);
-        let [_, u, v] = hit.meeting.barycentric();
+        let [_, u, v] = hit.intersection.barycentric();
         let posed = self.posed(InstanceId(instance));
         posed.is_none_or(|posed| !posed.masked() || posed.opaque(triangle, [u, v]))
     }
 
-    fn hit(&self, body: u32, hit: &BlasHit) -> Hit {
+    fn hit(&self, body: BodyId, hit: &BlasHit) -> Hit {
         let (instance, triangle) = self.source(body, hit.triangle);
-        let [_, u, v] = hit.meeting.barycentric();
-        Hit { t: hit.meeting.t, instance: InstanceId(instance), triangle, u, v }
+        let [_, u, v] = hit.intersection.barycentric();
+        Hit { t: hit.intersection.t, instance: InstanceId(instance), triangle, u, v }
     }
 
     /// Instance and triangle of a triangle of a body.
-    fn source(&self, body: u32, triangle: u32) -> (u32, u32) {
-        match self.owners[body as usize] {
-            Owner::Still(number) => self.still[number as usize].source(triangle),
+    fn source(&self, body: BodyId, triangle: u32) -> (u32, u32) {
+        match self.owners[body.index()] {
+            Owner::Batch(number) => self.static_batches[number as usize].source(triangle),
             Owner::Instance(instance) => (instance, triangle),
         }
     }
@@ -354,25 +366,8 @@ fn surface(posed: &PosedMesh<'_>, hit: &Hit) -> Option<SurfaceAt> {
     })
 }
 
-pub(super) fn placement(frame: &crate::scene::RigidFrame) -> Placement {
-    Placement { rotation: frame.matrix(), translation: frame.translation }
-}
-
-pub(super) fn corners(posed: &PosedMesh<'_>) -> Vec<[Vec3; 3]> {
-    (0..posed.triangles.len() as u32).map(|triangle| posed.corners(triangle)).collect()
-}
-
-pub(super) fn build(posed: &PosedMesh<'_>, shortcuts: Shortcuts) -> Blas {
-    let blas = Blas::build(&corners(posed), Effort::Best);
-    if posed.masked() || !shortcuts.contains(Shortcuts::MASKS) { blas.with_masks(|_| true) } else { blas }
-}
-
-fn build_rest(scene: &Arc<Scene>, rest: usize, shortcuts: Shortcuts) -> Arc<Blas> {
-    Arc::new(build(&PosedMesh::at_rest(scene, &scene.rests()[rest]), shortcuts))
-}
-
 /// Whether a pose has an instance in sight and at this very place.
-fn stands(pose: &ScenePose, index: usize, at: &Placement) -> bool {
+fn is_at(pose: &ScenePose, index: usize, at: &Placement) -> bool {
     let now = &pose.instances()[index];
     now.visible() && placement(now.frame()) == *at
 }

@@ -4,11 +4,11 @@ use std::sync::Arc;
 
 use glam::Vec3;
 
-use super::tracer::{Memory, Scratch, Seat, Tracer};
-use crate::bvh::World;
-use crate::points::ScenePoints;
-use crate::points::random::{mix, unit};
+use super::tracer::{RayFrame, Scratch, SelfHitCache, Tracer};
+use crate::points::{PointInSet, RayKey, ScenePoints};
+use crate::random::{mix, unit};
 use crate::scene::{InstanceId, Scene};
+use crate::world::SceneBvh;
 
 /// One ray, in the world.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,19 +23,19 @@ pub struct Ray {
 
 /// Some points of a scene at its first pose, and all rays that AO takes from them. Masks count for nothing here: their
 /// triangles are solid, as they are to a tracer that has no textures.
-pub struct Probe {
-    world: World,
+pub struct RayWorkload {
+    world: SceneBvh,
     tracer: Tracer,
-    /// Number, which chooses the rays, and place of each point.
-    points: Vec<(u32, Seat)>,
+    /// Ray key and frame of each point.
+    points: Vec<(RayKey, RayFrame)>,
 }
 
-impl Probe {
+impl RayWorkload {
     /// Takes `count` points (at most; at least 1), evenly spread over all in the order in which a server traces them;
     /// `seed` says which.
     #[must_use]
     pub fn new(scene: &Arc<Scene>, points: &ScenePoints, tracer: Tracer, count: u32, seed: u64) -> Self {
-        let world = World::new(scene, &scene.pose(0.0));
+        let world = SceneBvh::new(scene, &scene.pose(0.0));
         let step = f64::from(points.total()) / f64::from(count.clamp(1, points.total().max(1)));
         let mut next = f64::from(unit(mix(seed))) * step;
         let mut taken = Vec::new();
@@ -43,18 +43,20 @@ impl Probe {
             let id = InstanceId(index as u32);
             let (Some(posed), true) = (world.posed(id), world.is_present(index)) else { continue };
             let set = &points.sets()[instance.rest().index()];
-            let first = points.firsts()[index];
+            let first = points.id(index, PointInSet(0)).0;
             let at = world.placement(id);
             while next < f64::from(first) + set.points().len() as f64 {
-                let point = (next as u32).saturating_sub(first) as usize;
+                let point = PointInSet((next as u32).saturating_sub(first));
                 next += step;
-                let Some(placed) = set.points().get(point).map(|point| posed.place(point)) else { continue };
+                let Some(placed) = set.points().get(point.index()).map(|point| point.place_on(&posed)) else {
+                    continue;
+                };
                 let (mut position, mut normal, mut edge) = (placed.position, placed.normal, placed.edge);
                 if world.is_still(index) {
                     (position, normal, edge) = (at.point(position), at.direction(normal), at.direction(edge));
                 }
-                let seat = Seat { body: world.body(index), position, normal, edge };
-                taken.push((first + set.numbers()[point], seat));
+                let ray_frame = RayFrame { body: world.body(index), position, normal, edge };
+                taken.push((points.ray_key(index, set, point), ray_frame));
             }
         }
         Self { world, tracer, points: taken }
@@ -77,28 +79,28 @@ impl Probe {
     #[must_use]
     pub fn trace(&self, scratch: &mut Scratch) -> f64 {
         let bodies = self.world.bodies();
-        let ao = self.points.iter().map(|&(number, seat)| {
-            f64::from(self.tracer.trace(bodies, number, &seat, &|_, _| true, Memory::None, scratch).ao)
+        let ao = self.points.iter().map(|&(key, ray_frame)| {
+            f64::from(self.tracer.trace(bodies, key, &ray_frame, &|_, _| true, SelfHitCache::Off, scratch).ao)
         });
         ao.sum::<f64>() / self.points.len().max(1) as f64
     }
 
-    /// What [`Probe::trace`] found, ray by ray: the distance in metres of the nearest hit, with binary occlusion 0 for
+    /// What [`RayWorkload::trace`] found, ray by ray: the distance in metres of the nearest hit, with binary occlusion 0 for
     /// any, and infinity for none.
     #[must_use]
     pub fn distances(&self, scratch: &mut Scratch) -> Vec<f32> {
         let mut all = Vec::with_capacity(self.points.len() * self.tracer.settings().rays as usize);
-        for (number, seat) in &self.points {
-            self.tracer.distances(self.world.bodies(), *number, seat, scratch, &mut all);
+        for (key, ray_frame) in &self.points {
+            self.tracer.distances(self.world.bodies(), *key, ray_frame, scratch, &mut all);
         }
         all
     }
 
-    /// All rays, in the order of [`Probe::distances`].
+    /// All rays, in the order of [`RayWorkload::distances`].
     #[must_use]
     pub fn rays(&self) -> Vec<Ray> {
-        let rays = self.points.iter().flat_map(|(number, seat)| {
-            let (origin, directions) = self.tracer.rays(self.world.bodies(), *number, seat);
+        let rays = self.points.iter().flat_map(|(key, ray_frame)| {
+            let (origin, directions) = self.tracer.rays(self.world.bodies(), *key, ray_frame);
             let length = self.tracer.settings().radius;
             directions.into_iter().map(move |direction| Ray { origin, direction, length })
         });

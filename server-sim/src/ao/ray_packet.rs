@@ -8,50 +8,47 @@
 use fearless_simd::prelude::*;
 use glam::{Mat3, Vec3};
 
-use super::samples::Turned;
-use super::settings::Occlusion;
+use super::samples::PointRays;
 use crate::bvh::{
-    Blas, BlasHit, Child, Facet, LANES, Lanes, Lanes3, Meeting, Node, Packed, Packed3, Pencil, Prepared,
-    Reachable, Wide, bits,
+    Blas, BlasHit, BlockCulling, BlockSetup, Child, Intersection, LANES, Lanes, Lanes3, Node, PACKET_GROUPS,
+    Packed, Packed3, RayCone, TriangleSetup, Wide, bits,
 };
 
-/// Groups that are traced together: bits of a mask.
-pub(super) const GROUPS: usize = 32;
 /// Value of a ray in `best` that has nothing left to learn: answered by any hit, or padding of the last group.
-const DONE: f32 = -1.0;
+const RAY_DONE: f32 = -1.0;
 /// Groups up to which it pays to ask which of their rays cross a node.
-const FEW_GROUPS: u32 = 4;
+const SLAB_TEST_MAX_GROUPS: u32 = 4;
 /// Rays of a leaf up to which one ray against eight triangles is cheaper than eight rays against one.
-const FEW_RAYS: u32 = 3;
+const SINGLE_RAY_MAX_RAYS: u32 = 3;
 
 /// Up to 256 rays of one point and the working memory to trace them; reused from point to point.
 #[derive(Debug)]
-pub(super) struct Bundle {
+pub(super) struct RayPacket {
     /// Directions in the space of the body that is traced now, and one over them.
-    directions: [Packed3; GROUPS],
-    inverses: [Packed3; GROUPS],
+    directions: [Packed3; PACKET_GROUPS],
+    inverses: [Packed3; PACKET_GROUPS],
     /// Axes of the groups' cones there, a group in every lane.
-    axes: [Packed3; GROUPS / LANES],
-    /// Nearest hit so far of each ray, at first the reach; [`DONE`] when there is nothing left to learn.
-    best: [Packed; GROUPS],
+    axes: [Packed3; PACKET_GROUPS / LANES],
+    /// Nearest hit so far of each ray, at first the reach; [`RAY_DONE`] when there is nothing left to learn.
+    best: [Packed; PACKET_GROUPS],
     /// Largest `best` of each group.
-    reach: [Packed; GROUPS / LANES],
+    reach: [Packed; PACKET_GROUPS / LANES],
     /// Bit per group: whether there is anything left to learn.
     alive: u32,
     radius: f32,
     /// Rays that came into the bounds of a body, a bit each by group.
-    entered: [u8; GROUPS],
+    entered: [u8; PACKET_GROUPS],
     /// Lanes of the last group that pad it.
     padding: usize,
     groups: usize,
     stack: Vec<Entry>,
 }
 
-/// How far a ray of a bundle gets.
+/// How far a ray of a packet gets.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Reach {
+pub(super) enum RayReach {
     /// As far as rays go, so far.
-    Open,
+    Unbounded,
     /// To a hit; how far that is does not matter.
     Hit,
     /// To a hit this far away.
@@ -83,35 +80,35 @@ struct Boxes {
 }
 
 /// Where the rays start in the space of a body, and how they are turned into it.
-pub(super) struct Start {
+pub(super) struct PacketOrigin {
     /// Tangent space of the point to the space of the body.
     pub(super) turn: Mat3,
     pub(super) origin: Vec3,
 }
 
-/// One bundle against one body. With `ANY`, a hit at any distance ends
+/// One packet against one body. With `ANY`, a hit at any distance ends
 /// a ray. `accept` is asked about hits on masked triangles only.
-pub(super) struct Trace<'a, S: Simd, const ANY: bool> {
+pub(super) struct PacketTraversal<'a, S: Simd, const ANY: bool> {
     pub(super) simd: S,
-    pub(super) bundle: &'a mut Bundle,
-    pub(super) rays: &'a Turned<'a>,
+    pub(super) packet: &'a mut RayPacket,
+    pub(super) rays: &'a PointRays<'a>,
     pub(super) chunk: usize,
-    pub(super) start: Start,
+    pub(super) start: PacketOrigin,
     pub(super) blas: &'a Blas,
     pub(super) accept: &'a dyn Fn(&BlasHit) -> bool,
 }
 
-impl Default for Bundle {
+impl Default for RayPacket {
     fn default() -> Self {
         Self {
-            directions: [Packed3::ZERO; GROUPS],
-            inverses: [Packed3::ZERO; GROUPS],
-            axes: [Packed3::ZERO; GROUPS / LANES],
-            best: [Packed::ZERO; GROUPS],
-            reach: [Packed::ZERO; GROUPS / LANES],
+            directions: [Packed3::ZERO; PACKET_GROUPS],
+            inverses: [Packed3::ZERO; PACKET_GROUPS],
+            axes: [Packed3::ZERO; PACKET_GROUPS / LANES],
+            best: [Packed::ZERO; PACKET_GROUPS],
+            reach: [Packed::ZERO; PACKET_GROUPS / LANES],
             alive: 0,
             radius: 0.0,
-            entered: [0; GROUPS],
+            entered: [0; PACKET_GROUPS],
             padding: 0,
             groups: 0,
             stack: Vec::new(),
@@ -119,15 +116,15 @@ impl Default for Bundle {
     }
 }
 
-impl Bundle {
+impl RayPacket {
     /// Starts a chunk of a point's rays: every ray may go `radius` far.
-    pub(super) fn begin(&mut self, rays: &Turned<'_>, chunk: usize, radius: f32) {
+    pub(super) fn begin(&mut self, rays: &PointRays<'_>, chunk: usize, radius: f32) {
         let groups = rays.groups(chunk).len();
         (self.groups, self.radius, self.padding) = (groups, radius, rays.padding(chunk));
         self.best[..groups].fill(Packed::splat(radius));
-        self.best[groups - 1].array_mut()[LANES - self.padding..].fill(DONE);
+        self.best[groups - 1].array_mut()[LANES - self.padding..].fill(RAY_DONE);
         self.reach.fill(Packed::splat(radius));
-        self.alive = u32::MAX >> (GROUPS - groups);
+        self.alive = u32::MAX >> (PACKET_GROUPS - groups);
         self.entered[..groups].fill(0);
     }
 
@@ -137,24 +134,24 @@ impl Bundle {
     }
 
     /// How far each ray gets, group by group.
-    pub(super) fn reaches(&self) -> impl Iterator<Item = impl Iterator<Item = Reach> + '_> + '_ {
+    pub(super) fn reaches(&self) -> impl Iterator<Item = impl Iterator<Item = RayReach> + '_> + '_ {
         (0..self.groups).map(|group| {
             self.best[group].array()[..self.used(group)].iter().map(|&t| match t {
-                DONE => Reach::Hit,
-                t if t < self.radius => Reach::At(t),
-                _ => Reach::Open,
+                RAY_DONE => RayReach::Hit,
+                t if t < self.radius => RayReach::At(t),
+                _ => RayReach::Unbounded,
             })
         })
     }
 
     /// Sets how far some rays of a group get.
-    pub(super) fn set(&mut self, group: usize, reaches: impl Iterator<Item = (usize, Reach)>) {
+    pub(super) fn set(&mut self, group: usize, reaches: impl Iterator<Item = (usize, RayReach)>) {
         let mut best = self.best[group];
         for (ray, reach) in reaches {
             best.array_mut()[ray] = match reach {
-                Reach::Open => self.radius,
-                Reach::Hit => DONE,
-                Reach::At(t) => t,
+                RayReach::Unbounded => self.radius,
+                RayReach::Hit => RAY_DONE,
+                RayReach::At(t) => t,
             };
         }
         self.learn(group, best);
@@ -176,18 +173,19 @@ impl Bundle {
         let mut sum = Packed::ZERO;
         for (group, best) in self.best[..self.groups].iter().enumerate() {
             for (sum, &t) in sum.array_mut().iter_mut().zip(&best.array()[..self.used(group)]) {
-                *sum += if ANY { f32::from(t == DONE) } else { 1.0 - t / self.radius };
+                *sum += if ANY { f32::from(t == RAY_DONE) } else { 1.0 - t / self.radius };
             }
         }
         sum.sum()
     }
 
     /// Distance of each ray's hit, 0 with binary occlusion, or infinity for none.
-    pub(super) fn distances(&self, kind: Occlusion) -> impl Iterator<Item = f32> {
+    #[cfg(any(test, feature = "testing"))]
+    pub(super) fn distances(&self, kind: super::settings::Occlusion) -> impl Iterator<Item = f32> {
         let all = self.best[..self.groups].iter().flat_map(Packed::array);
         let distance = move |&t: &f32| match t {
             t if t >= self.radius => f32::INFINITY,
-            _ if kind == Occlusion::Binary => 0.0,
+            _ if kind == super::settings::Occlusion::Binary => 0.0,
             t => t,
         };
         all.take(self.groups * LANES - self.padding).map(distance)
@@ -203,20 +201,20 @@ impl Bundle {
     }
 }
 
-impl<S: Simd, const ANY: bool> Trace<'_, S, ANY> {
+impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
     /// Shortens the rays that hit something in the body.
     #[inline(always)]
     pub(super) fn run(mut self) {
         let (nodes, wides) = (self.blas.tree().nodes(), self.blas.wides());
-        if wides.is_empty() || self.bundle.alive == 0 {
+        if wides.is_empty() || self.packet.alive == 0 {
             return;
         }
         self.turn();
         self.enter(&nodes[0]);
-        self.bundle.stack.clear();
-        self.bundle.stack.push(Entry { near: 0.0, child: Child::Inner(0), groups: self.bundle.alive });
-        while let Some(Entry { child, groups, .. }) = self.bundle.stack.pop() {
-            let groups = groups & self.bundle.alive;
+        self.packet.stack.clear();
+        self.packet.stack.push(Entry { near: 0.0, child: Child::Inner(0), groups: self.packet.alive });
+        while let Some(Entry { child, groups, .. }) = self.packet.stack.pop() {
+            let groups = groups & self.packet.alive;
             match child {
                 _ if groups == 0 => {}
                 Child::Leaf(node) => self.leaf(&nodes[node as usize], groups),
@@ -231,14 +229,14 @@ impl<S: Simd, const ANY: bool> Trace<'_, S, ANY> {
     fn turn(&mut self) {
         let simd = self.simd;
         let [x, y, z] = self.rays.axes(&self.start.turn);
-        let bundle = &mut *self.bundle;
-        let both = bundle.directions.iter_mut().zip(&mut bundle.inverses);
+        let packet = &mut *self.packet;
+        let both = packet.directions.iter_mut().zip(&mut packet.inverses);
         for (from, (to, inverse)) in self.rays.groups(self.chunk).iter().zip(both) {
             let turned = from.load(simd).turned(x, y, z);
             *to = turned.into();
             *inverse = Lanes3 { x: inverted(turned.x), y: inverted(turned.y), z: inverted(turned.z) }.into();
         }
-        for (from, to) in self.rays.cones(self.chunk).iter().zip(&mut bundle.axes) {
+        for (from, to) in self.rays.cones(self.chunk).iter().zip(&mut packet.axes) {
             *to = from.axes.load(simd).turned(x, y, z).into();
         }
     }
@@ -248,11 +246,11 @@ impl<S: Simd, const ANY: bool> Trace<'_, S, ANY> {
     fn enter(&mut self, root: &Node) {
         let (low, high) = (root.bounds.min() - self.start.origin, root.bounds.max() - self.start.origin);
         let (low, high) = (Lanes3::splat(self.simd, low), Lanes3::splat(self.simd, high));
-        let mut groups = self.bundle.alive;
+        let mut groups = self.packet.alive;
         while groups != 0 {
-            let group = groups.trailing_zeros() as usize % GROUPS;
+            let group = groups.trailing_zeros() as usize % PACKET_GROUPS;
             groups &= groups - 1;
-            self.bundle.entered[group] |= self.crossing_rays(&low, &high, group) as u8;
+            self.packet.entered[group] |= self.crossing_rays(&low, &high, group) as u8;
         }
     }
 
@@ -260,12 +258,12 @@ impl<S: Simd, const ANY: bool> Trace<'_, S, ANY> {
     #[inline(always)]
     fn visit(&mut self, wide: &Wide, groups: u32) {
         let boxes = self.boxes(wide);
-        let first = self.bundle.stack.len();
+        let first = self.packet.stack.len();
         let mut left = boxes.lanes;
         while left != 0 {
             let lane = left.trailing_zeros() as usize % LANES;
             left &= left - 1;
-            let few = |groups: u32| groups.count_ones() <= FEW_GROUPS;
+            let few = |groups: u32| groups.count_ones() <= SLAB_TEST_MAX_GROUPS;
             let mut groups = if few(groups) { groups } else { self.touching(&boxes, lane, groups) };
             if few(groups) {
                 groups = self.crossing(boxes.low.at(lane), boxes.high.at(lane), groups);
@@ -273,7 +271,7 @@ impl<S: Simd, const ANY: bool> Trace<'_, S, ANY> {
             if groups == 0 {
                 continue;
             }
-            let stack = &mut self.bundle.stack;
+            let stack = &mut self.packet.stack;
             let entry = Entry { near: boxes.distance.array()[lane], child: wide.children[lane], groups };
             let mut at = stack.len();
             stack.push(entry);
@@ -290,7 +288,7 @@ impl<S: Simd, const ANY: bool> Trace<'_, S, ANY> {
     fn boxes(&self, wide: &Wide) -> Boxes {
         let simd = self.simd;
         let splat = |value: f32| Lanes::splat(simd, value);
-        let (radius, zero) = (splat(self.bundle.radius), splat(0.0));
+        let (radius, zero) = (splat(self.packet.radius), splat(0.0));
         let origin = Lanes3::splat(simd, self.start.origin);
         let up = Lanes3::splat(simd, self.start.turn.z_axis);
         let (low, high) = (wide.low.load(simd).minus(&origin), wide.high.load(simd).minus(&origin));
@@ -333,10 +331,10 @@ impl<S: Simd, const ANY: bool> Trace<'_, S, ANY> {
         let distance = splat(boxes.distance.array()[lane] * 0.999_99);
         let mut kept = 0;
         for (eight, cones) in self.rays.cones(self.chunk).iter().enumerate() {
-            let reach = self.bundle.reach[eight].load(simd);
+            let reach = self.packet.reach[eight].load(simd);
             // Between axis and centre is at most the cone's half angle and that under which the ball is seen; all of it
             // times the distance of the centre.
-            let along = self.bundle.axes[eight].load(simd).dot(&center);
+            let along = self.packet.axes[eight].load(simd).dot(&center);
             let touched = (along + cones.sin.load(simd) * ball).simd_ge(cones.cos.load(simd) * tangent)
                 & (reach * reach).simd_ge(distance);
             kept |= bits(touched) << (eight * LANES);
@@ -351,7 +349,7 @@ impl<S: Simd, const ANY: bool> Trace<'_, S, ANY> {
         let mut left = groups;
         let mut kept = 0;
         while left != 0 {
-            let group = left.trailing_zeros() as usize % GROUPS;
+            let group = left.trailing_zeros() as usize % PACKET_GROUPS;
             left &= left - 1;
             kept |= u32::from(self.crossing_rays(&low, &high, group) != 0) << group;
         }
@@ -362,7 +360,7 @@ impl<S: Simd, const ANY: bool> Trace<'_, S, ANY> {
     #[inline(always)]
     fn crossing_rays(&self, low: &Lanes3<S>, high: &Lanes3<S>, group: usize) -> u32 {
         let simd = self.simd;
-        let inverse = self.bundle.inverses[group].load(simd);
+        let inverse = self.packet.inverses[group].load(simd);
         let ends = |low: Lanes<S>, high: Lanes<S>, inverse: Lanes<S>| {
             let (a, b) = (low * inverse, high * inverse);
             (a.min(b), a.max(b))
@@ -370,7 +368,7 @@ impl<S: Simd, const ANY: bool> Trace<'_, S, ANY> {
         let (x, y) = (ends(low.x, high.x, inverse.x), ends(low.y, high.y, inverse.y));
         let z = ends(low.z, high.z, inverse.z);
         let enter = x.0.max(y.0).max(z.0).max(Lanes::splat(simd, 0.0));
-        let leave = x.1.min(y.1).min(z.1).min(self.bundle.best[group].load(simd));
+        let leave = x.1.min(y.1).min(z.1).min(self.packet.best[group].load(simd));
         bits(leave.simd_ge(enter))
     }
 
@@ -378,35 +376,35 @@ impl<S: Simd, const ANY: bool> Trace<'_, S, ANY> {
     #[inline(always)]
     fn leaf(&mut self, node: &Node, groups: u32) {
         let simd = self.simd;
-        let slack = 1e-5 * self.bundle.radius;
+        let slack = 1e-5 * self.packet.radius;
         let low = Lanes3::splat(simd, node.bounds.min() - self.start.origin - slack);
         let high = Lanes3::splat(simd, node.bounds.max() - self.start.origin + slack);
         let masked = u32::from(self.blas.masked_lanes(node.first));
-        let mut rays_of = [0; GROUPS];
+        let mut rays_of = [0; PACKET_GROUPS];
         let (mut few, mut many) = (0, 0);
         let mut left = groups;
         while left != 0 {
-            let group = left.trailing_zeros() as usize % GROUPS;
+            let group = left.trailing_zeros() as usize % PACKET_GROUPS;
             left &= left - 1;
             let rays = self.crossing_rays(&low, &high, group);
             rays_of[group] = rays as u8;
-            let is_many = masked != 0 || rays.count_ones() > FEW_RAYS;
+            let is_many = masked != 0 || rays.count_ones() > SINGLE_RAY_MAX_RAYS;
             many |= u32::from(is_many && rays != 0) << group;
             few |= u32::from(!is_many && rays != 0) << group;
         }
         if few | many == 0 {
             return;
         }
-        let seen = self.blas.block(node.first).seen(simd, self.start.origin);
-        let prepared = seen.prepared();
+        let lanes = self.blas.block(node.first).setup_lanes(simd, self.start.origin);
+        let prepared = lanes.in_memory();
         while few != 0 {
-            let group = few.trailing_zeros() as usize % GROUPS;
+            let group = few.trailing_zeros() as usize % PACKET_GROUPS;
             few &= few - 1;
             self.by_ray(&prepared, rays_of[group].into(), group);
         }
         if many != 0 {
-            let reachable = seen.within(self.start.turn.z_axis, self.bundle.radius);
-            self.groups(node, &prepared, &reachable, masked, many);
+            let culling = lanes.culling(self.start.turn.z_axis, self.packet.radius);
+            self.groups(node, &prepared, &culling, masked, many);
         }
     }
 
@@ -415,16 +413,16 @@ impl<S: Simd, const ANY: bool> Trace<'_, S, ANY> {
     fn groups(
         &mut self,
         node: &Node,
-        prepared: &Prepared,
-        reachable: &Reachable,
+        prepared: &BlockSetup,
+        culling: &BlockCulling,
         masked: u32,
         mut left: u32,
     ) {
         let used = (1 << node.count) - 1;
         while left != 0 {
-            let group = left.trailing_zeros() as usize % GROUPS;
+            let group = left.trailing_zeros() as usize % PACKET_GROUPS;
             left &= left - 1;
-            let lanes = reachable.by(self.simd, prepared, &self.pencil(group)) & used;
+            let lanes = culling.lanes_met(self.simd, prepared, &self.cone(group)) & used;
             if lanes & !masked != 0 {
                 self.by_triangle(prepared, lanes & !masked, group);
             }
@@ -434,8 +432,8 @@ impl<S: Simd, const ANY: bool> Trace<'_, S, ANY> {
                 lanes &= lanes - 1;
                 let triangle = self.blas.triangle_at(node.first, lane);
                 let accept = self.accept;
-                self.meet_masked(&prepared.facet(lane), group, &|meeting| {
-                    accept(&BlasHit { meeting, triangle })
+                self.intersect_masked(&prepared.triangle(lane), group, &|intersection| {
+                    accept(&BlasHit { intersection, triangle })
                 });
             }
         }
@@ -443,66 +441,75 @@ impl<S: Simd, const ANY: bool> Trace<'_, S, ANY> {
 
     /// The cone of a group and how far its rays go.
     #[inline(always)]
-    fn pencil(&self, group: usize) -> Pencil {
+    fn cone(&self, group: usize) -> RayCone {
         let (eight, lane) = (group / LANES, group % LANES);
-        Pencil {
-            axis: self.bundle.axes[eight].at(lane),
+        RayCone {
+            axis: self.packet.axes[eight].at(lane),
             spread: self.rays.cones(self.chunk)[eight].spread.array()[lane],
-            reach: self.bundle.reach[eight].array()[lane],
+            reach: self.packet.reach[eight].array()[lane],
         }
     }
 
     /// Some rays of a group, one by one, against the eight triangles of a block at once.
     #[inline(always)]
-    fn by_ray(&mut self, prepared: &Prepared, mut rays: u32, group: usize) {
-        let mut best = self.bundle.best[group];
+    fn by_ray(&mut self, prepared: &BlockSetup, mut rays: u32, group: usize) {
+        let mut best = self.packet.best[group];
         let mut learnt = false;
         while rays != 0 {
             let ray = rays.trailing_zeros() as usize % LANES;
             rays &= rays - 1;
-            let direction = self.bundle.directions[group].at(ray);
+            let direction = self.packet.directions[group].at(ray);
             let known = &mut best.array_mut()[ray];
             if let Some(t) = prepared.nearest(self.simd, direction, *known) {
-                *known = if ANY { DONE } else { t };
+                *known = if ANY { RAY_DONE } else { t };
                 learnt = true;
             }
         }
         if learnt {
-            self.bundle.learn(group, best);
+            self.packet.learn(group, best);
         }
     }
 
     /// All rays of a group against the triangles `lanes` of a block, none of them masked, one by one.
     #[inline(always)]
-    fn by_triangle(&mut self, prepared: &Prepared, mut lanes: u32, group: usize) {
+    fn by_triangle(&mut self, prepared: &BlockSetup, mut lanes: u32, group: usize) {
         let simd = self.simd;
-        let directions = self.bundle.directions[group].load(simd);
-        let mut best = self.bundle.best[group].load(simd);
+        let directions = self.packet.directions[group].load(simd);
+        let mut best = self.packet.best[group].load(simd);
         let mut learnt = false;
         while lanes != 0 {
             let lane = lanes.trailing_zeros() as usize % LANES;
             lanes &= lanes - 1;
-            if let Some(shorter) = prepared.facet(lane).shorten(&directions, best, ANY.then_some(DONE)) {
+            if let Some(shorter) = prepared.triangle(lane).shorten(&directions, best, ANY.then_some(RAY_DONE))
+            {
                 (best, learnt) = (shorter, true);
             }
         }
         if learnt {
-            self.bundle.learn(group, best.into());
+            self.packet.learn(group, best.into());
         }
     }
 
     /// One masked triangle: `opaque` decides about each hit that is nearer than what is known.
     #[inline(never)]
-    fn meet_masked(&mut self, facet: &Facet, group: usize, opaque: &dyn Fn(Meeting) -> bool) {
-        let mut best = self.bundle.best[group];
+    fn intersect_masked(
+        &mut self,
+        triangle: &TriangleSetup,
+        group: usize,
+        opaque: &dyn Fn(Intersection) -> bool,
+    ) {
+        let mut best = self.packet.best[group];
         for ray in 0..LANES {
-            let meeting = facet.meet(self.bundle.directions[group].at(ray));
-            let Some(meeting) = meeting.filter(|meeting| meeting.t < best.array()[ray]) else { continue };
-            if opaque(meeting) {
-                best.array_mut()[ray] = if ANY { DONE } else { meeting.t };
+            let intersection = triangle.intersect(self.packet.directions[group].at(ray));
+            let Some(intersection) = intersection.filter(|intersection| intersection.t < best.array()[ray])
+            else {
+                continue;
+            };
+            if opaque(intersection) {
+                best.array_mut()[ray] = if ANY { RAY_DONE } else { intersection.t };
             }
         }
-        self.bundle.learn(group, best);
+        self.packet.learn(group, best);
     }
 }
 

@@ -4,10 +4,10 @@ use psao_codec::memory;
 use psao_proto::message::CameraPose;
 
 use super::field::Field;
-use super::nearness::Nearness;
-use crate::bvh::World;
+use super::screen_area::ScreenArea;
 use crate::points::ScenePoints;
 use crate::scene::InstanceId;
+use crate::world::SceneBvh;
 
 /// Rays that a frame may take, and how long points wait at most because of it.
 ///
@@ -31,7 +31,7 @@ impl RayBudget {
 
 /// What a frame left for later ones.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Waiting {
+pub struct RayBacklog {
     /// Points in view whose AO is not what tracing them now would give.
     pub points: u32,
     /// Frames that the oldest of them has waited.
@@ -40,7 +40,7 @@ pub struct Waiting {
 
 /// Chooses the chunks.
 #[derive(Debug)]
-pub(super) struct Ration {
+pub(super) struct RayScheduler {
     /// By chunk.
     states: Vec<ChunkState>,
 }
@@ -55,9 +55,9 @@ struct ChunkState {
     chosen: bool,
 }
 
-impl Ration {
+impl RayScheduler {
     /// Bytes held.
-    pub(super) fn held(&self) -> usize {
+    pub(super) fn heap_bytes(&self) -> usize {
         memory::list(&self.states)
     }
 
@@ -82,10 +82,10 @@ impl Ration {
         &mut self,
         budget: RayBudget,
         stale: &[u32],
-        place: (&World, &ScenePoints, &Field),
+        place: (&SceneBvh, &ScenePoints, &Field),
         cameras: &[CameraPose],
     ) {
-        let near = Nearness::new(cameras);
+        let near = ScreenArea::new(cameras);
         let mut order: Vec<(bool, u64, usize)> = Vec::new();
         for (chunk, (state, &stale)) in self.states.iter_mut().zip(stale).enumerate() {
             state.chosen = false;
@@ -110,8 +110,8 @@ impl Ration {
     }
 
     /// The frame is over: `traced` has points and rays of each chunk, `stale` its stale points in view before. What is left.
-    pub(super) fn settle(&mut self, traced: impl Iterator<Item = (u32, u64)>, stale: &[u32]) -> Waiting {
-        let mut waiting = Waiting::default();
+    pub(super) fn settle(&mut self, traced: impl Iterator<Item = (u32, u64)>, stale: &[u32]) -> RayBacklog {
+        let mut waiting = RayBacklog::default();
         for ((state, (points, rays)), &stale) in self.states.iter_mut().zip(traced).zip(stale) {
             if state.chosen || stale == 0 {
                 state.age = 0;
@@ -129,7 +129,7 @@ impl Ration {
 }
 
 /// How large the points of a chunk are on the screen.
-fn weight(near: &Nearness, (world, points, field): (&World, &ScenePoints, &Field), chunk: usize) -> u16 {
+fn weight(near: &ScreenArea, (world, points, field): (&SceneBvh, &ScenePoints, &Field), chunk: usize) -> u16 {
     let chunk = &field.chunks()[chunk];
     let middle = field.placed().local(chunk.instance)[usize::midpoint(chunk.points.start, chunk.points.end)];
     let at = world.placement(InstanceId(chunk.instance as u32));

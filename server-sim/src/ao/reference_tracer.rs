@@ -1,5 +1,5 @@
-//! Single rays through the box tree of `obvhs`, one triangle at a time, in double precision: the plain twin that the
-//! bundles are measured by and held against. It shares neither tree layout nor arithmetic with them.
+//! Single rays through the box tree of `obvhs`, one triangle at a time, in double precision: the reference that the
+//! packets are measured by and compared with. It shares neither tree layout nor arithmetic with them.
 
 use std::time::Duration;
 
@@ -9,16 +9,16 @@ use obvhs::bvh2::builder::build_bvh2_from_tris;
 use obvhs::ray::{Ray as PlainRay, RayHit};
 use obvhs::{BvhBuildParams, triangle::Triangle};
 
-use super::probe::Ray;
+use super::ray_workload::Ray;
 
 /// Triangles of a world, all in one tree.
-pub struct Twin {
+pub struct ReferenceTracer {
     bvh: Bvh2,
     /// In the order of the leaves.
     triangles: Vec<[DVec3; 3]>,
 }
 
-impl Twin {
+impl ReferenceTracer {
     /// Builds the tree. Triangles with a corner that is not finite are left out.
     #[must_use]
     pub fn new(triangles: &[[Vec3; 3]]) -> Self {
@@ -67,7 +67,7 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::ao::{AoSettings, Instructions, Occlusion, Probe, Scratch, Tracer};
+    use crate::ao::{AoSettings, Instructions, Occlusion, RayWorkload, Scratch, Tracer};
     use crate::points::{PointSettings, generate};
     use crate::scene::Scene;
 
@@ -80,10 +80,10 @@ mod tests {
             for kind in [Occlusion::Obscurance, Occlusion::Binary] {
                 let ao = AoSettings { rays: 48, kind, ..AoSettings::default() };
                 let tracer = Tracer::new(ao).unwrap();
-                let probe = Probe::new(&scene, &points, tracer.clone(), 150, 7);
+                let probe = RayWorkload::new(&scene, &points, tracer.clone(), 150, 7);
                 assert_eq!(probe.points(), 150);
                 let found = probe.distances(&mut Scratch::default());
-                let twin = Twin::new(&probe.triangles());
+                let twin = ReferenceTracer::new(&probe.triangles());
                 let (mut hits, mut differ) = (0, 0);
                 for (ray, &fast) in probe.rays().iter().zip(&found) {
                     let slow = twin.closest(ray);

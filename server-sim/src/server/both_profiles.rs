@@ -14,14 +14,14 @@ use super::stats::Lap;
 use super::stream::{Frame, Stream};
 use super::tracing::Tracing;
 use super::{ProgressFn, Server, ServerError, ServerSettings, StepOutput};
-use crate::bvh::World;
 use crate::clock::Clock;
 use crate::points::PointCache;
 use crate::scene::Scene;
+use crate::world::SceneBvh;
 
 /// A value for each profile.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Each<T> {
+pub struct PerProfile<T> {
     /// Of profile `paper`.
     pub paper: T,
     /// Of profile `surface`.
@@ -31,13 +31,13 @@ pub struct Each<T> {
 /// A server of both profiles. The bytes of each are those that a [`Server`] of that profile alone writes.
 pub struct BothProfiles {
     tracing: Tracing,
-    tables: Each<SceneTable>,
-    streams: Each<Stream>,
+    tables: PerProfile<SceneTable>,
+    streams: PerProfile<Stream>,
 }
 
 /// How far what clients hold is from the AO as it was traced: neither rounded nor held back by a threshold.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct AoError {
+pub struct AoErrorStats {
     /// Points compared: those in view that the client holds.
     pub points: u64,
     /// Points in view that the client does not hold, left out of the rest.
@@ -50,7 +50,7 @@ pub struct AoError {
     pub max: f64,
 }
 
-impl AoError {
+impl AoErrorStats {
     /// Adds a point: what the client holds, if anything, and what was traced, 0 to 1.
     fn add(&mut self, held: Option<u8>, exact: f32) {
         let Some(held) = held else {
@@ -110,20 +110,20 @@ impl BothProfiles {
         let cells = CellsStream::new(&tracing, layout, &paper)?;
         Ok(Self {
             tracing,
-            tables: Each { paper: paper_table, surface: table },
-            streams: Each { paper: Stream::Cells(Box::new(cells)), surface: stream },
+            tables: PerProfile { paper: paper_table, surface: table },
+            streams: PerProfile { paper: Stream::Cells(Box::new(cells)), surface: stream },
         })
     }
 
     /// What clients are told first.
     #[must_use]
-    pub fn tables(&self) -> &Each<SceneTable> {
+    pub fn tables(&self) -> &PerProfile<SceneTable> {
         &self.tables
     }
 
     /// The scene as of the last step.
     #[must_use]
-    pub fn world(&self) -> &World {
+    pub fn world(&self) -> &SceneBvh {
         &self.tracing.world
     }
 
@@ -137,14 +137,14 @@ impl BothProfiles {
         time: StreamTime,
         cameras: &[CameraPose],
         clock: &dyn Clock,
-    ) -> Result<Each<StepOutput>, ServerError> {
+    ) -> Result<PerProfile<StepOutput>, ServerError> {
         let mut lap = Lap::new(clock);
         let first = self.streams.paper.last().is_none();
         let traced = self.tracing.advance(time, cameras, first, &mut lap);
         let frame = Frame { index, time, cameras };
         let paper = self.streams.paper.write(&self.tracing, frame, traced, &mut lap)?;
         let surface = self.streams.surface.write(&self.tracing, frame, traced, &mut lap)?;
-        Ok(Each { paper, surface })
+        Ok(PerProfile { paper, surface })
     }
 
     /// Keyframes of the last step's state, as [`Server::keyframe`].
@@ -155,9 +155,9 @@ impl BothProfiles {
         &self,
         frame: FrameIndex,
         time: StreamTime,
-        coders: Each<BlockCoder>,
-    ) -> Result<Each<Vec<u8>>, ServerError> {
-        Ok(Each {
+        coders: PerProfile<BlockCoder>,
+    ) -> Result<PerProfile<Vec<u8>>, ServerError> {
+        Ok(PerProfile {
             paper: self.streams.paper.keyframe(&self.tracing, frame, time, coders.paper)?,
             surface: self.streams.surface.keyframe(&self.tracing, frame, time, coders.surface)?,
         })
@@ -166,18 +166,19 @@ impl BothProfiles {
     /// Error of what clients hold after the last step, over the points in view. For `surface` that is what `client`
     /// says; for `paper`, what the points were sent as that have a slot in the client's tables.
     #[must_use]
-    pub fn errors(&self, client: &surface::State) -> Each<AoError> {
-        let mut errors = Each::<AoError>::default();
+    pub fn errors(&self, client: &surface::State) -> PerProfile<AoErrorStats> {
+        let mut errors = PerProfile::<AoErrorStats>::default();
         let Tracing { field, points, .. } = &self.tracing;
         for chunk in field.chunks() {
             let numbers = self.tracing.numbers(chunk.instance);
             let held = client.values(chunk.instance as u32);
             for (place, point, _) in field.visible(chunk) {
+                let place = place.index();
                 let Some(exact) = field.exact(point) else { continue };
                 let here = client.is_present(chunk.instance as u32, place / surface::BLOCK_POINTS);
                 errors.surface.add(held.get(place).copied().filter(|_| here), exact);
                 if let Stream::Cells(stream) = &self.streams.paper {
-                    let id = points.firsts()[chunk.instance] + numbers[place];
+                    let id = points.offsets()[chunk.instance] + numbers[place];
                     let stored = stream.encoder.placement(id) == Some(Placement::Stored);
                     errors.paper.add(stream.sent.ao(id).filter(|_| stored), exact);
                 }

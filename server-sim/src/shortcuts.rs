@@ -1,9 +1,9 @@
-//! What a server leaves out because it cannot change anything.
+//! Optimisations that do not change the output.
 
 use std::ops::{BitOr, Sub};
 
-/// A set of things that a server does not do because the result would be the same. Each can be left away, to check that
-/// and to measure what it saves: every frame is the same to the bit, unless a budget of rays chooses what is traced.
+/// A set of optimisations that do not change the output. Each can be switched off, to verify that and to measure what it
+/// saves. Every frame is bit-identical without them, unless a budget of rays chooses what is traced.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shortcuts(u16);
 
@@ -16,7 +16,7 @@ impl Shortcuts {
     pub const ALONE: Self = Self(2);
     /// What the rays of a point met in its own body is remembered as long as that keeps its shape, so that only the rest
     /// is traced.
-    pub const REMEMBERED: Self = Self(4);
+    pub const SELF_HITS: Self = Self(4);
     /// Only hits on faces with a mask are looked up in a texture.
     pub const MASKS: Self = Self(8);
     /// Only instances with a skin, morph targets or a changing scale are posed vertex by vertex, their trees adapted and
@@ -28,19 +28,19 @@ impl Shortcuts {
     pub const HIDDEN: Self = Self(64);
     /// Points that no camera's widened view holds are not traced before they come into view.
     pub const OUT_OF_VIEW: Self = Self(128);
-    /// What never moves is one body with one tree, not a body for each instance.
-    pub const STILL: Self = Self(256);
+    /// All static instances share one body with one tree, instead of a body for each.
+    pub const STATIC_BATCH: Self = Self(256);
     /// Each of them alone.
     pub const EACH: [Self; 9] = [
         Self::UNTOUCHED,
         Self::ALONE,
-        Self::REMEMBERED,
+        Self::SELF_HITS,
         Self::MASKS,
         Self::RIGID,
         Self::SHAPES,
         Self::HIDDEN,
         Self::OUT_OF_VIEW,
-        Self::STILL,
+        Self::STATIC_BATCH,
     ];
     /// All of them.
     pub const ALL: Self = Self(511);

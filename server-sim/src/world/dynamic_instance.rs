@@ -4,55 +4,52 @@ use std::sync::Arc;
 
 use psao_codec::memory;
 
-use super::blas::Blas;
-use super::bodies::{Body, Placement};
-use super::bounds::Bounds;
-use super::world::{build, corners, placement};
-use crate::points::PosedMesh;
-use crate::scene::{Geometry, InstanceId, Motion, Scene, ScenePose};
-use crate::server::Shortcuts;
+use super::build::{build, corners, placement};
+use crate::bvh::{Blas, BlasInstance, Bounds, Placement};
+use crate::scene::{Geometry, InstanceId, Motion, PosedMesh, Scene, ScenePose};
+use crate::shortcuts::Shortcuts;
 
 /// What happened to an instance from one moment to the next.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) enum Stir {
+pub(crate) enum InstanceChange {
     /// Nothing: every bit is the same.
-    Still,
+    Unchanged,
     /// It moved as a rigid body, or came or went.
-    Moved(Swept),
+    Moved(SweptBounds),
     /// Its local geometry changed too.
-    Deformed(Swept),
-    /// It left the body that the still ones share, for one of its own: both are others than before.
-    Left(Swept),
+    Deformed(SweptBounds),
+    /// It was moved out of the shared static BLAS into its own. Both BLASes changed.
+    Detached(SweptBounds),
 }
 
-/// Where an instance was before and is now, as far as it was and is there.
+/// Bounds of an instance before and after a change, as far as it was and is visible.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Swept {
+pub(crate) struct SweptBounds {
     /// All of it.
     pub(crate) bounds: Bounds,
     /// The same in parts: every triangle, before and after, is in one of them.
     pub(crate) parts: Vec<Bounds>,
 }
 
-impl Stir {
+impl InstanceChange {
     /// Where the world may have changed.
-    pub(crate) fn swept(&self) -> Option<&Swept> {
+    pub(crate) fn swept(&self) -> Option<&SweptBounds> {
         match self {
-            Self::Still => None,
-            Self::Moved(swept) | Self::Deformed(swept) | Self::Left(swept) => Some(swept),
+            Self::Unchanged => None,
+            Self::Moved(swept) | Self::Deformed(swept) | Self::Detached(swept) => Some(swept),
         }
     }
 }
 
-/// An instance with a body of its own, and what it is made of now.
+/// An instance with a body of its own, in its current pose.
 #[derive(Clone, Debug)]
-pub(super) struct Mover {
+pub(super) struct DynamicInstance {
     pub(super) instance: usize,
     pub(super) placement: Placement,
     pub(super) visible: bool,
     pub(super) bounds: Bounds,
     pub(super) blas: Arc<Blas>,
-    /// World bounds of the nodes `cut` of the tree.
+    /// Bounds in world space of the nodes `cut` of the tree.
     parts: Vec<Bounds>,
     cut: Vec<u32>,
     /// Geometry of an instance that is posed vertex by vertex, and the work its tree took when it was built.
@@ -67,12 +64,12 @@ struct Shape {
 }
 
 /// Parts that a moving instance is cut into, to tell what it comes near.
-const PARTS: usize = 32;
+const SWEPT_PARTS: usize = 32;
 
-/// A refitted tree that costs this many times as much as when it was built is built anew.
-const WORN: f32 = 1.6;
+/// A refitted tree is built anew once its cost exceeds the cost at its build by this factor.
+const REBUILD_COST_RATIO: f32 = 1.6;
 
-impl Mover {
+impl DynamicInstance {
     /// An instance at a pose of its scene; `rest` is its mesh at rest, where it does not deform.
     pub(super) fn posed(
         scene: &Arc<Scene>,
@@ -98,17 +95,18 @@ impl Mover {
 
     /// An instance that does not deform, in sight.
     pub(super) fn rigid(instance: usize, blas: Arc<Blas>, placement: Placement) -> Self {
-        let bounds = Body::new(Arc::clone(&blas), placement).bounds();
-        let cut = blas.tree().cut(PARTS);
+        let bounds = BlasInstance::new(Arc::clone(&blas), placement).bounds();
+        let cut = blas.tree().cut(SWEPT_PARTS);
         let parts = parts(&blas, &cut, &placement);
         Self { instance, placement, visible: true, bounds, blas, parts, cut, shape: None }
     }
 
-    /// Bytes held; of the tree, only where it is not `rest`, which movers share.
-    pub(super) fn held(&self, rest: Option<&Arc<Blas>>) -> usize {
+    /// Bytes held. The tree counts only where it is not `rest`, which instances share.
+    pub(super) fn heap_bytes(&self, rest: Option<&Arc<Blas>>) -> usize {
         let shared = rest.is_some_and(|rest| Arc::ptr_eq(rest, &self.blas));
-        let tree = if shared { 0 } else { self.blas.held() };
-        let shape = self.shape.as_ref().map_or(0, |shape| shape.geometry.held() + shape.spare.held());
+        let tree = if shared { 0 } else { self.blas.heap_bytes() };
+        let shape =
+            self.shape.as_ref().map_or(0, |shape| shape.geometry.heap_bytes() + shape.spare.heap_bytes());
         tree + memory::list(&self.parts) + memory::list(&self.cut) + shape
     }
 
@@ -118,7 +116,12 @@ impl Mover {
     }
 
     /// Moves on to another pose.
-    pub(super) fn update(&mut self, scene: &Arc<Scene>, pose: &ScenePose, shortcuts: Shortcuts) -> Stir {
+    pub(super) fn update(
+        &mut self,
+        scene: &Arc<Scene>,
+        pose: &ScenePose,
+        shortcuts: Shortcuts,
+    ) -> InstanceChange {
         let at = &pose.instances()[self.instance];
         let now = placement(at.frame());
         let was_visible = std::mem::replace(&mut self.visible, at.visible());
@@ -127,17 +130,21 @@ impl Mover {
         let posed = self.visible || !shortcuts.contains(Shortcuts::HIDDEN);
         let (deformed, rebuilt) = if posed { self.deform(scene, pose, shortcuts) } else { (false, false) };
         if !moved && !deformed {
-            return Stir::Still;
+            return InstanceChange::Unchanged;
         }
-        let bounds = Body::new(Arc::clone(&self.blas), now).bounds();
+        let bounds = BlasInstance::new(Arc::clone(&self.blas), now).bounds();
         let parts = parts(&self.blas, &self.cut, &now);
         let before =
             (std::mem::replace(&mut self.bounds, bounds), std::mem::replace(&mut self.parts, parts.clone()));
         let there = |visible: bool, (bounds, parts): (Bounds, Vec<Bounds>)| {
-            if visible { Swept { bounds, parts } } else { Swept { bounds: Bounds::EMPTY, parts: Vec::new() } }
+            if visible {
+                SweptBounds { bounds, parts }
+            } else {
+                SweptBounds { bounds: Bounds::EMPTY, parts: Vec::new() }
+            }
         };
         let swept = there(was_visible, before).with(there(self.visible, (bounds, parts)), !rebuilt);
-        if deformed { Stir::Deformed(swept) } else { Stir::Moved(swept) }
+        if deformed { InstanceChange::Deformed(swept) } else { InstanceChange::Moved(swept) }
     }
 
     /// Brings the geometry of an instance that is posed vertex by vertex up to date; says whether to take it for another
@@ -159,13 +166,13 @@ impl Mover {
         let posed = PosedMesh::posed(scene, scene.rest(instance), &shape.geometry);
         let blas = Arc::make_mut(blas);
         blas.refit(&corners(&posed));
-        let worn = blas.cost() > WORN * shape.built_cost;
-        if worn {
+        let rebuilds = blas.cost() > REBUILD_COST_RATIO * shape.built_cost;
+        if rebuilds {
             *blas = build(&posed, shortcuts);
             shape.built_cost = blas.cost();
-            self.cut = blas.tree().cut(PARTS);
+            self.cut = blas.tree().cut(SWEPT_PARTS);
         }
-        (deforming, worn)
+        (deforming, rebuilds)
     }
 }
 
@@ -176,7 +183,7 @@ impl Shape {
     }
 }
 
-impl Swept {
+impl SweptBounds {
     /// Both together. `paired` says that the parts are those of the same triangles: then boxes that touch become one.
     fn with(self, other: Self, paired: bool) -> Self {
         let bounds = self.bounds.union(other.bounds);
@@ -196,7 +203,7 @@ impl Swept {
     }
 }
 
-/// World bounds of some nodes of a body's tree.
+/// Bounds in world space of some nodes of a body's tree.
 fn parts(blas: &Blas, cut: &[u32], at: &Placement) -> Vec<Bounds> {
     let nodes = blas.tree().nodes();
     cut.iter().map(|&node| nodes[node as usize].bounds.transformed(at.rotation, at.translation)).collect()

@@ -1,5 +1,6 @@
-//! Bodies placed in the world by rigid transforms, and which of them a ray or a ball may meet.
+//! Triangle trees placed in the world by rigid transforms, and which of them a ray or a ball may meet.
 
+use std::num::NonZeroU32;
 use std::sync::Arc;
 
 use glam::{Mat3, Vec3};
@@ -47,15 +48,15 @@ impl Placement {
     }
 }
 
-/// Triangles somewhere in the world; several bodies may share them.
+/// A body: a BLAS placed in the world. Several bodies may share one BLAS.
 #[derive(Clone, Debug)]
-pub(crate) struct Body {
+pub(crate) struct BlasInstance {
     pub(crate) blas: Arc<Blas>,
     pub(crate) placement: Placement,
     bounds: Bounds,
 }
 
-impl Body {
+impl BlasInstance {
     pub(crate) fn new(blas: Arc<Blas>, placement: Placement) -> Self {
         let bounds = blas.bounds();
         let bounds = if placement == Placement::IDENTITY {
@@ -72,26 +73,44 @@ impl Body {
     }
 }
 
-/// All bodies of one moment.
+/// Number of a body in its [`Tlas`]. It is stored plus one, so that an `Option` of it has the same size.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct BodyId(NonZeroU32);
+
+impl BodyId {
+    /// The body at `index` of the list.
+    #[inline(always)]
+    pub(crate) fn new(index: u32) -> Self {
+        Self(NonZeroU32::MIN.saturating_add(index))
+    }
+
+    /// Index in the list of bodies.
+    #[inline(always)]
+    pub(crate) fn index(self) -> usize {
+        self.0.get() as usize - 1
+    }
+}
+
+/// The top-level tree: all bodies of one moment.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Bodies {
-    list: Vec<Body>,
+pub(crate) struct Tlas {
+    list: Vec<BlasInstance>,
     top: Tree,
 }
 
-impl Bodies {
-    pub(crate) fn new(list: Vec<Body>) -> Self {
-        let boxes: Vec<Bounds> = list.iter().map(Body::bounds).collect();
+impl Tlas {
+    pub(crate) fn new(list: Vec<BlasInstance>) -> Self {
+        let boxes: Vec<Bounds> = list.iter().map(BlasInstance::bounds).collect();
         Self { top: Tree::build(&boxes, 2, 1, Effort::Quick), list }
     }
 
     /// Bytes held, but for what bodies share.
-    pub(super) fn held(&self) -> usize {
-        memory::list(&self.list) + self.top.held()
+    pub(crate) fn heap_bytes(&self) -> usize {
+        memory::list(&self.list) + self.top.heap_bytes()
     }
 
     #[inline(always)]
-    pub(crate) fn list(&self) -> &[Body] {
+    pub(crate) fn list(&self) -> &[BlasInstance] {
         &self.list
     }
 
@@ -101,17 +120,17 @@ impl Bodies {
     }
 
     /// Puts into `near` the bodies of which some leaf touches the closed ball, in an order that depends on the bodies only.
-    pub(crate) fn near(&self, center: Vec3, radius: f32, stack: &mut Vec<u32>, near: &mut Vec<u32>) {
+    pub(crate) fn near(&self, center: Vec3, radius: f32, stack: &mut Vec<u32>, near: &mut Vec<BodyId>) {
         near.clear();
         let limit = radius * radius;
         self.top.near(center, radius, stack, |body| {
             if self.list[body as usize].bounds.distance_squared(center) <= limit {
-                near.push(body);
+                near.push(BodyId::new(body));
             }
         });
         // The bounds of all that stands still are those of the whole scene, and say little.
-        near.retain(|&number| {
-            let Body { blas, placement, .. } = &self.list[number as usize];
+        near.retain(|&id| {
+            let BlasInstance { blas, placement, .. } = &self.list[id.index()];
             blas.tree().touches(placement.local_point(center), radius, stack)
         });
     }
@@ -123,8 +142,8 @@ impl Bodies {
         direction: Vec3,
         tmax: f32,
         any: bool,
-        accept: impl Fn(u32, &BlasHit) -> bool,
-    ) -> Option<(u32, BlasHit)> {
+        accept: impl Fn(BodyId, &BlasHit) -> bool,
+    ) -> Option<(BodyId, BlasHit)> {
         let inverse = direction.recip();
         let mut entered: Vec<(f32, u32)> = Vec::new();
         let enter = |bounds: &Bounds| bounds.entry(origin, inverse, tmax);
@@ -139,7 +158,7 @@ impl Bodies {
             },
         );
         entered.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        let mut best: Option<(u32, BlasHit)> = None;
+        let mut best: Option<(BodyId, BlasHit)> = None;
         let mut limit = tmax;
         for (near, member) in entered {
             if near > limit {
@@ -148,10 +167,11 @@ impl Bodies {
             let body = &self.list[member as usize];
             let (from, along) =
                 (body.placement.local_point(origin), body.placement.local_direction(direction));
-            let hit = body.blas.nearest(from, along, limit, any, |hit| accept(member, hit));
+            let id = BodyId::new(member);
+            let hit = body.blas.nearest(from, along, limit, any, |hit| accept(id, hit));
             if let Some(hit) = hit {
-                limit = hit.meeting.t;
-                best = Some((member, hit));
+                limit = hit.intersection.t;
+                best = Some((id, hit));
                 if any {
                     break;
                 }
@@ -164,50 +184,53 @@ impl Bodies {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bvh::blas::naive;
+    use crate::bvh::blas::reference;
 
     #[test]
     fn placed_bodies_are_hit_where_they_stand() {
-        let cube = Arc::new(Blas::build(&naive::cube(0.5), Effort::Best));
+        let cube = Arc::new(Blas::build(&reference::cube(0.5), Effort::Best));
         let turn = Mat3::from_rotation_y(0.7);
         let bodies = (0..5).map(|i| {
             let translation = Vec3::new(3.0 * i as f32, 0.0, 0.0);
-            Body::new(Arc::clone(&cube), Placement { rotation: turn, translation })
+            BlasInstance::new(Arc::clone(&cube), Placement { rotation: turn, translation })
         });
-        let bodies = Bodies::new(bodies.collect());
+        let bodies = Tlas::new(bodies.collect());
         for i in 0..5u32 {
             let from = Vec3::new(3.0 * i as f32 + 0.1, 4.0, 0.1);
             let (body, hit) = bodies.nearest(from, Vec3::NEG_Y, 9.0, false, |_, _| true).unwrap();
-            assert_eq!(body, i);
-            assert!((hit.meeting.t - 3.5).abs() < 1e-6);
+            assert_eq!(body, BodyId::new(i));
+            assert!((hit.intersection.t - 3.5).abs() < 1e-6);
             assert!(bodies.nearest(from, Vec3::NEG_Y, 3.4, true, |_, _| true).is_none());
-            assert!(bodies.nearest(from, Vec3::NEG_Y, 9.0, true, |body, _| body != i).is_none());
+            assert!(bodies.nearest(from, Vec3::NEG_Y, 9.0, true, |body, _| body != BodyId::new(i)).is_none());
         }
         let along = bodies.nearest(Vec3::new(20.0, 0.0, 0.0), Vec3::NEG_X, 99.0, false, |_, _| true).unwrap();
-        assert_eq!(along.0, 4);
+        assert_eq!(along.0, BodyId::new(4));
     }
 
     #[test]
     fn a_ball_meets_the_bodies_whose_leaves_it_touches() {
-        let cube = Arc::new(Blas::build(&naive::cube(0.5), Effort::Best));
+        let cube = Arc::new(Blas::build(&reference::cube(0.5), Effort::Best));
         let at = |x: f32| {
-            Body::new(Arc::clone(&cube), Placement { translation: Vec3::X * x, ..Placement::IDENTITY })
+            BlasInstance::new(
+                Arc::clone(&cube),
+                Placement { translation: Vec3::X * x, ..Placement::IDENTITY },
+            )
         };
-        let bodies = Bodies::new((0..20).map(|i| at(2.0 * i as f32)).collect());
+        let bodies = Tlas::new((0..20).map(|i| at(2.0 * i as f32)).collect());
         let mut found = Vec::new();
         bodies.near(Vec3::X * 5.0, 0.51, &mut Vec::new(), &mut found);
         found.sort_unstable();
-        assert_eq!(found, [2, 3]);
+        assert_eq!(found, [BodyId::new(2), BodyId::new(3)]);
         // Between the parts of a body nothing of it is near.
         let ends = [-9.0, 9.0].into_iter().flat_map(|z| {
-            naive::cube(0.5).into_iter().map(move |triangle| triangle.map(|corner| corner + Vec3::Z * z))
+            reference::cube(0.5).into_iter().map(move |triangle| triangle.map(|corner| corner + Vec3::Z * z))
         });
         let ends = Arc::new(Blas::build(&ends.collect::<Vec<_>>(), Effort::Best));
-        let bodies = Bodies::new(vec![Body::new(ends, Placement::IDENTITY)]);
+        let bodies = Tlas::new(vec![BlasInstance::new(ends, Placement::IDENTITY)]);
         for (z, count) in [(0.0, 0), (8.2, 1)] {
             bodies.near(Vec3::Z * z, 0.5, &mut Vec::new(), &mut found);
             assert_eq!(found.len(), count);
         }
-        assert!(Bodies::new(Vec::new()).nearest(Vec3::ZERO, Vec3::X, 1.0, false, |_, _| true).is_none());
+        assert!(Tlas::new(Vec::new()).nearest(Vec3::ZERO, Vec3::X, 1.0, false, |_, _| true).is_none());
     }
 }

@@ -6,12 +6,13 @@ use glam::Vec3;
 
 use psao_proto::message::{Edit, EditAction};
 
-use super::{BlasHit, World, naive};
-use crate::points::random::Random;
+use super::SceneBvh;
+use crate::bvh::{BlasHit, reference};
+use crate::random::Random;
 use crate::scene::{Edits, InstanceId, Scene};
 
 /// All triangles in sight in the world, and where each instance's begin.
-fn triangles(world: &World) -> (Vec<[Vec3; 3]>, Vec<usize>) {
+fn triangles(world: &SceneBvh) -> (Vec<[Vec3; 3]>, Vec<usize>) {
     let (mut all, mut starts) = (Vec::new(), Vec::new());
     for index in 0..world.scene().instances().len() {
         starts.push(all.len());
@@ -33,7 +34,7 @@ fn direction(random: &mut Random) -> Vec3 {
 }
 
 /// Rays through a world against its plain triangles; how many hit.
-fn check(world: &World, random: &mut Random) -> u32 {
+fn check(world: &SceneBvh, random: &mut Random) -> u32 {
     let (all, starts) = triangles(world);
     let (low, size) = (world.bounds().min(), world.bounds().size());
     let mut hits = 0;
@@ -43,10 +44,10 @@ fn check(world: &World, random: &mut Random) -> u32 {
         let opaque = |hit: &BlasHit| {
             let instance = starts.partition_point(|&start| start <= hit.triangle as usize) - 1;
             let posed = world.posed(InstanceId(instance as u32)).unwrap();
-            let [_, u, v] = hit.meeting.barycentric();
+            let [_, u, v] = hit.intersection.barycentric();
             posed.opaque(hit.triangle - starts[instance] as u32, [u, v])
         };
-        let slow = naive::nearest_of(&all, origin, along, 5.0, opaque);
+        let slow = reference::nearest_of(&all, origin, along, 5.0, opaque);
         let fast = world.closest(origin, along, 5.0);
         assert_eq!(world.occluded(origin, along, 5.0), fast.is_some());
         let (Some(slow), Some(fast)) = (slow, fast) else {
@@ -55,12 +56,12 @@ fn check(world: &World, random: &mut Random) -> u32 {
         };
         hits += 1;
         // Rays go through a body's own space: the distance may round differently.
-        assert!((slow.meeting.t - fast.t).abs() < 1e-4, "{slow:?} {fast:?}");
+        assert!((slow.intersection.t - fast.t).abs() < 1e-4, "{slow:?} {fast:?}");
         let surface = world.surface(&fast).unwrap();
         assert!((surface.position - (origin + along * fast.t)).length() < 1e-3);
         assert!((surface.normal.length() - 1.0).abs() < 1e-4);
         let index = starts[fast.instance.index()] + fast.triangle as usize;
-        assert!(naive::nearest(&all[index..=index], origin, along, 5.1).is_some());
+        assert!(reference::nearest(&all[index..=index], origin, along, 5.1).is_some());
     }
     hits
 }
@@ -69,7 +70,7 @@ fn check(world: &World, random: &mut Random) -> u32 {
 fn a_moving_world_is_hit_like_its_plain_triangles() {
     for name in ["colonnade", "robot-lab"] {
         let scene = Arc::new(Scene::load(name).unwrap());
-        let mut world = World::new(&scene, &scene.pose(0.0));
+        let mut world = SceneBvh::new(&scene, &scene.pose(0.0));
         let mut random = Random::new(5);
         let steps = (0..4).map(|step| {
             world.update(&scene.pose(0.37 * f64::from(step)));
@@ -84,7 +85,7 @@ fn an_edited_world_is_hit_like_its_plain_triangles_and_like_one_made_that_way() 
     for name in ["colonnade", "robot-lab"] {
         let scene = Arc::new(Scene::load(name).unwrap());
         let count = scene.instances().len() as u32;
-        let mut world = World::new(&scene, &scene.pose(0.0));
+        let mut world = SceneBvh::new(&scene, &scene.pose(0.0));
         let mut edits = Edits::new(count);
         let (mut random, mut hits) = (Random::new(9), 0);
         for step in 0..6_u32 {
@@ -103,7 +104,7 @@ fn an_edited_world_is_hit_like_its_plain_triangles_and_like_one_made_that_way() 
             world.update(&pose);
             let hidden = (0..count as usize).filter(|&instance| !pose.instances()[instance].visible());
             assert!(hidden.clone().all(|instance| !world.is_present(instance)));
-            for world in [&world, &World::new(&scene, &pose)] {
+            for world in [&world, &SceneBvh::new(&scene, &pose)] {
                 assert_eq!(
                     (0..count as usize).filter(|&i| !world.is_present(i)).count(),
                     hidden.clone().count()
@@ -118,9 +119,9 @@ fn an_edited_world_is_hit_like_its_plain_triangles_and_like_one_made_that_way() 
 #[test]
 fn nothing_stirs_when_time_stands_still() {
     let scene = Arc::new(Scene::load("robot-lab").unwrap());
-    let mut world = World::new(&scene, &scene.pose(1.0));
+    let mut world = SceneBvh::new(&scene, &scene.pose(1.0));
     world.update(&scene.pose(1.0));
-    assert!(world.stirs().iter().all(|stir| stir.swept().is_none()));
+    assert!(world.changes().iter().all(|change| change.swept().is_none()));
     world.update(&scene.pose(1.1));
-    assert!(world.stirs().iter().any(|stir| stir.swept().is_some()));
+    assert!(world.changes().iter().any(|change| change.swept().is_some()));
 }

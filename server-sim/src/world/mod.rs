@@ -1,0 +1,11 @@
+//! A scene at one moment, ready for rays: its instances as bodies, kept up to date from pose to pose.
+
+mod build;
+mod dynamic_instance;
+mod scene_bvh;
+mod static_batch;
+#[cfg(test)]
+mod tests;
+
+pub(crate) use dynamic_instance::{InstanceChange, SweptBounds};
+pub use scene_bvh::{Hit, SceneBvh, SurfaceAt};

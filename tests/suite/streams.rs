@@ -3,11 +3,11 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use psao_client::{Size, raster, reconstruct};
 use psao_codec::Limits;
 use psao_codec::stream::{Applier, State};
 use psao_eval::adapter::SceneView;
 use psao_proto::Profile;
+use psao_reconstruct::{Size, raster, reconstruct};
 use psao_server_sim::scene::Scene;
 use psao_server_sim::server::{Server, ServerSettings};
 

@@ -5,13 +5,13 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
-use psao_client::picture::Picture;
-use psao_client::{AoImage, Size};
 use psao_eval::adapter::SceneView;
 use psao_eval::screen::{
     Falloff, FarField, FarFieldSettings, Mipmap, MipmapSettings, NearField, Screen, ScreenMethod, Separate,
     Traced,
 };
+use psao_reconstruct::picture::Picture;
+use psao_reconstruct::{AoImage, Size};
 use psao_server_sim::bvh::World;
 use psao_server_sim::clock::Clock;
 use psao_server_sim::scene::Scene;

@@ -5,13 +5,13 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
-use psao_client::picture::Picture;
-use psao_client::{Size, raster};
 use psao_eval::adapter::SceneView;
 use psao_eval::metric::Comparison;
 use psao_eval::reference::{PAPER_RAYS, reference};
 use psao_eval::screen::Screen;
 use psao_eval::sweep::screen_methods;
+use psao_reconstruct::picture::Picture;
+use psao_reconstruct::{Size, raster};
 use psao_server_sim::ao::AoSettings;
 use psao_server_sim::bvh::World;
 use psao_server_sim::clock::Clock;

@@ -1,7 +1,7 @@
 //! The server's world as a client sees it: geometry only, which both sides share.
 
 use glam::Vec3;
-use psao_client::{AtRest, Surface, Surfaces};
+use psao_reconstruct::{AtRest, Surface, Surfaces};
 use psao_server_sim::bvh::{Hit, SurfaceAt, World};
 
 use crate::reference::Rays;
@@ -92,8 +92,8 @@ impl Rays for SceneView<'_> {
 mod tests {
     use std::sync::Arc;
 
-    use psao_client::{Camera, GBuffer, Size, raster};
     use psao_proto::message::CameraPose;
+    use psao_reconstruct::{Camera, GBuffer, Size, raster};
     use psao_server_sim::scene::{InstanceId, Motion, Scene};
 
     use super::*;

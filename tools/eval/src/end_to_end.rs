@@ -3,14 +3,14 @@
 use std::sync::Arc;
 
 use glam::Vec3;
-use psao_client::reconstruct::{self, Reconstruction};
-use psao_client::{AoImage, GBuffer, Size, raster};
 use psao_codec::Limits;
 use psao_codec::block::BlockCoder;
 use psao_codec::frame::{FrameIndex, StreamTime};
 use psao_codec::stream::{State, apply};
 use psao_proto::Profile;
 use psao_proto::message::CameraPose;
+use psao_reconstruct::reconstruct::{self, Reconstruction};
+use psao_reconstruct::{AoImage, GBuffer, Size, raster};
 use psao_server_sim::ao::{AoSettings, Occlusion};
 use psao_server_sim::bvh::World;
 use psao_server_sim::clock::NoClock;

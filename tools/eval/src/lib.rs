@@ -13,7 +13,7 @@
 //! use std::sync::Arc;
 //!
 //! use glam::Vec3;
-//! use psao_client::{AoImage, Size, raster};
+//! use psao_reconstruct::{AoImage, Size, raster};
 //! use psao_eval::adapter::SceneView;
 //! use psao_eval::metric::Comparison;
 //! use psao_eval::reference::reference;

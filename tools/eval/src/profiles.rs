@@ -3,8 +3,6 @@
 use std::sync::Arc;
 
 use glam::{Quat, Vec3};
-use psao_client::reconstruct::{self, Reconstruction};
-use psao_client::{GBuffer, Size, raster};
 use psao_codec::Limits;
 use psao_codec::block::BlockCoder;
 use psao_codec::cells::{PaperEncoder, PointSample};
@@ -13,6 +11,8 @@ use psao_codec::quant::unorm;
 use psao_codec::surface;
 use psao_proto::Profile;
 use psao_proto::message::CameraPose;
+use psao_reconstruct::reconstruct::{self, Reconstruction};
+use psao_reconstruct::{GBuffer, Size, raster};
 use psao_server_sim::ao::{AoSettings, Scratch, Tracer};
 use psao_server_sim::bvh::{Bounds, World};
 use psao_server_sim::points::{PlacedPoint, PointSettings, PosedMesh};

@@ -2,7 +2,7 @@
 //! there with 512 samples a pixel).
 
 use glam::{Mat3, Vec2, Vec3};
-use psao_client::{AoImage, AoImageError, GBuffer, Surface};
+use psao_reconstruct::{AoImage, AoImageError, GBuffer, Surface};
 use psao_server_sim::ao::{AoError, AoSettings, Occlusion, Scratch, Tracer};
 use rayon::prelude::*;
 
@@ -170,7 +170,7 @@ pub(crate) fn mix(value: u64) -> u64 {
 
 #[cfg(test)]
 mod tests {
-    use psao_client::Size;
+    use psao_reconstruct::Size;
 
     use super::*;
 

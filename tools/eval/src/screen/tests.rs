@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use glam::Vec3;
-use psao_client::{AoImage, Camera, Size, Surface, Surfaces, raster};
 use psao_proto::message::CameraPose;
+use psao_reconstruct::{AoImage, Camera, Size, Surface, Surfaces, raster};
 use psao_server_sim::ao::AoSettings;
 use psao_server_sim::bvh::World;
 use psao_server_sim::clock::NoClock;

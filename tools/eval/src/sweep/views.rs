@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use psao_client::{AoImage, GBuffer, Size, raster};
 use psao_proto::message::CameraPose;
+use psao_reconstruct::{AoImage, GBuffer, Size, raster};
 use psao_server_sim::ao::AoSettings;
 use psao_server_sim::bvh::World;
 use psao_server_sim::clock::NoClock;

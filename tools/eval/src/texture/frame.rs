@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use glam::Vec3;
-use psao_client::{AoImage, AoImageError, Camera, Size};
 use psao_proto::message::CameraPose;
+use psao_reconstruct::{AoImage, AoImageError, Camera, Size};
 use psao_server_sim::ao::{AoSettings, Scratch, Tracer};
 use psao_server_sim::bvh::World;
 use psao_server_sim::clock::Clock;

@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use glam::Vec3;
 use proptest::prelude::*;
-use psao_client::{Camera, Size, raster};
 use psao_proto::message::CameraPose;
+use psao_reconstruct::{Camera, Size, raster};
 use psao_server_sim::ao::AoSettings;
 use psao_server_sim::bvh::{Hit, World};
 use psao_server_sim::clock::NoClock;

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use psao_client::{Camera, Size};
+use psao_reconstruct::{Camera, Size};
 use psao_server_sim::bvh::World;
 use rayon::prelude::*;
 

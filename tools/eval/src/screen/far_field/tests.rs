@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::{Vec2, Vec3};
 use proptest::prelude::*;
-use psao_client::{AoImage, Size};
+use psao_reconstruct::{AoImage, Size};
 use psao_server_sim::bvh::World;
 use psao_server_sim::clock::NoClock;
 use psao_server_sim::scene::Scene;

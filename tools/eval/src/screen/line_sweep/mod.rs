@@ -222,7 +222,7 @@ impl Entry {
 
 #[cfg(test)]
 mod tests {
-    use psao_client::Size;
+    use psao_reconstruct::Size;
     use psao_server_sim::bvh::World;
     use psao_server_sim::clock::NoClock;
     use psao_server_sim::scene::Scene;

@@ -39,11 +39,11 @@ impl Size {
     /// [`Size::MAX_PIXELS`] pixels.
     ///
     /// ```
-    /// use psao_client::Size;
+    /// use psao_reconstruct::Size;
     ///
     /// assert_eq!(Size::new(480, 270)?.pixels(), 129_600);
     /// assert!(Size::new(0, 270).is_err());
-    /// # Ok::<(), psao_client::SizeError>(())
+    /// # Ok::<(), psao_reconstruct::SizeError>(())
     /// ```
     pub fn new(width: u32, height: u32) -> Result<Self, SizeError> {
         let fits = (1..=Self::MAX_SIDE).contains(&width)

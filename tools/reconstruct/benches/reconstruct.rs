@@ -1,4 +1,4 @@
-//! Time of one 1080p reconstruction from cells and from points at rest, all cores and one: `cargo bench -p psao-client`.
+//! Time of one 1080p reconstruction from cells and from points at rest, all cores and one: `cargo bench -p psao-reconstruct`.
 //!
 //! Both have the same points. The view is a hall of three walls at 512 points per square metre, as a person sees it; before anything is timed
 //! the picture is compared with the pattern that the points carry.
@@ -10,8 +10,6 @@ use std::sync::Arc;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use glam::Vec3;
-use psao_client::reconstruct::{SurfaceIndex, SurfaceReconstructor};
-use psao_client::{AtRest, GBuffer, Reconstruction, Size, Surface, Surfaces, raster, reconstruct};
 use psao_codec::Limits;
 use psao_codec::block::BlockCoder;
 use psao_codec::cells::{Grid, InstanceLayout, Layout, PaperEncoder, PointSample, bucket_count};
@@ -19,6 +17,8 @@ use psao_codec::frame::{FrameIndex, FrameKind, FrameMeta, State, StreamTime, app
 use psao_codec::point::PointFormat;
 use psao_codec::surface;
 use psao_proto::message::CameraPose;
+use psao_reconstruct::reconstruct::{SurfaceIndex, SurfaceReconstructor};
+use psao_reconstruct::{AtRest, GBuffer, Reconstruction, Size, Surface, Surfaces, raster, reconstruct};
 
 /// Side of the hall in metres; each wall is one instance.
 const SIDE: f32 = 12.0;

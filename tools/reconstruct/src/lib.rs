@@ -15,8 +15,8 @@
 //! use std::sync::Arc;
 //!
 //! use glam::Vec3;
-//! use psao_client::picture::Picture;
-//! use psao_client::{Size, Surface, Surfaces, raster, reconstruct};
+//! use psao_reconstruct::picture::Picture;
+//! use psao_reconstruct::{Size, Surface, Surfaces, raster, reconstruct};
 //! use psao_codec::Limits;
 //! use psao_codec::block::BlockCoder;
 //! use psao_codec::cells::{Grid, InstanceLayout, Layout, PaperEncoder, PointSample};
@@ -79,8 +79,8 @@
 //! use std::sync::Arc;
 //!
 //! use glam::Vec3;
-//! use psao_client::reconstruct::SurfaceReconstructor;
-//! use psao_client::{AtRest, GBuffer, Size, Surface};
+//! use psao_reconstruct::reconstruct::SurfaceReconstructor;
+//! use psao_reconstruct::{AtRest, GBuffer, Size, Surface};
 //! use psao_codec::Limits;
 //! use psao_codec::surface::{Geometry, GeometryDigest, Layout, Member, RestPoint, Rounded, SetLayout, State};
 //!

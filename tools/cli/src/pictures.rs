@@ -14,7 +14,7 @@ use psao_eval::sweep::Figures;
 use psao_proto::message::{self, CameraPose, PointSource, SceneInfo};
 use psao_reconstruct::picture::Picture;
 use psao_reconstruct::reconstruct::{self, Reconstruction};
-use psao_reconstruct::{AoImage, GBuffer, Size, Statistics, raster};
+use psao_reconstruct::{AoImage, GBuffer, Size, Statistics, cast_view};
 use psao_server_sim::ao::{AoSettings, Occlusion};
 use psao_server_sim::bvh::World;
 use psao_server_sim::points::share;
@@ -126,7 +126,7 @@ impl Shot<'_> {
         let world = World::new(self.scene, &pose);
         let view = SceneView::new(&world);
         let start = Instant::now();
-        let buffer = raster(&view, &camera, size).map_err(Failure::usage)?;
+        let buffer = cast_view(&view, &camera, size).map_err(Failure::usage)?;
         let raster_ms = millis(start);
         let start = Instant::now();
         let drawn = blend(self.state, &buffer)?;

@@ -11,7 +11,7 @@ use psao_eval::reference::{PAPER_RAYS, reference};
 use psao_eval::screen::Screen;
 use psao_eval::sweep::screen_methods;
 use psao_reconstruct::picture::Picture;
-use psao_reconstruct::{Size, raster};
+use psao_reconstruct::{Size, cast_view};
 use psao_server_sim::ao::AoSettings;
 use psao_server_sim::bvh::World;
 use psao_server_sim::clock::Clock;
@@ -39,7 +39,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let (camera, size) = (scene.camera(time), Size::new(480, 270)?);
     let radius = scene.ao_radius_m();
     let settings = AoSettings { rays: PAPER_RAYS, radius, ..AoSettings::default() };
-    let truth = reference(&view, &raster(&view, &camera, size)?, &settings)?;
+    let truth = reference(&view, &cast_view(&view, &camera, size)?, &settings)?;
     let screen = Screen::new(&view, &camera, size, 48)?;
     std::fs::write(folder.join("reference.png"), Picture::grey(&truth).to_png()?)?;
 

@@ -10,7 +10,7 @@ use psao_codec::stream::{State, apply};
 use psao_proto::Profile;
 use psao_proto::message::CameraPose;
 use psao_reconstruct::reconstruct::{self, Reconstruction};
-use psao_reconstruct::{AoImage, GBuffer, Size, raster};
+use psao_reconstruct::{AoImage, GBuffer, Size, cast_view};
 use psao_server_sim::ao::{AoSettings, Occlusion};
 use psao_server_sim::bvh::World;
 use psao_server_sim::clock::NoClock;
@@ -56,7 +56,7 @@ fn cube_on_floor(profile: Profile, per_m2: f32) -> Seen {
         aspect: 1.5,
     };
     let scene = SceneView::new(server.world());
-    let view = raster(&scene, &pose, Size::new(96, 64).unwrap()).unwrap();
+    let view = cast_view(&scene, &pose, Size::new(96, 64).unwrap()).unwrap();
     let reference = reference(&scene, &view, &AoSettings { rays: 256, ..ao }).unwrap();
     let found = match &state {
         State::Cells(state) => reconstruct::cells(state, &view).unwrap(),
@@ -114,7 +114,7 @@ fn rays_traced_together_agree_with_single_ones() {
         fov_y_deg: 50.0,
         aspect: 1.5,
     };
-    let view = raster(&scene, &pose, Size::new(48, 32).unwrap()).unwrap();
+    let view = cast_view(&scene, &pose, Size::new(48, 32).unwrap()).unwrap();
     for kind in [Occlusion::Obscurance, Occlusion::Binary] {
         let settings = AoSettings { rays: 1024, kind, ..AoSettings::default() };
         let together = reference(&scene, &view, &settings).unwrap();

@@ -12,7 +12,7 @@ use psao_codec::surface;
 use psao_proto::Profile;
 use psao_proto::message::CameraPose;
 use psao_reconstruct::reconstruct::{self, Reconstruction};
-use psao_reconstruct::{GBuffer, Size, raster};
+use psao_reconstruct::{GBuffer, Size, cast_view};
 use psao_server_sim::ao::{AoSettings, Scratch, Tracer};
 use psao_server_sim::bvh::{Bounds, World};
 use psao_server_sim::points::{PlacedPoint, PointSettings, PosedMesh};
@@ -58,7 +58,7 @@ impl Both {
     }
 
     fn view(&self, pose: &CameraPose, size: Size) -> GBuffer {
-        raster(&SceneView::new(&self.world), pose, size).unwrap()
+        cast_view(&SceneView::new(&self.world), pose, size).unwrap()
     }
 
     /// Cells and points at rest, each with how far it is from the reference.

@@ -17,8 +17,10 @@ use psao_codec::frame::{FrameIndex, FrameKind, FrameMeta, State, StreamTime, app
 use psao_codec::point::PointFormat;
 use psao_codec::surface;
 use psao_proto::message::CameraPose;
-use psao_reconstruct::reconstruct::{SurfaceIndex, SurfaceReconstructor};
-use psao_reconstruct::{AtRest, GBuffer, Reconstruction, Size, Surface, Surfaces, raster, reconstruct};
+use psao_reconstruct::reconstruct::SurfaceReconstructor;
+use psao_reconstruct::{
+    AtRest, GBuffer, Reconstruction, Size, Surface, SurfaceIndex, Surfaces, cast_view, reconstruct,
+};
 
 /// Side of the hall in metres; each wall is one instance.
 const SIDE: f32 = 12.0;
@@ -145,7 +147,7 @@ fn view(size: Size) -> GBuffer {
         fov_y_deg: 60.0,
         aspect: size.aspect(),
     };
-    raster(&Hall, &pose, size).expect("the camera is sound")
+    cast_view(&Hall, &pose, size).expect("the camera is sound")
 }
 
 /// The picture must be the pattern, but for points that the tables lost and for the rims.

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::Vec3;
 use psao_proto::message::CameraPose;
-use psao_reconstruct::{AoImage, Camera, Size, Surface, Surfaces, raster};
+use psao_reconstruct::{AoImage, Camera, Size, Surface, Surfaces, cast_view};
 use psao_server_sim::ao::AoSettings;
 use psao_server_sim::bvh::World;
 use psao_server_sim::clock::NoClock;
@@ -353,7 +353,7 @@ fn on_a_built_in_scene_each_is_as_far_from_the_reference_as_it_should_be() {
     let world = World::new(&scene, &scene.pose(1.0));
     let view = SceneView::new(&world);
     let (camera, size) = (scene.camera(1.0), size(160, 90));
-    let fragments = raster(&view, &camera, size).unwrap();
+    let fragments = cast_view(&view, &camera, size).unwrap();
     let truth = reference(&view, &fragments, &AoSettings::default()).unwrap();
     let screen = Screen::new(&view, &camera, size, 16).unwrap();
     for method in all(0.6) {

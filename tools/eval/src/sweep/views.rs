@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use psao_proto::message::CameraPose;
-use psao_reconstruct::{AoImage, GBuffer, Size, raster};
+use psao_reconstruct::{AoImage, GBuffer, Size, cast_view};
 use psao_server_sim::ao::AoSettings;
 use psao_server_sim::bvh::World;
 use psao_server_sim::clock::NoClock;
@@ -55,7 +55,7 @@ pub fn views(
         let camera = CameraPose { aspect: size.aspect(), ..scene.camera(time_s) };
         let world = World::new(scene, &scene.pose(time_s));
         let seen = SceneView::new(&world);
-        let buffer = raster(&seen, &camera, size)?;
+        let buffer = cast_view(&seen, &camera, size)?;
         let screen = Screen::new(&seen, &camera, size, guard)?;
         let truth = match truth {
             Truth::Scene(ao) => reference(&seen, &buffer, ao)?,

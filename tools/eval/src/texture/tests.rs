@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::Vec3;
 use proptest::prelude::*;
 use psao_proto::message::CameraPose;
-use psao_reconstruct::{Camera, Size, raster};
+use psao_reconstruct::{Camera, Size, cast_view};
 use psao_server_sim::ao::AoSettings;
 use psao_server_sim::bvh::{Hit, World};
 use psao_server_sim::clock::NoClock;
@@ -145,7 +145,7 @@ fn error(settings: TextureSettings) -> Comparison {
     let size = Size::new(96, 64).unwrap();
     let world = World::new(&scene, &scene.pose(0.0));
     let seen = SceneView::new(&world);
-    let view = raster(&seen, &camera(), size).unwrap();
+    let view = cast_view(&seen, &camera(), size).unwrap();
     let truth = reference(&seen, &view, &AoSettings { rays: 256, ..ao }).unwrap();
     let looked = look(&world, &patches, &Camera::new(&camera()).unwrap(), size);
     let (picture, missing) = server.shown().picture(server.texels(), &looked).unwrap();

@@ -1,10 +1,8 @@
 //! All fragments of a view, in an order in which neighbours share what they need.
 
-use rayon::prelude::*;
-
-use super::blend::Blend;
 use super::outcome::{ReconstructError, Reconstruction, Statistics};
-use crate::{AoImage, GBuffer};
+use crate::kernel::Blend;
+use crate::{AoImage, GBuffer, parallel};
 
 /// Pixels on a side of the tiles in which a view is walked, so that fragments one above the other share their
 /// neighbourhood as well as those side by side.
@@ -13,7 +11,7 @@ const TILE: usize = 8;
 /// Blends every fragment of `view`: `blend` gets memory of its thread's own, made by `memory` for a band of rows, the
 /// fragment's pixel and its instance. Eq. 4 of what it returns is the pixel's value, 1 where no point counts.
 ///
-/// Rows are spread over all cores; the result does not depend on how many there are.
+/// Rows are spread over all cores with the feature `rayon`; the result does not depend on how many there are.
 pub(super) fn walk<M>(
     view: &GBuffer,
     memory: impl Fn() -> M + Sync,
@@ -22,16 +20,10 @@ pub(super) fn walk<M>(
     let size = view.size();
     let width = size.width() as usize;
     let mut values = vec![1.0_f32; size.pixels()];
-    let bands: Vec<Statistics> = values
-        .par_chunks_mut(width * TILE)
-        .enumerate()
-        .map(|(band, values)| {
-            let mut memory = memory();
-            walk_band(view, band * TILE * width, values, |pixel, instance| {
-                blend(&mut memory, pixel, instance)
-            })
-        })
-        .collect();
+    let bands = parallel::chunks(&mut values, width * TILE, |band, values| {
+        let mut memory = memory();
+        walk_band(view, band * TILE * width, values, |pixel, instance| blend(&mut memory, pixel, instance))
+    });
     let statistics = bands.into_iter().fold(Statistics::default(), Statistics::plus);
     Reconstruction { image: AoImage::from_computed(size, values), statistics }
 }

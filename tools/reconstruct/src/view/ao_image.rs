@@ -1,6 +1,6 @@
 //! An image of ambient occlusion.
 
-use crate::Size;
+use super::Size;
 
 /// One accessibility value per pixel, row by row from the top left: 1 is open, 0 is closed.
 ///

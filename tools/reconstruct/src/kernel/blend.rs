@@ -2,21 +2,21 @@
 
 use glam::Vec3;
 
-use super::neighbours::{Group, LANES};
+use super::group::{Group, LANES};
 use super::weight::{DISTANCE_THRESHOLD, NORMAL_THRESHOLD};
 
-/// A fragment in the local space of its instance.
+/// A place in the space that its points are in.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Place {
-    pub(super) position: Vec3,
-    pub(super) normal: Vec3,
+pub(crate) struct Place {
+    pub(crate) position: Vec3,
+    pub(crate) normal: Vec3,
     /// `r` of Eq. 2 in metres.
-    pub(super) radius: f32,
+    pub(crate) radius: f32,
 }
 
 /// The sums of Eq. 4 over the points seen so far. Lane by lane, so that the order of additions is the same on every
 /// machine.
-pub(super) struct Blend {
+pub(crate) struct Blend {
     weights: [f32; LANES],
     weighted: [f32; LANES],
     blended: [u32; LANES],
@@ -24,14 +24,14 @@ pub(super) struct Blend {
 
 impl Blend {
     #[inline]
-    pub(super) fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self { weights: [0.0; LANES], weighted: [0.0; LANES], blended: [0; LANES] }
     }
 
     /// Adds the points of a group, each with the weight of [`weight`](super::weight()): the same operations in the
     /// same order, without a branch.
     #[inline]
-    pub(super) fn add(&mut self, group: &Group, place: &Place) {
+    pub(crate) fn add(&mut self, group: &Group, place: &Place) {
         let ([px, py, pz], [nx, ny, nz]) = (&group.position, &group.normal);
         let (x, n) = (place.position, place.normal);
         for lane in 0..LANES {
@@ -51,16 +51,50 @@ impl Blend {
 
     /// Points with a weight above 0.
     #[inline]
-    pub(super) fn blended(&self) -> u32 {
+    pub(crate) fn blended(&self) -> u32 {
         self.blended.iter().sum()
     }
 
     /// The weighted mean; `None` when no point has a weight above 0.
     #[inline]
-    pub(super) fn mean(&self) -> Option<f32> {
+    pub(crate) fn mean(&self) -> Option<f32> {
         let weights = self.weights.iter().sum::<f32>();
         // A mean of values in [0, 1] may leave it by rounding.
         (weights != 0.0).then(|| (self.weighted.iter().sum::<f32>() / weights).clamp(0.0, 1.0))
+    }
+}
+
+/// A [`Blend`] of points that come one at a time. They take the lanes that they would have in a list of groups, so the
+/// result is the same to the bit.
+pub(crate) struct PointwiseBlend<'a> {
+    place: &'a Place,
+    blend: Blend,
+    group: Group,
+    filled: usize,
+}
+
+impl<'a> PointwiseBlend<'a> {
+    pub(crate) fn new(place: &'a Place) -> Self {
+        Self { place, blend: Blend::new(), group: Group::EMPTY, filled: 0 }
+    }
+
+    /// Adds a point.
+    #[inline]
+    pub(crate) fn add(&mut self, position: Vec3, normal: Vec3, ao: f32) {
+        self.group.set(self.filled, position, normal, ao);
+        self.filled += 1;
+        if self.filled == LANES {
+            self.blend.add(&self.group, self.place);
+            (self.group, self.filled) = (Group::EMPTY, 0);
+        }
+    }
+
+    /// The blend of all points that were added.
+    pub(crate) fn finish(mut self) -> Blend {
+        if self.filled > 0 {
+            self.blend.add(&self.group, self.place);
+        }
+        self.blend
     }
 }
 
@@ -69,7 +103,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::reconstruct::weight;
+    use crate::kernel::weight;
 
     fn vector() -> impl Strategy<Value = Vec3> {
         prop::array::uniform3(-1.0_f32..1.0).prop_map(Vec3::from)
@@ -99,7 +133,13 @@ mod tests {
             all.add(&group(&points), &place);
             let mut blended = 0;
             for (lane, &(point, point_normal, ao)) in points.iter().enumerate() {
-                let alpha = weight(point, point_normal, position, normal, radius);
+                let alpha = weight(
+                    point.to_array(),
+                    point_normal.to_array(),
+                    position.to_array(),
+                    normal.to_array(),
+                    radius,
+                );
                 prop_assert_eq!(all.weights[lane], alpha);
                 prop_assert_eq!(all.weighted[lane], alpha * ao);
                 blended += u32::from(alpha > 0.0);

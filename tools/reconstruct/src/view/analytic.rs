@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use crate::raster::{Surface, Surfaces};
+use super::{Surface, Surfaces};
 
 /// One shape; its index in [`Analytic`] is its instance.
 #[derive(Clone, Copy, Debug)]

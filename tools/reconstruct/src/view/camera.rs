@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec3};
 use psao_proto::message::CameraPose;
 
-use crate::Size;
+use super::Size;
 
 /// A checked camera: an orthonormal frame at the eye and the tangents of its half angles.
 ///

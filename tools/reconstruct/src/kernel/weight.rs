@@ -1,4 +1,4 @@
-//! How much one point says about one fragment (paper, Eq. 2 and 3).
+//! How much one point counts for one fragment (paper, Eq. 2 and 3).
 
 use glam::Vec3;
 
@@ -9,7 +9,7 @@ pub const NORMAL_THRESHOLD: f32 = 0.1;
 /// fragment is below this, so that points straight behind or in front of the fragment's surface do not.
 pub const DISTANCE_THRESHOLD: f32 = 0.7;
 
-/// The weight of a point for a fragment, in `[0, 1]`.
+/// Returns the weight of a point for a fragment, in `[0, 1]`: the definition that a shader can be checked against.
 ///
 /// Eq. 2: `max(0, (radius - |point - fragment|) / radius)`. Eq. 3: 0 when
 /// `point_normal . fragment_normal <= T_n`, or when
@@ -19,8 +19,15 @@ pub const DISTANCE_THRESHOLD: f32 = 0.7;
 ///
 /// Positions and `radius` are in metres of one space, normals of unit length. NaN anywhere gives 0.
 #[inline]
-pub fn weight(point: Vec3, point_normal: Vec3, fragment: Vec3, fragment_normal: Vec3, radius: f32) -> f32 {
-    let offset = point - fragment;
+pub fn weight(
+    point: [f32; 3],
+    point_normal: [f32; 3],
+    fragment: [f32; 3],
+    fragment_normal: [f32; 3],
+    radius: f32,
+) -> f32 {
+    let (point_normal, fragment_normal) = (Vec3::from(point_normal), Vec3::from(fragment_normal));
+    let offset = Vec3::from(point) - Vec3::from(fragment);
     let square = offset.dot(offset);
     let alpha = (radius - square.sqrt()) / radius;
     let along = point_normal.dot(offset);
@@ -35,6 +42,12 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+
+    /// [`super::weight`] of vectors.
+    fn weight(point: Vec3, point_normal: Vec3, fragment: Vec3, fragment_normal: Vec3, radius: f32) -> f32 {
+        let [p, pn, f, n] = [point, point_normal, fragment, fragment_normal].map(|vector| vector.to_array());
+        super::weight(p, pn, f, n, radius)
+    }
 
     #[test]
     fn weight_falls_linearly_to_zero_at_the_radius() {

@@ -4,11 +4,11 @@
 //! of these the ones that are near enough to a patch. Fragments near each other mostly share their patch, and patches
 //! their region, so neither is made often.
 
-use super::index::{Patch, SurfaceIndex};
-use crate::reconstruct::neighbours::{Group, LANES};
+use super::index::{Patch, Placed, SurfaceIndex};
+use crate::kernel::{Group, LANES};
 
 /// AO byte of an instance's point, which its set's geometry numbers; `None` while it has not come.
-pub(super) trait Ao: Fn(u32, usize) -> Option<u8> + Sync {}
+pub(crate) trait Ao: Fn(u32, usize) -> Option<u8> + Sync {}
 
 impl<F: Fn(u32, usize) -> Option<u8> + Sync> Ao for F {}
 
@@ -52,16 +52,58 @@ impl Region {
     fn fill(&mut self, ao: &impl Ao, index: &SurfaceIndex, instance: u32, base: [i32; 3]) {
         self.key = Some((instance, base));
         self.points.clear();
-        for step in 0..8 {
-            let cell = [base[0] + (step & 1), base[1] + (step >> 1 & 1), base[2] + (step >> 2)];
-            for placed in index.cell(cell) {
-                if let Some(ao) = ao(instance, placed.point as usize) {
-                    let (group, lane) = self.points.lane();
-                    group.set(lane, placed.position, placed.normal, f32::from(ao) / 255.0);
-                }
+        each_arrived(ao, index, instance, base, |placed, ao| {
+            let (group, lane) = self.points.lane();
+            group.set(lane, placed.position, placed.normal, ao);
+        });
+    }
+}
+
+/// Gives each point of the 2 x 2 x 2 cells from `base` on whose AO has come to `take`, with its accessibility.
+fn each_arrived(
+    ao: &impl Ao,
+    index: &SurfaceIndex,
+    instance: u32,
+    base: [i32; 3],
+    mut take: impl FnMut(&Placed, f32),
+) {
+    for step in 0..8 {
+        let cell = [base[0] + (step & 1), base[1] + (step >> 1 & 1), base[2] + (step >> 2)];
+        for placed in index.cell(cell) {
+            if let Some(ao) = ao(instance, placed.point as usize) {
+                take(placed, f32::from(ao) / 255.0);
             }
         }
     }
+}
+
+/// Gives each point that may be near the places of a patch to `take`: those of [`Patches::of`] in their order, without
+/// any memory.
+pub(crate) fn each_near(
+    ao: &impl Ao,
+    index: &SurfaceIndex,
+    instance: u32,
+    patch: Patch,
+    mut take: impl FnMut(&Placed, f32),
+) {
+    let [low, high] = index.corners(patch).map(|corner| corner.to_array());
+    let reach = index.reach() * index.reach();
+    each_arrived(ao, index, instance, SurfaceIndex::base(patch), |placed, ao| {
+        let mut square = 0.0_f32;
+        for axis in 0..3 {
+            square += square_past(low[axis], high[axis], placed.position[axis]);
+        }
+        if square <= reach {
+            take(placed, ao);
+        }
+    });
+}
+
+/// Squared distance on one axis from `at` to the interval from `low` to `high`.
+#[inline]
+fn square_past(low: f32, high: f32, at: f32) -> f32 {
+    let past = (low - at).max(at - high).max(0.0);
+    past * past
 }
 
 /// The points of a region that may be near the fragments of a patch.
@@ -81,8 +123,7 @@ impl Near {
             let mut square = [0.0_f32; LANES];
             for axis in 0..3 {
                 for (square, &at) in square.iter_mut().zip(&group.position[axis]) {
-                    let past = (low[axis] - at).max(at - high[axis]).max(0.0);
-                    *square += past * past;
+                    *square += square_past(low[axis], high[axis], at);
                 }
             }
             for (lane, &square) in square.iter().enumerate() {
@@ -108,7 +149,7 @@ impl Groups {
 }
 
 /// Regions and patches that were needed last.
-pub(super) struct Patches {
+pub(crate) struct Patches {
     regions: Vec<Region>,
     near: Vec<Near>,
 }
@@ -119,7 +160,7 @@ impl Patches {
     const REGIONS: usize = 16;
     const PATCHES: usize = 128;
 
-    pub(super) fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self {
             regions: vec![Region { key: None, points: Groups::NONE }; Self::REGIONS],
             near: vec![Near { key: None, points: Groups::NONE }; Self::PATCHES],
@@ -128,7 +169,7 @@ impl Patches {
 
     /// The points that may be near the fragments of a patch.
     #[inline]
-    pub(super) fn of(&mut self, ao: &impl Ao, index: &SurfaceIndex, instance: u32, patch: Patch) -> &[Group] {
+    pub(crate) fn of(&mut self, ao: &impl Ao, index: &SurfaceIndex, instance: u32, patch: Patch) -> &[Group] {
         let Patch([x, y, z]) = patch;
         let slot = x & 3 | (y & 3) << 2 | (z & 3) << 4 | (instance as i32 & 1) << 6;
         let near = &mut self.near[slot as usize];

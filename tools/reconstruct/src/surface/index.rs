@@ -2,7 +2,8 @@
 
 use glam::Vec3;
 use psao_codec::surface::Geometry;
-use rayon::prelude::*;
+
+use crate::parallel;
 
 /// Coordinates of cells are below this, so that three of them fit a key of 64 bits.
 const MOST_CELLS: f32 = 1_048_576.0;
@@ -36,14 +37,15 @@ pub struct SurfaceIndex {
 
 /// A point of a set.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Placed {
-    pub(super) position: Vec3,
-    pub(super) normal: Vec3,
+pub(crate) struct Placed {
+    pub(crate) position: Vec3,
+    pub(crate) normal: Vec3,
     /// Its number in the set.
-    pub(super) point: u32,
+    pub(crate) point: u32,
 }
 
-#[derive(Clone, Copy, Debug)]
+/// A cell that has points: those from `first` up to `end`. No two cells have one hash.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Cell {
     hash: u64,
     first: u32,
@@ -53,7 +55,7 @@ struct Cell {
 /// An eighth of a cell: the fragments in it share the points that may be near. Patches half as long hold fewer points
 /// that are too far, but have to be filled more often: slower in a hall seen from 9 m, no faster from 2 m (1080p).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Patch(pub(super) [i32; 3]);
+pub(crate) struct Patch(pub(crate) [i32; 3]);
 
 impl SurfaceIndex {
     /// Indexes the points of a set. Takes O(n log n) time, 28 bytes a point and about 20 a cell that has points.
@@ -63,14 +65,11 @@ impl SurfaceIndex {
         let origin = Vec3::from(layout.origin);
         let size = (Vec3::from(layout.position(layout.extent)) - origin).max_element();
         let edge = (2.0 * PADDING * layout.kernel_radius).max(size / MOST_CELLS).min(LARGEST_EDGE);
-        let mut keyed: Vec<(u64, u32)> = (0..geometry.len() as u32)
-            .into_par_iter()
-            .map(|point| {
-                let cell = (Vec3::from(geometry.position(point as usize)) - origin) / edge;
-                (mix(key(cell.to_array().map(|axis| axis as u32))), point)
-            })
-            .collect();
-        keyed.par_sort_unstable();
+        let mut keyed: Vec<(u64, u32)> = parallel::map(geometry.len() as u32, |point| {
+            let cell = (Vec3::from(geometry.position(point as usize)) - origin) / edge;
+            (mix(key(cell.to_array().map(|axis| axis as u32))), point)
+        });
+        parallel::sort(&mut keyed);
         let mut runs: Vec<&[(u64, u32)]> = keyed.chunk_by(|a, b| a.0 == b.0).collect();
         runs.sort_unstable_by_key(|run| run[0].1);
         let placed = |&(_, point): &(u64, u32)| Placed {
@@ -85,7 +84,7 @@ impl SurfaceIndex {
             Cell { hash: run[0].0, first: first - run.len() as u32, end: first }
         });
         let mut cells: Vec<Cell> = cells.collect();
-        cells.par_sort_unstable_by_key(|cell| cell.hash);
+        parallel::sort(&mut cells);
         let (starts, shift) = starts(&cells);
         let patches_per_m = 2.0 / edge;
         Self {
@@ -102,7 +101,7 @@ impl SurfaceIndex {
 
     /// `r` of Eq. 2 in metres.
     #[inline]
-    pub(super) fn kernel_radius(&self) -> f32 {
+    pub(crate) fn kernel_radius(&self) -> f32 {
         self.kernel_radius
     }
 
@@ -116,7 +115,7 @@ impl SurfaceIndex {
 
     /// The patch that a place is in; `None` for one that is not finite.
     #[inline]
-    pub(super) fn patch(&self, rest: Vec3) -> Option<Patch> {
+    pub(crate) fn patch(&self, rest: Vec3) -> Option<Patch> {
         let at = (rest - self.origin) * self.patches_per_m;
         // Far away all patches are alike: empty.
         let floor = |axis: f32| {
@@ -129,13 +128,13 @@ impl SurfaceIndex {
 
     /// The lowest of the 2 x 2 x 2 cells that hold every point within the kernel radius of any place in a patch.
     #[inline]
-    pub(super) fn base(Patch(patch): Patch) -> [i32; 3] {
+    pub(crate) fn base(Patch(patch): Patch) -> [i32; 3] {
         // A patch is one half of its cell on each axis, and the kernel reaches half a cell.
         patch.map(|axis| (axis - 1) >> 1)
     }
 
     /// Lower and upper corner of a patch.
-    pub(super) fn corners(&self, Patch(patch): Patch) -> [Vec3; 2] {
+    pub(crate) fn corners(&self, Patch(patch): Patch) -> [Vec3; 2] {
         let corner = |step: i32| {
             let [x, y, z] = patch;
             let at = Vec3::new((x + step) as f32, (y + step) as f32, (z + step) as f32);
@@ -145,12 +144,12 @@ impl SurfaceIndex {
     }
 
     /// Distance in metres up to which points may count, rounding included.
-    pub(super) fn reach(&self) -> f32 {
+    pub(crate) fn reach(&self) -> f32 {
         self.kernel_radius * PADDING
     }
 
     /// The points of a cell.
-    pub(super) fn cell(&self, [x, y, z]: [i32; 3]) -> &[Placed] {
+    pub(crate) fn cell(&self, [x, y, z]: [i32; 3]) -> &[Placed] {
         if x < 0 || y < 0 || z < 0 {
             return &[];
         }

@@ -3,6 +3,8 @@
 use std::fmt;
 use std::path::Path;
 
+use psao_proto::recording::file::FileError;
+
 /// Exit codes of `psao`, as the README documents them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Exit {
@@ -54,6 +56,17 @@ impl Failure {
             Exit::System,
             format_args!("cannot write {}: {error}; choose another place or free some room", path.display()),
         )
+    }
+}
+
+impl From<FileError> for Failure {
+    fn from(error: FileError) -> Self {
+        let exit = match error {
+            FileError::SameFile { .. } => Exit::Usage,
+            FileError::Scene(_) => Exit::Input,
+            _ => Exit::System,
+        };
+        Self::new(exit, error)
     }
 }
 

@@ -4,13 +4,12 @@ use std::fs::File;
 use std::io::{ErrorKind, Result, Seek as _, SeekFrom, Write as _};
 use std::path::{Path, PathBuf};
 
-use psao_proto::recording::{Writer, WriterError};
-use psao_proto::{Limits, Micros};
-
-use crate::error::{Exit, Failure, Outcome};
+use super::FileError;
+use crate::recording::{Writer, WriterError};
+use crate::{Limits, Micros};
 
 /// Where the bytes of a recording go.
-pub(crate) trait Sink: Send + 'static {
+pub(super) trait Sink: Send + 'static {
     /// Its name, for people.
     fn path(&self) -> &Path;
 
@@ -25,15 +24,16 @@ pub(crate) trait Sink: Send + 'static {
 }
 
 /// A file.
-pub(crate) struct RecordingFile {
+pub(super) struct RecordingFile {
     path: PathBuf,
     file: File,
 }
 
 impl RecordingFile {
     /// A new file; one of that name is replaced.
-    pub(crate) fn create(path: &Path) -> Outcome<Self> {
-        let file = File::create(path).map_err(|error| Failure::writing(path, &error))?;
+    #[expect(clippy::disallowed_methods, reason = "this module is the crate's way to the disk")]
+    pub(super) fn create(path: &Path) -> std::result::Result<Self, FileError> {
+        let file = File::create(path).map_err(|error| FileError::io(path, error))?;
         Ok(Self { path: path.to_owned(), file })
     }
 }
@@ -66,7 +66,7 @@ impl Sink for RecordingFile {
 
 /// Why a frame is not in the recording.
 #[derive(Debug)]
-pub(crate) enum DiskError {
+pub(super) enum DiskError {
     /// It is no frame, or the recording is finished.
     Writer(WriterError),
     /// It could not be written.
@@ -80,7 +80,7 @@ impl From<WriterError> for DiskError {
 }
 
 /// A recording and where it goes.
-pub(crate) struct Disk<S> {
+pub(super) struct Disk<S> {
     sink: S,
     writer: Writer,
     /// The file header, until the first record: they are written together, so that a file is a recording or empty.
@@ -92,13 +92,13 @@ pub(crate) struct Disk<S> {
 }
 
 impl<S: Sink> Disk<S> {
-    pub(crate) fn new(sink: S) -> Self {
-        let (writer, head) = Writer::new(Limits::default());
+    pub(super) fn new(sink: S, limits: Limits) -> Self {
+        let (writer, head) = Writer::new(limits);
         Self { sink, writer, head, whole: 0, torn: false }
     }
 
     /// Writes one frame. After an error the recording is as before, and it may be tried again.
-    pub(crate) fn append(&mut self, arrival: Micros, frame: &[u8]) -> std::result::Result<(), DiskError> {
+    pub(super) fn append(&mut self, arrival: Micros, frame: &[u8]) -> std::result::Result<(), DiskError> {
         let record = self.writer.append(arrival, frame)?;
         self.write(&record).map_err(|error| {
             self.writer.take_back();
@@ -107,7 +107,7 @@ impl<S: Sink> Disk<S> {
     }
 
     /// Writes the index; gives the length of the file.
-    pub(crate) fn finish(&mut self) -> std::result::Result<u64, DiskError> {
+    pub(super) fn finish(&mut self) -> std::result::Result<u64, DiskError> {
         let end = self.writer.finish()?;
         let written = self.write(&end).and_then(|()| self.sink.settle());
         if written.is_err() && self.torn {
@@ -119,15 +119,15 @@ impl<S: Sink> Disk<S> {
     }
 
     /// See [`Sink::settle`].
-    pub(crate) fn settle(&mut self) -> Result<()> {
+    pub(super) fn settle(&mut self) -> Result<()> {
         self.sink.settle()
     }
 
-    /// What a person is told of an error.
-    pub(crate) fn failure(&self, error: &DiskError) -> Failure {
+    /// An error with the name of the file.
+    pub(super) fn describe(&self, error: DiskError) -> FileError {
         match error {
-            DiskError::Writer(error) => Failure::new(Exit::System, error),
-            DiskError::Io(error) => Failure::writing(self.sink.path(), error),
+            DiskError::Writer(error) => FileError::Record(error),
+            DiskError::Io(error) => FileError::io(self.sink.path(), error),
         }
     }
 

@@ -2,8 +2,8 @@
 
 use std::collections::VecDeque;
 
-use psao_proto::message::{Gap, GapReason, Message as _};
-use psao_proto::{FrameIndex, FrameType, HEADER_BYTES, Limits, Micros, Numbering};
+use crate::message::{Gap, GapReason, Message as _};
+use crate::{FrameIndex, FrameType, HEADER_BYTES, Limits, Micros, Numbering};
 
 /// Bytes by which messages may go over the bound: a scene table, edits and a goodbye are small, and nothing makes up for
 /// them.
@@ -13,9 +13,9 @@ const RETRY: Micros = Micros::from_secs(1);
 
 /// Something to write.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Item {
-    pub(crate) arrival: Micros,
-    pub(crate) frame: Vec<u8>,
+pub(super) struct Item {
+    pub(super) arrival: Micros,
+    pub(super) frame: Vec<u8>,
 }
 
 impl Item {
@@ -29,12 +29,16 @@ fn kind(frame: &[u8]) -> FrameType {
     FrameType(frame.get(2).copied().unwrap_or_default())
 }
 
-/// Sums over what is not in the recording.
+/// Sums over what is not in a recording, because the disk was too slow or failed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Missing {
-    pub(crate) gaps: u64,
-    pub(crate) frames: u64,
-    pub(crate) bytes: u64,
+#[non_exhaustive]
+pub struct Missing {
+    /// Places where something is missing.
+    pub gaps: u64,
+    /// Keyframes and updates.
+    pub frames: u64,
+    /// Bytes of all frames on the wire.
+    pub bytes: u64,
 }
 
 /// The queue between a stream and a disk.
@@ -42,8 +46,9 @@ pub(crate) struct Missing {
 /// When a frame does not fit, it is dropped, and every frame after it until a keyframe fits: a gap. What a gap dropped is
 /// told in the recording just before that keyframe.
 #[derive(Debug)]
-pub(crate) struct Backlog {
+pub(super) struct Backlog {
     limit: usize,
+    limits: Limits,
     queue: VecDeque<Item>,
     /// Bytes in the queue and of what is being written.
     bytes: usize,
@@ -57,13 +62,22 @@ pub(crate) struct Backlog {
 
 impl Backlog {
     /// An empty one that holds at most `limit` bytes; a frame that is longer waits alone.
-    pub(crate) fn new(limit: usize) -> Self {
+    pub(super) fn new(limit: usize, limits: Limits) -> Self {
         let missing = Missing::default();
-        Self { limit, queue: VecDeque::new(), bytes: 0, gap: None, missing, retry: None, ended: false }
+        Self {
+            limit,
+            limits,
+            queue: VecDeque::new(),
+            bytes: 0,
+            gap: None,
+            missing,
+            retry: None,
+            ended: false,
+        }
     }
 
     /// Takes a frame, or drops it; gives whether it was taken.
-    pub(crate) fn offer(&mut self, arrival: Micros, frame: &[u8]) -> bool {
+    pub(super) fn offer(&mut self, arrival: Micros, frame: &[u8]) -> bool {
         let taken = match kind(frame) {
             FrameType::KEYFRAME if self.gap.is_some() => self.rests(arrival) && self.fits(frame.len()),
             FrameType::UPDATE | FrameType::REPORT if self.gap.is_some() => false,
@@ -83,23 +97,23 @@ impl Backlog {
     }
 
     /// Whether a keyframe would end a gap now: there is room for one.
-    pub(crate) fn wants_keyframe(&self, now: Micros) -> bool {
+    pub(super) fn wants_keyframe(&self, now: Micros) -> bool {
         self.gap.is_some() && self.rests(now) && self.bytes <= self.limit / 2
     }
 
     /// The next thing to write. Nothing while a failed disk is left alone.
-    pub(crate) fn pop(&mut self) -> Option<Item> {
+    pub(super) fn pop(&mut self) -> Option<Item> {
         if self.retry.is_some() && !self.ended { None } else { self.queue.pop_front() }
     }
 
     /// An item was written.
-    pub(crate) fn wrote(&mut self, item: &Item) {
+    pub(super) fn wrote(&mut self, item: &Item) {
         self.bytes -= item.frame.len();
     }
 
     /// An item could not be written. Frames that wait are lost; messages are kept for when the disk can be written again,
     /// at the earliest in a second, or never.
-    pub(crate) fn failed(&mut self, item: Option<Item>, now: Micros, for_good: bool) {
+    pub(super) fn failed(&mut self, item: Option<Item>, now: Micros, for_good: bool) {
         self.retry = Some(if for_good { Micros(u64::MAX) } else { now.plus(RETRY) });
         let waiting: Vec<Item> = item.into_iter().chain(std::mem::take(&mut self.queue)).collect();
         for item in waiting {
@@ -121,18 +135,18 @@ impl Backlog {
     }
 
     /// Nothing more comes; what is missing at the end is marked there.
-    pub(crate) fn end(&mut self, now: Micros) {
+    pub(super) fn end(&mut self, now: Micros) {
         self.ended = true;
         self.end_gap(now);
     }
 
     /// Whether nothing more will come.
-    pub(crate) const fn has_ended(&self) -> bool {
+    pub(super) const fn has_ended(&self) -> bool {
         self.ended
     }
 
     /// What is not in the recording so far.
-    pub(crate) fn missing(&self) -> Missing {
+    pub(super) fn missing(&self) -> Missing {
         let mut missing = self.missing;
         if let Some(gap) = &self.gap {
             missing.gaps += 1;
@@ -160,8 +174,7 @@ impl Backlog {
     fn lose(&mut self, frame: &[u8], reason: GapReason) {
         let number = kind(frame).carries_state().then(|| {
             let body = frame.get(HEADER_BYTES..).unwrap_or_default();
-            psao_codec::frame::inspect(body, &Limits::default().codec)
-                .map_or(FrameIndex(0), |info| info.frame)
+            psao_codec::frame::inspect(body, &self.limits.codec).map_or(FrameIndex(0), |info| info.frame)
         });
         let none = Gap {
             first_lost: number.unwrap_or_default(),
@@ -213,10 +226,9 @@ impl Backlog {
 
 #[cfg(test)]
 mod tests {
-    use proptest::prelude::*;
-    use psao_proto::sample::SampleServer;
-
     use super::*;
+    use crate::sample::SampleServer;
+    use proptest::prelude::*;
 
     /// Frames of a stream: a keyframe each time it is asked for.
     struct Stream {
@@ -258,7 +270,7 @@ mod tests {
     fn a_slow_disk_costs_frames_up_to_the_next_keyframe_that_fits() {
         let mut stream = Stream::new();
         let first = stream.next(true);
-        let mut backlog = Backlog::new(first.len() + 10);
+        let mut backlog = Backlog::new(first.len() + 10, Limits::default());
         assert!(backlog.offer(Micros(0), &first));
         // Being written, not yet written: the room is still taken.
         let item = backlog.pop().unwrap();
@@ -268,7 +280,7 @@ mod tests {
         backlog.wrote(&item);
         assert!(backlog.wants_keyframe(Micros(3)));
         assert!(!backlog.offer(Micros(3), &stream.next(false)), "an update has nothing to build on");
-        let close = psao_proto::message::Close::new(psao_proto::message::CloseCode::DONE, "");
+        let close = crate::message::Close::new(crate::message::CloseCode::DONE, "");
         assert!(backlog.offer(Micros(3), &stream.numbering.message(&close).unwrap()), "messages stay");
         assert_eq!(drain(&mut backlog).len(), 1);
         assert!(backlog.offer(Micros(4), &stream.next(true)));
@@ -284,7 +296,7 @@ mod tests {
     #[test]
     fn a_disk_that_failed_is_tried_again_with_a_keyframe_and_keeps_its_messages() {
         let mut stream = Stream::new();
-        let mut backlog = Backlog::new(1 << 20);
+        let mut backlog = Backlog::new(1 << 20, Limits::default());
         let scene = stream.numbering.scene(stream.server.scene()).unwrap();
         for frame in &scene {
             assert!(backlog.offer(Micros(0), frame));
@@ -320,7 +332,7 @@ mod tests {
     #[test]
     fn a_file_that_is_gone_is_not_tried_again() {
         let mut stream = Stream::new();
-        let mut backlog = Backlog::new(1 << 20);
+        let mut backlog = Backlog::new(1 << 20, Limits::default());
         backlog.offer(Micros(0), &stream.next(true));
         backlog.failed(None, Micros(1), true);
         for second in 0..100 {
@@ -337,7 +349,7 @@ mod tests {
             limit in 300usize..3000, turns in prop::collection::vec((0u8..10, any::<bool>()), 1..120),
         ) {
             let mut stream = Stream::new();
-            let mut backlog = Backlog::new(limit);
+            let mut backlog = Backlog::new(limit, Limits::default());
             let (mut offered, mut written, mut at_disk) = (0u64, Vec::new(), None::<Item>);
             for (now, &(turn, key)) in (0..).map(Micros::from_secs).zip(&turns) {
                 match turn {

@@ -1,27 +1,27 @@
 //! A recording behind the back of its stream: a thread of its own writes, and the stream never waits for it.
 
+use std::io::ErrorKind;
 use std::path::PathBuf;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use psao_proto::Micros;
-
-use super::Tape;
 use super::backlog::{Backlog, Missing};
 use super::disk::{Disk, DiskError, Sink};
-use crate::context::WallClock;
-use crate::error::{Exit, Failure, Outcome};
-use crate::output::number;
+use super::options::Observer;
+use super::recorder::Clock;
+use super::{FileError, Recorded, RecorderNotice, RecorderOptions};
+use crate::Micros;
 
 /// How often what was written is brought to the disk: what a power cut may cost.
-const SETTLE: Duration = Duration::from_secs(1);
+const SETTLE: Micros = Micros::from_secs(1);
 
 /// The near end: takes frames and never waits.
-pub(crate) struct Live {
+pub(super) struct Background {
     path: PathBuf,
     shared: Arc<Shared>,
-    writer: JoinHandle<Written>,
+    /// The far end, until it is waited for.
+    writer: Option<JoinHandle<Result<u64, FileError>>>,
     /// Whether it was said that the disk is too slow.
     told: bool,
 }
@@ -29,82 +29,73 @@ pub(crate) struct Live {
 struct Shared {
     backlog: Mutex<Backlog>,
     changed: Condvar,
-    clock: WallClock,
+    clock: Clock,
+    observer: Observer,
 }
 
-/// How the writing went.
-struct Written {
-    /// Length of the file, if its end could be written.
-    bytes: Option<u64>,
-    /// The first failure.
-    failure: Option<Failure>,
-}
-
-impl Live {
-    /// Starts a recording of which at most `buffer` bytes wait.
-    pub(crate) fn start(sink: impl Sink, buffer: usize) -> Outcome<Self> {
+impl Background {
+    /// Starts the thread of a recording.
+    pub(super) fn start(sink: impl Sink, options: RecorderOptions, clock: Clock) -> Result<Self, FileError> {
         let path = sink.path().to_owned();
         let shared = Arc::new(Shared {
-            backlog: Mutex::new(Backlog::new(buffer)),
+            backlog: Mutex::new(Backlog::new(options.buffer_bytes, options.limits)),
             changed: Condvar::new(),
-            clock: WallClock::start(),
+            clock,
+            observer: options.observer,
         });
         let far = Arc::clone(&shared);
         let writer = std::thread::Builder::new()
             .name("recorder".into())
-            .spawn(move || far.write(Disk::new(sink)))
-            .map_err(|error| Failure::new(Exit::System, format_args!("cannot start a thread: {error}")))?;
-        Ok(Self { path, shared, writer, told: false })
+            .spawn(move || far.write(Disk::new(sink, options.limits)))
+            .map_err(FileError::Thread)?;
+        Ok(Self { path, shared, writer: Some(writer), told: false })
     }
 
-    /// Time since the recording began.
-    pub(crate) fn now(&self) -> Micros {
-        Micros(self.shared.clock.micros())
-    }
-
-    /// Whether a keyframe would end a gap.
-    pub(crate) fn wants_keyframe(&self) -> bool {
-        self.shared.lock().wants_keyframe(self.now())
-    }
-
-    /// Writes what waits and ends the recording; gives the length of the file.
-    pub(crate) fn finish(self) -> Outcome<u64> {
-        let now = self.now();
-        self.shared.lock().end(now);
-        self.shared.changed.notify_one();
-        let path = self.path.display();
-        let written = self
-            .writer
-            .join()
-            .map_err(|_| Failure::new(Exit::System, format_args!("{path}: the recorder's thread failed")))?;
-        let Missing { gaps, frames, bytes } = self.shared.lock().missing();
-        if gaps > 0 {
-            eprintln!(
-                "psao: {path}: {} frames ({}) are missing from the recording, in {gaps} gap(s)",
-                number::count(frames),
-                number::bytes(bytes)
-            );
-        }
-        match (written.failure, written.bytes) {
-            (None, Some(bytes)) => Ok(bytes),
-            (Some(failure), _) => Err(failure),
-            (None, None) => Err(Failure::new(Exit::System, format_args!("{path}: its end was not written"))),
-        }
-    }
-}
-
-impl Tape for Live {
-    fn take(&mut self, arrival: Micros, frame: &[u8]) -> Outcome {
+    /// Takes a frame, or counts it as missing.
+    pub(super) fn take(&mut self, arrival: Micros, frame: &[u8]) {
         let taken = self.shared.lock().offer(arrival, frame);
         self.shared.changed.notify_one();
         if !taken && !self.told {
             self.told = true;
-            eprintln!(
-                "psao: {}: the recording cannot keep up; frames are missing until it goes on with a keyframe",
-                self.path.display()
-            );
+            (self.shared.observer)(RecorderNotice::Behind);
         }
-        Ok(())
+    }
+
+    /// Whether a keyframe would end a gap.
+    pub(super) fn wants_keyframe(&self, now: Micros) -> bool {
+        self.shared.lock().wants_keyframe(now)
+    }
+
+    /// What is missing so far.
+    pub(super) fn missing(&self) -> Missing {
+        self.shared.lock().missing()
+    }
+
+    /// Writes what waits and ends the recording.
+    pub(super) fn finish(mut self) -> Result<Recorded, FileError> {
+        let written = self.end()?;
+        let missing = self.shared.lock().missing();
+        if missing.gaps > 0 {
+            (self.shared.observer)(RecorderNotice::Incomplete(missing));
+        }
+        Ok(Recorded { bytes: written?, missing })
+    }
+
+    /// Waits until everything is written; returns how it went: the length of the file.
+    fn end(&mut self) -> Result<Result<u64, FileError>, FileError> {
+        self.shared.lock().end(self.shared.clock.now());
+        self.shared.changed.notify_one();
+        let failed = || FileError::ThreadFailed { path: self.path.clone() };
+        self.writer.take().and_then(|writer| writer.join().ok()).ok_or_else(failed)
+    }
+}
+
+impl Drop for Background {
+    fn drop(&mut self) {
+        if self.writer.is_some() {
+            // Nobody is left to tell how it went.
+            let _ = self.end();
+        }
     }
 }
 
@@ -115,9 +106,9 @@ impl Shared {
     }
 
     /// The far end: writes until the stream has ended.
-    fn write<S: Sink>(&self, mut disk: Disk<S>) -> Written {
+    fn write<S: Sink>(&self, mut disk: Disk<S>) -> Result<u64, FileError> {
         let mut failure = None;
-        let mut settled = Instant::now();
+        let mut settled = self.clock.now();
         let mut dirty = false;
         loop {
             let mut backlog = self.lock();
@@ -128,7 +119,7 @@ impl Shared {
                 }
                 backlog = self
                     .changed
-                    .wait_timeout(backlog, SETTLE)
+                    .wait_timeout(backlog, Duration::from_micros(SETTLE.0))
                     .map_or_else(|error| error.into_inner().0, |(backlog, _)| backlog);
             }
             drop(backlog);
@@ -140,24 +131,21 @@ impl Shared {
                 }
                 dirty = true;
             }
-            if problem.is_none() && dirty && settled.elapsed() >= SETTLE {
+            if problem.is_none() && dirty && self.clock.now().since(settled) >= SETTLE {
                 problem = disk.settle().err().map(|error| (DiskError::Io(error), None));
-                (dirty, settled) = (false, Instant::now());
+                (dirty, settled) = (false, self.clock.now());
             }
             let Some((error, item)) = problem else { continue };
-            let gone = matches!(&error, DiskError::Io(error) if error.kind() == std::io::ErrorKind::NotFound);
-            self.lock().failed(item, Micros(self.clock.micros()), gone);
-            failure.get_or_insert_with(|| {
-                let failure = disk.failure(&error);
-                eprintln!("psao: {failure}; the stream goes on");
-                failure
-            });
+            let gone = matches!(&error, DiskError::Io(error) if error.kind() == ErrorKind::NotFound);
+            self.lock().failed(item, self.clock.now(), gone);
+            if failure.is_none() {
+                let error = disk.describe(error);
+                (self.observer)(RecorderNotice::Failed(&error));
+                failure = Some(error);
+            }
         }
-        let bytes = disk.finish();
-        if let Err(error) = &bytes {
-            failure.get_or_insert_with(|| disk.failure(error));
-        }
-        Written { bytes: bytes.ok(), failure }
+        let finished = disk.finish().map_err(|error| disk.describe(error));
+        failure.map_or(finished, Err)
     }
 }
 
@@ -167,13 +155,14 @@ mod tests {
     use std::path::Path;
     use std::sync::mpsc;
 
-    use psao_proto::message::{Close, CloseCode};
-    use psao_proto::recording::{Player, StoredIndex, Summary};
-    use psao_proto::sample::SampleServer;
-    use psao_proto::{FrameType, Limits, Numbering};
+    use psao_codec::frame::{EncodedFrame, FrameKind};
 
     use super::*;
-    use crate::recorder::Recorder;
+    use crate::message::{Close, CloseCode};
+    use crate::recording::file::Recorder;
+    use crate::recording::{Player, StoredIndex, Summary};
+    use crate::sample::SampleServer;
+    use crate::{FrameType, Limits};
 
     /// A disk in memory, that can be told to wait and to be full.
     #[derive(Clone)]
@@ -218,20 +207,19 @@ mod tests {
     }
 
     /// A stream into a recorder; a keyframe whenever it is wanted.
-    fn stream(recorder: &mut Recorder<Live>, server: &mut SampleServer, frames: u32) {
+    fn stream(recorder: &mut Recorder, server: &mut SampleServer, frames: u32) {
         for _ in 0..frames {
-            let body = server.step().unwrap().body;
-            let (now, first) = (recorder.now(), server.state().frame().unwrap().0 == 0);
+            let EncodedFrame { info, body, .. } = server.step().unwrap();
+            let now = recorder.now();
             match recorder.wants_keyframe() {
-                true => recorder.body(now, true, &server.keyframe().unwrap()).unwrap(),
-                false => recorder.body(now, first, &body).unwrap(),
+                true => recorder.body(now, FrameKind::Key, &server.keyframe().unwrap()).unwrap(),
+                false => recorder.body(now, info.kind, &body).unwrap(),
             }
         }
     }
 
-    fn recorder(sink: &Memory, buffer: usize) -> Recorder<Live> {
-        let tape = Live::start(sink.clone(), buffer).unwrap();
-        Recorder { tape, numbering: Numbering::default() }
+    fn recorder(sink: &Memory, buffer: usize) -> Recorder {
+        Recorder::over(sink.clone(), RecorderOptions::default().with_buffer_bytes(buffer))
     }
 
     fn played(file: &[u8]) -> (u64, u64, StoredIndex) {
@@ -274,7 +262,7 @@ mod tests {
         let mut recorder = recorder(&sink, 1 << 20);
         recorder.scene(server.scene()).unwrap();
         stream(&mut recorder, &mut server, 100);
-        while recorder.tape.shared.lock().missing().frames == 0 {
+        while recorder.missing().frames == 0 {
             std::thread::yield_now();
         }
         *sink.room.lock().unwrap() = usize::MAX;
@@ -283,7 +271,7 @@ mod tests {
         }
         stream(&mut recorder, &mut server, 10);
         let failure = recorder.finish().unwrap_err();
-        assert_eq!(failure.exit, Exit::System);
+        assert!(matches!(failure, FileError::Io { .. }), "{failure}");
         let (applied, missing, index) = played(&sink.file.lock().unwrap());
         assert_eq!((applied + missing, index), (110, StoredIndex::Agrees));
         assert!(applied >= 20, "{applied} frames were written");
@@ -306,9 +294,41 @@ mod tests {
     }
 
     #[test]
-    fn failures_that_are_not_the_disks_say_so() {
-        let disk = Disk::new(Memory::new(0));
-        let failure = disk.failure(&DiskError::Io(Error::from(ErrorKind::PermissionDenied)));
-        assert!(failure.to_string().contains("memory") && failure.exit == Exit::System);
+    fn failures_name_the_file() {
+        let disk = Disk::new(Memory::new(0), Limits::default());
+        let failure = disk.describe(DiskError::Io(Error::from(ErrorKind::PermissionDenied)));
+        assert!(failure.to_string().contains("memory"), "{failure}");
+    }
+
+    #[test]
+    fn a_recorder_that_is_dropped_leaves_a_whole_recording() {
+        let sink = Memory::new(usize::MAX);
+        let mut server = SampleServer::new().unwrap();
+        let mut recorder = recorder(&sink, 1 << 20);
+        recorder.scene(server.scene()).unwrap();
+        stream(&mut recorder, &mut server, 20);
+        drop(recorder);
+        assert_eq!(played(&sink.file.lock().unwrap()), (20, 0, StoredIndex::Agrees));
+    }
+
+    #[test]
+    fn notices_come_once_each() {
+        let (notices, heard) = mpsc::channel();
+        let observer = move |notice: RecorderNotice<'_>| notices.send(notice.to_string()).unwrap();
+        let options = RecorderOptions::default().with_buffer_bytes(1 << 20).with_observer(observer);
+        let mut recorder = Recorder::over(Memory::new(0), options);
+        let mut server = SampleServer::new().unwrap();
+        recorder.scene(server.scene()).unwrap();
+        while recorder.missing().frames == 0 {
+            stream(&mut recorder, &mut server, 1);
+        }
+        // This one comes into the gap.
+        stream(&mut recorder, &mut server, 1);
+        recorder.finish().unwrap_err();
+        let heard: Vec<String> = heard.into_iter().collect();
+        assert_eq!(heard.len(), 3, "{heard:?}");
+        for words in ["cannot keep up", "the stream goes on", "are missing from the recording"] {
+            assert_eq!(heard.iter().filter(|notice| notice.contains(words)).count(), 1, "{heard:?}");
+        }
     }
 }

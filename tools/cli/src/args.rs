@@ -8,7 +8,7 @@ use psao_codec::block::BlockCoder;
 use psao_codec::surface::GeometrySource;
 use psao_eval::metric::Lpips;
 use psao_proto::Profile;
-use psao_proto::recording::file::{Missing, RecorderNotice, RecorderOptions};
+use psao_proto::recording::file::{GapTotals, RecorderNotice, RecorderOptions};
 use psao_server_sim::ao::Occlusion;
 
 use crate::analysis::load;
@@ -321,7 +321,7 @@ impl BufferArg {
         RecorderOptions::default().with_buffer_bytes(bytes).with_observer(move |notice| match notice {
             // It names the file itself.
             RecorderNotice::Failed(_) => eprintln!("psao: {notice}"),
-            RecorderNotice::Incomplete(Missing { gaps, frames, bytes, .. }) => eprintln!(
+            RecorderNotice::Incomplete(GapTotals { gaps, frames, bytes, .. }) => eprintln!(
                 "psao: {path}: {} frames ({}) are missing from the recording, in {gaps} gap(s)",
                 number::count(frames),
                 number::bytes(bytes)

@@ -75,3 +75,19 @@ impl fmt::Display for Failure {
         f.write_str(&self.text)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::io::{Error, ErrorKind};
+
+    use super::*;
+
+    #[test]
+    fn a_file_that_cannot_be_written_is_the_systems_fault_and_its_own_source_the_users() {
+        let path = Path::new("there").to_owned();
+        let full = FileError::Io { path: path.clone(), error: Error::from(ErrorKind::StorageFull) };
+        assert_eq!(full.to_string(), Failure::writing(&path, &ErrorKind::StorageFull.into()).to_string());
+        assert_eq!(Failure::from(full).exit, Exit::System);
+        assert_eq!(Failure::from(FileError::SameFile { path }).exit, Exit::Usage);
+    }
+}

@@ -23,8 +23,7 @@ const CHUNK: usize = 1024;
 ///
 /// [`prepare`](Self::prepare) makes an index for each set of points of profile `surface`, once for each geometry; then
 /// [`ao`](Self::ao) and [`ao_many`](Self::ao_many) take `&self`, from as many threads as there are. The results are
-/// those of [`SurfaceReconstructor`](crate::reconstruct::SurfaceReconstructor) and
-/// [`cells`](crate::reconstruct::cells()) for the same places, to the bit.
+/// those of `reconstruct::SurfaceReconstructor` and `reconstruct::cells` for the same places, to the bit.
 ///
 /// ```
 /// # use std::sync::Arc;
@@ -119,11 +118,11 @@ impl AoSampler {
         match state.into() {
             StateRef::Surface(state) => {
                 let index = self.indices.of(state, instance)?;
-                index.blend_one(&arrived_ao(state), instance, &index.place(position, normal)).mean()
+                index.blend_one(&arrived_ao(state), instance, &index.query(position, normal)).mean()
             }
             StateRef::Cells(state) => {
                 let cells = InstanceCells::of(state, instance)?;
-                cells.blend_one(state, &cells.place(position, normal)).mean()
+                cells.blend_one(state, &cells.query(position, normal)).mean()
             }
         }
     }
@@ -149,10 +148,10 @@ impl AoSampler {
             let [positions, normals] = [positions, normals].map(<[_]>::len);
             return Err(SampleError::Lengths { positions, normals, out: out.len() });
         }
-        let places = Places { positions, normals };
+        let queries = Queries { positions, normals };
         match state.into() {
-            StateRef::Surface(state) => self.many_at_rest(state, instance, &places, out),
-            StateRef::Cells(state) => many_in_cells(state, instance, &places, out),
+            StateRef::Surface(state) => self.many_at_rest(state, instance, &queries, out),
+            StateRef::Cells(state) => many_in_cells(state, instance, &queries, out),
         }
     }
 
@@ -166,7 +165,7 @@ impl AoSampler {
         &self,
         state: &surface::State,
         instance: u32,
-        places: &Places<'_>,
+        queries: &Queries<'_>,
         out: &mut [Option<f32>],
     ) -> Result<(), SampleError> {
         let instances = state.layout().members().len();
@@ -178,8 +177,8 @@ impl AoSampler {
         let ao = arrived_ao(state);
         parallel::chunks(out, CHUNK, |chunk, out| {
             let mut near = Patches::new();
-            for ((position, normal), out) in places.from(chunk * CHUNK).zip(out) {
-                *out = index.blend_near(&ao, &mut near, instance, &index.place(position, normal)).mean();
+            for ((position, normal), out) in queries.from(chunk * CHUNK).zip(out) {
+                *out = index.blend_near(&ao, &mut near, instance, &index.query(position, normal)).mean();
             }
         });
         Ok(())
@@ -189,7 +188,7 @@ impl AoSampler {
 fn many_in_cells(
     state: &frame::State,
     instance: u32,
-    places: &Places<'_>,
+    queries: &Queries<'_>,
     out: &mut [Option<f32>],
 ) -> Result<(), SampleError> {
     let instances = state.layout().instances().len();
@@ -198,8 +197,8 @@ fn many_in_cells(
     };
     parallel::chunks(out, CHUNK, |chunk, out| {
         let mut near = Neighbours::new();
-        for ((position, normal), out) in places.from(chunk * CHUNK).zip(out) {
-            *out = cells.blend_near(state, &mut near, &cells.place(position, normal)).mean();
+        for ((position, normal), out) in queries.from(chunk * CHUNK).zip(out) {
+            *out = cells.blend_near(state, &mut near, &cells.query(position, normal)).mean();
         }
     });
     Ok(())
@@ -210,12 +209,12 @@ fn check_instance(instance: u32, instances: usize) -> Result<(), SampleError> {
 }
 
 /// Positions and normals, as many of each.
-struct Places<'a> {
+struct Queries<'a> {
     positions: &'a [[f32; 3]],
     normals: &'a [[f32; 3]],
 }
 
-impl Places<'_> {
+impl Queries<'_> {
     /// The places from number `first` on.
     fn from(&self, first: usize) -> impl Iterator<Item = (Vec3, Vec3)> {
         let positions = self.positions[first..].iter().map(|&position| Vec3::from(position));

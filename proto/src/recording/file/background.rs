@@ -6,15 +6,15 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use super::backlog::{Backlog, Missing};
+use super::backlog::{Backlog, GapTotals};
 use super::disk::{Disk, DiskError, Sink};
 use super::options::Observer;
 use super::recorder::Clock;
-use super::{FileError, Recorded, RecorderNotice, RecorderOptions};
+use super::{FileError, RecorderNotice, RecorderOptions, RecordingOutcome};
 use crate::Micros;
 
 /// How often what was written is brought to the disk: what a power cut may cost.
-const SETTLE: Micros = Micros::from_secs(1);
+const SYNC_INTERVAL: Micros = Micros::from_secs(1);
 
 /// The near end: takes frames and never waits.
 pub(super) struct Background {
@@ -23,7 +23,7 @@ pub(super) struct Background {
     /// The far end, until it is waited for.
     writer: Option<JoinHandle<Result<u64, FileError>>>,
     /// Whether it was said that the disk is too slow.
-    told: bool,
+    behind: bool,
 }
 
 struct Shared {
@@ -48,15 +48,15 @@ impl Background {
             .name("recorder".into())
             .spawn(move || far.write(Disk::new(sink, options.limits)))
             .map_err(FileError::Thread)?;
-        Ok(Self { path, shared, writer: Some(writer), told: false })
+        Ok(Self { path, shared, writer: Some(writer), behind: false })
     }
 
     /// Takes a frame, or counts it as missing.
     pub(super) fn take(&mut self, arrival: Micros, frame: &[u8]) {
         let taken = self.shared.lock().offer(arrival, frame);
         self.shared.changed.notify_one();
-        if !taken && !self.told {
-            self.told = true;
+        if !taken && !self.behind {
+            self.behind = true;
             (self.shared.observer)(RecorderNotice::Behind);
         }
     }
@@ -67,18 +67,18 @@ impl Background {
     }
 
     /// What is missing so far.
-    pub(super) fn missing(&self) -> Missing {
+    pub(super) fn missing(&self) -> GapTotals {
         self.shared.lock().missing()
     }
 
     /// Writes what waits and ends the recording.
-    pub(super) fn finish(mut self) -> Result<Recorded, FileError> {
+    pub(super) fn finish(mut self) -> Result<RecordingOutcome, FileError> {
         let written = self.end()?;
         let missing = self.shared.lock().missing();
         if missing.gaps > 0 {
             (self.shared.observer)(RecorderNotice::Incomplete(missing));
         }
-        Ok(Recorded { bytes: written?, missing })
+        Ok(RecordingOutcome { bytes: written?, missing })
     }
 
     /// Waits until everything is written; returns how it went: the length of the file.
@@ -108,7 +108,7 @@ impl Shared {
     /// The far end: writes until the stream has ended.
     fn write<S: Sink>(&self, mut disk: Disk<S>) -> Result<u64, FileError> {
         let mut failure = None;
-        let mut settled = self.clock.now();
+        let mut synced = self.clock.now();
         let mut dirty = false;
         loop {
             let mut backlog = self.lock();
@@ -119,7 +119,7 @@ impl Shared {
                 }
                 backlog = self
                     .changed
-                    .wait_timeout(backlog, Duration::from_micros(SETTLE.0))
+                    .wait_timeout(backlog, Duration::from_micros(SYNC_INTERVAL.0))
                     .map_or_else(|error| error.into_inner().0, |(backlog, _)| backlog);
             }
             drop(backlog);
@@ -131,9 +131,9 @@ impl Shared {
                 }
                 dirty = true;
             }
-            if problem.is_none() && dirty && self.clock.now().since(settled) >= SETTLE {
-                problem = disk.settle().err().map(|error| (DiskError::Io(error), None));
-                (dirty, settled) = (false, self.clock.now());
+            if problem.is_none() && dirty && self.clock.now().since(synced) >= SYNC_INTERVAL {
+                problem = disk.sync().err().map(|error| (DiskError::Io(error), None));
+                (dirty, synced) = (false, self.clock.now());
             }
             let Some((error, item)) = problem else { continue };
             let gone = matches!(&error, DiskError::Io(error) if error.kind() == ErrorKind::NotFound);
@@ -164,7 +164,7 @@ mod tests {
     use crate::sample::SampleServer;
     use crate::{FrameType, Limits};
 
-    /// A disk in memory, that can be told to wait and to be full.
+    /// A disk in memory, that can be behind to wait and to be full.
     #[derive(Clone)]
     struct Memory {
         file: Arc<Mutex<Vec<u8>>>,
@@ -196,12 +196,12 @@ mod tests {
             if free < bytes.len() { Err(ErrorKind::StorageFull.into()) } else { Ok(()) }
         }
 
-        fn cut_back(&mut self, length: u64) -> Result<()> {
+        fn truncate(&mut self, length: u64) -> Result<()> {
             self.file.lock().unwrap().truncate(length as usize);
             Ok(())
         }
 
-        fn settle(&mut self) -> Result<()> {
+        fn sync(&mut self) -> Result<()> {
             Ok(())
         }
     }

@@ -9,7 +9,7 @@ use crate::{FrameIndex, FrameType, HEADER_BYTES, Limits, Micros, Numbering};
 /// them.
 const MESSAGE_ROOM: usize = 4 << 20;
 /// How long a disk that failed is left alone.
-const RETRY: Micros = Micros::from_secs(1);
+const RETRY_DELAY: Micros = Micros::from_secs(1);
 
 /// Something to write.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,7 +32,7 @@ fn kind(frame: &[u8]) -> FrameType {
 /// Sums over what is not in a recording, because the disk was too slow or failed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
-pub struct Missing {
+pub struct GapTotals {
     /// Places where something is missing.
     pub gaps: u64,
     /// Keyframes and updates.
@@ -44,7 +44,7 @@ pub struct Missing {
 /// The queue between a stream and a disk.
 ///
 /// When a frame does not fit, it is dropped, and every frame after it until a keyframe fits: a gap. What a gap dropped is
-/// told in the recording just before that keyframe.
+/// behind in the recording just before that keyframe.
 #[derive(Debug)]
 pub(super) struct Backlog {
     limit: usize,
@@ -54,7 +54,7 @@ pub(super) struct Backlog {
     bytes: usize,
     gap: Option<Gap>,
     /// Gaps that are over.
-    missing: Missing,
+    missing: GapTotals,
     /// When a failed disk may be tried again; `None` when it has not failed.
     retry: Option<Micros>,
     ended: bool,
@@ -63,7 +63,7 @@ pub(super) struct Backlog {
 impl Backlog {
     /// An empty one that holds at most `limit` bytes; a frame that is longer waits alone.
     pub(super) fn new(limit: usize, limits: Limits) -> Self {
-        let missing = Missing::default();
+        let missing = GapTotals::default();
         Self {
             limit,
             limits,
@@ -79,13 +79,13 @@ impl Backlog {
     /// Takes a frame, or drops it; gives whether it was taken.
     pub(super) fn offer(&mut self, arrival: Micros, frame: &[u8]) -> bool {
         let taken = match kind(frame) {
-            FrameType::KEYFRAME if self.gap.is_some() => self.rests(arrival) && self.fits(frame.len()),
+            FrameType::KEYFRAME if self.gap.is_some() => self.may_retry(arrival) && self.fits(frame.len()),
             FrameType::UPDATE | FrameType::REPORT if self.gap.is_some() => false,
             FrameType::KEYFRAME | FrameType::UPDATE | FrameType::REPORT => self.fits(frame.len()),
             _ => self.bytes + frame.len() <= self.limit + MESSAGE_ROOM,
         };
         if !taken {
-            self.lose(frame, if self.retry.is_some() { GapReason::FAILED } else { GapReason::SLOW });
+            self.count_missing(frame, if self.retry.is_some() { GapReason::FAILED } else { GapReason::SLOW });
             return false;
         }
         if kind(frame) == FrameType::KEYFRAME {
@@ -98,7 +98,7 @@ impl Backlog {
 
     /// Whether a keyframe would end a gap now: there is room for one.
     pub(super) fn wants_keyframe(&self, now: Micros) -> bool {
-        self.gap.is_some() && self.rests(now) && self.bytes <= self.limit / 2
+        self.gap.is_some() && self.may_retry(now) && self.bytes <= self.limit / 2
     }
 
     /// The next thing to write. Nothing while a failed disk is left alone.
@@ -114,7 +114,7 @@ impl Backlog {
     /// An item could not be written. Frames that wait are lost; messages are kept for when the disk can be written again,
     /// at the earliest in a second, or never.
     pub(super) fn failed(&mut self, item: Option<Item>, now: Micros, for_good: bool) {
-        self.retry = Some(if for_good { Micros(u64::MAX) } else { now.plus(RETRY) });
+        self.retry = Some(if for_good { Micros(u64::MAX) } else { now.plus(RETRY_DELAY) });
         let waiting: Vec<Item> = item.into_iter().chain(std::mem::take(&mut self.queue)).collect();
         for item in waiting {
             match item.kind() {
@@ -124,7 +124,7 @@ impl Backlog {
                 }
                 kind if self.ended || kind.carries_state() || kind == FrameType::REPORT => {
                     self.bytes -= item.frame.len();
-                    self.lose(&item.frame, GapReason::FAILED);
+                    self.count_missing(&item.frame, GapReason::FAILED);
                 }
                 _ => self.queue.push_back(item),
             }
@@ -146,7 +146,7 @@ impl Backlog {
     }
 
     /// What is not in the recording so far.
-    pub(super) fn missing(&self) -> Missing {
+    pub(super) fn missing(&self) -> GapTotals {
         let mut missing = self.missing;
         if let Some(gap) = &self.gap {
             missing.gaps += 1;
@@ -157,7 +157,7 @@ impl Backlog {
     }
 
     /// Whether a disk that failed may be tried again, or has not failed.
-    fn rests(&self, now: Micros) -> bool {
+    fn may_retry(&self, now: Micros) -> bool {
         self.retry.is_none_or(|retry| now >= retry)
     }
 
@@ -171,7 +171,7 @@ impl Backlog {
     }
 
     /// Counts a frame that is dropped.
-    fn lose(&mut self, frame: &[u8], reason: GapReason) {
+    fn count_missing(&mut self, frame: &[u8], reason: GapReason) {
         let number = kind(frame).carries_state().then(|| {
             let body = frame.get(HEADER_BYTES..).unwrap_or_default();
             psao_codec::frame::inspect(body, &self.limits.codec).map_or(FrameIndex(0), |info| info.frame)
@@ -306,14 +306,14 @@ mod tests {
         assert!(backlog.offer(Micros(1), &stream.next(false)));
         backlog.failed(Some(failing), Micros(5), false);
         assert_eq!(backlog.pop(), None, "the disk is left alone");
-        let almost = Micros(5).plus(RETRY).since(Micros(1));
+        let almost = Micros(5).plus(RETRY_DELAY).since(Micros(1));
         assert!(!backlog.wants_keyframe(almost) && !backlog.offer(almost, &stream.next(true)));
-        let then = Micros(5).plus(RETRY);
+        let then = Micros(5).plus(RETRY_DELAY);
         assert!(backlog.wants_keyframe(then) && backlog.offer(then, &stream.next(true)));
         // It fails again: the mark is taken back, and what is lost adds up.
         let failing = backlog.pop();
         backlog.failed(failing, then, false);
-        let later = then.plus(RETRY);
+        let later = then.plus(RETRY_DELAY);
         assert!(backlog.offer(later, &stream.next(true)));
         assert!(backlog.offer(later, &stream.next(false)));
         let items = drain(&mut backlog);

@@ -17,10 +17,10 @@ pub(super) trait Sink: Send + 'static {
     fn put(&mut self, bytes: &[u8]) -> Result<()>;
 
     /// Cuts it back to its first `length` bytes, after a [`put`](Self::put) that failed.
-    fn cut_back(&mut self, length: u64) -> Result<()>;
+    fn truncate(&mut self, length: u64) -> Result<()>;
 
     /// Brings what was put to the disk, and checks that it is still where it should be.
-    fn settle(&mut self) -> Result<()>;
+    fn sync(&mut self) -> Result<()>;
 }
 
 /// A file.
@@ -47,12 +47,12 @@ impl Sink for RecordingFile {
         self.file.write_all(bytes)
     }
 
-    fn cut_back(&mut self, length: u64) -> Result<()> {
+    fn truncate(&mut self, length: u64) -> Result<()> {
         self.file.set_len(length)?;
         self.file.seek(SeekFrom::Start(length)).map(drop)
     }
 
-    fn settle(&mut self) -> Result<()> {
+    fn sync(&mut self) -> Result<()> {
         if !self.path.exists() {
             return Err(ErrorKind::NotFound.into());
         }
@@ -109,18 +109,18 @@ impl<S: Sink> Disk<S> {
     /// Writes the index; gives the length of the file.
     pub(super) fn finish(&mut self) -> std::result::Result<u64, DiskError> {
         let end = self.writer.finish()?;
-        let written = self.write(&end).and_then(|()| self.sink.settle());
+        let written = self.write(&end).and_then(|()| self.sink.sync());
         if written.is_err() && self.torn {
             // Half an index would read as damage.
-            let _ = self.sink.cut_back(self.whole);
+            let _ = self.sink.truncate(self.whole);
         }
         written.map_err(DiskError::Io)?;
         Ok(self.whole)
     }
 
-    /// See [`Sink::settle`].
-    pub(super) fn settle(&mut self) -> Result<()> {
-        self.sink.settle()
+    /// See [`Sink::sync`].
+    pub(super) fn sync(&mut self) -> Result<()> {
+        self.sink.sync()
     }
 
     /// An error with the name of the file.
@@ -133,7 +133,7 @@ impl<S: Sink> Disk<S> {
 
     fn write(&mut self, record: &[u8]) -> Result<()> {
         if self.torn {
-            self.sink.cut_back(self.whole)?;
+            self.sink.truncate(self.whole)?;
             self.torn = false;
         }
         // One write for one record; the header goes with the first.

@@ -34,16 +34,16 @@
 //! # Ok::<(), Box<dyn std::error::Error + Send + Sync>>(())
 //! ```
 
+mod atomic;
 mod background;
 mod backlog;
 mod disk;
 mod error;
 mod options;
 mod recorder;
-mod whole;
 
-pub use self::backlog::Missing;
+pub use self::atomic::AtomicFile;
+pub use self::backlog::GapTotals;
 pub use self::error::FileError;
 pub use self::options::{RecorderNotice, RecorderOptions};
-pub use self::recorder::{Recorded, Recorder};
-pub use self::whole::WholeFile;
+pub use self::recorder::{Recorder, RecordingOutcome};

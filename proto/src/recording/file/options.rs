@@ -1,9 +1,9 @@
-//! What a recorder is told, and what it tells.
+//! What a recorder is behind, and what it tells.
 
 use std::fmt;
 use std::sync::Arc;
 
-use super::{FileError, Missing};
+use super::{FileError, GapTotals};
 use crate::Limits;
 
 /// How a [`Recorder`](super::Recorder) works.
@@ -82,7 +82,7 @@ pub enum RecorderNotice<'a> {
     /// A write failed, for the first time. [`Recorder::finish`](super::Recorder::finish) returns this error.
     Failed(&'a FileError),
     /// The recording was finished and has gaps.
-    Incomplete(Missing),
+    Incomplete(GapTotals),
 }
 
 impl fmt::Display for RecorderNotice<'_> {
@@ -92,7 +92,7 @@ impl fmt::Display for RecorderNotice<'_> {
                 "the recording cannot keep up; frames are missing until it goes on with a keyframe",
             ),
             Self::Failed(error) => write!(f, "{error}; the stream goes on"),
-            Self::Incomplete(Missing { gaps, frames, bytes }) => {
+            Self::Incomplete(GapTotals { gaps, frames, bytes }) => {
                 write!(f, "{frames} frames ({bytes} bytes) are missing from the recording, in {gaps} gap(s)")
             }
         }

@@ -1,5 +1,6 @@
 //! A stream into a file.
 
+use std::fmt;
 use std::io::ErrorKind;
 use std::path::Path;
 use std::time::Instant;
@@ -8,7 +9,7 @@ use psao_codec::frame::FrameKind;
 
 use super::background::Background;
 use super::disk::{Disk, RecordingFile};
-use super::{FileError, Missing, RecorderOptions};
+use super::{FileError, GapTotals, RecorderOptions};
 use crate::message::Message;
 use crate::{Micros, Numbering, SceneTable};
 
@@ -37,11 +38,11 @@ enum Output {
 /// A recording that was finished.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
-pub struct Recorded {
+pub struct RecordingOutcome {
     /// Length of the file.
     pub bytes: u64,
     /// What is not in it.
-    pub missing: Missing,
+    pub missing: GapTotals,
 }
 
 /// Time since the recording began.
@@ -106,9 +107,9 @@ impl Recorder {
 
     /// Returns what is missing from the recording so far.
     #[must_use]
-    pub fn missing(&self) -> Missing {
+    pub fn missing(&self) -> GapTotals {
         match &self.output {
-            Output::Direct(_) => Missing::default(),
+            Output::Direct(_) => GapTotals::default(),
             Output::Background(background) => background.missing(),
         }
     }
@@ -164,11 +165,11 @@ impl Recorder {
     ///
     /// # Errors
     /// The first failure of the recording, even if it went on afterwards.
-    pub fn finish(self) -> Result<Recorded, FileError> {
+    pub fn finish(self) -> Result<RecordingOutcome, FileError> {
         match self.output {
             Output::Direct(mut disk) => {
                 let bytes = disk.finish().map_err(|error| disk.describe(error))?;
-                Ok(Recorded { bytes, missing: Missing::default() })
+                Ok(RecordingOutcome { bytes, missing: GapTotals::default() })
             }
             Output::Background(background) => background.finish(),
         }
@@ -180,5 +181,60 @@ impl Recorder {
         let clock = Clock::start();
         let background = Background::start(sink, options, clock).unwrap();
         Self { output: Output::Background(background), numbering: Numbering::default(), clock }
+    }
+}
+
+impl fmt::Debug for Recorder {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Recorder").field("missing", &self.missing()).finish_non_exhaustive()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![expect(clippy::disallowed_methods, reason = "files are read back")]
+
+    use super::*;
+    use crate::Limits;
+    use crate::recording::{Player, StoredIndex, Summary, WriterError};
+    use crate::sample::SampleServer;
+
+    #[test]
+    fn with_backpressure_the_file_has_every_frame_at_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("stream.psao");
+        let mut source = SampleServer::new().unwrap();
+        let mut recorder = Recorder::create(&path, RecorderOptions::default().with_backpressure()).unwrap();
+        recorder.scene(source.scene()).unwrap();
+        for number in 0..5 {
+            let frame = source.step().unwrap();
+            recorder.body(Micros(number), frame.info.kind, &frame.body).unwrap();
+            let garbage = recorder.wire(Micros(number), b"no frame").unwrap_err();
+            assert!(matches!(garbage, FileError::Record(WriterError::NotAFrame(_))), "{garbage}");
+            let file = std::fs::read(&path).unwrap();
+            let mut player = Player::new(&file, Limits::default()).unwrap();
+            while player.next_event().is_some() {}
+            assert!(player.stats().is_clean());
+            assert_eq!(player.stats().applied, number + 1);
+        }
+        assert!(!recorder.wants_keyframe());
+        let outcome = recorder.finish().unwrap();
+        let file = std::fs::read(&path).unwrap();
+        assert_eq!((outcome.bytes, outcome.missing), (file.len() as u64, GapTotals::default()));
+        assert_eq!(Summary::scan(&file, Limits::default()).unwrap().stored_index(), StoredIndex::Agrees);
+    }
+
+    #[test]
+    fn places_where_no_file_can_be_are_errors() {
+        let folder = tempfile::tempdir().unwrap();
+        for place in [folder.path().to_owned(), folder.path().join("no/where")] {
+            let checked = Recorder::check_place(&place).unwrap_err();
+            let created = Recorder::create(&place, RecorderOptions::default()).unwrap_err();
+            for error in [checked, created] {
+                assert!(error.to_string().contains("choose another place"), "{error}");
+            }
+        }
+        Recorder::check_place(&folder.path().join("new")).unwrap();
+        assert_eq!(folder.path().read_dir().unwrap().count(), 0, "a check writes nothing");
     }
 }

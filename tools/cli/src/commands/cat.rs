@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use psao_proto::Limits;
 use psao_proto::recording::Concatenation;
-use psao_proto::recording::file::WholeFile;
+use psao_proto::recording::file::AtomicFile;
 
 use super::recover::{ended, refused};
 use crate::analysis::load;
@@ -27,7 +27,7 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn run(args: &Args) -> Outcome {
-    let mut out = WholeFile::create(&args.output.output, &args.files)?;
+    let mut out = AtomicFile::create(&args.output.output, &args.files)?;
     let mut length = 0;
     let put = |bytes: &[u8]| {
         length += bytes.len() as u64;

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use psao_proto::Limits;
-use psao_proto::recording::file::WholeFile;
+use psao_proto::recording::file::AtomicFile;
 use psao_proto::recording::{RewriteError, Rewritten, recover};
 
 use crate::analysis::load;
@@ -40,7 +40,7 @@ pub(crate) fn rewrite(
     make: impl FnOnce(&[u8], &mut dyn FnMut(&[u8]) -> Outcome) -> Result<Rewritten, RewriteError<Failure>>,
 ) -> Outcome {
     let bytes = load(path)?;
-    let mut out = WholeFile::create(output, &[path.to_owned()])?;
+    let mut out = AtomicFile::create(output, &[path.to_owned()])?;
     let mut length = 0;
     let mut put = |bytes: &[u8]| {
         length += bytes.len() as u64;

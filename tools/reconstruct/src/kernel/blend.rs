@@ -7,7 +7,7 @@ use super::weight::{DISTANCE_THRESHOLD, NORMAL_THRESHOLD};
 
 /// A place in the space that its points are in.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Place {
+pub(crate) struct Query {
     pub(crate) position: Vec3,
     pub(crate) normal: Vec3,
     /// `r` of Eq. 2 in metres.
@@ -31,13 +31,13 @@ impl Blend {
     /// Adds the points of a group, each with the weight of [`weight`](super::weight()): the same operations in the
     /// same order, without a branch.
     #[inline]
-    pub(crate) fn add(&mut self, group: &Group, place: &Place) {
+    pub(crate) fn add(&mut self, group: &Group, query: &Query) {
         let ([px, py, pz], [nx, ny, nz]) = (&group.position, &group.normal);
-        let (x, n) = (place.position, place.normal);
+        let (x, n) = (query.position, query.normal);
         for lane in 0..LANES {
             let offset = [px[lane] - x.x, py[lane] - x.y, pz[lane] - x.z];
             let square = offset[0] * offset[0] + offset[1] * offset[1] + offset[2] * offset[2];
-            let alpha = (place.radius - square.sqrt()) / place.radius;
+            let alpha = (query.radius - square.sqrt()) / query.radius;
             let along = nx[lane] * offset[0] + ny[lane] * offset[1] + nz[lane] * offset[2];
             let facing = nx[lane] * n.x + ny[lane] * n.y + nz[lane] * n.z;
             let straight = (square > 0.0) & (along * along >= DISTANCE_THRESHOLD * square);
@@ -50,6 +50,7 @@ impl Blend {
     }
 
     /// Points with a weight above 0.
+    #[cfg(any(test, feature = "view"))]
     #[inline]
     pub(crate) fn blended(&self) -> u32 {
         self.blended.iter().sum()
@@ -67,15 +68,15 @@ impl Blend {
 /// A [`Blend`] of points that come one at a time. They take the lanes that they would have in a list of groups, so the
 /// result is the same to the bit.
 pub(crate) struct PointwiseBlend<'a> {
-    place: &'a Place,
+    query: &'a Query,
     blend: Blend,
     group: Group,
     filled: usize,
 }
 
 impl<'a> PointwiseBlend<'a> {
-    pub(crate) fn new(place: &'a Place) -> Self {
-        Self { place, blend: Blend::new(), group: Group::EMPTY, filled: 0 }
+    pub(crate) fn new(query: &'a Query) -> Self {
+        Self { query, blend: Blend::new(), group: Group::EMPTY, filled: 0 }
     }
 
     /// Adds a point.
@@ -84,7 +85,7 @@ impl<'a> PointwiseBlend<'a> {
         self.group.set(self.filled, position, normal, ao);
         self.filled += 1;
         if self.filled == LANES {
-            self.blend.add(&self.group, self.place);
+            self.blend.add(&self.group, self.query);
             (self.group, self.filled) = (Group::EMPTY, 0);
         }
     }
@@ -92,7 +93,7 @@ impl<'a> PointwiseBlend<'a> {
     /// The blend of all points that were added.
     pub(crate) fn finish(mut self) -> Blend {
         if self.filled > 0 {
-            self.blend.add(&self.group, self.place);
+            self.blend.add(&self.group, self.query);
         }
         self.blend
     }
@@ -128,9 +129,9 @@ mod tests {
             normal in vector(),
             radius in 0.1_f32..2.0,
         ) {
-            let place = Place { position, normal, radius };
+            let query = Query { position, normal, radius };
             let mut all = Blend::new();
-            all.add(&group(&points), &place);
+            all.add(&group(&points), &query);
             let mut blended = 0;
             for (lane, &(point, point_normal, ao)) in points.iter().enumerate() {
                 let alpha = weight(

@@ -4,6 +4,6 @@ mod blend;
 mod group;
 mod weight;
 
-pub(crate) use self::blend::{Blend, Place, PointwiseBlend};
+pub(crate) use self::blend::{Blend, PointwiseBlend, Query};
 pub(crate) use self::group::{Group, LANES};
 pub use self::weight::{DISTANCE_THRESHOLD, NORMAL_THRESHOLD, weight};

@@ -6,18 +6,19 @@ use glam::Vec3;
 use psao_codec::frame::State;
 
 pub(crate) use self::neighbours::{InstanceCells, Neighbours};
-use crate::kernel::{Blend, Place, PointwiseBlend};
+use crate::kernel::{Blend, PointwiseBlend, Query};
 
 impl InstanceCells {
-    /// A place in the local space of the instance.
-    pub(crate) fn place(&self, position: Vec3, normal: Vec3) -> Place {
-        Place { position, normal, radius: self.kernel_radius() }
+    /// A query in the local space of the instance.
+    #[inline]
+    pub(crate) fn query(&self, position: Vec3, normal: Vec3) -> Query {
+        Query { position, normal, radius: self.kernel_radius() }
     }
 
     /// Blends the points around one place.
-    pub(crate) fn blend_one(&self, state: &State, place: &Place) -> Blend {
-        let mut blend = PointwiseBlend::new(place);
-        if let Some(base) = self.base(place.position) {
+    pub(crate) fn blend_one(&self, state: &State, query: &Query) -> Blend {
+        let mut blend = PointwiseBlend::new(query);
+        if let Some(base) = self.base(query.position) {
             self.each_point(state, base, |position, normal, ao| blend.add(position, normal, ao));
         }
         blend.finish()
@@ -25,11 +26,11 @@ impl InstanceCells {
 
     /// As [`blend_one`](Self::blend_one), with the neighbourhoods that were needed last at hand.
     #[inline]
-    pub(crate) fn blend_near(&self, state: &State, near: &mut Neighbours, place: &Place) -> Blend {
+    pub(crate) fn blend_near(&self, state: &State, near: &mut Neighbours, query: &Query) -> Blend {
         let mut blend = Blend::new();
-        if let Some(base) = self.base(place.position) {
+        if let Some(base) = self.base(query.position) {
             for group in near.of(state, self, base) {
-                blend.add(group, place);
+                blend.add(group, query);
             }
         }
         blend

@@ -25,6 +25,7 @@ impl InstanceCells {
     }
 
     /// `r` of Eq. 2 in metres.
+    #[inline]
     pub(crate) fn kernel_radius(&self) -> f32 {
         self.kernel_radius
     }

@@ -31,8 +31,8 @@ pub fn cells(state: &State, view: &GBuffer) -> Result<Reconstruction, Reconstruc
     Ok(walk(view, Neighbours::new, |near, pixel, instance| {
         let Some((cells, to_local)) = spaces.get(instance as usize) else { return Blend::new() };
         let (position, normal) = (view.position()[pixel], view.normal()[pixel]);
-        let place = cells.place(to_local.point(position), to_local.vector(normal));
-        cells.blend_near(state, near, &place)
+        let query = cells.query(to_local.point(position), to_local.vector(normal));
+        cells.blend_near(state, near, &query)
     }))
 }
 
@@ -49,11 +49,13 @@ impl ToLocal {
     }
 
     /// A position of the world in local space.
+    #[inline]
     pub(super) fn point(&self, world: Vec3) -> Vec3 {
         self.rotation * (world - self.translation)
     }
 
     /// A direction of the world in local space.
+    #[inline]
     pub(super) fn vector(&self, world: Vec3) -> Vec3 {
         self.rotation * world
     }

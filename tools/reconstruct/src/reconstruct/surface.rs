@@ -77,7 +77,7 @@ impl SurfaceReconstructor {
             (0..instances as u32).map(|instance| self.sampler.indices.of(state, instance)).collect();
         Ok(walk(view, Patches::new, |near, pixel, instance| {
             let Some(index) = indices[instance as usize] else { return Blend::new() };
-            index.blend_near(ao, near, instance, &index.place(positions[pixel], normals[pixel]))
+            index.blend_near(ao, near, instance, &index.query(positions[pixel], normals[pixel]))
         }))
     }
 }

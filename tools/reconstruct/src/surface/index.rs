@@ -27,7 +27,7 @@ pub struct SurfaceIndex {
     patches_per_m: f32,
     kernel_radius: f32,
     /// In the order of their cells' first points, so that cells close on the set's curve are close here.
-    points: Vec<Placed>,
+    points: Vec<IndexPoint>,
     /// Sorted by hash.
     cells: Vec<Cell>,
     /// For each value of the highest bits of a hash the first of `cells` with it, then the number of cells.
@@ -37,7 +37,7 @@ pub struct SurfaceIndex {
 
 /// A point of a set.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Placed {
+pub(crate) struct IndexPoint {
     pub(crate) position: Vec3,
     pub(crate) normal: Vec3,
     /// Its number in the set.
@@ -72,7 +72,7 @@ impl SurfaceIndex {
         parallel::sort(&mut keyed);
         let mut runs: Vec<&[(u64, u32)]> = keyed.chunk_by(|a, b| a.0 == b.0).collect();
         runs.sort_unstable_by_key(|run| run[0].1);
-        let placed = |&(_, point): &(u64, u32)| Placed {
+        let placed = |&(_, point): &(u64, u32)| IndexPoint {
             position: geometry.position(point as usize).into(),
             normal: geometry.normal(point as usize).into(),
             point,
@@ -149,7 +149,7 @@ impl SurfaceIndex {
     }
 
     /// The points of a cell.
-    pub(crate) fn cell(&self, [x, y, z]: [i32; 3]) -> &[Placed] {
+    pub(crate) fn cell(&self, [x, y, z]: [i32; 3]) -> &[IndexPoint] {
         if x < 0 || y < 0 || z < 0 {
             return &[];
         }

@@ -14,7 +14,7 @@ use psao_codec::surface::{BLOCK_POINTS, Geometry, State};
 pub use self::index::SurfaceIndex;
 use self::patches::each_near;
 pub(crate) use self::patches::{Ao, Patches};
-use crate::kernel::{Blend, Place, PointwiseBlend};
+use crate::kernel::{Blend, PointwiseBlend, Query};
 
 /// The indices of a stream's sets, each kept as long as its geometry.
 #[derive(Clone, Debug, Default)]
@@ -60,7 +60,7 @@ impl SetIndices {
     }
 
     /// For each set the geometry that its index was made of.
-    #[cfg(test)]
+    #[cfg(all(test, feature = "view"))]
     pub(crate) fn geometries(&self) -> Vec<Option<*const Geometry>> {
         self.by_set.iter().map(|kept| kept.as_ref().map(|kept| Arc::as_ptr(&kept.geometry))).collect()
     }
@@ -75,16 +75,16 @@ pub(crate) fn arrived_ao(state: &State) -> impl Ao {
 }
 
 impl SurfaceIndex {
-    /// A place in rest space.
+    /// A query in rest space.
     #[inline]
-    pub(crate) fn place(&self, position: Vec3, normal: Vec3) -> Place {
-        Place { position, normal, radius: self.kernel_radius() }
+    pub(crate) fn query(&self, position: Vec3, normal: Vec3) -> Query {
+        Query { position, normal, radius: self.kernel_radius() }
     }
 
     /// Blends the points of an instance around one place.
-    pub(crate) fn blend_one(&self, ao: &impl Ao, instance: u32, place: &Place) -> Blend {
-        let mut blend = PointwiseBlend::new(place);
-        if let Some(patch) = self.patch(place.position) {
+    pub(crate) fn blend_one(&self, ao: &impl Ao, instance: u32, query: &Query) -> Blend {
+        let mut blend = PointwiseBlend::new(query);
+        if let Some(patch) = self.patch(query.position) {
             each_near(ao, self, instance, patch, |point, ao| blend.add(point.position, point.normal, ao));
         }
         blend.finish()
@@ -92,11 +92,11 @@ impl SurfaceIndex {
 
     /// As [`blend_one`](Self::blend_one), with the patches that were needed last at hand.
     #[inline]
-    pub(crate) fn blend_near(&self, ao: &impl Ao, near: &mut Patches, instance: u32, place: &Place) -> Blend {
+    pub(crate) fn blend_near(&self, ao: &impl Ao, near: &mut Patches, instance: u32, query: &Query) -> Blend {
         let mut blend = Blend::new();
-        if let Some(patch) = self.patch(place.position) {
+        if let Some(patch) = self.patch(query.position) {
             for group in near.of(ao, self, instance, patch) {
-                blend.add(group, place);
+                blend.add(group, query);
             }
         }
         blend

@@ -4,7 +4,7 @@
 //! of these the ones that are near enough to a patch. Fragments near each other mostly share their patch, and patches
 //! their region, so neither is made often.
 
-use super::index::{Patch, Placed, SurfaceIndex};
+use super::index::{IndexPoint, Patch, SurfaceIndex};
 use crate::kernel::{Group, LANES};
 
 /// AO byte of an instance's point, which its set's geometry numbers; `None` while it has not come.
@@ -65,7 +65,7 @@ fn each_arrived(
     index: &SurfaceIndex,
     instance: u32,
     base: [i32; 3],
-    mut take: impl FnMut(&Placed, f32),
+    mut take: impl FnMut(&IndexPoint, f32),
 ) {
     for step in 0..8 {
         let cell = [base[0] + (step & 1), base[1] + (step >> 1 & 1), base[2] + (step >> 2)];
@@ -84,7 +84,7 @@ pub(crate) fn each_near(
     index: &SurfaceIndex,
     instance: u32,
     patch: Patch,
-    mut take: impl FnMut(&Placed, f32),
+    mut take: impl FnMut(&IndexPoint, f32),
 ) {
     let [low, high] = index.corners(patch).map(|corner| corner.to_array());
     let reach = index.reach() * index.reach();
@@ -108,12 +108,12 @@ fn square_past(low: f32, high: f32, at: f32) -> f32 {
 
 /// The points of a region that may be near the fragments of a patch.
 #[derive(Clone)]
-struct Near {
+struct PatchPoints {
     key: Option<(u32, Patch)>,
     points: Groups,
 }
 
-impl Near {
+impl PatchPoints {
     fn fill(&mut self, region: &Region, index: &SurfaceIndex, instance: u32, patch: Patch) {
         self.key = Some((instance, patch));
         self.points.clear();
@@ -151,7 +151,7 @@ impl Groups {
 /// Regions and patches that were needed last.
 pub(crate) struct Patches {
     regions: Vec<Region>,
-    near: Vec<Near>,
+    near: Vec<PatchPoints>,
 }
 
 impl Patches {
@@ -163,7 +163,7 @@ impl Patches {
     pub(crate) fn new() -> Self {
         Self {
             regions: vec![Region { key: None, points: Groups::NONE }; Self::REGIONS],
-            near: vec![Near { key: None, points: Groups::NONE }; Self::PATCHES],
+            near: vec![PatchPoints { key: None, points: Groups::NONE }; Self::PATCHES],
         }
     }
 

@@ -77,6 +77,7 @@ mod tests {
         assert_eq!(buffer.fragment(size.pixels()), None, "beyond the image");
     }
 
+    #[cfg(feature = "rayon")]
     #[test]
     fn one_thread_and_many_see_the_same() {
         let size = Size::new(64, 40).unwrap();

@@ -10,13 +10,13 @@ use super::{FileError, Recorder};
 ///
 /// Until then a file of that name stays as it is. One that is dropped before leaves nothing behind.
 #[derive(Debug)]
-pub struct WholeFile {
+pub struct AtomicFile {
     target: PathBuf,
     temporary: PathBuf,
     file: Option<BufWriter<File>>,
 }
 
-impl WholeFile {
+impl AtomicFile {
     /// Starts the file. It must not be one of `inputs`.
     ///
     /// # Errors
@@ -68,7 +68,7 @@ impl WholeFile {
     }
 }
 
-impl Drop for WholeFile {
+impl Drop for AtomicFile {
     fn drop(&mut self) {
         if self.file.take().is_some() {
             let _ = std::fs::remove_file(&self.temporary);
@@ -98,19 +98,19 @@ mod tests {
             names.sort();
             names
         };
-        let mut first = WholeFile::create(&source, &[]).unwrap();
+        let mut first = AtomicFile::create(&source, &[]).unwrap();
         first.put(b"whole").unwrap();
         assert!(!source.exists());
         first.finish().unwrap();
         assert_eq!(source.metadata().unwrap().len(), 5);
         let inputs = [source.clone()];
-        let error = WholeFile::create(&source, &inputs).unwrap_err();
+        let error = AtomicFile::create(&source, &inputs).unwrap_err();
         assert!(matches!(error, FileError::SameFile { .. }), "{error}");
-        let mut dropped = WholeFile::create(&copy, &inputs).unwrap();
+        let mut dropped = AtomicFile::create(&copy, &inputs).unwrap();
         dropped.put(b"half").unwrap();
         drop(dropped);
         assert_eq!(names(), ["source"]);
-        let nowhere = WholeFile::create(&folder.path().join("no/where"), &[]).unwrap_err();
+        let nowhere = AtomicFile::create(&folder.path().join("no/where"), &[]).unwrap_err();
         assert!(nowhere.to_string().contains("choose another place"), "{nowhere}");
     }
 }

@@ -104,7 +104,7 @@ impl AoSampler {
     /// Returns the accessibility at a place of an instance, in `[0, 1]`, 1 being open.
     ///
     /// It is the weighted mean of Eq. 4 over the points around the place. `None` when no point supports the place: no
-    /// point has a weight above 0 there (Eq. 4 calls such a place open), what is there has not come yet, its geometry
+    /// point has a weight above 0 there (Eq. 4 calls such a place open), what is there is still to come, its geometry
     /// came after the last [`prepare`](Self::prepare), or the stream does not have the instance. It allocates nothing.
     #[must_use]
     pub fn ao<'a>(

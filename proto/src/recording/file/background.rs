@@ -1,4 +1,4 @@
-//! A recording behind the back of its stream: a thread of its own writes, and the stream never waits for it.
+//! A recording that a thread of its own writes: the stream never waits for it.
 
 use std::io::ErrorKind;
 use std::path::PathBuf;
@@ -16,11 +16,11 @@ use crate::Micros;
 /// How often what was written is brought to the disk: what a power cut may cost.
 const SYNC_INTERVAL: Micros = Micros::from_secs(1);
 
-/// The near end: takes frames and never waits.
+/// The side of the stream: takes frames and never waits.
 pub(super) struct Background {
     path: PathBuf,
     shared: Arc<Shared>,
-    /// The far end, until it is waited for.
+    /// The thread that writes, until it is waited for.
     writer: Option<JoinHandle<Result<u64, FileError>>>,
     /// Whether it was said that the disk is too slow.
     behind: bool,
@@ -43,10 +43,10 @@ impl Background {
             clock,
             observer: options.observer,
         });
-        let far = Arc::clone(&shared);
+        let writing = Arc::clone(&shared);
         let writer = std::thread::Builder::new()
             .name("recorder".into())
-            .spawn(move || far.write(Disk::new(sink, options.limits)))
+            .spawn(move || writing.write(Disk::new(sink, options.limits)))
             .map_err(FileError::Thread)?;
         Ok(Self { path, shared, writer: Some(writer), behind: false })
     }
@@ -61,12 +61,12 @@ impl Background {
         }
     }
 
-    /// Whether a keyframe would end a gap.
+    /// Returns whether a keyframe would end a gap.
     pub(super) fn wants_keyframe(&self, now: Micros) -> bool {
         self.shared.lock().wants_keyframe(now)
     }
 
-    /// What is missing so far.
+    /// Returns what is missing so far.
     pub(super) fn missing(&self) -> GapTotals {
         self.shared.lock().missing()
     }
@@ -105,7 +105,7 @@ impl Shared {
         self.backlog.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The far end: writes until the stream has ended.
+    /// The side of the disk: writes until the stream has ended; returns the length of the file.
     fn write<S: Sink>(&self, mut disk: Disk<S>) -> Result<u64, FileError> {
         let mut failure = None;
         let mut synced = self.clock.now();

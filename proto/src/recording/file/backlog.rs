@@ -55,7 +55,7 @@ pub(super) struct Backlog {
     gap: Option<Gap>,
     /// Gaps that are over.
     missing: GapTotals,
-    /// When a failed disk may be tried again; `None` when it has not failed.
+    /// When a failed disk may be tried again; `None` while the disk works.
     retry: Option<Micros>,
     ended: bool,
 }
@@ -156,7 +156,7 @@ impl Backlog {
         missing
     }
 
-    /// Whether a disk that failed may be tried again, or has not failed.
+    /// Returns whether the disk works, or may be tried again after it failed.
     fn may_retry(&self, now: Micros) -> bool {
         self.retry.is_none_or(|retry| now >= retry)
     }

@@ -25,13 +25,13 @@ pub fn surface(state: &State, view: &GBuffer) -> Result<Reconstruction, Reconstr
 }
 
 impl SurfaceReconstructor {
-    /// One that has seen nothing yet.
+    /// Makes a reconstructor that has no index yet.
     #[must_use]
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// The sampler, prepared for the sets that views have shown.
+    /// Returns the sampler, prepared for the sets that views have shown.
     #[must_use]
     pub fn sampler(&self) -> &AoSampler {
         &self.sampler

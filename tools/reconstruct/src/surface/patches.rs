@@ -1,4 +1,4 @@
-//! The points around a patch of fragments with their AO of now, eight side by side.
+//! The points around a patch of fragments with their current AO, eight side by side.
 //!
 //! In two steps, each of which keeps what was needed last: the points of 2 x 2 x 2 cells with their AO (*region*), and
 //! of these the ones that are near enough to a patch. Fragments near each other mostly share their patch, and patches
@@ -7,7 +7,7 @@
 use super::index::{IndexPoint, Patch, SurfaceIndex};
 use crate::kernel::{Group, LANES};
 
-/// AO byte of an instance's point, which its set's geometry numbers; `None` while it has not come.
+/// AO byte of an instance's point, which its set's geometry numbers; `None` until it has come.
 pub(crate) trait Ao: Fn(u32, usize) -> Option<u8> + Sync {}
 
 impl<F: Fn(u32, usize) -> Option<u8> + Sync> Ao for F {}

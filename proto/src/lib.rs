@@ -12,9 +12,10 @@
 //! | [`Fanout`] | one stream for many sessions: shared updates, patches for whoever fell behind |
 //! | [`recording`] | a file of the same frames: writer, reader, index, player |
 //! | `net` | TCP around the sessions, behind the feature `tokio` |
+//! | `recording::file` | recordings on a disk, behind the feature `fs` |
 //! | [`sample`], [`fuzzing`] | a tiny stream to try things with; bodies of the fuzz targets |
 //!
-//! Outside `net` nothing here does I/O, reads a clock or draws a random number: bytes and a time go in, events and bytes
+//! Outside `net` and `recording::file` nothing here does I/O, reads a clock or draws a random number: bytes and a time go in, events and bytes
 //! come out. The protocol is written down in `docs/spec/protocol.md`, the file format in `docs/spec/recording.md`.
 //!
 //! # Connect a client and a server

@@ -3,11 +3,11 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use psao_client::{Size, raster, reconstruct};
 use psao_codec::Limits;
 use psao_codec::stream::{Applier, State};
 use psao_eval::adapter::SceneView;
 use psao_proto::Profile;
+use psao_reconstruct::{Size, cast_view, reconstruct};
 use psao_server::scene::Scene;
 use psao_server::server::{Server, ServerSettings};
 
@@ -48,7 +48,7 @@ fn stream_as(profile: Profile, name: &str, scene: &Arc<Scene>, frames: u32) {
 fn draw(name: &str, scene: &Scene, server: &Server, state: &State) {
     let view = SceneView::new(server.world());
     let size = Size::new(64, 36).unwrap();
-    let buffer = raster(&view, &scene.camera(3.0 / 60.0), size).unwrap();
+    let buffer = cast_view(&view, &scene.camera(3.0 / 60.0), size).unwrap();
     assert!(buffer.covered() > size.pixels() / 32, "{name}: the camera sees the scene");
     let drawn = match state {
         State::Cells(state) => reconstruct::cells(state, &buffer).unwrap(),

@@ -10,11 +10,13 @@
 //! A file only grows, and is a valid recording after every record: what a killed recorder leaves behind is read up to
 //! its last whole record. [`Writer`] says which bytes to append, [`Reader`] gives records and damages without copying,
 //! [`Summary`] scans a file and knows its groups, [`Player`] turns it back into states. [`cut()`], [`Concatenation`] and
-//! [`recover()`] make recordings of recordings. The format is written down in `docs/spec/recording.md`.
+//! [`recover()`] make recordings of recordings. With the feature `fs`, `file::Recorder` writes a live stream to a disk. The format is written down in `docs/spec/recording.md`.
 
 mod cat;
 mod cut;
 mod edits;
+#[cfg(feature = "fs")]
+pub mod file;
 mod index;
 mod player;
 mod reader;

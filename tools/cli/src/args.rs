@@ -1,6 +1,6 @@
 //! Options that several commands share.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use clap::{Args, ValueEnum};
@@ -8,11 +8,13 @@ use psao_codec::block::BlockCoder;
 use psao_codec::surface::GeometrySource;
 use psao_eval::metric::Lpips;
 use psao_proto::Profile;
+use psao_proto::recording::file::{GapTotals, RecorderNotice, RecorderOptions};
 use psao_server::ao::Occlusion;
 
 use crate::analysis::load;
 use crate::budget::BudgetArgs;
 use crate::error::{Failure, Outcome};
+use crate::output::number;
 
 /// How a stream is produced: the scene, its points, their rays, and how they are packed.
 #[derive(Args, Clone, Debug)]
@@ -312,9 +314,20 @@ pub(crate) struct BufferArg {
 }
 
 impl BufferArg {
-    /// In bytes.
-    pub(crate) fn bytes(&self) -> usize {
-        (self.record_buffer as usize).saturating_mul(1 << 20)
+    /// How to record into a file; what happens meanwhile goes to standard error.
+    pub(crate) fn options(&self, path: &Path) -> RecorderOptions {
+        let path = path.display().to_string();
+        let bytes = (self.record_buffer as usize).saturating_mul(1 << 20);
+        RecorderOptions::default().with_buffer_bytes(bytes).with_observer(move |notice| match notice {
+            // It names the file itself.
+            RecorderNotice::Failed(_) => eprintln!("psao: {notice}"),
+            RecorderNotice::Incomplete(GapTotals { gaps, frames, bytes, .. }) => eprintln!(
+                "psao: {path}: {} frames ({}) are missing from the recording, in {gaps} gap(s)",
+                number::count(frames),
+                number::bytes(bytes)
+            ),
+            _ => eprintln!("psao: {path}: {notice}"),
+        })
     }
 }
 

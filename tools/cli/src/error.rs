@@ -3,6 +3,8 @@
 use std::fmt;
 use std::path::Path;
 
+use psao_proto::recording::file::FileError;
+
 /// Exit codes of `psao`, as the README documents them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Exit {
@@ -57,8 +59,35 @@ impl Failure {
     }
 }
 
+impl From<FileError> for Failure {
+    fn from(error: FileError) -> Self {
+        let exit = match error {
+            FileError::SameFile { .. } => Exit::Usage,
+            FileError::Scene(_) => Exit::Input,
+            _ => Exit::System,
+        };
+        Self::new(exit, error)
+    }
+}
+
 impl fmt::Display for Failure {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.text)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::{Error, ErrorKind};
+
+    use super::*;
+
+    #[test]
+    fn a_file_that_cannot_be_written_is_the_systems_fault_and_its_own_source_the_users() {
+        let path = Path::new("there").to_owned();
+        let full = FileError::Io { path: path.clone(), error: Error::from(ErrorKind::StorageFull) };
+        assert_eq!(full.to_string(), Failure::writing(&path, &ErrorKind::StorageFull.into()).to_string());
+        assert_eq!(Failure::from(full).exit, Exit::System);
+        assert_eq!(Failure::from(FileError::SameFile { path }).exit, Exit::Usage);
     }
 }

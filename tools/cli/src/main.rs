@@ -16,7 +16,6 @@ mod pace;
 mod pictures;
 mod producer;
 mod quantity;
-mod recorder;
 
 use std::process::ExitCode;
 

@@ -5,9 +5,6 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
-use psao_client::picture::Picture;
-use psao_client::reconstruct::{self, Reconstruction};
-use psao_client::{AoImage, GBuffer, Size, Statistics, raster};
 use psao_codec::stream::State;
 use psao_codec::surface::Geometry;
 use psao_eval::adapter::SceneView;
@@ -15,10 +12,13 @@ use psao_eval::metric::{Comparison, Lpips, MetricError, Perceived};
 use psao_eval::reference::reference;
 use psao_eval::sweep::Figures;
 use psao_proto::message::{self, CameraPose, PointSource, SceneInfo};
+use psao_reconstruct::picture::Picture;
+use psao_reconstruct::reconstruct::{self, Reconstruction};
+use psao_reconstruct::{AoImage, GBuffer, Size, Statistics, cast_view};
 use psao_server::ao::{AoSettings, Occlusion};
+use psao_server::bvh::SceneBvh;
 use psao_server::points::make_shared_geometry;
 use psao_server::scene::{Edits, Scene};
-use psao_server::world::SceneBvh;
 
 use crate::args::SizeArg;
 use crate::error::{Exit, Failure, Outcome};
@@ -126,7 +126,7 @@ impl Shot<'_> {
         let world = SceneBvh::new(self.scene, &pose);
         let view = SceneView::new(&world);
         let start = Instant::now();
-        let buffer = raster(&view, &camera, size).map_err(Failure::usage)?;
+        let buffer = cast_view(&view, &camera, size).map_err(Failure::usage)?;
         let raster_ms = millis(start);
         let start = Instant::now();
         let drawn = blend(self.state, &buffer)?;

@@ -5,16 +5,16 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
-use psao_client::picture::Picture;
-use psao_client::{AoImage, Size};
 use psao_eval::adapter::SceneView;
 use psao_eval::screen::{
     Falloff, FarField, FarFieldSettings, Mipmap, MipmapSettings, NearField, Screen, ScreenMethod, Separate,
     Traced,
 };
+use psao_reconstruct::picture::Picture;
+use psao_reconstruct::{AoImage, Size};
+use psao_server::bvh::SceneBvh;
 use psao_server::clock::Clock;
 use psao_server::scene::Scene;
-use psao_server::world::SceneBvh;
 
 /// Microseconds since it was made.
 struct WallClock(Instant);

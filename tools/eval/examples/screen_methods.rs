@@ -5,17 +5,17 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
-use psao_client::picture::Picture;
-use psao_client::{Size, raster};
 use psao_eval::adapter::SceneView;
 use psao_eval::metric::Comparison;
 use psao_eval::reference::{PAPER_RAYS, reference};
 use psao_eval::screen::Screen;
 use psao_eval::sweep::screen_methods;
+use psao_reconstruct::picture::Picture;
+use psao_reconstruct::{Size, cast_view};
 use psao_server::ao::AoSettings;
+use psao_server::bvh::SceneBvh;
 use psao_server::clock::Clock;
 use psao_server::scene::Scene;
-use psao_server::world::SceneBvh;
 
 /// Microseconds since it was made.
 struct WallClock(Instant);
@@ -39,7 +39,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let (camera, size) = (scene.camera(time), Size::new(480, 270)?);
     let radius = scene.ao_radius_m();
     let settings = AoSettings { rays: PAPER_RAYS, radius, ..AoSettings::default() };
-    let truth = reference(&view, &raster(&view, &camera, size)?, &settings)?;
+    let truth = reference(&view, &cast_view(&view, &camera, size)?, &settings)?;
     let screen = Screen::new(&view, &camera, size, 48)?;
     std::fs::write(folder.join("reference.png"), Picture::grey(&truth).to_png()?)?;
 

@@ -1,7 +1,7 @@
 //! The server's world as a client sees it: geometry only, which both sides share.
 
 use glam::Vec3;
-use psao_client::{AtRest, Surface, Surfaces};
+use psao_reconstruct::{AtRest, Surface, Surfaces};
 use psao_server::world::{Hit, SceneBvh, SurfaceAt};
 
 use crate::reference::Rays;
@@ -92,8 +92,8 @@ impl Rays for SceneView<'_> {
 mod tests {
     use std::sync::Arc;
 
-    use psao_client::{Camera, GBuffer, Size, raster};
     use psao_proto::message::CameraPose;
+    use psao_reconstruct::{Camera, GBuffer, Size, cast_view};
     use psao_server::scene::{InstanceId, Motion, Scene};
 
     use super::*;
@@ -133,7 +133,7 @@ mod tests {
     /// What the scene's camera sees now.
     fn seen(world: &SceneBvh, time_s: f64) -> GBuffer {
         let camera = world.scene().camera(time_s);
-        raster(&SceneView::new(world), &camera, Size::new(160, 90).unwrap()).unwrap()
+        cast_view(&SceneView::new(world), &camera, Size::new(160, 90).unwrap()).unwrap()
     }
 
     #[test]
@@ -208,7 +208,7 @@ mod tests {
             fov_y_deg: 2.0 * libm::atanf(0.5).to_degrees(),
             aspect: 1.0,
         };
-        let view = raster(&SceneView::new(&world), &pose, Size::new(64, 64).unwrap()).unwrap();
+        let view = cast_view(&SceneView::new(&world), &pose, Size::new(64, 64).unwrap()).unwrap();
         // The front face, 4 m away and 2 m wide, fills half of what is 4 m wide there.
         assert_eq!(view.covered(), 32 * 32);
         assert!((0..view.size().pixels()).filter_map(|p| view.fragment(p)).all(|f| f.normal == Vec3::Z));

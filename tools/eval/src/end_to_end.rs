@@ -3,20 +3,20 @@
 use std::sync::Arc;
 
 use glam::Vec3;
-use psao_client::reconstruct::{self, Reconstruction};
-use psao_client::{AoImage, GBuffer, Size, raster};
 use psao_codec::Limits;
 use psao_codec::block::BlockCoder;
 use psao_codec::frame::{FrameIndex, StreamTime};
 use psao_codec::stream::{State, apply};
 use psao_proto::Profile;
 use psao_proto::message::CameraPose;
+use psao_reconstruct::reconstruct::{self, Reconstruction};
+use psao_reconstruct::{AoImage, GBuffer, Size, cast_view};
 use psao_server::ao::{AoSettings, Occlusion};
+use psao_server::bvh::SceneBvh;
 use psao_server::clock::NoClock;
 use psao_server::points::PointSettings;
 use psao_server::scene::Scene;
 use psao_server::server::{Server, ServerSettings};
-use psao_server::world::SceneBvh;
 
 use crate::adapter::SceneView;
 use crate::metric::Comparison;
@@ -56,7 +56,7 @@ fn cube_on_floor(profile: Profile, per_m2: f32) -> Seen {
         aspect: 1.5,
     };
     let scene = SceneView::new(server.world());
-    let view = raster(&scene, &pose, Size::new(96, 64).unwrap()).unwrap();
+    let view = cast_view(&scene, &pose, Size::new(96, 64).unwrap()).unwrap();
     let reference = reference(&scene, &view, &AoSettings { rays: 256, ..ao }).unwrap();
     let found = match &state {
         State::Cells(state) => reconstruct::cells(state, &view).unwrap(),
@@ -114,7 +114,7 @@ fn rays_traced_together_agree_with_single_ones() {
         fov_y_deg: 50.0,
         aspect: 1.5,
     };
-    let view = raster(&scene, &pose, Size::new(48, 32).unwrap()).unwrap();
+    let view = cast_view(&scene, &pose, Size::new(48, 32).unwrap()).unwrap();
     for kind in [Occlusion::Obscurance, Occlusion::Binary] {
         let settings = AoSettings { rays: 1024, kind, ..AoSettings::default() };
         let together = reference(&scene, &view, &settings).unwrap();

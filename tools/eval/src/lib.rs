@@ -13,7 +13,7 @@
 //! use std::sync::Arc;
 //!
 //! use glam::Vec3;
-//! use psao_client::{AoImage, Size, raster};
+//! use psao_reconstruct::{AoImage, Size, cast_view};
 //! use psao_eval::adapter::SceneView;
 //! use psao_eval::metric::Comparison;
 //! use psao_eval::reference::reference;
@@ -28,7 +28,7 @@
 //! let world = SceneBvh::new(&scene, &scene.pose(0.0));
 //! let scene_view = SceneView::new(&world);
 //!
-//! let view = raster(&scene_view, &scene.camera(0.0), Size::new(32, 18)?)?;
+//! let view = cast_view(&scene_view, &scene.camera(0.0), Size::new(32, 18)?)?;
 //! let truth = reference(&scene_view, &view, &AoSettings { rays: 64, ..AoSettings::default() })?;
 //!
 //! // No ambient occlusion at all is brighter than the truth, and never darker.

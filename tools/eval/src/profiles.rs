@@ -3,8 +3,6 @@
 use std::sync::Arc;
 
 use glam::{Quat, Vec3};
-use psao_client::reconstruct::{self, Reconstruction};
-use psao_client::{GBuffer, Size, raster};
 use psao_codec::Limits;
 use psao_codec::block::BlockCoder;
 use psao_codec::cells::{PaperEncoder, PointSample};
@@ -13,12 +11,13 @@ use psao_codec::quant::unorm;
 use psao_codec::surface;
 use psao_proto::Profile;
 use psao_proto::message::CameraPose;
+use psao_reconstruct::reconstruct::{self, Reconstruction};
+use psao_reconstruct::{GBuffer, Size, cast_view};
 use psao_server::ao::{AoSettings, Scratch, Tracer};
-use psao_server::bvh::Bounds;
-use psao_server::points::{PlacedPoint, PointSettings, RayKey};
-use psao_server::scene::{InstanceId, PosedMesh, Scene};
+use psao_server::bvh::{Bounds, SceneBvh};
+use psao_server::points::{PlacedPoint, PointSettings, PosedMesh};
+use psao_server::scene::{InstanceId, Scene};
 use psao_server::server::{Server, ServerSettings};
-use psao_server::world::SceneBvh;
 use rayon::prelude::*;
 
 use crate::adapter::SceneView;
@@ -59,7 +58,7 @@ impl Both {
     }
 
     fn view(&self, pose: &CameraPose, size: Size) -> GBuffer {
-        raster(&SceneView::new(&self.world), pose, size).unwrap()
+        cast_view(&SceneView::new(&self.world), pose, size).unwrap()
     }
 
     /// Cells and points at rest, each with how far it is from the reference.

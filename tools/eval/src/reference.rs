@@ -2,7 +2,7 @@
 //! there with 512 samples a pixel).
 
 use glam::{Mat3, Vec2, Vec3};
-use psao_client::{AoImage, AoImageError, GBuffer, Surface};
+use psao_reconstruct::{AoImage, AoImageError, GBuffer, Surface};
 use psao_server::ao::{AoError, AoSettings, Occlusion, Scratch, Tracer};
 use psao_server::points::RayKey;
 use rayon::prelude::*;
@@ -171,7 +171,7 @@ pub(crate) fn mix(value: u64) -> u64 {
 
 #[cfg(test)]
 mod tests {
-    use psao_client::Size;
+    use psao_reconstruct::Size;
 
     use super::*;
 

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use psao_proto::Limits;
 use psao_proto::recording::Concatenation;
+use psao_proto::recording::file::AtomicFile;
 
 use super::recover::{ended, refused};
 use crate::analysis::load;
@@ -11,7 +12,6 @@ use crate::args::OutputArg;
 use crate::context::say;
 use crate::error::Outcome;
 use crate::output::number;
-use crate::recorder::WholeFile;
 
 /// Join recordings, one after the other
 ///
@@ -27,11 +27,11 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn run(args: &Args) -> Outcome {
-    let mut out = WholeFile::create(&args.output.output, &args.files)?;
+    let mut out = AtomicFile::create(&args.output.output, &args.files)?;
     let mut length = 0;
     let put = |bytes: &[u8]| {
         length += bytes.len() as u64;
-        out.put(bytes)
+        Ok(out.put(bytes)?)
     };
     let target = args.output.output.as_path();
     let mut all = Concatenation::new(Limits::default(), put).map_err(|error| refused(target, error))?;

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use psao_codec::block::BlockCoder;
+use psao_proto::recording::file::{Recorder, RecorderOptions};
 use psao_proto::recording::{Player, PlayerEvent};
 use psao_proto::session::{Access, ClientEvent, ClientSession, ServerSession};
 use psao_proto::{Fanout, Limits, Micros, Profile};
@@ -19,7 +20,6 @@ use crate::output::report::{Picture, Report, Section};
 use crate::output::{number, table::Figures};
 use crate::pictures::{Drawn, SharedPoints, Shot, scene_of};
 use crate::producer::{Producer, STAGES};
-use crate::recorder::Recorder;
 
 /// The main job from end to end: record, replay, inspect, draw; about a minute on two cores
 ///
@@ -58,7 +58,7 @@ pub(crate) fn run(args: &Args) -> Outcome {
     std::fs::create_dir_all(folder).map_err(|error| Failure::writing(folder, &error))?;
     let recording = folder.join("demo.psao");
     let mut producer = Producer::new(&args.scene, &args.tuning, args.frames)?;
-    let mut recorder = Recorder::create(&recording)?;
+    let mut recorder = Recorder::create(&recording, RecorderOptions::default().with_backpressure())?;
     let totals = record_frames(&mut producer, &mut recorder, args.frames, &EditScript::default(), false)?;
     recorder.finish()?;
 

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use indicatif::ProgressBar;
 use psao_proto::message::{CloseCode, KeyframeReason, SceneInfo};
 use psao_proto::net::{Address, Connection};
+use psao_proto::recording::file::{Recorder, RecorderOptions};
 use psao_proto::session::{ClientEvent, ClientOptions};
 use psao_proto::{FrameType, Micros, WireFrame};
 
@@ -15,7 +16,6 @@ use crate::error::{Failure, Outcome};
 use crate::network::{ConnectArgs, peer};
 use crate::output::number;
 use crate::producer::{Produced, Producer};
-use crate::recorder::{Live, Recorder, check_place};
 
 /// Trace a scene's stream into a file, or record a live server's
 ///
@@ -75,15 +75,15 @@ pub(crate) fn run(args: &Args) -> Outcome {
 
 fn trace(args: &Args, scene: &str) -> Outcome {
     let frames = args.frames.unwrap_or(FRAMES);
-    check_place(&args.output)?;
+    Recorder::check_place(&args.output)?;
     let mut producer = Producer::new(scene, &args.tuning, frames)?;
     let edits = match &args.edits {
         Some(path) => EditScript::load(path, producer.scene(), Some(frames))?,
         None => EditScript::default(),
     };
-    let mut recorder = Recorder::create(&args.output)?;
+    let mut recorder = Recorder::create(&args.output, RecorderOptions::default().with_backpressure())?;
     let totals = record_frames(&mut producer, &mut recorder, frames, &edits, args.timings)?;
-    let bytes = recorder.finish()?;
+    let bytes = recorder.finish()?.bytes;
     say(summary(producer.info(), &totals))?;
     say(format_args!("wrote {}: {} frames, {}", args.output.display(), totals.frames, number::bytes(bytes)))
 }
@@ -123,7 +123,7 @@ pub(crate) fn record_frames(
         for edit in changes {
             recorder.message(arrival, edit)?;
         }
-        recorder.body(arrival, number == 0, &output.body)?;
+        recorder.body(arrival, output.info.kind, &output.body)?;
         if let Some(budget) = &produced.budget {
             recorder.message(arrival, budget)?;
         }
@@ -171,15 +171,15 @@ pub(crate) fn summary(info: &SceneInfo, totals: &Totals) -> String {
 
 async fn from_server(args: &Args, address: &Address) -> Outcome {
     let mut connection = args.network.connect(address, ClientOptions::default()).await?;
-    let mut recorder = Recorder::live(&args.output, args.buffer.bytes())?;
+    let mut recorder = Recorder::create(&args.output, args.buffer.options(&args.output))?;
     let mut counts = Counts::default();
     let bar = progress("recording", u64::from(args.frames.unwrap_or(0)));
     let ended = follow(args, &mut connection, &mut recorder, &mut counts, &bar).await;
     bar.finish_and_clear();
     // Whatever ended it, what came is kept.
     let bytes = match recorder.finish() {
-        Ok(bytes) => bytes,
-        Err(failure) => return Err(ended.err().unwrap_or(failure)),
+        Ok(recorded) => recorded.bytes,
+        Err(error) => return Err(ended.err().unwrap_or_else(|| error.into())),
     };
     let note = if counts.unusable > 0 {
         format!("; {} could not be applied", counts.unusable)
@@ -206,7 +206,7 @@ struct Counts {
 async fn follow(
     args: &Args,
     connection: &mut Connection,
-    recorder: &mut Recorder<Live>,
+    recorder: &mut Recorder,
     counts: &mut Counts,
     bar: &ProgressBar,
 ) -> Outcome {

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use psao_proto::Limits;
+use psao_proto::recording::file::AtomicFile;
 use psao_proto::recording::{RewriteError, Rewritten, recover};
 
 use crate::analysis::load;
@@ -10,7 +11,6 @@ use crate::args::{OutputArg, RecordingArg};
 use crate::context::say;
 use crate::error::{Exit, Failure, Outcome};
 use crate::output::number;
-use crate::recorder::WholeFile;
 
 /// Copy what is whole of a recording, and make its index anew
 ///
@@ -40,11 +40,11 @@ pub(crate) fn rewrite(
     make: impl FnOnce(&[u8], &mut dyn FnMut(&[u8]) -> Outcome) -> Result<Rewritten, RewriteError<Failure>>,
 ) -> Outcome {
     let bytes = load(path)?;
-    let mut out = WholeFile::create(output, &[path.to_owned()])?;
+    let mut out = AtomicFile::create(output, &[path.to_owned()])?;
     let mut length = 0;
     let mut put = |bytes: &[u8]| {
         length += bytes.len() as u64;
-        out.put(bytes)
+        Ok(out.put(bytes)?)
     };
     let done = make(&bytes, &mut put).map_err(|error| refused(path, error))?;
     out.finish()?;

@@ -1,6 +1,6 @@
 //! Errors pixel by pixel, and their means, quantiles and largest.
 
-use psao_client::AoImage;
+use psao_reconstruct::AoImage;
 
 use super::{SizeMismatch, obscurance, one_size};
 
@@ -31,7 +31,7 @@ impl Comparison {
     /// [`SizeMismatch`] when the images are not of one size.
     ///
     /// ```
-    /// use psao_client::{AoImage, Size};
+    /// use psao_reconstruct::{AoImage, Size};
     /// use psao_eval::metric::Comparison;
     ///
     /// let size = Size::new(2, 1)?;
@@ -118,7 +118,7 @@ pub(super) fn differences<'a>(
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
-    use psao_client::Size;
+    use psao_reconstruct::Size;
 
     use super::*;
 

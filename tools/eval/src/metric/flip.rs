@@ -1,11 +1,11 @@
 //! FLIP: Andersson, Nilsson, Akenine-Möller, Oskarsson, Åström, Fairchild, *FLIP: A Difference Evaluator for Alternating
 //! Images* (2020), for images of low dynamic range.
 //!
-//! AO is taken for the sRGB grey that [`Picture::grey`](psao_client::picture::Picture::grey) writes. The viewer sees
+//! AO is taken for the sRGB grey that [`Picture::grey`](psao_reconstruct::picture::Picture::grey) writes. The viewer sees
 //! [`flip_rs::DEFAULT_PPD`] pixels a degree, about 67: a monitor 0.7 m wide with 3840 pixels across, 0.7 m away.
 
 use flip_rs::{DEFAULT_PPD, FlipError, RgbImage, ldr_flip};
-use psao_client::AoImage;
+use psao_reconstruct::AoImage;
 
 use super::{MetricError, one_size};
 

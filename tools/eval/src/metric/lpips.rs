@@ -4,7 +4,7 @@
 //! The weights are data of others and come from whoever measures, see [`Lpips::from_weights`].
 
 use half::f16;
-use psao_client::AoImage;
+use psao_reconstruct::AoImage;
 use rayon::prelude::*;
 
 use super::{MetricError, roomy};
@@ -240,7 +240,7 @@ impl Layer {
 
 #[cfg(test)]
 mod tests {
-    use psao_client::Size;
+    use psao_reconstruct::Size;
 
     use super::*;
 

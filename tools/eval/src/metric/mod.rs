@@ -26,7 +26,7 @@ pub mod obscurance;
 mod shared;
 pub mod ssim;
 
-use psao_client::{AoImage, Size};
+use psao_reconstruct::{AoImage, Size};
 
 pub use self::error::{Comparison, mae, psnr, rmse};
 pub use self::lpips::{Lpips, WeightsError};

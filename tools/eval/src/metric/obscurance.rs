@@ -2,7 +2,7 @@
 //! of a pixel from the traced value, which is [`mae`](super::mae), and `e_<5%`, the share of the pixels within 5 % of it.
 //! Both are of the whole range of AO, not of the traced value.
 
-use psao_client::AoImage;
+use psao_reconstruct::AoImage;
 
 use super::error::differences;
 use super::{MetricError, SizeMismatch};
@@ -41,7 +41,7 @@ pub fn error_map(reference: &AoImage, test: &AoImage) -> Result<AoImage, MetricE
 
 #[cfg(test)]
 mod tests {
-    use psao_client::Size;
+    use psao_reconstruct::Size;
 
     use super::*;
 

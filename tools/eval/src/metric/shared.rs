@@ -1,7 +1,7 @@
 //! The figures of independent implementations, where the shared data is at hand: in the folder that `PSAO_SHARED` names,
 //! or in `shared` beside the repository.
 
-use psao_client::{AoImage, Size};
+use psao_reconstruct::{AoImage, Size};
 
 use super::{Comparison, Lpips, flip, ssim};
 

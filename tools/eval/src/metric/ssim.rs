@@ -6,7 +6,7 @@
 //! lie in the image as a whole.
 
 use iqa::{Image, SsimOptions};
-use psao_client::AoImage;
+use psao_reconstruct::AoImage;
 
 use super::{MetricError, roomy};
 

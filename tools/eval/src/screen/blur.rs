@@ -150,7 +150,7 @@ impl Edge {
 
 #[cfg(test)]
 mod tests {
-    use psao_client::Size;
+    use psao_reconstruct::Size;
 
     use super::*;
     use crate::reference::mix;

@@ -1,8 +1,8 @@
 //! The input of all screen-space methods: linear depth and normals, with a guard band.
 
 use glam::{Vec2, Vec3};
-use psao_client::{AoImage, Camera, Size, Surfaces};
 use psao_proto::message::CameraPose;
+use psao_reconstruct::{AoImage, Camera, Size, Surfaces};
 use rayon::prelude::*;
 
 use super::ScreenError;
@@ -15,7 +15,7 @@ use super::ScreenError;
 ///
 /// ```
 /// use glam::Vec3;
-/// use psao_client::Size;
+/// use psao_reconstruct::Size;
 /// use psao_eval::screen::Screen;
 ///
 /// // A wall 2 m away that faces the camera, 4 x 2 pixels and one of guard on each side, 90 degrees across.
@@ -48,7 +48,7 @@ impl Screen {
     /// How far the length of a normal may be from 1.
     const UNIT_TOLERANCE: f32 = 1e-3;
 
-    /// Looks at `scene` through `pose`: the inner pixels are those of [`raster`](psao_client::raster()) with the same
+    /// Looks at `scene` through `pose`: the inner pixels are those of [`cast_view`](psao_reconstruct::cast_view()) with the same
     /// pose and size, and `guard` more on each side continue their grid.
     ///
     /// # Errors
@@ -264,7 +264,7 @@ fn with_guard(inner: Size, guard: u32) -> Result<Size, ScreenError> {
 mod tests {
     use std::sync::Arc;
 
-    use psao_client::{CameraError, raster};
+    use psao_reconstruct::{CameraError, cast_view};
     use psao_server::scene::Scene;
     use psao_server::world::SceneBvh;
 
@@ -281,12 +281,12 @@ mod tests {
     }
 
     #[test]
-    fn inner_pixels_are_those_of_the_raster_whatever_the_guard() {
+    fn inner_pixels_are_those_of_the_view_whatever_the_guard() {
         let scene = Arc::new(Scene::load("colonnade").unwrap());
         let world = SceneBvh::new(&scene, &scene.pose(0.0));
         let view = SceneView::new(&world);
         let (pose, inner) = (scene.camera(0.0), size(32, 18));
-        let plain = raster(&view, &pose, inner).unwrap();
+        let plain = cast_view(&view, &pose, inner).unwrap();
         let camera = Camera::new(&pose).unwrap();
         let bare = Screen::new(&view, &pose, inner, 0).unwrap();
         let guarded = Screen::new(&view, &pose, inner, 5).unwrap();

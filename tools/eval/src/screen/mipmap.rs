@@ -273,7 +273,7 @@ impl Level {
 #[cfg(test)]
 mod tests {
     use glam::Vec3;
-    use psao_client::{AoImage, Size};
+    use psao_reconstruct::{AoImage, Size};
     use psao_server::clock::NoClock;
 
     use super::*;

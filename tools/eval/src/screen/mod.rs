@@ -21,7 +21,7 @@ mod ssao_plus;
 mod tests;
 mod traced;
 
-use psao_client::{AoImage, AoImageError, CameraError, Size, SizeError};
+use psao_reconstruct::{AoImage, AoImageError, CameraError, Size, SizeError};
 use psao_server::clock::Clock;
 use serde::Serialize;
 

@@ -109,7 +109,7 @@ fn reduced(depth: &[f32], [width, height]: [usize; 2], factor: usize, reduce: Re
 #[cfg(test)]
 mod tests {
     use glam::Vec3;
-    use psao_client::Size;
+    use psao_reconstruct::Size;
 
     use super::*;
 

@@ -159,7 +159,7 @@ impl ScreenMethod for PyramidHbao {
 #[cfg(test)]
 mod tests {
     use glam::Vec3;
-    use psao_client::Size;
+    use psao_reconstruct::Size;
 
     use super::*;
 

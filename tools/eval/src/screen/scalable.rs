@@ -217,7 +217,7 @@ mod tests {
     #[test]
     fn squares_are_averaged_up_to_edges() {
         use glam::Vec3;
-        use psao_client::Size;
+        use psao_reconstruct::Size;
         // Five columns and three rows; the fourth column is far behind the third.
         let depth = (0..15).map(|i| if i % 5 == 3 { 9.0 } else { 2.0 }).collect();
         let size = Size::new(5, 3).unwrap();

@@ -3,12 +3,12 @@
 use std::sync::Arc;
 
 use glam::Vec3;
-use psao_client::{AoImage, Camera, Size, Surface, Surfaces, raster};
 use psao_proto::message::CameraPose;
+use psao_reconstruct::{AoImage, Camera, Size, Surface, Surfaces, cast_view};
 use psao_server::ao::AoSettings;
+use psao_server::bvh::SceneBvh;
 use psao_server::clock::NoClock;
 use psao_server::scene::Scene;
-use psao_server::world::SceneBvh;
 
 use super::*;
 use crate::adapter::SceneView;
@@ -353,7 +353,7 @@ fn on_a_built_in_scene_each_is_as_far_from_the_reference_as_it_should_be() {
     let world = SceneBvh::new(&scene, &scene.pose(1.0));
     let view = SceneView::new(&world);
     let (camera, size) = (scene.camera(1.0), size(160, 90));
-    let fragments = raster(&view, &camera, size).unwrap();
+    let fragments = cast_view(&view, &camera, size).unwrap();
     let truth = reference(&view, &fragments, &AoSettings::default()).unwrap();
     let screen = Screen::new(&view, &camera, size, 16).unwrap();
     for method in all(0.6) {

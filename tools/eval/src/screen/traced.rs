@@ -208,7 +208,7 @@ impl ScreenMethod for Traced {
 
 #[cfg(test)]
 mod tests {
-    use psao_client::Size;
+    use psao_reconstruct::Size;
 
     use super::*;
 

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use glam::Vec3;
-use psao_client::{AoImage, GBuffer, Size, Surface};
+use psao_reconstruct::{AoImage, GBuffer, Size, Surface};
 use psao_server::ao::{AoSettings, Occlusion};
 use psao_server::points::{PointSettings, ScenePoints, generate};
 use psao_server::scene::{InstanceId, Scene};

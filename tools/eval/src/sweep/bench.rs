@@ -1,8 +1,8 @@
 //! Measures one setting, or one method.
 
-use psao_client::reconstruct::{self, Reconstruction, SurfaceReconstructor};
-use psao_client::{AoImage, GBuffer, ReconstructError};
 use psao_codec::stream::State;
+use psao_reconstruct::reconstruct::{self, Reconstruction, SurfaceReconstructor};
+use psao_reconstruct::{AoImage, GBuffer, ReconstructError};
 use psao_server::clock::Clock;
 
 use super::run::{Clip, Run, SERVER_STAGES};
@@ -269,8 +269,8 @@ mod tests {
     use std::sync::Arc;
 
     use glam::Vec3;
-    use psao_client::Size;
     use psao_codec::frame::FrameInfo;
+    use psao_reconstruct::Size;
     use psao_server::ao::AoSettings;
     use psao_server::points::PointSettings;
     use psao_server::scene::Scene;

@@ -17,9 +17,9 @@ mod setting;
 mod texture;
 mod views;
 
-use psao_client::{CameraError, ReconstructError};
 use psao_codec::frame::{FrameError, FrameIndex};
 use psao_proto::message::MessageError;
+use psao_reconstruct::{CameraError, ReconstructError};
 use psao_server::server::ServerError;
 
 pub use self::bench::{Bench, Runs, Sample};

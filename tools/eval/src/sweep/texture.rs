@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use psao_client::{Camera, Size};
 use psao_proto::message::CameraPose;
+use psao_reconstruct::{Camera, Size};
 use psao_server::world::SceneBvh;
 
 use super::bench::{Drawn, buffer_bytes, empty};

@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
-use psao_client::{AoImage, GBuffer, Size, raster};
 use psao_proto::message::CameraPose;
+use psao_reconstruct::{AoImage, GBuffer, Size, cast_view};
 use psao_server::ao::AoSettings;
+use psao_server::bvh::SceneBvh;
 use psao_server::clock::NoClock;
 use psao_server::scene::Scene;
-use psao_server::world::SceneBvh;
 
 use super::SweepError;
 use crate::adapter::SceneView;
@@ -55,7 +55,7 @@ pub fn views(
         let camera = CameraPose { aspect: size.aspect(), ..scene.camera(time_s) };
         let world = SceneBvh::new(scene, &scene.pose(time_s));
         let seen = SceneView::new(&world);
-        let buffer = raster(&seen, &camera, size)?;
+        let buffer = cast_view(&seen, &camera, size)?;
         let screen = Screen::new(&seen, &camera, size, guard)?;
         let truth = match truth {
             Truth::Scene(ao) => reference(&seen, &buffer, ao)?,

@@ -21,7 +21,7 @@ pub use self::patches::{Patch, PatchPoint, Patches};
 pub use self::settings::{TextureError, TextureSettings};
 pub use self::visible::{Look, look};
 
-use psao_client::Size;
+use psao_reconstruct::Size;
 
 /// Codes pictures of 8-bit grey as video, and decodes them again.
 pub trait VideoCoder: Sync {

@@ -1,6 +1,6 @@
 //! What a texture-space stream can be told.
 
-use psao_client::{CameraError, SizeError};
+use psao_reconstruct::{CameraError, SizeError};
 use psao_server::ao::AoError;
 
 use super::atlas::AtlasFull;

@@ -4,12 +4,12 @@ use std::sync::Arc;
 
 use glam::Vec3;
 use proptest::prelude::*;
-use psao_client::{Camera, Size, raster};
 use psao_proto::message::CameraPose;
+use psao_reconstruct::{Camera, Size, cast_view};
 use psao_server::ao::AoSettings;
+use psao_server::bvh::{Hit, SceneBvh};
 use psao_server::clock::NoClock;
 use psao_server::scene::{InstanceId, Scene};
-use psao_server::world::{Hit, SceneBvh};
 
 use super::*;
 use crate::adapter::SceneView;
@@ -145,7 +145,7 @@ fn error(settings: TextureSettings) -> Comparison {
     let size = Size::new(96, 64).unwrap();
     let world = SceneBvh::new(&scene, &scene.pose(0.0));
     let seen = SceneView::new(&world);
-    let view = raster(&seen, &camera(), size).unwrap();
+    let view = cast_view(&seen, &camera(), size).unwrap();
     let truth = reference(&seen, &view, &AoSettings { rays: 256, ..ao }).unwrap();
     let looked = look(&world, &patches, &Camera::new(&camera()).unwrap(), size);
     let (picture, missing) = server.shown().picture(server.texels(), &looked).unwrap();

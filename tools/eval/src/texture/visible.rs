@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use psao_client::{Camera, Size};
+use psao_reconstruct::{Camera, Size};
 use psao_server::world::SceneBvh;
 use rayon::prelude::*;
 

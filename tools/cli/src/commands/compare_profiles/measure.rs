@@ -4,9 +4,6 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
-use psao_client::picture::Picture;
-use psao_client::reconstruct::Reconstruction;
-use psao_client::{AoImage, GBuffer, Size, raster};
 use psao_codec::block::BlockCoder;
 use psao_codec::frame::{FrameIndex, StreamTime};
 use psao_codec::stream::{Applier, State};
@@ -16,6 +13,9 @@ use psao_eval::metric::Comparison;
 use psao_eval::reference::reference;
 use psao_proto::message::{CameraPose, PointSource};
 use psao_proto::{HEADER_BYTES, Limits, SceneTable};
+use psao_reconstruct::picture::Picture;
+use psao_reconstruct::reconstruct::Reconstruction;
+use psao_reconstruct::{AoImage, GBuffer, Size, cast_view};
 use psao_server::ao::AoSettings;
 use psao_server::points::make_shared_geometry;
 use psao_server::scene::Scene;
@@ -168,7 +168,7 @@ struct Shot<'a> {
 impl Shot<'_> {
     fn draw(&self, paper: &State, surface: &State) -> Outcome<PerProfile<Seen>> {
         let view = SceneView::new(self.both.world());
-        let buffer = self.raster(&view)?;
+        let buffer = self.look(&view)?;
         let rays = AoSettings { rays: self.args.reference_rays, ..self.ao };
         let truth = reference(&view, &buffer, &rays).map_err(Failure::usage)?;
         let (paper, surface) = (blend(paper, &buffer)?, blend(surface, &buffer)?);
@@ -178,10 +178,10 @@ impl Shot<'_> {
         Ok(PerProfile { paper: self.seen(&truth, &paper)?, surface: self.seen(&truth, &surface)? })
     }
 
-    fn raster(&self, view: &SceneView<'_>) -> Outcome<GBuffer> {
+    fn look(&self, view: &SceneView<'_>) -> Outcome<GBuffer> {
         let size = Size::new(self.args.size.width, self.args.size.height).map_err(Failure::usage)?;
         let camera = CameraPose { aspect: size.aspect(), ..self.camera };
-        raster(view, &camera, size).map_err(Failure::usage)
+        cast_view(view, &camera, size).map_err(Failure::usage)
     }
 
     /// Wire bytes of the keyframe `first` that a client needs for the same picture as of `whole`, which is all of it.
@@ -194,7 +194,7 @@ impl Shot<'_> {
                 .map_err(Failure::input)?;
         }
         let Some(empty) = empty.as_surface() else { return Ok(0) };
-        let buffer = self.raster(&SceneView::new(self.both.world()))?;
+        let buffer = self.look(&SceneView::new(self.both.world()))?;
         let picture = blend(whole, &buffer)?.image;
         let header = first.info.header_bytes as usize;
         let ends = first.info.sections.iter().scan(header, |end, section| {

@@ -13,12 +13,12 @@ mod video;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use psao_client::Size;
-use psao_client::picture::Picture;
 use psao_codec::block::BlockCoder;
 use psao_eval::metric::{Lpips, obscurance};
 use psao_eval::sweep::{Bench, Bytes, Clip, Runs, Sample, SweepError, views};
 use psao_proto::Profile;
+use psao_reconstruct::Size;
+use psao_reconstruct::picture::Picture;
 use psao_server::scene::Scene;
 
 use self::plan::{Job, Plan, Sweep};

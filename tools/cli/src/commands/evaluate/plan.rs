@@ -2,13 +2,13 @@
 
 use std::sync::Arc;
 
-use psao_client::Size;
 use psao_eval::screen::{Falloff, ScreenMethod, Traced};
 use psao_eval::sweep::{
     Entry, Setting, TEXTURE_SPACE, Truth, far_field_methods, picture_times, pyramid_methods, reach_px,
     screen_methods,
 };
 use psao_eval::texture::TextureSettings;
+use psao_reconstruct::Size;
 use psao_server::ao::{AoSettings, Occlusion};
 use psao_server::points::PointSettings;
 use psao_server::scene::Scene;

@@ -5,8 +5,8 @@ use std::fs::{self, File};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
-use psao_client::picture::Picture;
 use psao_eval::sweep::Record;
+use psao_reconstruct::picture::Picture;
 
 use crate::error::{Exit, Failure, Outcome};
 

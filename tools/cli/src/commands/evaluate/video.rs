@@ -4,8 +4,8 @@ use std::fmt;
 use std::io::{Read as _, Write as _};
 use std::process::{Command, Stdio};
 
-use psao_client::Size;
 use psao_eval::texture::{Coded, VideoCoder, VideoError};
+use psao_reconstruct::Size;
 
 use crate::context::WallClock;
 

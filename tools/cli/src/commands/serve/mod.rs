@@ -11,6 +11,7 @@ use std::time::{Duration, Instant};
 use psao_proto::Limits;
 use psao_proto::message::{CloseCode, Edit};
 use psao_proto::net::{Hub, HubEvent};
+use psao_proto::recording::file::Recorder;
 use psao_server::server::FrameTimeController;
 
 use crate::args::{BufferArg, EditsArg, StreamArgs};
@@ -19,7 +20,6 @@ use crate::error::Outcome;
 use crate::network::{self, ListenArgs};
 use crate::output::number;
 use crate::producer::Producer;
-use crate::recorder::{Recorder, check_place};
 use line::{Late, Line};
 use outlet::Outlet;
 
@@ -106,7 +106,7 @@ const PATIENCE: Duration = Duration::from_secs(5);
 
 pub(crate) fn run(args: &Args) -> Outcome {
     if let Some(path) = &args.record {
-        check_place(path)?;
+        Recorder::check_place(path)?;
     }
     let producer = Producer::new(&args.stream.scene, &args.stream.tuning, 0)?;
     runtime()?.block_on(serve(args, producer))
@@ -117,7 +117,7 @@ async fn serve(args: &Args, producer: Producer) -> Outcome {
     let bound = args.network.serve(&hub).await?;
     eprintln!("serving {} at {bound}; stop with Ctrl-C", producer.info().name);
     let mut recorder = match &args.record {
-        Some(path) => Some(Recorder::live(path, args.buffer.bytes())?),
+        Some(path) => Some(Recorder::create(path, args.buffer.options(path))?),
         None => None,
     };
     if let Some(recorder) = &mut recorder {

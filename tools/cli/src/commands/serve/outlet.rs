@@ -7,29 +7,30 @@ use psao_codec::stream::StateRef;
 use psao_proto::Micros;
 use psao_proto::message::{Close, CloseCode, Edit};
 use psao_proto::net::Hub;
+use psao_proto::recording::file::Recorder;
 use psao_server::server::StepOutput;
 
 use crate::error::{Exit, Failure, Outcome};
 use crate::producer::Produced;
-use crate::recorder::{Live, Recorder};
 
 /// Clients, and the recording if there is one.
 pub(super) struct Outlet {
     hub: Hub,
-    recorder: Option<Recorder<Live>>,
+    recorder: Option<Recorder>,
     /// Whether stage times go with every frame.
     timings: bool,
 }
 
 impl Outlet {
-    pub(super) fn new(hub: Hub, recorder: Option<Recorder<Live>>, timings: bool) -> Self {
+    pub(super) fn new(hub: Hub, recorder: Option<Recorder>, timings: bool) -> Self {
         Self { hub, recorder, timings }
     }
 
     /// Says that an edit is part of all frames from the next one on.
     pub(super) fn announce(&mut self, edit: &Edit) -> Outcome {
         self.hub.edit(edit);
-        self.recorder.as_mut().map_or(Ok(()), |tape| tape.message(tape.now(), edit))
+        let Some(recorder) = &mut self.recorder else { return Ok(()) };
+        Ok(recorder.message(recorder.now(), edit)?)
     }
 
     /// Sends a frame. `keyframe` makes one of the state after it.
@@ -51,21 +52,26 @@ impl Outlet {
         if let Some(report) = &report {
             self.hub.report(report);
         }
-        let Some(tape) = &mut self.recorder else { return Ok(()) };
+        let Some(recorder) = &mut self.recorder else { return Ok(()) };
         // As it was sent, or as a keyframe where one ends a gap.
-        if tape.wants_keyframe() {
-            tape.body(tape.now(), true, &keyframe(&info)?)?;
+        if recorder.wants_keyframe() {
+            recorder.body(recorder.now(), FrameKind::Key, &keyframe(&info)?)?;
         } else {
-            tape.body(tape.now(), info.kind == FrameKind::Key, &body)?;
+            recorder.body(recorder.now(), info.kind, &body)?;
         }
-        produced.budget.map_or(Ok(()), |budget| tape.message(tape.now(), &budget))?;
-        report.map_or(Ok(()), |report| tape.message(tape.now(), &report))
+        if let Some(budget) = &produced.budget {
+            recorder.message(recorder.now(), budget)?;
+        }
+        if let Some(report) = &report {
+            recorder.message(recorder.now(), report)?;
+        }
+        Ok(())
     }
 
     /// Ends the recording; its length, if there is one.
     pub(super) fn finish(self, goodbye: &str) -> Outcome<Option<u64>> {
-        let Some(mut tape) = self.recorder else { return Ok(None) };
-        tape.message(tape.now(), &Close::new(CloseCode::STOPPED, goodbye))?;
-        tape.finish().map(Some)
+        let Some(mut recorder) = self.recorder else { return Ok(None) };
+        recorder.message(recorder.now(), &Close::new(CloseCode::STOPPED, goodbye))?;
+        Ok(Some(recorder.finish()?.bytes))
     }
 }

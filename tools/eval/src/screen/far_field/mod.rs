@@ -54,7 +54,7 @@ const MAX_STRETCH: f32 = 256.0;
 ///
 /// ```
 /// use glam::Vec3;
-/// use psao_client::Size;
+/// use psao_reconstruct::Size;
 /// use psao_eval::screen::{FarField, FarFieldSettings, Screen, ScreenMethod};
 /// use psao_server::clock::NoClock;
 ///

@@ -1,7 +1,7 @@
 //! Separable approximation in groups of 3 x 3 pixels (Timonen, section 10, after Huang et al. 2011).
 
 use glam::Vec3;
-use psao_client::Size;
+use psao_reconstruct::Size;
 use rayon::prelude::*;
 
 use crate::screen::Screen;

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::{Vec2, Vec3};
 use proptest::prelude::*;
-use psao_client::{AoImage, Size};
+use psao_reconstruct::{AoImage, Size};
 use psao_server::clock::NoClock;
 use psao_server::scene::Scene;
 use psao_server::world::SceneBvh;

@@ -63,7 +63,7 @@ fn shift(lean: f32, along: i32) -> i32 {
 #[cfg(test)]
 mod tests {
     use glam::Vec3;
-    use psao_client::Size;
+    use psao_reconstruct::Size;
 
     use super::*;
 

@@ -222,7 +222,7 @@ impl Entry {
 
 #[cfg(test)]
 mod tests {
-    use psao_client::Size;
+    use psao_reconstruct::Size;
     use psao_server::clock::NoClock;
     use psao_server::scene::Scene;
     use psao_server::world::SceneBvh;

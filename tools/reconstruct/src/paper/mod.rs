@@ -1,0 +1,38 @@
+//! The points of profile `paper`: cells in the space that an instance is in now.
+
+mod neighbours;
+
+use glam::Vec3;
+use psao_codec::frame::State;
+
+pub(crate) use self::neighbours::{InstanceCells, Neighbours};
+use crate::kernel::{Blend, PointwiseBlend, Query};
+
+impl InstanceCells {
+    /// A query in the local space of the instance.
+    #[inline]
+    pub(crate) fn query(&self, position: Vec3, normal: Vec3) -> Query {
+        Query { position, normal, radius: self.kernel_radius() }
+    }
+
+    /// Blends the points around one place.
+    pub(crate) fn blend_one(&self, state: &State, query: &Query) -> Blend {
+        let mut blend = PointwiseBlend::new(query);
+        if let Some(base) = self.base(query.position) {
+            self.each_point(state, base, |position, normal, ao| blend.add(position, normal, ao));
+        }
+        blend.finish()
+    }
+
+    /// As [`blend_one`](Self::blend_one), with the neighbourhoods that were needed last at hand.
+    #[inline]
+    pub(crate) fn blend_near(&self, state: &State, near: &mut Neighbours, query: &Query) -> Blend {
+        let mut blend = Blend::new();
+        if let Some(base) = self.base(query.position) {
+            for group in near.of(state, self, base) {
+                blend.add(group, query);
+            }
+        }
+        blend
+    }
+}

@@ -1,0 +1,93 @@
+//! Ambient occlusion of every fragment from points of the mesh at rest (paper, section 3.5, Eq. 2 to 4, in rest space).
+
+use glam::Vec3;
+use psao_codec::surface::State;
+
+use super::outcome::{ReconstructError, Reconstruction};
+use super::walk::{check_instances, walk};
+use crate::kernel::Blend;
+use crate::surface::{Ao, Patches, SurfaceIndex, arrived_ao};
+use crate::{AoSampler, GBuffer};
+
+/// Reconstructs views of a stream of profile `surface` with an [`AoSampler`], which it keeps between frames.
+#[derive(Clone, Debug, Default)]
+pub struct SurfaceReconstructor {
+    sampler: AoSampler,
+}
+
+/// [`SurfaceReconstructor::reconstruct`] for a single frame: nothing is kept.
+///
+/// # Errors
+///
+/// Those of [`SurfaceReconstructor::reconstruct`].
+pub fn surface(state: &State, view: &GBuffer) -> Result<Reconstruction, ReconstructError> {
+    SurfaceReconstructor::new().reconstruct(state, view)
+}
+
+impl SurfaceReconstructor {
+    /// Makes a reconstructor that has no index yet.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Returns the sampler, prepared for the sets that views have shown.
+    #[must_use]
+    pub fn sampler(&self) -> &AoSampler {
+        &self.sampler
+    }
+
+    /// Reconstructs the ambient occlusion of every fragment of `view` from the points of `state`.
+    ///
+    /// For each fragment: the points of its instance within the kernel radius of its place at rest, all of them, are
+    /// weighted by Eq. 2 and 3 ([`weight`](crate::kernel::weight())) with its normal at rest; Eq. 4 is their weighted mean,
+    /// or 1 if no weight is above 0. Background is 1. Points that have not come yet do not count, so that a first
+    /// state can be looked at while it is coming; [`Statistics::unsupported`](super::Statistics::unsupported) says how
+    /// much of the view has nothing yet.
+    ///
+    /// The first frame that shows a set makes its [`SurfaceIndex`](crate::SurfaceIndex); so does one in which its geometry is another.
+    /// Rows are spread over all cores with the feature `rayon`; the result depends neither on how many there are nor on earlier frames.
+    ///
+    /// # Errors
+    ///
+    /// [`ReconstructError::Instance`] when a fragment shows an instance beyond the stream's layout,
+    /// [`ReconstructError::NoRest`] when one does not say where it is at rest.
+    pub fn reconstruct(&mut self, state: &State, view: &GBuffer) -> Result<Reconstruction, ReconstructError> {
+        self.blend(state, view, &arrived_ao(state))
+    }
+
+    /// [`SurfaceReconstructor::reconstruct`] with AO from anywhere.
+    pub(super) fn blend(
+        &mut self,
+        state: &State,
+        view: &GBuffer,
+        ao: &impl Ao,
+    ) -> Result<Reconstruction, ReconstructError> {
+        let instances = state.layout().members().len();
+        check_instances(view, instances)?;
+        let (positions, normals) = rest_planes(view)?;
+        let mut shown = vec![false; state.layout().sets().len()];
+        for &instance in view.instance() {
+            if let Some(member) = state.layout().members().get(instance as usize) {
+                shown[member.set as usize] = true;
+            }
+        }
+        self.sampler.indices.prepare(state, |set| shown[set]);
+        let indices: Vec<Option<&SurfaceIndex>> =
+            (0..instances as u32).map(|instance| self.sampler.indices.of(state, instance)).collect();
+        Ok(walk(view, Patches::new, |near, pixel, instance| {
+            let Some(index) = indices[instance as usize] else { return Blend::new() };
+            index.blend_near(ao, near, instance, &index.query(positions[pixel], normals[pixel]))
+        }))
+    }
+}
+
+/// Positions and normals at rest, checked to be there for every fragment.
+fn rest_planes(view: &GBuffer) -> Result<(&[Vec3], &[Vec3]), ReconstructError> {
+    let instances = view.instance().iter();
+    let mut shown = instances.enumerate().filter(|(_, instance)| **instance != GBuffer::NO_INSTANCE);
+    match shown.find(|(pixel, _)| view.at_rest(*pixel).is_none()) {
+        Some((pixel, _)) => Err(ReconstructError::NoRest { pixel }),
+        None => Ok((view.rest_position().unwrap_or_default(), view.rest_normal().unwrap_or_default())),
+    }
+}

@@ -1,0 +1,183 @@
+//! Views of streams of profile `surface`.
+
+use std::sync::Arc;
+
+use glam::{DVec3, Vec3};
+use proptest::prelude::*;
+use psao_codec::surface::{BLOCK_POINTS, State};
+
+use super::{Bounds, check, on_one_thread, row};
+use crate::reconstruct::{ReconstructError, Statistics, SurfaceReconstructor, surface};
+use crate::surface::Ao;
+use crate::testing::{Margins, Points, Reference, points, reference, surface_state, unit};
+use crate::{AoSampler, AtRest, GBuffer, Size, Surface, SurfaceIndex};
+
+/// A fragment whose place in the world has nothing to do with its place at rest.
+fn fragment(instance: u32, position: Vec3, normal: Vec3) -> Surface {
+    let rest = Some(AtRest { position, normal });
+    Surface { t: 1.0, position: Vec3::splat(1e3), normal: Vec3::NEG_X, instance, rest }
+}
+
+fn one(fragment: Surface) -> GBuffer {
+    row(&[Some(fragment)])
+}
+
+/// Eq. 2 to 4 over every point of the instance.
+fn brute_force(state: &State, fragment: &Surface, ao: &impl Ao) -> Reference {
+    let set = state.layout().members()[fragment.instance as usize].set;
+    let geometry = state.geometry(set).unwrap();
+    let r = f64::from(geometry.layout().kernel_radius);
+    let rest = fragment.rest.unwrap();
+    let points = (0..geometry.len()).filter_map(|point| {
+        let ao = ao(fragment.instance, point)?;
+        let position = DVec3::from(geometry.position(point).map(f64::from));
+        Some((position, DVec3::from(geometry.normal(point).map(f64::from)), f64::from(ao) / 255.0))
+    });
+    let margins = Margins { straight: 1e-3, away: 1e-3 * r };
+    reference(points, (rest.position.as_dvec3(), rest.normal.as_dvec3()), r, margins)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(96))]
+
+    #[test]
+    fn fast_path_and_brute_force_agree(
+        sets in [points(300), points(40)],
+        fragments in prop::collection::vec((0_u32..3, prop::array::uniform3(-1.3_f32..1.3), unit()), 1..80),
+        kernel_radius in 0.01_f32..0.9,
+        width in 1_usize..10,
+        gone in prop::collection::vec((0_u32..3, 0_usize..5), 0..6),
+    ) {
+        // Two instances of the first set, whose AO differs.
+        let value = |instance: u32, point: usize| (instance as usize * 91 + point * 37) as u8;
+        let state = surface_state(kernel_radius, &sets, &[0, 1, 0], value);
+        let ao = |instance: u32, point: usize| {
+            let here = !gone.contains(&(instance, point / BLOCK_POINTS));
+            here.then(|| value(instance, point))
+        };
+        let fragments = fragments.iter().map(|&(instance, at, normal)| Some(fragment(instance, at.into(), normal)));
+        let mut pixels: Vec<_> = fragments.collect();
+        pixels.resize(pixels.len().next_multiple_of(width), None);
+        let size = Size::new(u32::try_from(width).unwrap(), u32::try_from(pixels.len() / width).unwrap()).unwrap();
+        let view = GBuffer::from_fragments(size, pixels).unwrap();
+        let found = SurfaceReconstructor::new().blend(&state, &view, &ao).unwrap();
+        check(&found, &view, Bounds { value: 2e-4, close_calls: 3 }, |fragment| brute_force(&state, fragment, &ao))?;
+        let alone = on_one_thread(|| SurfaceReconstructor::new().blend(&state, &view, &ao).unwrap());
+        prop_assert_eq!(alone, found);
+        // The sampler agrees to the bit where it is asked for the same places.
+        let mut sampler = AoSampler::new();
+        sampler.prepare(&state);
+        let found = surface(&state, &view).unwrap();
+        for (pixel, &value) in found.image.values().iter().enumerate() {
+            let Some(Surface { instance, rest: Some(rest), .. }) = view.fragment(pixel) else { continue };
+            let (position, normal) = (rest.position.to_array(), rest.normal.to_array());
+            let ao = sampler.ao(&state, instance, position, normal);
+            prop_assert_eq!(ao.unwrap_or(1.0).to_bits(), value.to_bits());
+        }
+    }
+}
+
+#[test]
+fn a_hundred_points_in_one_place_all_count() {
+    let state = surface_state(0.1, &[vec![(Vec3::ZERO, Vec3::Y); 100]], &[0], |_, point| point as u8);
+    let found = surface(&state, &one(fragment(0, Vec3::X * 0.01, Vec3::Y))).unwrap();
+    assert_eq!(found.statistics.blended, 100, "there is no most");
+    assert!((found.image.values()[0] - 49.5 / 255.0).abs() < 1e-6);
+}
+
+#[test]
+fn no_point_of_an_axis_aligned_plane_is_lost() {
+    // 128 x 128 points on a plane, some four of them in each cell, as on the floors that defeat Eq. 1.
+    let at = |i: usize| (i as f32 - 63.5) / 64.0;
+    for axis in 0..3 {
+        let point = |i: usize| {
+            let [a, b] = [i % 128, i / 128].map(at);
+            let place = [Vec3::new(0.5, a, b), Vec3::new(a, 0.5, b), Vec3::new(a, b, 0.5)][axis];
+            (place, Vec3::AXES[axis])
+        };
+        let points: Points = (0..128 * 128).map(point).collect();
+        let state = surface_state(0.016, std::slice::from_ref(&points), &[0], |_, point| (point % 251) as u8);
+        let places: Vec<_> = points.iter().map(|&(place, normal)| Some(fragment(0, place, normal))).collect();
+        let size = Size::new(128, 128).unwrap();
+        let found = surface(&state, &GBuffer::from_fragments(size, places).unwrap()).unwrap();
+        // The neighbours are 1/64 away and just count; the point itself has nearly all the weight.
+        assert_eq!(found.statistics.unsupported, 0);
+        for (point, value) in found.image.values().iter().enumerate() {
+            assert!((value * 255.0 - (point % 251) as f32).abs() < 25.0, "point {point}: {}", value * 255.0);
+        }
+        assert!(found.statistics.blended >= 128 * 128 * 4, "{:?}", found.statistics);
+    }
+}
+
+#[test]
+fn whatever_the_kernel_and_the_place_there_is_an_answer() {
+    let points = vec![(Vec3::splat(-1.0), Vec3::Y), (Vec3::ONE, Vec3::Y), (Vec3::ZERO, Vec3::Y)];
+    for kernel_radius in [f32::MIN_POSITIVE, 1e-20, 1e-3, 10.0, 1e18, f32::MAX] {
+        let state = surface_state(kernel_radius, std::slice::from_ref(&points), &[0], |_, _| 51);
+        let places = [0.0, -1.0, 1.0, 5.0, -5.0, 1e9, -1e9, f32::MAX, f32::INFINITY, f32::NAN];
+        let fragments: Vec<_> =
+            places.iter().map(|&at| Some(fragment(0, Vec3::splat(at), Vec3::Y))).collect();
+        let found = surface(&state, &row(&fragments)).unwrap();
+        for value in &found.image.values()[..3] {
+            assert!((value - 0.2).abs() < 1e-6, "kernel {kernel_radius}: {value}");
+        }
+        assert_eq!(found.image.values()[8..], [1.0, 1.0]);
+    }
+}
+
+#[test]
+fn what_has_not_come_is_open_and_counted() {
+    let all = surface_state(0.5, &[vec![(Vec3::ZERO, Vec3::Y)]], &[0, 0], |_, _| 0);
+    let nothing = State::new(Arc::clone(all.layout()));
+    let view = row(&[Some(fragment(0, Vec3::ZERO, Vec3::Y)), None, Some(fragment(1, Vec3::ZERO, Vec3::Y))]);
+    let mut kept = SurfaceReconstructor::new();
+    let open = kept.reconstruct(&nothing, &view).unwrap();
+    assert_eq!(open.image.values(), [1.0; 3]);
+    assert_eq!(open.statistics, Statistics { fragments: 2, unsupported: 2, blended: 0 });
+    let closed = kept.reconstruct(&all, &view).unwrap();
+    assert_eq!(closed.image.values(), [0.0, 1.0, 0.0], "the geometry came meanwhile");
+}
+
+#[test]
+fn an_index_is_kept_as_long_as_its_geometry() {
+    let [here, there] = [Vec3::ZERO, Vec3::X * 0.5].map(|place| {
+        surface_state(0.1, &[vec![(place, Vec3::Y)], vec![(place, Vec3::Y)]], &[0, 1], |_, _| 102)
+    });
+    let view = one(fragment(0, Vec3::ZERO, Vec3::Y));
+    let mut kept = SurfaceReconstructor::new();
+    for (state, value) in [(&here, 0.4), (&here, 0.4), (&there, 1.0), (&here, 0.4)] {
+        assert_eq!(kept.reconstruct(state, &view).unwrap().image.values(), [value]);
+        let shown = Arc::as_ptr(state.geometry(0).unwrap());
+        assert_eq!(kept.sampler().indices.geometries(), [Some(shown), None], "sets out of view cost nothing");
+    }
+}
+
+#[test]
+fn views_that_do_not_fit_are_errors() {
+    let state = surface_state(0.1, &[vec![(Vec3::ZERO, Vec3::Y)]], &[0], |_, _| 0);
+    let good = fragment(0, Vec3::ZERO, Vec3::Y);
+    let unknown = row(&[Some(good), Some(Surface { instance: 1, ..good })]);
+    let error = surface(&state, &unknown).unwrap_err();
+    assert_eq!(error, ReconstructError::Instance { pixel: 1, instance: 1, instances: 1 });
+    for view in [
+        vec![None, Some(Surface { rest: None, ..good })],
+        vec![Some(good), Some(Surface { rest: None, ..good })],
+    ] {
+        let error = surface(&state, &row(&view)).unwrap_err();
+        assert_eq!(error, ReconstructError::NoRest { pixel: 1 });
+        assert!(error.to_string().contains("fill in Surface::rest"), "{error}");
+    }
+    assert_eq!(
+        surface(&state, &row(&[None])).unwrap().image.values(),
+        [1.0],
+        "nothing is shown, nothing is missing"
+    );
+}
+
+#[test]
+fn the_index_takes_what_it_says() {
+    let points: Points = (0..1000).map(|i| (Vec3::X * (i as f32 / 1000.0), Vec3::Y)).collect();
+    let state = surface_state(0.01, &[points], &[0], |_, _| 0);
+    let bytes = SurfaceIndex::new(state.geometry(0).unwrap()).bytes();
+    assert!((28_000..40_000).contains(&bytes), "{bytes}");
+}

@@ -1,0 +1,226 @@
+//! Ambient occlusion at any place of a surface.
+
+use glam::Vec3;
+use psao_codec::frame;
+use psao_codec::stream::StateRef;
+use psao_codec::surface;
+
+use crate::paper::{InstanceCells, Neighbours};
+use crate::parallel;
+use crate::surface::{Patches, SetIndices, arrived_ao};
+
+/// Places of one chunk of [`AoSampler::ao_many`], which share what they need of the points around them.
+const CHUNK: usize = 1024;
+
+/// Returns the accessibility of places: of vertices, of texels of a light map, of fragments that a renderer has.
+///
+/// A place is a position in metres and a unit normal in the space that the points of its profile are in:
+///
+/// | profile | position and normal |
+/// |---|---|
+/// | `surface` | on the mesh at rest, before skinning, morphing and any transform: plain vertex attributes |
+/// | `paper` | in the instance's local space as it is posed now. Where an instance only moves rigidly, that is the mesh at rest too; where it deforms, the deformed vertex before the instance's rigid transform |
+///
+/// [`prepare`](Self::prepare) makes an index for each set of points of profile `surface`, once for each geometry; then
+/// [`ao`](Self::ao) and [`ao_many`](Self::ao_many) take `&self`, from as many threads as there are. The results are
+/// those of `reconstruct::SurfaceReconstructor` and `reconstruct::cells` for the same places, to the bit.
+///
+/// ```
+/// # use std::sync::Arc;
+/// # use psao_codec::Limits;
+/// # use psao_codec::surface::{Geometry, GeometryDigest, Layout, Member, RestPoint, Rounded, SetLayout, State};
+/// use psao_reconstruct::AoSampler;
+///
+/// # let set = SetLayout {
+/// #     origin: [0.0; 3], step: 1.0 / 1024.0, extent: [1024; 3], normal_bits: 4, kernel_radius: 0.1,
+/// #     points: 0, digest: GeometryDigest::default(),
+/// # };
+/// # let points: Vec<_> = (0..16_u8)
+/// #     .map(|point| RestPoint { position: [(f32::from(point) + 0.5) / 16.0, 0.0, 0.0], normal: [0.0, 1.0, 0.0] })
+/// #     .collect();
+/// # let Rounded { geometry, order, .. } = Geometry::round(set, &points);
+/// # let values: Vec<u8> = order.iter().map(|&point| if point < 8 { 51 } else { 255 }).collect();
+/// # let layout = Layout::new(vec![*geometry.layout()], vec![Member { set: 0 }], &Limits::default())?;
+/// # let state = State::from_parts(Arc::new(layout), vec![Arc::new(geometry)], &values);
+/// let mut sampler = AoSampler::new();
+/// sampler.prepare(&state); // after every frame; it works only when geometry came
+/// let dark = sampler.ao(&state, 0, [0.1, 0.0, 0.0], [0.0, 1.0, 0.0]);
+/// assert!(dark.is_some_and(|ao| (ao - 0.2).abs() < 1e-6));
+/// assert_eq!(sampler.ao(&state, 0, [0.5, 9.0, 0.0], [0.0, 1.0, 0.0]), None, "no point is near");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Clone, Debug, Default)]
+pub struct AoSampler {
+    pub(crate) indices: SetIndices,
+}
+
+/// Why [`AoSampler::ao_many`] wrote nothing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum SampleError {
+    /// The slices are not of one length.
+    #[error(
+        "{positions} positions, {normals} normals and room for {out} values were given; give as many of each"
+    )]
+    Lengths {
+        /// Number of positions.
+        positions: usize,
+        /// Number of normals.
+        normals: usize,
+        /// Number of values that `out` has room for.
+        out: usize,
+    },
+    /// The stream does not have the instance.
+    #[error(
+        "instance {instance} was asked for, but the stream has {instances} instances; use the scene that the stream was made of"
+    )]
+    Instance {
+        /// The instance asked for.
+        instance: u32,
+        /// Number of instances of the stream's layout.
+        instances: usize,
+    },
+}
+
+impl AoSampler {
+    /// Makes a sampler that has no index yet.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Indexes the sets of points whose geometry has come since the last call, and drops indices of geometry that is
+    /// gone.
+    ///
+    /// Call it after every frame that was applied. It compares one pointer for each set when nothing came; an index takes
+    /// O(n log n) time and about 30 bytes a point. A stream of profile `paper` needs none.
+    pub fn prepare<'a>(&mut self, state: impl Into<StateRef<'a>>) {
+        match state.into() {
+            StateRef::Surface(state) => self.indices.prepare(state, |_| true),
+            StateRef::Cells(_) => self.indices = SetIndices::default(),
+        }
+    }
+
+    /// Returns the accessibility at a place of an instance, in `[0, 1]`, 1 being open.
+    ///
+    /// It is the weighted mean of Eq. 4 over the points around the place. `None` when no point supports the place: no
+    /// point has a weight above 0 there (Eq. 4 calls such a place open), what is there is still to come, its geometry
+    /// came after the last [`prepare`](Self::prepare), or the stream does not have the instance. It allocates nothing.
+    #[must_use]
+    pub fn ao<'a>(
+        &self,
+        state: impl Into<StateRef<'a>>,
+        instance: u32,
+        position: [f32; 3],
+        normal: [f32; 3],
+    ) -> Option<f32> {
+        let (position, normal) = (Vec3::from(position), Vec3::from(normal));
+        match state.into() {
+            StateRef::Surface(state) => {
+                let index = self.indices.of(state, instance)?;
+                index.blend_one(&arrived_ao(state), instance, &index.query(position, normal)).mean()
+            }
+            StateRef::Cells(state) => {
+                let cells = InstanceCells::of(state, instance)?;
+                cells.blend_one(state, &cells.query(position, normal)).mean()
+            }
+        }
+    }
+
+    /// Writes the accessibility at many places of an instance to `out`: for each what [`ao`](Self::ao) returns.
+    ///
+    /// Places that are near each other in the slices share work, as vertices of a mesh mostly are. With the feature
+    /// `rayon` all cores take part; the values do not depend on it.
+    ///
+    /// # Errors
+    ///
+    /// [`SampleError`] when the three slices are not of one length, or the stream does not have the instance; `out` is
+    /// then as it was.
+    pub fn ao_many<'a>(
+        &self,
+        state: impl Into<StateRef<'a>>,
+        instance: u32,
+        positions: &[[f32; 3]],
+        normals: &[[f32; 3]],
+        out: &mut [Option<f32>],
+    ) -> Result<(), SampleError> {
+        if positions.len() != out.len() || normals.len() != out.len() {
+            let [positions, normals] = [positions, normals].map(<[_]>::len);
+            return Err(SampleError::Lengths { positions, normals, out: out.len() });
+        }
+        let queries = Queries { positions, normals };
+        match state.into() {
+            StateRef::Surface(state) => self.many_at_rest(state, instance, &queries, out),
+            StateRef::Cells(state) => many_in_cells(state, instance, &queries, out),
+        }
+    }
+
+    /// Returns the memory that the indices take, in bytes.
+    #[must_use]
+    pub fn heap_bytes(&self) -> usize {
+        self.indices.bytes()
+    }
+
+    fn many_at_rest(
+        &self,
+        state: &surface::State,
+        instance: u32,
+        queries: &Queries<'_>,
+        out: &mut [Option<f32>],
+    ) -> Result<(), SampleError> {
+        let instances = state.layout().members().len();
+        check_instance(instance, instances)?;
+        let Some(index) = self.indices.of(state, instance) else {
+            out.fill(None);
+            return Ok(());
+        };
+        let ao = arrived_ao(state);
+        parallel::chunks(out, CHUNK, |chunk, out| {
+            let mut near = Patches::new();
+            for ((position, normal), out) in queries.from(chunk * CHUNK).zip(out) {
+                *out = index.blend_near(&ao, &mut near, instance, &index.query(position, normal)).mean();
+            }
+        });
+        Ok(())
+    }
+}
+
+fn many_in_cells(
+    state: &frame::State,
+    instance: u32,
+    queries: &Queries<'_>,
+    out: &mut [Option<f32>],
+) -> Result<(), SampleError> {
+    let instances = state.layout().instances().len();
+    let Some(cells) = InstanceCells::of(state, instance) else {
+        return Err(SampleError::Instance { instance, instances });
+    };
+    parallel::chunks(out, CHUNK, |chunk, out| {
+        let mut near = Neighbours::new();
+        for ((position, normal), out) in queries.from(chunk * CHUNK).zip(out) {
+            *out = cells.blend_near(state, &mut near, &cells.query(position, normal)).mean();
+        }
+    });
+    Ok(())
+}
+
+fn check_instance(instance: u32, instances: usize) -> Result<(), SampleError> {
+    if (instance as usize) < instances { Ok(()) } else { Err(SampleError::Instance { instance, instances }) }
+}
+
+/// Positions and normals, as many of each.
+struct Queries<'a> {
+    positions: &'a [[f32; 3]],
+    normals: &'a [[f32; 3]],
+}
+
+impl Queries<'_> {
+    /// The places from number `first` on.
+    fn from(&self, first: usize) -> impl Iterator<Item = (Vec3, Vec3)> {
+        let positions = self.positions[first..].iter().map(|&position| Vec3::from(position));
+        positions.zip(self.normals[first..].iter().map(|&normal| Vec3::from(normal)))
+    }
+}
+
+#[cfg(test)]
+mod tests;

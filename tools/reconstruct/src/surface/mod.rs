@@ -1,0 +1,104 @@
+//! The points of profile `surface`: on the mesh at rest, where nothing moves.
+//!
+//! In rest space limbs that touch each other are as far apart as the mesh was made, whatever an instance does. So where
+//! the points are is worked out once for each set ([`SurfaceIndex`]) and kept between frames ([`SetIndices`]).
+
+mod index;
+mod patches;
+
+use std::sync::Arc;
+
+use glam::Vec3;
+use psao_codec::surface::{BLOCK_POINTS, Geometry, State};
+
+pub use self::index::SurfaceIndex;
+use self::patches::each_near;
+pub(crate) use self::patches::{Ao, Patches};
+use crate::kernel::{Blend, PointwiseBlend, Query};
+
+/// The indices of a stream's sets, each kept as long as its geometry.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct SetIndices {
+    by_set: Vec<Option<IndexedSet>>,
+}
+
+/// An index, and the geometry that it was made of.
+#[derive(Clone, Debug)]
+struct IndexedSet {
+    geometry: Arc<Geometry>,
+    index: SurfaceIndex,
+}
+
+impl SetIndices {
+    /// Makes the indices that are missing or out of date of the sets that `wanted` names, and drops those whose geometry
+    /// is gone.
+    pub(crate) fn prepare(&mut self, state: &State, wanted: impl Fn(usize) -> bool) {
+        self.by_set.resize_with(state.layout().sets().len(), || None);
+        for (set, kept) in self.by_set.iter_mut().enumerate() {
+            let geometry = state.geometry(set as u32);
+            let current = kept.as_ref().map(|kept| &kept.geometry);
+            if current.zip(geometry).is_some_and(|(kept, now)| Arc::ptr_eq(kept, now)) {
+                continue;
+            }
+            *kept = geometry.filter(|_| wanted(set)).map(|geometry| IndexedSet {
+                geometry: Arc::clone(geometry),
+                index: SurfaceIndex::new(geometry),
+            });
+        }
+    }
+
+    /// The index of an instance's set; `None` unless it was made of the geometry that `state` has now.
+    pub(crate) fn of(&self, state: &State, instance: u32) -> Option<&SurfaceIndex> {
+        let set = state.layout().members().get(instance as usize)?.set;
+        let kept = self.by_set.get(set as usize)?.as_ref()?;
+        state.geometry(set).is_some_and(|now| Arc::ptr_eq(&kept.geometry, now)).then_some(&kept.index)
+    }
+
+    /// Memory that the indices take, in bytes.
+    pub(crate) fn bytes(&self) -> usize {
+        self.by_set.iter().flatten().map(|kept| kept.index.bytes()).sum()
+    }
+
+    /// For each set the geometry that its index was made of.
+    #[cfg(all(test, feature = "view"))]
+    pub(crate) fn geometries(&self) -> Vec<Option<*const Geometry>> {
+        self.by_set.iter().map(|kept| kept.as_ref().map(|kept| Arc::as_ptr(&kept.geometry))).collect()
+    }
+}
+
+/// The AO that a state holds.
+pub(crate) fn arrived_ao(state: &State) -> impl Ao {
+    |instance, point| {
+        let here = state.is_present(instance, point / BLOCK_POINTS);
+        state.values(instance).get(point).copied().filter(|_| here)
+    }
+}
+
+impl SurfaceIndex {
+    /// A query in rest space.
+    #[inline]
+    pub(crate) fn query(&self, position: Vec3, normal: Vec3) -> Query {
+        Query { position, normal, radius: self.kernel_radius() }
+    }
+
+    /// Blends the points of an instance around one place.
+    pub(crate) fn blend_one(&self, ao: &impl Ao, instance: u32, query: &Query) -> Blend {
+        let mut blend = PointwiseBlend::new(query);
+        if let Some(patch) = self.patch(query.position) {
+            each_near(ao, self, instance, patch, |point, ao| blend.add(point.position, point.normal, ao));
+        }
+        blend.finish()
+    }
+
+    /// As [`blend_one`](Self::blend_one), with the patches that were needed last at hand.
+    #[inline]
+    pub(crate) fn blend_near(&self, ao: &impl Ao, near: &mut Patches, instance: u32, query: &Query) -> Blend {
+        let mut blend = Blend::new();
+        if let Some(patch) = self.patch(query.position) {
+            for group in near.of(ao, self, instance, patch) {
+                blend.add(group, query);
+            }
+        }
+        blend
+    }
+}

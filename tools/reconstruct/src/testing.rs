@@ -1,0 +1,173 @@
+//! Small states for tests, made the way a server makes them: encoder, frame body, `apply`.
+
+use std::sync::Arc;
+
+use glam::{DVec3, Vec3};
+use proptest::prelude::*;
+use psao_codec::Limits;
+use psao_codec::block::BlockCoder;
+use psao_codec::cells::{Grid, InstanceLayout, Layout, PaperEncoder, PointSample};
+use psao_codec::frame::{FrameIndex, FrameKind, FrameMeta, Pose, State, StreamTime, apply};
+use psao_codec::point::PointFormat;
+use psao_codec::surface::{self, Geometry, GeometryDigest, Member, RestPoint, Rounded, SetLayout};
+
+/// An instance for [`state`].
+pub(crate) struct TestInstance {
+    pub(crate) grid: Grid,
+    pub(crate) kernel_radius: f32,
+    pub(crate) pose: Pose,
+    pub(crate) points: Vec<PointSample>,
+}
+
+/// A client's state after one keyframe with these instances.
+pub(crate) fn state(instances: &[TestInstance]) -> State {
+    state_of(PointFormat::Bits32, instances)
+}
+
+/// The same, packed like this.
+pub(crate) fn state_of(format: PointFormat, instances: &[TestInstance]) -> State {
+    let mut first_bucket = 0;
+    let layouts = instances.iter().map(|instance| {
+        let bucket_count = 64;
+        first_bucket += bucket_count;
+        InstanceLayout {
+            grid: instance.grid,
+            first_bucket: first_bucket - bucket_count,
+            bucket_count,
+            kernel_radius: instance.kernel_radius,
+        }
+    });
+    let layout = Arc::new(Layout::new(format, layouts.collect(), 4_096, &Limits::default()).unwrap());
+    let counts: Vec<u32> = instances.iter().map(|i| u32::try_from(i.points.len()).unwrap()).collect();
+    let mut encoder = PaperEncoder::new(layout.clone(), &counts).unwrap();
+    let mut id = 0;
+    for (number, instance) in (0_u32..).zip(instances) {
+        encoder.set_pose(number, instance.pose).unwrap();
+        for point in &instance.points {
+            encoder.put(id, point).unwrap();
+            id += 1;
+        }
+    }
+    let meta =
+        FrameMeta { kind: FrameKind::Key, frame: FrameIndex(0), time: StreamTime(0), changed_points: id };
+    let frame = encoder.finish(meta, BlockCoder::default()).unwrap();
+    let mut state = State::new(layout);
+    apply(&mut state, &frame.body, &Limits::default()).unwrap();
+    state
+}
+
+/// Points of a set: position, normal.
+pub(crate) type Points = Vec<(Vec3, Vec3)>;
+
+/// Sets of points in a lattice from (-1, -1, -1) to (1, 1, 1), and a state of instances of them. `ao` is asked for points by
+/// their numbers in `sets`.
+pub(crate) fn surface_state(
+    kernel_radius: f32,
+    sets: &[Points],
+    members: &[u32],
+    ao: impl Fn(u32, usize) -> u8,
+) -> surface::State {
+    let layouts: Vec<SetLayout> = sets
+        .iter()
+        .map(|points| SetLayout {
+            origin: [-1.0; 3],
+            step: 1.0 / 1024.0,
+            extent: [2048; 3],
+            normal_bits: 4,
+            points: u32::try_from(points.len()).unwrap(),
+            kernel_radius,
+            digest: GeometryDigest::default(),
+        })
+        .collect();
+    let rounded: Vec<Rounded> =
+        layouts.iter().zip(sets).map(|(layout, points)| round(*layout, points)).collect();
+    let orders: Vec<Vec<u32>> = rounded.iter().map(|rounded| rounded.order.clone()).collect();
+    let geometry: Vec<Arc<Geometry>> =
+        rounded.into_iter().map(|rounded| Arc::new(rounded.geometry)).collect();
+    let instances = members.iter().map(|&set| Member { set }).collect();
+    let layouts = geometry.iter().map(|geometry| *geometry.layout()).collect();
+    let layout = Arc::new(surface::Layout::new(layouts, instances, &Limits::default()).unwrap());
+    let values = (0..).zip(members).flat_map(|(instance, &set)| {
+        let ao = &ao;
+        orders[set as usize].iter().map(move |&point| ao(instance, point as usize))
+    });
+    surface::State::from_parts(layout.clone(), geometry, &values.collect::<Vec<_>>())
+}
+
+fn round(layout: SetLayout, points: &Points) -> Rounded {
+    let rest = points
+        .iter()
+        .map(|(position, normal)| RestPoint { position: position.to_array(), normal: normal.to_array() });
+    Geometry::round(layout, &rest.collect::<Vec<_>>())
+}
+
+/// What Eq. 2 to 4 say of a place.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Reference {
+    pub(crate) ao: f64,
+    /// Points with a weight above 0.
+    pub(crate) blended: u64,
+    /// A criterion is so near its threshold that rounding may decide it either way.
+    pub(crate) close_call: bool,
+}
+
+/// How near to its threshold a criterion of Eq. 3 is a close call.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Margins {
+    /// Of the squared cosine.
+    pub(crate) straight: f64,
+    /// Of the distance between place and point, which its direction needs, in metres.
+    pub(crate) away: f64,
+}
+
+/// Computes Eq. 2 to 4 as the paper writes them, in f64, for a place and its normal. `points` are positions, normals and
+/// accessibilities.
+pub(crate) fn reference(
+    points: impl IntoIterator<Item = (DVec3, DVec3, f64)>,
+    (x, n_x): (DVec3, DVec3),
+    r: f64,
+    margins: Margins,
+) -> Reference {
+    let mut found = Reference { ao: 1.0, blended: 0, close_call: false };
+    let (mut sum, mut weighted) = (0.0, 0.0);
+    for (p, n_p, ao) in points {
+        let away = (p - x).length();
+        let mut alpha = ((r - away) / r).max(0.0);
+        let straight = if p == x { 0.0 } else { n_p.dot((p - x) / away).powi(2) };
+        if alpha > 0.0 {
+            found.close_call |= alpha < 1e-5 || (n_p.dot(n_x) - 0.1).abs() < 1e-5;
+            found.close_call |= (straight - 0.7).abs() < margins.straight || (p != x && away < margins.away);
+        } else {
+            found.close_call |= away < r * 1.00001;
+        }
+        if n_p.dot(n_x) <= 0.1 || straight >= 0.7 {
+            alpha = 0.0;
+        }
+        sum += alpha;
+        weighted += alpha * ao;
+        found.blended += u64::from(alpha > 0.0);
+    }
+    if sum > 0.0 {
+        found.ao = weighted / sum;
+    }
+    found
+}
+
+pub(crate) fn unit() -> impl Strategy<Value = Vec3> {
+    prop::array::uniform3(-1.0_f32..1.0)
+        .prop_map(Vec3::from)
+        .prop_filter("has a direction", |v| v.length() > 0.1)
+        .prop_map(Vec3::normalize)
+}
+
+/// Points of a set; half of them on planes of lattice nodes, where cells are many and alike.
+pub(crate) fn points(most: usize) -> impl Strategy<Value = Points> {
+    let point = (prop::array::uniform3(-1.0_f32..1.0), unit(), 0..6_usize);
+    let placed = point.prop_map(|(mut at, normal, plane)| {
+        if plane < 3 {
+            at[plane] = 0.25;
+        }
+        (at.into(), normal)
+    });
+    prop::collection::vec(placed, 0..most)
+}

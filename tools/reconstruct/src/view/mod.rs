@@ -1,0 +1,18 @@
+//! What a camera sees of a scene: cameras, rays, a G-buffer, images of its size.
+//!
+//! A client draws the scene itself. Here that is one ray for each pixel through whatever implements [`Surfaces`]; a
+//! renderer that has depth and normals already fills a [`GBuffer`] through [`GBuffer::from_fragments`].
+
+#[cfg(test)]
+mod analytic;
+mod ao_image;
+mod camera;
+mod cast;
+mod gbuffer;
+mod size;
+
+pub use self::ao_image::{AoImage, AoImageError};
+pub use self::camera::{Camera, CameraError, Ray};
+pub use self::cast::{Surfaces, cast_view};
+pub use self::gbuffer::{AtRest, FragmentCountError, GBuffer, Surface};
+pub use self::size::{Size, SizeError};

@@ -48,17 +48,15 @@ enum Command {
     Cut(commands::cut::Args),
     Cat(commands::cat::Args),
     Recover(commands::recover::Args),
-    CompareProfiles(commands::compare_profiles::Args),
-    CompareBudgets(commands::compare_budgets::Args),
-    Evaluate(commands::evaluate::Args),
-    Stress(commands::stress::Args),
-    Bench(commands::bench::Args),
-    Netlab(commands::netlab::Args),
-    Needs(commands::needs::Args),
+    Lab(commands::lab::Args),
 }
 
 fn main() -> ExitCode {
-    let result = match Cli::parse().command {
+    let (arguments, note) = commands::renamed::current(std::env::args_os().collect());
+    if let Some(note) = note {
+        eprintln!("{note}");
+    }
+    let result = match Cli::parse_from(arguments).command {
         Command::Demo(args) => commands::demo::run(&args),
         Command::Scenes(args) => commands::scenes::run(&args),
         Command::Record(args) => commands::record::run(&args),
@@ -72,13 +70,7 @@ fn main() -> ExitCode {
         Command::Cut(args) => commands::cut::run(&args),
         Command::Cat(args) => commands::cat::run(&args),
         Command::Recover(args) => commands::recover::run(&args),
-        Command::CompareProfiles(args) => commands::compare_profiles::run(&args),
-        Command::CompareBudgets(args) => commands::compare_budgets::run(&args),
-        Command::Evaluate(args) => commands::evaluate::run(&args),
-        Command::Stress(args) => commands::stress::run(&args),
-        Command::Bench(args) => commands::bench::run(&args),
-        Command::Netlab(args) => commands::netlab::run(&args),
-        Command::Needs(args) => commands::needs::run(&args),
+        Command::Lab(args) => commands::lab::run(&args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -7,20 +7,20 @@
 )]
 
 mod bad_input;
-mod bench;
 mod budgets;
 mod cache;
 mod crashes;
 mod edits;
-mod evaluate;
+mod lab_network;
 mod live;
 mod main_job;
 mod needs;
-mod netlab;
 mod network;
 mod packings;
 mod profiles;
+mod rays;
 mod recordings;
+mod sweep;
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};

@@ -32,7 +32,7 @@ const TINY: [&str; 22] = [
 const CHEAP: [&str; 4] = ["--reference-rays", "32", "--repeats", "1"];
 
 fn arguments<'a>(more: &[&'a str]) -> Vec<&'a str> {
-    let mut arguments = vec!["evaluate", "colonnade"];
+    let mut arguments = vec!["lab", "sweep", "colonnade"];
     arguments.extend(TINY);
     arguments.extend(CHEAP);
     arguments.extend(more);
@@ -42,7 +42,7 @@ fn arguments<'a>(more: &[&'a str]) -> Vec<&'a str> {
 /// The tiny sweep of a scene with other options, which may not be given twice.
 fn instead<'a>(scene: &'a str, more: &[&'a str]) -> Vec<&'a str> {
     let rest = TINY.chunks(2).chain(CHEAP.chunks(2)).filter(|pair| !more.contains(&pair[0])).flatten();
-    ["evaluate", scene].iter().chain(rest).chain(more).copied().collect()
+    ["lab", "sweep", scene].iter().chain(rest).chain(more).copied().collect()
 }
 
 fn read(folder: &Path, name: &str) -> String {
@@ -204,7 +204,7 @@ fn a_papers_table_has_its_own_axes_unless_they_are_given() {
     // The weight of what is hidden is by rays through the depth buffer; no streams.
     let size = ["--size", "48x27", "--frames", "2", "--pictures", "1", "--repeats", "1", "--warm-up", "0"];
     let table = |more: &[&str]| {
-        let mut all = vec!["evaluate", "colonnade", "--reference-rays", "8", "--json"];
+        let mut all = vec!["lab", "sweep", "colonnade", "--reference-rays", "8", "--json"];
         all.extend(size);
         all.extend(more);
         serde_json::from_str::<serde_json::Value>(&fine(&all)).unwrap()
@@ -239,8 +239,18 @@ fn a_papers_table_has_its_own_axes_unless_they_are_given() {
 
 /// A run of a moment of texture-space alone; without a video coder where there is none to be found.
 fn texture_space(more: &[&str], coder: bool) -> Run {
-    let mut all =
-        vec!["evaluate", "colonnade", "--no-streams", "--size", "48x27", "--frames", "3", "--pictures", "1"];
+    let mut all = vec![
+        "lab",
+        "sweep",
+        "colonnade",
+        "--no-streams",
+        "--size",
+        "48x27",
+        "--frames",
+        "3",
+        "--pictures",
+        "1",
+    ];
     all.extend(["--rays", "8", "--fps", "30", "--reference-rays", "16", "--repeats", "1", "--json"]);
     all.extend(more);
     let mut command = command(&all);

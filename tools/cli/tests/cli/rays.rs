@@ -5,7 +5,7 @@ use serde_json::Value;
 use super::{fine, psao};
 
 const RAYS: [&str; 13] = [
-    "bench",
+    "lab",
     "rays",
     "--scene",
     "colonnade",

@@ -4,8 +4,20 @@ use serde_json::Value;
 
 use super::{FRAMES, Profile, fine, psao, recording, text};
 
-const ROUGH: [&str; 11] =
-    ["netlab", "--loss", "0,5%", "--delay", "40ms", "--jitter", "5ms", "--reset", "3s", "--seconds", "6"];
+const ROUGH: [&str; 11] = [
+    "lab",
+    "network",
+    "--loss",
+    "0,5%",
+    "--delay",
+    "40ms",
+    "--jitter",
+    "5ms",
+    "--reset",
+    "3s",
+    "--seconds",
+    "6",
+];
 
 #[test]
 fn a_row_for_each_combination_and_the_same_twice() {
@@ -42,7 +54,7 @@ fn a_row_for_each_combination_and_the_same_twice() {
 fn a_recording_is_replayed_to_its_end() {
     for profile in Profile::ALL {
         let file = text(recording(profile));
-        let json = fine(&["netlab", file, "--mode", "stream", "--delay", "1ms", "--format", "json"]);
+        let json = fine(&["lab", "network", file, "--mode", "stream", "--delay", "1ms", "--format", "json"]);
         let document: Value = serde_json::from_str(&json).unwrap();
         let report = &document["rows"][0]["report"];
         assert_eq!(report["frames"], FRAMES);
@@ -65,9 +77,9 @@ fn nonsense_is_refused_with_words() {
         (["--queue", "100"], "queue of 100"),
         (["--fps", "0"], "--fps 0"),
     ] {
-        let run = psao(&[&["netlab"], &arguments[..]].concat());
+        let run = psao(&[&["lab", "network"], &arguments[..]].concat());
         assert!(run.code == Some(2) && run.err.contains(says), "{arguments:?}: {:?} {}", run.code, run.err);
     }
-    let run = psao(&["netlab", "Cargo.toml"]);
+    let run = psao(&["lab", "network", "Cargo.toml"]);
     assert!(run.code == Some(3) && run.err.contains("Cargo.toml"), "{}", run.err);
 }

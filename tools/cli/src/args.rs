@@ -13,6 +13,7 @@ use psao_server_sim::ao::Occlusion;
 use crate::analysis::load;
 use crate::budget::BudgetArgs;
 use crate::error::{Failure, Outcome};
+use crate::quantity::Size;
 
 /// How a stream is produced: the scene, its points, their rays, and how they are packed.
 #[derive(Args, Clone, Debug)]
@@ -103,6 +104,9 @@ pub(crate) struct CacheArgs {
     /// Folder in which points are kept between runs; `$XDG_CACHE_HOME/psao` or ~/.cache/psao unless given
     #[arg(long, value_name = "FOLDER")]
     pub(crate) cache: Option<PathBuf>,
+    /// Most bytes that the folder may hold; what was not used for longest is removed first
+    #[arg(long, value_name = "SIZE", default_value = "1GiB")]
+    pub(crate) cache_size: Size,
     /// Make the points anew, and keep none
     #[arg(long, conflicts_with = "cache")]
     pub(crate) no_cache: bool,
@@ -306,15 +310,20 @@ pub(crate) struct OutputArg {
 /// `--record-buffer`.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct BufferArg {
-    /// Most MiB of a live recording that wait in memory for the disk
-    #[arg(long, value_name = "MIB", default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=65_536))]
-    record_buffer: u32,
+    /// Most bytes of a live recording that wait in memory for the disk
+    #[arg(long, value_name = "SIZE", default_value = "64MiB", value_parser = buffer)]
+    record_buffer: Size,
+}
+
+/// Parses `--record-buffer`.
+fn buffer(text: &str) -> Result<Size, String> {
+    Size::between(text, 1 << 20, 64 << 30)
 }
 
 impl BufferArg {
-    /// In bytes.
+    /// Returns the buffer's size in bytes.
     pub(crate) fn bytes(&self) -> usize {
-        (self.record_buffer as usize).saturating_mul(1 << 20)
+        usize::try_from(self.record_buffer.0).unwrap_or(usize::MAX)
     }
 }
 

@@ -10,6 +10,7 @@ use serde::Serialize;
 
 use crate::error::{Failure, Outcome};
 use crate::output::number;
+use crate::quantity::{Rate, Size};
 
 /// `--budget` and `--longest-age`.
 #[derive(Args, Clone, Copy, Debug)]
@@ -17,7 +18,7 @@ pub(crate) struct BudgetArgs {
     /// Profile surface: how much a frame may take, as bytes of its body (1200B, 4kB) or as a rate of the stream (500kbit/s,
     /// 2Mbit/s); points that do not fit are sent later, what differs most, is largest on the screen and has waited longest
     /// first. Keyframes have no budget
-    #[arg(long, value_name = "BYTES|RATE")]
+    #[arg(long, value_name = "SIZE|RATE")]
     budget: Option<BudgetArg>,
     #[command(flatten)]
     age: AgeArg,
@@ -65,29 +66,21 @@ enum BudgetArg {
     BitsPerSecond(f64),
 }
 
-/// What can stand behind the number, and how much it is; the longest that fits counts.
-const UNITS: [(&str, f64, bool); 5] = [
-    ("Mbit/s", 1e6, true),
-    ("kbit/s", 1e3, true),
-    ("bit/s", 1.0, true),
-    ("kB", 1e3, false),
-    ("B", 1.0, false),
-];
-
 impl FromStr for BudgetArg {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
-        let wrong = || {
-            format!("\"{text}\" is not a size such as 1200B or 4kB, or a rate such as 500kbit/s or 2Mbit/s")
-        };
-        let unit = |(unit, factor, rate): (&str, f64, bool)| Some((text.strip_suffix(unit)?, factor, rate));
-        let (number, factor, rate) = UNITS.into_iter().find_map(unit).ok_or_else(wrong)?;
-        let amount = number.trim().parse::<f64>().map_err(|_| wrong())? * factor;
-        if !(1.0..=f64::from(u32::MAX)).contains(&amount) {
-            return Err(wrong());
+        if let Ok(rate) = text.parse::<Rate>() {
+            return Ok(Self::BitsPerSecond(rate.bits));
         }
-        Ok(if rate { Self::BitsPerSecond(amount) } else { Self::Bytes(amount as u32) })
+        match text.parse::<Size>() {
+            Ok(Size(bytes)) if bytes > 0 => u32::try_from(bytes)
+                .map(Self::Bytes)
+                .map_err(|_| format!("\"{text}\" is more than 4GiB a frame")),
+            _ => Err(format!(
+                "\"{text}\" is not a size such as 1200B or 4kB, or a rate such as 500kbit/s or 2Mbit/s"
+            )),
+        }
     }
 }
 
@@ -155,7 +148,9 @@ mod tests {
         assert_eq!(budget("480kbit/s", 60.0), Some(1000 - envelope));
         assert_eq!(budget("0.48 Mbit/s", 30.0), Some(2000 - envelope));
         assert_eq!(budget("480000bit/s", 60.0), Some(1000 - envelope));
-        for bad in ["", "B", "12", "0B", "-5B", "xB", "nanB", "1e99B", "500kbit", "500kb/s", "1bit/s"] {
+        assert_eq!(budget("480kbit", 60.0), Some(1000 - envelope));
+        for bad in ["", "B", "12", "0B", "-5B", "xB", "nanB", "1e99B", "500kb/s", "1bit/s", "8bit/s", "5GiB"]
+        {
             assert_eq!(budget(bad, 60.0), None, "{bad}");
         }
     }

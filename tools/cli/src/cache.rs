@@ -10,8 +10,6 @@ use psao_server_sim::points::{EntryError, PointCache, PointKey};
 
 use crate::args::CacheArgs;
 
-/// Bytes that all files may have together; beyond, those that were not used for longest go.
-const MOST_BYTES: u64 = 1 << 30;
 /// Endings of files, and of those that are still being written.
 const WHOLE: &str = "points";
 const PARTIAL: &str = "partial";
@@ -34,7 +32,7 @@ impl Folder {
             .clone()
             .or_else(|| under("XDG_CACHE_HOME", "psao"))
             .or_else(|| under("HOME", ".cache/psao"))?;
-        (!args.no_cache).then_some(Self { path, most_bytes: MOST_BYTES })
+        (!args.no_cache).then_some(Self { path, most_bytes: args.cache_size.0 })
     }
 
     fn file(&self, key: &PointKey) -> PathBuf {
@@ -132,6 +130,7 @@ mod tests {
     use psao_server_sim::scene::Scene;
 
     use super::*;
+    use crate::quantity::Size;
 
     fn keys(count: u64) -> Vec<PointKey> {
         let scene = Scene::load("asteroids").unwrap();
@@ -168,7 +167,11 @@ mod tests {
 
     #[test]
     fn options_come_before_the_environment() {
-        let args = |cache: Option<&str>, no_cache| CacheArgs { cache: cache.map(PathBuf::from), no_cache };
+        let args = |cache: Option<&str>, no_cache| CacheArgs {
+            cache: cache.map(PathBuf::from),
+            cache_size: Size(1 << 30),
+            no_cache,
+        };
         assert_eq!(Folder::of(&args(Some("here"), false)).unwrap().path, Path::new("here"));
         assert!(Folder::of(&args(None, true)).is_none());
     }

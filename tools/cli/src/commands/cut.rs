@@ -6,6 +6,7 @@ use psao_proto::{FrameIndex, Limits, StreamTime};
 use super::recover::rewrite;
 use crate::args::{OutputArg, RecordingArg};
 use crate::error::{Failure, Outcome};
+use crate::quantity::TimeSpan;
 
 /// Cut a piece out of a recording: it stands alone and plays to the same hashes
 ///
@@ -16,12 +17,12 @@ use crate::error::{Failure, Outcome};
 pub(crate) struct Args {
     #[command(flatten)]
     recording: RecordingArg,
-    /// From this time of the stream on, in seconds
-    #[arg(long, value_name = "T", group = "range", conflicts_with_all = ["from_frame", "to_frame"])]
-    from: Option<f64>,
-    /// Up to this time of the stream, in seconds, itself included
-    #[arg(long, value_name = "T", group = "range", conflicts_with_all = ["from_frame", "to_frame"])]
-    to: Option<f64>,
+    /// Start at this time of the stream
+    #[arg(long, value_name = "TIME", group = "range", conflicts_with_all = ["from_frame", "to_frame"])]
+    from: Option<TimeSpan>,
+    /// End at this time of the stream, itself included
+    #[arg(long, value_name = "TIME", group = "range", conflicts_with_all = ["from_frame", "to_frame"])]
+    to: Option<TimeSpan>,
     /// From this frame on
     #[arg(long, value_name = "N", group = "range")]
     from_frame: Option<u32>,
@@ -49,18 +50,10 @@ fn bounds(args: &Args) -> Outcome<Bounds> {
         }
         return Ok(Bounds::Frames(FrameIndex(from), FrameIndex(to)));
     }
-    let from = args.from.map_or(Ok(StreamTime(0)), |from| stream_time("--from", from))?;
-    let to = args.to.map_or(Ok(StreamTime(u64::MAX)), |to| stream_time("--to", to))?;
+    let from = args.from.map_or(StreamTime(0), TimeSpan::stream_time);
+    let to = args.to.map_or(StreamTime(u64::MAX), TimeSpan::stream_time);
     if from > to {
         return Err(Failure::usage("the range is empty: --to is before --from"));
     }
     Ok(Bounds::Time(from, to))
-}
-
-/// Seconds as they are typed.
-pub(crate) fn stream_time(name: &str, seconds: f64) -> Outcome<StreamTime> {
-    if !(seconds.is_finite() && seconds >= 0.0) {
-        return Err(Failure::usage(format_args!("{name} {seconds} is not a time in seconds, 0 or later")));
-    }
-    Ok(StreamTime((seconds * 1e6).round() as u64))
 }

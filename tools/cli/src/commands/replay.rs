@@ -11,7 +11,6 @@ use psao_proto::net::Hub;
 use psao_proto::recording::{PlayedFrame, Player, PlayerEvent, Summary};
 use psao_proto::{Limits, Micros, SceneTable, StreamTime};
 
-use super::cut::stream_time;
 use crate::analysis::load;
 use crate::args::{Format, RecordingArg};
 use crate::context::{WallClock, runtime, say};
@@ -19,6 +18,7 @@ use crate::error::{Exit, Failure, Outcome};
 use crate::network::{self, ListenArgs};
 use crate::output::frames::FrameLog;
 use crate::pace::Pacer;
+use crate::quantity::TimeSpan;
 
 /// Play a recording, in process or to clients over a network
 ///
@@ -37,15 +37,15 @@ pub(crate) struct Args {
     /// When a frame goes out
     #[arg(long, value_enum, default_value_t = Pace::Fast)]
     pace: Pace,
-    /// Speed of --pace wall; 2 is twice as fast as recorded
-    #[arg(long, value_name = "X", default_value_t = 1.0)]
-    rate: f64,
-    /// Start with the first frame at or after this time of the stream, in seconds
-    #[arg(long, value_name = "T", default_value_t = 0.0)]
-    from: f64,
-    /// Stop before the first frame after this time of the stream, in seconds
-    #[arg(long, value_name = "T")]
-    to: Option<f64>,
+    /// Speed of --pace wall: 2 plays twice as fast as recorded
+    #[arg(long, alias = "rate", value_name = "FACTOR", default_value_t = 1.0)]
+    speed: f64,
+    /// Start with the first frame at or after this time of the stream
+    #[arg(long, value_name = "TIME", default_value = "0")]
+    from: TimeSpan,
+    /// Stop before the first frame after this time of the stream
+    #[arg(long, value_name = "TIME")]
+    to: Option<TimeSpan>,
     /// Start again at the end
     #[arg(long = "loop")]
     again: bool,
@@ -74,13 +74,13 @@ const FAST_WINDOW: u64 = 8;
 const PATIENCE: Duration = Duration::from_secs(30);
 
 pub(crate) fn run(args: &Args) -> Outcome {
-    if !(args.rate.is_finite() && args.rate > 0.0) {
-        return Err(Failure::usage(format_args!("--rate {} is not a number above 0", args.rate)));
+    if !(args.speed.is_finite() && args.speed > 0.0) {
+        return Err(Failure::usage(format_args!("--speed {} is not a number above 0", args.speed)));
     }
-    let from = stream_time("--from", args.from)?;
-    let to = args.to.map(|to| stream_time("--to", to)).transpose()?;
+    let from = args.from.stream_time();
+    let to = args.to.map(TimeSpan::stream_time);
     if to.is_some_and(|to| to < from) {
-        return Err(Failure::usage("--from and --to are times in seconds, --to not before --from"));
+        return Err(Failure::usage("--to is before --from"));
     }
     let bytes = load(&args.recording.file)?;
     let replay = Replay { args, bytes: &bytes, start: start(args, &bytes, from)?, to };
@@ -144,7 +144,7 @@ impl<'a> Replay<'a> {
             Some(_) => self.listen(&mut player).await?,
         };
         let mut log = FrameLog::new(args.format, args.quiet)?;
-        let (clock, mut pacer) = (WallClock::start(), Pacer::new(args.rate));
+        let (clock, mut pacer) = (WallClock::start(), Pacer::new(args.speed));
         let mut left_out = 0;
         loop {
             let end = self.round(&mut player, &target, &clock, &mut pacer, &mut log).await?;

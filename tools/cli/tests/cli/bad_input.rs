@@ -69,8 +69,8 @@ fn options_that_make_no_sense() {
         assert!(!target.exists(), "{options:?} leaves nothing behind");
     }
     refuses(&["record", "-o", text(&target)], 2, &["--scene"]);
-    refuses(&["replay", text(recording(Profile::Surface)), "--rate", "0"], 2, &["--rate"]);
-    refuses(&["replay", text(recording(Profile::Surface)), "--from", "2", "--to", "1"], 2, &["--to"]);
+    refuses(&["replay", text(recording(Profile::Surface)), "--speed", "0"], 2, &["--speed"]);
+    refuses(&["replay", text(recording(Profile::Surface)), "--from", "2s", "--to", "1s"], 2, &["--to"]);
     refuses(
         &["reconstruct", text(recording(Profile::Surface)), "--frame", "0", "--size", "0x9", "-o", "x.png"],
         2,

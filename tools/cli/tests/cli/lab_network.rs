@@ -4,7 +4,7 @@ use serde_json::Value;
 
 use super::{FRAMES, Profile, fine, psao, recording, text};
 
-const ROUGH: [&str; 11] = [
+const ROUGH: [&str; 12] = [
     "lab",
     "network",
     "--loss",
@@ -73,8 +73,8 @@ fn nonsense_is_refused_with_words() {
         (["--delay", "40"], "40ms or 40s"),
         (["--rate", "2"], "2mbit"),
         (["--stall", "3s"], "3s@10s"),
-        (["--mtu", "20"], "20 bytes"),
-        (["--queue", "100"], "queue of 100"),
+        (["--mtu", "20B"], "20 bytes"),
+        (["--queue", "100B"], "queue of 100"),
         (["--fps", "0"], "--fps 0"),
     ] {
         let run = psao(&[&["lab", "network"], &arguments[..]].concat());

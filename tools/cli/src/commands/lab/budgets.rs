@@ -18,6 +18,7 @@ use crate::error::{Exit, Failure, Outcome};
 use crate::output::number;
 use crate::output::table::Figures;
 use crate::producer::{refused, settings, show_progress};
+use crate::quantity::Share;
 
 /// Byte budgets as shares of what a stream takes without one: bytes, and how far clients are off
 ///
@@ -34,9 +35,9 @@ pub(crate) struct Args {
     /// Frames to compare, the first state included
     #[arg(long, value_name = "N", default_value_t = 60, value_parser = clap::value_parser!(u32).range(2..))]
     frames: u32,
-    /// Budgets in percent of what a frame takes on average without one
-    #[arg(long, value_name = "P,P,..", value_delimiter = ',', default_values_t = [100, 50, 25, 10],
-        value_parser = clap::value_parser!(u32).range(1..=1000))]
+    /// Budgets as shares of what a frame takes on average without one, in whole percent
+    #[arg(long, value_name = "SHARE,..", value_delimiter = ',', default_values = ["100%", "50%", "25%", "10%"],
+        value_parser = percent)]
     shares: Vec<u32>,
     #[command(flatten)]
     age: AgeArg,
@@ -48,6 +49,16 @@ pub(crate) struct Args {
     /// How to print: table, json or csv
     #[arg(long, value_enum, default_value_t = Format::Table)]
     format: Format,
+}
+
+/// Parses one of `--shares` into whole percent, 1 to 1000.
+fn percent(text: &str) -> Result<u32, String> {
+    let Share(parts) = Share::at_most(text, 10_000_000)?;
+    if parts > 0 && parts.is_multiple_of(10_000) {
+        Ok(parts / 10_000)
+    } else {
+        Err(format!("\"{text}\" is not a whole number of percent from 1% to 1000%"))
+    }
 }
 
 /// The stream as it was traced.

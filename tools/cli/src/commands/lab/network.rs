@@ -15,7 +15,7 @@ use crate::args::ProfileArg;
 use crate::context::{progress, say};
 use crate::error::{Exit, Failure, Outcome};
 use crate::output::{number, table::Figures};
-use crate::quantity::{During, Rate, Share, Span};
+use crate::quantity::{During, RateLimit, Share, Size, TimeSpan};
 
 /// A stream over bad networks: what clients get, how late, and that none of it is wrong
 ///
@@ -46,20 +46,23 @@ pub(crate) struct Args {
     #[arg(long, value_name = "SHARE", default_value = "0")]
     reorder: Share,
     /// Time that packets are on the way, each way
-    #[arg(long, value_name = "TIME,..", value_delimiter = ',', default_value = "20ms")]
-    delay: Vec<Span>,
+    #[arg(long, value_name = "TIME,..", value_delimiter = ',', default_value = "20ms",
+        value_parser = TimeSpan::within_an_hour)]
+    delay: Vec<TimeSpan>,
     /// Time beyond that, drawn for each packet, at most
-    #[arg(long, value_name = "TIME", default_value = "0")]
-    jitter: Span,
+    #[arg(long, value_name = "TIME", default_value = "0", value_parser = TimeSpan::within_an_hour)]
+    jitter: TimeSpan,
     /// What leaves a second, each way: 2mbit, none
     #[arg(long, value_name = "RATE,..", value_delimiter = ',', default_value = "none")]
-    rate: Vec<Rate>,
+    rate: Vec<RateLimit>,
     /// Bytes that may wait to leave
-    #[arg(long, value_name = "BYTES", default_value_t = Conditions::default().queue_bytes)]
-    queue: u32,
+    #[arg(long, value_name = "SIZE", default_value_t = Size(Conditions::default().queue_bytes.into()),
+        value_parser = |text: &str| Size::between(text, 0, u32::MAX.into()))]
+    queue: Size,
     /// Most bytes of a packet
-    #[arg(long, value_name = "BYTES", default_value_t = Conditions::default().mtu)]
-    mtu: u16,
+    #[arg(long, value_name = "SIZE", default_value_t = Size(Conditions::default().mtu.into()),
+        value_parser = |text: &str| Size::between(text, 0, u16::MAX.into()))]
+    mtu: Size,
     /// Nothing moves for so long from then on: 3s@10s; may be given more than once
     #[arg(long, value_name = "TIME@TIME")]
     stall: Vec<During>,
@@ -67,16 +70,19 @@ pub(crate) struct Args {
     #[arg(long, value_name = "TIME@TIME")]
     blackhole: Vec<During>,
     /// The connection breaks then; may be given more than once
-    #[arg(long, value_name = "TIME")]
-    reset: Vec<Span>,
+    #[arg(long, value_name = "TIME", value_parser = TimeSpan::within_an_hour)]
+    reset: Vec<TimeSpan>,
     /// Time after which a client whose connection broke connects again
-    #[arg(long, value_name = "TIME", default_value = "1s")]
-    reconnect: Span,
+    #[arg(long, value_name = "TIME", default_value = "1s", value_parser = TimeSpan::within_an_hour)]
+    reconnect: TimeSpan,
     /// Seed of all chance: same seed, same run
     #[arg(long, value_name = "S", default_value_t = 1)]
     seed: u64,
-    /// Seconds of virtual time; all of a recording and two seconds, or 20, unless given
-    #[arg(long, value_name = "T", value_parser = clap::value_parser!(u64).range(1..=86_400))]
+    /// Length of the run in virtual time, at most a day [default: a whole recording and 2s; 20s of the sample]
+    #[arg(long, value_name = "TIME", value_parser = duration)]
+    duration: Option<TimeSpan>,
+    /// The older spelling of --duration
+    #[arg(long, hide = true, conflicts_with = "duration", value_parser = clap::value_parser!(u64).range(1..=86_400))]
     seconds: Option<u64>,
     /// Frames a second; the stream's own unless given
     #[arg(long, value_name = "F")]
@@ -84,6 +90,16 @@ pub(crate) struct Args {
     /// How to print
     #[arg(long, value_enum, default_value_t = Printed::Table)]
     format: Printed,
+}
+
+/// Parses `--duration`.
+fn duration(text: &str) -> Result<TimeSpan, String> {
+    let time: TimeSpan = text.parse()?;
+    if (1..=86_400_000_000).contains(&time.0.0) {
+        Ok(time)
+    } else {
+        Err(format!("\"{text}\" is not a time up to 24h"))
+    }
 }
 
 /// `--mode`.
@@ -189,11 +205,11 @@ fn plans(args: &Args) -> Vec<ClientPlan> {
     let during = |kind: fn(u64, u64) -> Fault| move |span: &During| kind(span.from.0, span.to.0);
     let stalls = args.stall.iter().map(during(|from, to| Fault::Stall { from, to }));
     let blackholes = args.blackhole.iter().map(during(|from, to| Fault::Blackhole { from, to }));
-    let resets = args.reset.iter().map(|Span(Micros(at))| Fault::Reset { at: *at });
+    let resets = args.reset.iter().map(|TimeSpan(Micros(at))| Fault::Reset { at: *at });
     let faults: Vec<Fault> = stalls.chain(blackholes).chain(resets).collect();
     let mut plans = Vec::new();
-    for Rate(rate) in &args.rate {
-        for Span(delay) in &args.delay {
+    for rate in &args.rate {
+        for TimeSpan(delay) in &args.delay {
             for Share(loss) in &args.loss {
                 let conditions = Conditions {
                     loss: *loss,
@@ -201,9 +217,9 @@ fn plans(args: &Args) -> Vec<ClientPlan> {
                     reorder: args.reorder.0,
                     delay: delay.0,
                     jitter: args.jitter.0.0,
-                    rate: *rate,
-                    queue_bytes: args.queue,
-                    mtu: args.mtu,
+                    rate: rate.bytes(),
+                    queue_bytes: u32::try_from(args.queue.0).unwrap_or(u32::MAX),
+                    mtu: u16::try_from(args.mtu.0).unwrap_or(u16::MAX),
                 };
                 plans.extend(args.mode.iter().map(|mode| ClientPlan {
                     faults: faults.clone(),
@@ -234,7 +250,8 @@ fn play<S: Source>(
     let plans = vec![plan.clone(); args.clients as usize];
     let mut lab = Lab::new(source, settings, plans).map_err(|error| refused(args, error))?;
     let go = |lab: &mut Lab<S>, end| lab.run_until(end).map_err(|error| refused(args, error));
-    match (args.seconds, &args.file) {
+    let duration = args.duration.map(|TimeSpan(micros)| micros).or(args.seconds.map(Micros::from_secs));
+    match (duration, &args.file) {
         (None, Some(_)) => {
             while !lab.has_ended() {
                 let next = lab.now().plus(period);
@@ -243,7 +260,7 @@ fn play<S: Source>(
             let settled = lab.now().plus(Micros::from_secs(2));
             go(&mut lab, settled)?;
         }
-        (seconds, _) => go(&mut lab, Micros::from_secs(seconds.unwrap_or(20)))?,
+        (duration, _) => go(&mut lab, duration.unwrap_or(Micros::from_secs(20)))?,
     }
     let report = lab.report();
     Ok((lab, report))
@@ -305,9 +322,11 @@ fn table(args: &Args, document: &Document) -> Outcome {
                 Mode::Stream => "stream".to_owned(),
                 Mode::Datagram => "datagram".to_owned(),
             },
-            Share(conditions.loss).to_string(),
+            format!("{} %", f64::from(conditions.loss) / 10_000.0),
             millis(conditions.delay),
-            Rate(conditions.rate).to_string(),
+            conditions
+                .rate
+                .map_or_else(|| "none".to_owned(), |rate| format!("{} Mbit/s", rate as f64 * 8.0 / 1e6)),
             format!(
                 "{}/{}",
                 number::count(report.applied),

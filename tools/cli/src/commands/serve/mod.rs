@@ -8,9 +8,9 @@ use std::path::PathBuf;
 use std::str::FromStr;
 use std::time::{Duration, Instant};
 
-use psao_proto::Limits;
 use psao_proto::message::{CloseCode, Edit};
 use psao_proto::net::{Hub, HubEvent};
+use psao_proto::{Limits, Micros};
 use psao_server_sim::server::Pacing;
 
 use crate::args::{BufferArg, EditsArg, StreamArgs};
@@ -19,6 +19,7 @@ use crate::error::Outcome;
 use crate::network::{self, ListenArgs};
 use crate::output::number;
 use crate::producer::Producer;
+use crate::quantity::TimeSpan;
 use crate::recorder::{Recorder, check_place};
 use line::{Late, Line};
 use outlet::Outlet;
@@ -46,7 +47,7 @@ pub(crate) struct Args {
     /// Time for tracing a frame: what is left over then is traced in later ones, what is largest on the screen and has
     /// waited longest first. auto is the time from frame to frame; off traces everything, however long that takes. Clients
     /// draw as often as they like
-    #[arg(long, value_name = "auto|off|MS", default_value = "auto", conflicts_with = "ray_budget")]
+    #[arg(long, value_name = "auto|off|TIME", default_value = "auto", conflicts_with = "ray_budget")]
     frame_time: FrameTime,
     /// Send stage times with every frame
     #[arg(long)]
@@ -65,7 +66,7 @@ enum FrameTime {
     Auto,
     /// As long as it takes.
     Off,
-    Millis(f64),
+    Time(TimeSpan),
 }
 
 impl FromStr for FrameTime {
@@ -76,8 +77,9 @@ impl FromStr for FrameTime {
             "auto" => Ok(Self::Auto),
             "off" => Ok(Self::Off),
             _ => match text.parse() {
-                Ok(millis) if (0.1..=1e6).contains(&millis) => Ok(Self::Millis(millis)),
-                _ => Err(format!("\"{text}\" is none of auto, off and milliseconds from 0.1 to 1e6")),
+                Ok(time @ TimeSpan(Micros(100..=1_000_000_000))) => Ok(Self::Time(time)),
+                Ok(_) => Err(format!("\"{text}\" is not from 100us to 1000s")),
+                Err(error) => Err(format!("{error}, or auto, or off")),
             },
         }
     }
@@ -91,13 +93,13 @@ impl Args {
 
     /// What plans the rays of frames.
     fn pacing(&self) -> Option<Pacing> {
-        let seconds = match self.frame_time {
+        let micros = match self.frame_time {
             _ if self.stream.tuning.ray_budget.is_some() => return None,
             FrameTime::Off => return None,
-            FrameTime::Auto => self.tick().as_secs_f64(),
-            FrameTime::Millis(millis) => millis * 1e-3,
+            FrameTime::Auto => (self.tick().as_secs_f64() * 1e6) as u64,
+            FrameTime::Time(TimeSpan(Micros(micros))) => micros,
         };
-        Some(Pacing::new((seconds * 1e6) as u64))
+        Some(Pacing::new(micros))
     }
 }
 

@@ -4,6 +4,7 @@
 //! (damage) is overhead too, so the sums hold for any file.
 
 use std::collections::BTreeMap;
+use std::io::Read as _;
 use std::ops::Range;
 use std::path::Path;
 
@@ -13,8 +14,9 @@ use psao_proto::recording::{Damage, FILE_HEADER_BYTES, FOOTER_BYTES, RECORD_HEAD
 use psao_proto::{FrameType, HEADER_BYTES, Limits, Profile};
 
 use crate::budget::BudgetTotals;
-use crate::error::{Failure, Outcome};
+use crate::error::{Exit, Failure, Outcome};
 use crate::output::number;
+use crate::output::target::is_standard;
 
 /// Parts of a frame on the wire, in the order in which tables and plots show them.
 pub(crate) const PARTS: [&str; 13] = [
@@ -142,8 +144,15 @@ pub(crate) fn parts_of(info: &FrameInfo) -> [u64; PARTS.len()] {
     parts
 }
 
-/// Reads a whole recording into memory.
+/// Reads a whole file into memory, or standard input for `-`.
 pub(crate) fn load(path: &Path) -> Outcome<Vec<u8>> {
+    if is_standard(path) {
+        let mut bytes = Vec::new();
+        std::io::stdin().read_to_end(&mut bytes).map_err(|error| {
+            Failure::new(Exit::System, format_args!("cannot read standard input: {error}"))
+        })?;
+        return Ok(bytes);
+    }
     std::fs::read(path).map_err(|error| Failure::reading(path, &error))
 }
 

@@ -268,14 +268,59 @@ pub(crate) enum Format {
     Table,
     /// For programs, with a documented schema
     Json,
-    /// For spreadsheets: a line per frame
+    /// For spreadsheets: one line for each row
     Csv,
+}
+
+/// `--format` of a command whose result has rows.
+#[derive(Args, Clone, Copy, Debug)]
+pub(crate) struct FormatArg {
+    /// How to print the result
+    #[arg(long, value_enum, default_value_t = Format::Table)]
+    format: Format,
+    /// The older spelling of --format json
+    #[arg(long, hide = true, conflicts_with = "format")]
+    json: bool,
+}
+
+impl FormatArg {
+    /// Returns the format that was asked for.
+    pub(crate) fn get(self) -> Format {
+        if self.json { Format::Json } else { self.format }
+    }
+}
+
+/// How results without rows are printed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum ReportFormat {
+    /// For people
+    Table,
+    /// For programs, with a documented schema
+    Json,
+}
+
+/// `--format` of a command whose result is more than one table.
+#[derive(Args, Clone, Copy, Debug)]
+pub(crate) struct ReportFormatArg {
+    /// How to print the result
+    #[arg(long, value_enum, default_value_t = ReportFormat::Table)]
+    format: ReportFormat,
+    /// The older spelling of --format json
+    #[arg(long, hide = true, conflicts_with = "format")]
+    json: bool,
+}
+
+impl ReportFormatArg {
+    /// Returns whether JSON was asked for.
+    pub(crate) fn is_json(self) -> bool {
+        self.json || self.format == ReportFormat::Json
+    }
 }
 
 /// A recording to read.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct RecordingArg {
-    /// A recording made by `psao record`
+    /// A recording made by `psao record`; - reads standard input
     #[arg(value_name = "FILE")]
     pub(crate) file: PathBuf,
 }
@@ -302,7 +347,7 @@ impl LpipsArgs {
 /// Where a recording made of others goes.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct OutputArg {
-    /// The recording to write; a file of that name is replaced once the new one is whole
+    /// The recording to write, - for standard output; a file of that name is replaced once the new one is whole
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: PathBuf,
 }

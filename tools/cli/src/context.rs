@@ -5,12 +5,30 @@ use std::io::{ErrorKind, IsTerminal as _, Write as _};
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use serde::Serialize;
 
 use crate::error::{Exit, Failure, Outcome};
 
 /// Prints to standard output, newline included.
 pub(crate) fn say(text: impl Display) -> Outcome {
     writeln!(std::io::stdout().lock(), "{text}").map_err(|error| broken_output(&error))
+}
+
+/// Prints `value` to standard output as indented JSON.
+pub(crate) fn say_json(value: &impl Serialize) -> Outcome {
+    say(to_json(value)?)
+}
+
+/// Returns `value` as indented JSON.
+pub(crate) fn to_json(value: &impl Serialize) -> Outcome<String> {
+    serde_json::to_string_pretty(value)
+        .map_err(|error| Failure::new(Exit::System, format_args!("cannot write JSON: {error}")))
+}
+
+/// Prints `value` to standard output as one line of JSON.
+pub(crate) fn say_json_line(value: &impl Serialize) -> Outcome {
+    say(serde_json::to_string(value)
+        .map_err(|error| Failure::new(Exit::System, format_args!("cannot write JSON: {error}")))?)
 }
 
 /// A reader that went away (`psao inspect | head`) ends the command quietly.
@@ -37,10 +55,11 @@ pub(crate) fn progress(what: &'static str, total: u64) -> ProgressBar {
     bar
 }
 
-/// The wall clock, for stage times.
-pub(crate) struct WallClock(Instant);
+/// Time since a start, by the system's monotonic clock.
+pub(crate) struct Stopwatch(Instant);
 
-impl WallClock {
+impl Stopwatch {
+    /// Starts to count.
     pub(crate) fn start() -> Self {
         Self(Instant::now())
     }
@@ -48,6 +67,16 @@ impl WallClock {
     /// Microseconds since the start.
     pub(crate) fn micros(&self) -> u64 {
         u64::try_from(self.0.elapsed().as_micros()).unwrap_or(u64::MAX)
+    }
+
+    /// Seconds since the start.
+    pub(crate) fn seconds(&self) -> f64 {
+        self.0.elapsed().as_secs_f64()
+    }
+
+    /// Milliseconds since the start.
+    pub(crate) fn millis(&self) -> f64 {
+        self.seconds() * 1e3
     }
 }
 

@@ -6,6 +6,7 @@ use std::path::Path;
 use psao_proto::message::{Edit, EditAction};
 use psao_server_sim::scene::{Edits, Scene};
 
+use crate::analysis::load;
 use crate::args::numbers;
 use crate::error::{Failure, Outcome};
 
@@ -17,7 +18,8 @@ impl EditScript {
     /// Reads a script for a recording of so many frames, where they are known. Every line is checked: a mistake is found before anything is
     /// traced.
     pub(crate) fn load(path: &Path, scene: &Scene, frames: Option<u32>) -> Outcome<Self> {
-        let text = std::fs::read_to_string(path).map_err(|error| Failure::reading(path, &error))?;
+        let text = String::from_utf8(load(path)?)
+            .map_err(|error| Failure::input(format_args!("{}: {error}", path.display())))?;
         Self::parse(&text, scene, frames)
             .map_err(|error| Failure::input(format_args!("{}:{error}", path.display())))
     }

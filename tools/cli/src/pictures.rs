@@ -3,7 +3,6 @@
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::Instant;
 
 use psao_client::picture::Picture;
 use psao_client::reconstruct::{self, Reconstruction};
@@ -21,7 +20,9 @@ use psao_server_sim::points::share;
 use psao_server_sim::scene::{Edits, Scene};
 
 use crate::args::SizeArg;
+use crate::context::Stopwatch;
 use crate::error::{Exit, Failure, Outcome};
+use crate::output::target;
 
 /// Differences are multiplied by this in the difference picture: a quarter of the range is full colour.
 const GAIN: f32 = 4.0;
@@ -125,12 +126,12 @@ impl Shot<'_> {
         pose.apply(self.edits);
         let world = World::new(self.scene, &pose);
         let view = SceneView::new(&world);
-        let start = Instant::now();
+        let start = Stopwatch::start();
         let buffer = raster(&view, &camera, size).map_err(Failure::usage)?;
-        let raster_ms = millis(start);
-        let start = Instant::now();
+        let raster_ms = start.millis();
+        let start = Stopwatch::start();
         let drawn = blend(self.state, &buffer)?;
-        let reconstruct_ms = millis(start);
+        let reconstruct_ms = start.millis();
         let mut result = Drawn {
             image: drawn.image,
             statistics: drawn.statistics,
@@ -139,9 +140,9 @@ impl Shot<'_> {
             reference: None,
         };
         if let Some(rays) = self.reference_rays {
-            let start = Instant::now();
+            let start = Stopwatch::start();
             let image = reference(&view, &buffer, &self.settings(rays)?).map_err(Failure::usage)?;
-            let ms = millis(start);
+            let ms = start.millis();
             let error =
                 self.compare(&image, &result.image).map_err(|error| Failure::new(Exit::System, error))?;
             result.reference = Some(Referenced { image, error, rays, ms });
@@ -149,7 +150,7 @@ impl Shot<'_> {
         Ok(result)
     }
 
-    /// The figures of `psao evaluate`.
+    /// The figures of `psao lab sweep`.
     fn compare(&self, truth: &AoImage, image: &AoImage) -> Result<Figures, MetricError> {
         let error = Comparison::new(truth, image)?;
         Ok(Figures::new(&error, &Perceived::new(truth, image, self.network)?))
@@ -170,10 +171,6 @@ impl Shot<'_> {
     }
 }
 
-fn millis(start: Instant) -> f64 {
-    start.elapsed().as_secs_f64() * 1e3
-}
-
 impl Drawn {
     /// Writes `path`, and beside it the reference, the difference and both side by side where there is a reference.
     /// Gives the paths.
@@ -192,7 +189,7 @@ impl Drawn {
         }
         for (path, picture) in &files {
             let png = picture.to_png().map_err(|error| Failure::new(Exit::System, error))?;
-            std::fs::write(path, png).map_err(|error| Failure::writing(path, &error))?;
+            target::write(path, &png)?;
         }
         Ok(files.into_iter().map(|(path, _)| path).collect())
     }

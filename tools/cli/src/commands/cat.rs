@@ -8,10 +8,9 @@ use psao_proto::recording::Concatenation;
 use super::recover::{ended, refused};
 use crate::analysis::load;
 use crate::args::OutputArg;
-use crate::context::say;
 use crate::error::Outcome;
 use crate::output::number;
-use crate::recorder::WholeFile;
+use crate::output::target::{self, Target};
 
 /// Join recordings, one after the other
 ///
@@ -19,7 +18,7 @@ use crate::recorder::WholeFile;
 /// differs. Exit code 4: damage was left out.
 #[derive(clap::Args, Debug)]
 pub(crate) struct Args {
-    /// Recordings made by `psao record`, in order
+    /// Recordings made by `psao record`, in order; - reads standard input
     #[arg(value_name = "FILE", required = true)]
     files: Vec<PathBuf>,
     #[command(flatten)]
@@ -27,7 +26,7 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn run(args: &Args) -> Outcome {
-    let mut out = WholeFile::create(&args.output.output, &args.files)?;
+    let mut out = Target::create(&args.output.output, &args.files)?;
     let mut length = 0;
     let put = |bytes: &[u8]| {
         length += bytes.len() as u64;
@@ -43,12 +42,15 @@ pub(crate) fn run(args: &Args) -> Outcome {
     }
     all.finish().map_err(|error| refused(target, error))?;
     out.finish()?;
-    say(format_args!(
-        "wrote {}: {} frames of {} recordings, {}",
-        target.display(),
-        parts.iter().map(|(_, part)| part.frames).sum::<u64>(),
-        parts.len(),
-        number::bytes(length)
-    ))?;
+    target::note(
+        target,
+        format_args!(
+            "wrote {}: {} frames of {} recordings, {}",
+            target.display(),
+            parts.iter().map(|(_, part)| part.frames).sum::<u64>(),
+            parts.len(),
+            number::bytes(length)
+        ),
+    )?;
     ended(&parts)
 }

@@ -7,7 +7,7 @@ use psao_proto::net::Address;
 use psao_proto::session::{ClientEvent, ClientOptions};
 use psao_server_sim::scene::Scene;
 
-use crate::args::{Format, Triple};
+use crate::args::{FormatArg, Triple};
 use crate::context::runtime;
 use crate::edit_script::EditScript;
 use crate::error::{Exit, Failure, Outcome};
@@ -43,9 +43,8 @@ pub(crate) struct Args {
     /// Look at this place
     #[arg(long, value_name = "X,Y,Z", requires = "eye")]
     target: Option<Triple>,
-    /// How to print: table, json (a line per frame) or csv
-    #[arg(long, value_enum, default_value_t = Format::Table)]
-    format: Format,
+    #[command(flatten)]
+    format: FormatArg,
     /// Totals alone
     #[arg(long)]
     quiet: bool,
@@ -77,7 +76,7 @@ fn session(args: &Args) -> Outcome<(ClientOptions, EditScript)> {
 async fn follow(args: &Args) -> Outcome {
     let (options, mut script) = session(args)?;
     let mut connection = args.network.connect(&args.address, options).await?;
-    let mut log = FrameLog::new(args.format, args.quiet)?;
+    let mut log = FrameLog::new(args.format.get(), args.quiet)?;
     let mut latencies = Latencies::default();
     let mut mismatches = 0_u64;
     let mut goodbye = String::new();
@@ -95,7 +94,7 @@ async fn follow(args: &Args) -> Outcome {
                 ClientEvent::Applied(frame) => {
                     log.frame(&frame.info, frame.wire_bytes)?;
                     for edit in script.take_until(frame.info.frame.0) {
-                        connection.session().edit(&edit).map_err(Failure::usage)?;
+                        connection.session().edit(&edit).map_err(Failure::input)?;
                     }
                     if args.frames == Some(log.frames) {
                         connection.session().close(CloseCode::DONE, "seen enough");

@@ -12,10 +12,11 @@ use psao_server_sim::scene::Edits;
 use serde::Serialize;
 
 use crate::analysis::load;
-use crate::args::{LpipsArgs, RecordingArg, SizeArg};
-use crate::context::{progress, say};
-use crate::error::{Exit, Failure, Outcome};
+use crate::args::{LpipsArgs, RecordingArg, ReportFormatArg, SizeArg};
+use crate::context::{progress, say, say_json};
+use crate::error::{Failure, Outcome};
 use crate::output::number;
+use crate::output::target::{self, is_standard};
 use crate::pictures::{Drawn, SharedPoints, Shot, scene_of};
 
 /// Draw a frame of a recording, and with --reference the same by rays
@@ -48,15 +49,14 @@ pub(crate) struct Args {
     /// Where the recorded scene is, if not where it was
     #[arg(long, value_name = "NAME|FILE")]
     scene: Option<String>,
-    /// The picture to write
+    /// The picture to write; - for standard output
     #[arg(short, long, value_name = "FILE.png")]
     output: PathBuf,
-    /// Print JSON (docs/reconstruct-json.md) instead of sentences
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    format: ReportFormatArg,
 }
 
-/// What `--json` prints; `docs/reconstruct-json.md` describes the fields.
+/// What `--format json` prints; `docs/reconstruct-json.md` describes the fields.
 #[derive(Serialize)]
 struct Document<'a> {
     schema: &'static str,
@@ -107,6 +107,11 @@ impl FromStr for CameraArg {
 
 pub(crate) fn run(args: &Args) -> Outcome {
     let path = &args.recording.file;
+    if is_standard(&args.output) && (args.reference || args.format.is_json()) {
+        return Err(Failure::usage(
+            "-o - writes one picture and nothing else to standard output: name a file with --reference or --format json",
+        ));
+    }
     let bytes = load(path)?;
     let network = args.lpips.load()?.map(|(network, _)| network);
     let mut playback =
@@ -134,20 +139,20 @@ pub(crate) fn run(args: &Args) -> Outcome {
     .draw()?;
     bar.finish_and_clear();
     let files = drawn.write(&args.output)?;
-    if args.json {
-        return say(json(&drawn, &frame, &files)?);
+    if args.format.is_json() {
+        return say_json(&document(&drawn, &frame, &files));
     }
-    say(describe(&drawn))?;
-    for file in files {
+    target::note(&args.output, describe(&drawn))?;
+    for file in files.iter().filter(|file| !is_standard(file)) {
         say(format_args!("wrote {}", file.display()))?;
     }
     Ok(())
 }
 
 /// The figures of a picture, for programs.
-fn json(drawn: &Drawn, frame: &PlayedFrame, files: &[PathBuf]) -> Outcome<String> {
+fn document<'a>(drawn: &'a Drawn, frame: &PlayedFrame, files: &'a [PathBuf]) -> Document<'a> {
     let size = drawn.image.size();
-    let document = Document {
+    Document {
         schema: "psao-reconstruct/1",
         frame: frame.info.frame.0,
         time_s: frame.info.time.0 as f64 / 1e6,
@@ -164,9 +169,7 @@ fn json(drawn: &Drawn, frame: &PlayedFrame, files: &[PathBuf]) -> Outcome<String
             error: &by_rays.error,
         }),
         files,
-    };
-    serde_json::to_string_pretty(&document)
-        .map_err(|error| Failure::new(Exit::System, format_args!("cannot write JSON: {error}")))
+    }
 }
 
 /// A recording, played from its start to the frames that are drawn.

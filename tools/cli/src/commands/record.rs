@@ -9,11 +9,11 @@ use psao_proto::session::{ClientEvent, ClientOptions};
 use psao_proto::{FrameType, Micros, WireFrame};
 
 use crate::args::{BufferArg, TuningArgs};
-use crate::context::{WallClock, progress, runtime, say};
+use crate::context::{Stopwatch, progress, runtime};
 use crate::edit_script::EditScript;
 use crate::error::{Failure, Outcome};
 use crate::network::{ConnectArgs, peer};
-use crate::output::number;
+use crate::output::{number, target};
 use crate::producer::{Produced, Producer};
 use crate::recorder::{Live, Recorder, check_place};
 
@@ -57,7 +57,7 @@ pub(crate) struct Args {
     timings: bool,
     #[command(flatten)]
     buffer: BufferArg,
-    /// The recording to write
+    /// The recording to write; - for standard output
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
 }
@@ -75,17 +75,21 @@ pub(crate) fn run(args: &Args) -> Outcome {
 
 fn trace(args: &Args, scene: &str) -> Outcome {
     let frames = args.frames.unwrap_or(FRAMES);
-    check_place(&args.output)?;
+    let output = target::recording(&args.output)?;
+    check_place(&output)?;
     let mut producer = Producer::new(scene, &args.tuning, frames)?;
     let edits = match &args.edits {
         Some(path) => EditScript::load(path, producer.scene(), Some(frames))?,
         None => EditScript::default(),
     };
-    let mut recorder = Recorder::create(&args.output)?;
+    let mut recorder = Recorder::create(&output)?;
     let totals = record_frames(&mut producer, &mut recorder, frames, &edits, args.timings)?;
     let bytes = recorder.finish()?;
-    say(summary(producer.info(), &totals))?;
-    say(format_args!("wrote {}: {} frames, {}", args.output.display(), totals.frames, number::bytes(bytes)))
+    target::note(&args.output, summary(producer.info(), &totals))?;
+    target::note(
+        &args.output,
+        format_args!("wrote {}: {} frames, {}", args.output.display(), totals.frames, number::bytes(bytes)),
+    )
 }
 
 /// Sums over the frames of a recording.
@@ -107,7 +111,7 @@ pub(crate) fn record_frames(
     timings: bool,
 ) -> Outcome<Totals> {
     recorder.scene(producer.table())?;
-    let clock = WallClock::start();
+    let clock = Stopwatch::start();
     let bar = progress("tracing", u64::from(frames));
     let mut totals = Totals::default();
     let mut arrival = Micros(0);
@@ -171,7 +175,7 @@ pub(crate) fn summary(info: &SceneInfo, totals: &Totals) -> String {
 
 async fn from_server(args: &Args, address: &Address) -> Outcome {
     let mut connection = args.network.connect(address, ClientOptions::default()).await?;
-    let mut recorder = Recorder::live(&args.output, args.buffer.bytes())?;
+    let mut recorder = Recorder::live(&target::recording(&args.output)?, args.buffer.bytes())?;
     let mut counts = Counts::default();
     let bar = progress("recording", u64::from(args.frames.unwrap_or(0)));
     let ended = follow(args, &mut connection, &mut recorder, &mut counts, &bar).await;
@@ -186,12 +190,15 @@ async fn from_server(args: &Args, address: &Address) -> Outcome {
     } else {
         String::new()
     };
-    say(format_args!(
-        "wrote {}: {} frames, {}{note}",
-        args.output.display(),
-        counts.applied,
-        number::bytes(bytes)
-    ))?;
+    target::note(
+        &args.output,
+        format_args!(
+            "wrote {}: {} frames, {}{note}",
+            args.output.display(),
+            counts.applied,
+            number::bytes(bytes)
+        ),
+    )?;
     ended
 }
 

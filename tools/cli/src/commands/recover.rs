@@ -7,10 +7,9 @@ use psao_proto::recording::{RewriteError, Rewritten, recover};
 
 use crate::analysis::load;
 use crate::args::{OutputArg, RecordingArg};
-use crate::context::say;
 use crate::error::{Exit, Failure, Outcome};
 use crate::output::number;
-use crate::recorder::WholeFile;
+use crate::output::target::{self, Target};
 
 /// Copy what is whole of a recording, and make its index anew
 ///
@@ -40,7 +39,7 @@ pub(crate) fn rewrite(
     make: impl FnOnce(&[u8], &mut dyn FnMut(&[u8]) -> Outcome) -> Result<Rewritten, RewriteError<Failure>>,
 ) -> Outcome {
     let bytes = load(path)?;
-    let mut out = WholeFile::create(output, &[path.to_owned()])?;
+    let mut out = Target::create(output, &[path.to_owned()])?;
     let mut length = 0;
     let mut put = |bytes: &[u8]| {
         length += bytes.len() as u64;
@@ -48,7 +47,10 @@ pub(crate) fn rewrite(
     };
     let done = make(&bytes, &mut put).map_err(|error| refused(path, error))?;
     out.finish()?;
-    say(format_args!("wrote {}: {} frames, {}", output.display(), done.frames, number::bytes(length)))?;
+    target::note(
+        output,
+        format_args!("wrote {}: {} frames, {}", output.display(), done.frames, number::bytes(length)),
+    )?;
     ended(&[(path, done)])
 }
 

@@ -12,8 +12,8 @@ use psao_proto::recording::{PlayedFrame, Player, PlayerEvent, Summary};
 use psao_proto::{Limits, Micros, SceneTable, StreamTime};
 
 use crate::analysis::load;
-use crate::args::{Format, RecordingArg};
-use crate::context::{WallClock, runtime, say};
+use crate::args::{Format, FormatArg, RecordingArg};
+use crate::context::{Stopwatch, runtime, say};
 use crate::error::{Exit, Failure, Outcome};
 use crate::network::{self, ListenArgs};
 use crate::output::frames::FrameLog;
@@ -49,9 +49,8 @@ pub(crate) struct Args {
     /// Start again at the end
     #[arg(long = "loop")]
     again: bool,
-    /// How to print: table, json (a line per frame) or csv
-    #[arg(long, value_enum, default_value_t = Format::Table)]
-    format: Format,
+    #[command(flatten)]
+    format: FormatArg,
     /// Totals alone
     #[arg(long)]
     quiet: bool,
@@ -143,8 +142,8 @@ impl<'a> Replay<'a> {
             None => Target::Here,
             Some(_) => self.listen(&mut player).await?,
         };
-        let mut log = FrameLog::new(args.format, args.quiet)?;
-        let (clock, mut pacer) = (WallClock::start(), Pacer::new(args.speed));
+        let mut log = FrameLog::new(args.format.get(), args.quiet)?;
+        let (clock, mut pacer) = (Stopwatch::start(), Pacer::new(args.speed));
         let mut left_out = 0;
         loop {
             let end = self.round(&mut player, &target, &clock, &mut pacer, &mut log).await?;
@@ -207,7 +206,7 @@ impl<'a> Replay<'a> {
         &self,
         player: &mut Player<'_>,
         target: &Target,
-        clock: &WallClock,
+        clock: &Stopwatch,
         pacer: &mut Pacer,
         log: &mut FrameLog,
     ) -> Outcome<End> {
@@ -306,5 +305,9 @@ impl<'a> Replay<'a> {
 }
 
 fn say_closed(args: &Args, text: &impl std::fmt::Display) -> Outcome {
-    if args.quiet || args.format != Format::Table { Ok(()) } else { say(format_args!("closed: {text}")) }
+    if args.quiet || args.format.get() != Format::Table {
+        Ok(())
+    } else {
+        say(format_args!("closed: {text}"))
+    }
 }

@@ -8,8 +8,8 @@ use super::latency::Summary;
 use super::number;
 use crate::args::Format;
 use crate::budget::BudgetTotals;
-use crate::context::say;
-use crate::error::{Exit, Failure, Outcome};
+use crate::context::{say, say_json_line};
+use crate::error::Outcome;
 
 /// Prints frames as they come and keeps the totals.
 pub(crate) struct FrameLog {
@@ -78,8 +78,7 @@ impl FrameLog {
             Format::Csv => {
                 say(format_args!("{frame},{time_s:.6},{kind},{wire_bytes},{changed_points},{state_hash}"))
             }
-            Format::Json => say(serde_json::to_string(&line)
-                .map_err(|error| Failure::new(Exit::System, format_args!("cannot write JSON: {error}")))?),
+            Format::Json => say_json_line(&line),
         }
     }
 
@@ -87,8 +86,7 @@ impl FrameLog {
     pub(crate) fn latency(&self, summary: &Summary) -> Outcome {
         match self.format {
             Format::Table => say(summary),
-            Format::Json => say(serde_json::to_string(summary)
-                .map_err(|error| Failure::new(Exit::System, format_args!("cannot write JSON: {error}")))?),
+            Format::Json => say_json_line(summary),
             Format::Csv => {
                 eprintln!("{summary}");
                 Ok(())

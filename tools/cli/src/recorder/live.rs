@@ -10,7 +10,7 @@ use psao_proto::Micros;
 use super::Tape;
 use super::backlog::{Backlog, Missing};
 use super::disk::{Disk, DiskError, Sink};
-use crate::context::WallClock;
+use crate::context::Stopwatch;
 use crate::error::{Exit, Failure, Outcome};
 use crate::output::number;
 
@@ -29,7 +29,7 @@ pub(crate) struct Live {
 struct Shared {
     backlog: Mutex<Backlog>,
     changed: Condvar,
-    clock: WallClock,
+    clock: Stopwatch,
 }
 
 /// How the writing went.
@@ -47,7 +47,7 @@ impl Live {
         let shared = Arc::new(Shared {
             backlog: Mutex::new(Backlog::new(buffer)),
             changed: Condvar::new(),
-            clock: WallClock::start(),
+            clock: Stopwatch::start(),
         });
         let far = Arc::clone(&shared);
         let writer = std::thread::Builder::new()

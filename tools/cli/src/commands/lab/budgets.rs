@@ -1,4 +1,4 @@
-//! `psao compare-budgets`: what byte budgets cost in AO, on the same traced AO.
+//! `psao lab budgets`: what byte budgets cost in AO, on the same traced AO.
 
 use std::sync::Arc;
 
@@ -10,11 +10,12 @@ use psao_server_sim::scene::Scene;
 use psao_server_sim::server::{Server, ServerSettings};
 use serde::Serialize;
 
-use crate::args::{Coder, Format, PointArgs, ProfileArg};
+use crate::args::{Coder, Format, FormatArg, PointArgs, ProfileArg};
 use crate::budget::{AgeArg, BudgetTotals, message};
 use crate::cache::{Folder, as_cache};
-use crate::context::{progress, say};
-use crate::error::{Exit, Failure, Outcome};
+use crate::context::{progress, say, say_json};
+use crate::error::{Failure, Outcome};
+use crate::output::csv::Csv;
 use crate::output::number;
 use crate::output::table::Figures;
 use crate::producer::{refused, settings, show_progress};
@@ -46,9 +47,8 @@ pub(crate) struct Args {
     /// Block coder: range, zstd, zstd:LEVEL, lz4 or none
     #[arg(long, value_name = "CODER", default_value = "range")]
     compress: Coder,
-    /// How to print: table, json or csv
-    #[arg(long, value_enum, default_value_t = Format::Table)]
-    format: Format,
+    #[command(flatten)]
+    format: FormatArg,
 }
 
 /// Parses one of `--shares` into whole percent, 1 to 1000.
@@ -121,11 +121,10 @@ pub(crate) fn run(args: &Args) -> Outcome {
         let budget = Budget { bytes, longest_age: args.age.longest_age };
         rows.push(Row { share: *share, ..write(args, &traced, Some(budget), coder)? });
     }
-    match args.format {
+    match args.format.get() {
         Format::Table => table(args, &server, &traced, &rows),
         Format::Csv => csv(&rows),
-        Format::Json => say(serde_json::to_string_pretty(&rows)
-            .map_err(|error| Failure::new(Exit::System, format_args!("cannot write JSON: {error}")))?),
+        Format::Json => say_json(&rows),
     }
 }
 
@@ -320,15 +319,34 @@ fn table(args: &Args, server: &Server, traced: &Traced, rows: &[Row]) -> Outcome
 }
 
 fn csv(rows: &[Row]) -> Outcome {
-    say("share,budget_bytes,bytes_a_frame,mbit_s,mean,weighed,p99,max,frames,over,postponed,oldest,forced")?;
+    let heads =
+        "share,budget_bytes,bytes_a_frame,mbit_s,mean,weighed,p99,max,frames,over,postponed,oldest,forced";
+    let mut csv = Csv::new(heads.split(','))?;
     for Row { share, bytes_a_frame, mbit_s, mean, weighed, p99, max, budget } in rows {
         let BudgetTotals { frames, bytes, over, postponed, oldest, forced, .. } = budget;
-        say(format_args!(
-            "{share},{bytes},{bytes_a_frame},{mbit_s},{mean},{weighed},{p99},{max},{frames},{over},{postponed},{oldest},\
-             {forced}"
-        ))?;
+        let [bytes_a_frame, mbit_s, mean, weighed] =
+            [bytes_a_frame, mbit_s, mean, weighed].map(f64::to_string);
+        let [share, bytes] = [share, bytes].map(u32::to_string);
+        let [p99, max] = [p99, max].map(u8::to_string);
+        let [frames, over, postponed, forced] = [frames, over, postponed, forced].map(u64::to_string);
+        let oldest = oldest.to_string();
+        csv.row([
+            share,
+            bytes,
+            bytes_a_frame,
+            mbit_s,
+            mean,
+            weighed,
+            p99,
+            max,
+            frames,
+            over,
+            postponed,
+            oldest,
+            forced,
+        ])?;
     }
-    Ok(())
+    csv.finish()
 }
 
 #[cfg(test)]

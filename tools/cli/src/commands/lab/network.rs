@@ -1,4 +1,4 @@
-//! `psao netlab`: a stream over bad networks, in virtual time.
+//! `psao lab network`: a stream over bad networks, in virtual time.
 
 use std::path::PathBuf;
 
@@ -11,8 +11,8 @@ use psao_proto::Micros;
 use serde::Serialize;
 
 use crate::analysis::load;
-use crate::args::ProfileArg;
-use crate::context::{progress, say};
+use crate::args::{ProfileArg, ReportFormatArg};
+use crate::context::{progress, say, say_json};
 use crate::error::{Exit, Failure, Outcome};
 use crate::output::{number, table::Figures};
 use crate::quantity::{During, RateLimit, Share, Size, TimeSpan};
@@ -87,9 +87,8 @@ pub(crate) struct Args {
     /// Frames a second; the stream's own unless given
     #[arg(long, value_name = "F")]
     fps: Option<f64>,
-    /// How to print
-    #[arg(long, value_enum, default_value_t = Printed::Table)]
-    format: Printed,
+    #[command(flatten)]
+    format: ReportFormatArg,
 }
 
 /// Parses `--duration`.
@@ -118,15 +117,6 @@ impl From<ModeArg> for Mode {
             ModeArg::Datagram => Self::Datagram,
         }
     }
-}
-
-/// `--format`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum Printed {
-    /// For people
-    Table,
-    /// For programs; docs/netlab-json.md
-    Json,
 }
 
 /// All that was run.
@@ -179,10 +169,10 @@ pub(crate) fn run(args: &Args) -> Outcome {
         bar.inc(1);
     }
     bar.finish_and_clear();
-    match args.format {
-        Printed::Table => table(args, &document)?,
-        Printed::Json => say(serde_json::to_string_pretty(&document)
-            .map_err(|error| Failure::new(Exit::System, format_args!("cannot write JSON: {error}")))?)?,
+    if args.format.is_json() {
+        say_json(&document)?;
+    } else {
+        table(args, &document)?;
     }
     let wrong: u64 = document.rows.iter().map(|row| row.report.wrong_hashes).sum();
     if wrong > 0 {

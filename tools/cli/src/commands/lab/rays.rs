@@ -1,22 +1,21 @@
-//! `psao bench rays`: rays a second of the server's tracer and of its plain twin, and whether they hit the same.
+//! `psao lab rays`: rays a second of the server's tracer and of its plain twin, and whether they hit the same.
 
-use std::fs::File;
-use std::io::{BufWriter, Write};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::Instant;
 
 use psao_server_sim::ao::{AoSettings, Instructions, Occlusion, Probe, Ray, Scratch, Tracer, Twin};
 use psao_server_sim::points::{PointSettings, generate_cached};
 use psao_server_sim::scene::Scene;
 use serde::Serialize;
 
-use crate::args::{CacheArgs, OcclusionArg};
+use crate::args::{CacheArgs, OcclusionArg, ReportFormatArg};
 use crate::cache::{Folder, as_cache};
-use crate::context::say;
+use crate::context::{Stopwatch, say, say_json};
 use crate::error::{Exit, Failure, Outcome};
 use crate::output::number;
+use crate::output::spread::MedianRange;
 use crate::output::table::Figures;
+use crate::output::target;
 
 /// Differing rays that are shown.
 const SHOWN: usize = 8;
@@ -59,9 +58,8 @@ pub(crate) struct Args {
     /// Writes triangles and rays to a file
     #[arg(long, value_name = "FILE")]
     dump: Option<PathBuf>,
-    /// Prints JSON
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    format: ReportFormatArg,
     #[command(flatten)]
     cache: CacheArgs,
 }
@@ -81,7 +79,7 @@ struct Report {
     bundles: Tally,
     twin: Tally,
     /// Rays a second of the bundles over those of the twin in the same round.
-    ratio: Spread,
+    ratio: MedianRange,
     /// Rays that hit for one and not for the other.
     differing: usize,
     /// Largest difference of the distances where both hit, in metres.
@@ -93,14 +91,7 @@ struct Report {
 #[derive(Serialize)]
 struct Tally {
     hits: usize,
-    rays_a_second: Spread,
-}
-
-#[derive(Clone, Copy, Serialize)]
-struct Spread {
-    median: f64,
-    least: f64,
-    most: f64,
+    rays_a_second: MedianRange,
 }
 
 /// A ray on which the two disagree; no distance where there is no hit.
@@ -130,7 +121,7 @@ pub(crate) fn run(args: &Args) -> Outcome {
         ));
     }
     if let Some(path) = &args.dump {
-        dump(path, &triangles, &rays).map_err(|error| Failure::writing(path, &error))?;
+        target::write(path, &dump(&triangles, &rays))?;
     }
     let report = measure(args, &probe, &rays, &Twin::new(&triangles), kind);
     let report = Report {
@@ -140,11 +131,13 @@ pub(crate) fn run(args: &Args) -> Outcome {
         instructions: instructions.name(),
         ..report
     };
-    if args.json {
-        return say(serde_json::to_string_pretty(&report)
-            .map_err(|error| Failure::new(Exit::System, format_args!("cannot write JSON: {error}")))?);
+    if args.dump.as_deref().is_some_and(target::is_standard) {
+        Ok(())
+    } else if args.format.is_json() {
+        say_json(&report)
+    } else {
+        table(&report)
     }
-    table(&report)
 }
 
 /// The instructions of a name, or the best.
@@ -171,17 +164,17 @@ fn measure(args: &Args, probe: &Probe, rays: &[Ray], twin: &Twin, kind: Occlusio
         Occlusion::Binary => f32::INFINITY,
     };
     let plain: Vec<f32> = rays.iter().map(single).collect();
-    let rate = |start: Instant| rays.len() as f64 / start.elapsed().as_secs_f64().max(1e-9);
+    let rate = |start: &Stopwatch| rays.len() as f64 / start.seconds().max(1e-9);
     let (mut fast, mut slow) = (Vec::new(), Vec::new());
     for _ in 0..args.rounds {
-        let start = Instant::now();
+        let start = Stopwatch::start();
         std::hint::black_box(probe.trace(&mut scratch));
-        fast.push(rate(start));
-        let start = Instant::now();
+        fast.push(rate(&start));
+        let start = Stopwatch::start();
         std::hint::black_box(rays.iter().filter(|ray| single(ray).is_finite()).count());
-        slow.push(rate(start));
+        slow.push(rate(&start));
     }
-    let ratios = fast.iter().zip(&slow).map(|(fast, slow)| fast / slow).collect();
+    let ratios: Vec<f64> = fast.iter().zip(&slow).map(|(fast, slow)| fast / slow).collect();
     let both = || bundles.iter().zip(&plain).enumerate();
     let differ = || both().filter(|(_, (a, b))| a.is_finite() != b.is_finite());
     let met = |distance: &f32| distance.is_finite().then_some(*distance);
@@ -198,9 +191,9 @@ fn measure(args: &Args, probe: &Probe, rays: &[Ray], twin: &Twin, kind: Occlusio
         seed: args.seed,
         rounds: args.rounds,
         instructions: String::new(),
-        bundles: Tally { hits: hits(&bundles), rays_a_second: Spread::of(fast) },
-        twin: Tally { hits: hits(&plain), rays_a_second: Spread::of(slow) },
-        ratio: Spread::of(ratios),
+        bundles: Tally { hits: hits(&bundles), rays_a_second: MedianRange::of(&fast) },
+        twin: Tally { hits: hits(&plain), rays_a_second: MedianRange::of(&slow) },
+        ratio: MedianRange::of(&ratios),
         differing: differ().count(),
         farthest_apart_m: apart.fold(0.0, f32::max),
         differences: differ()
@@ -210,18 +203,9 @@ fn measure(args: &Args, probe: &Probe, rays: &[Ray], twin: &Twin, kind: Occlusio
     }
 }
 
-impl Spread {
-    /// Of at least one figure.
-    fn of(mut figures: Vec<f64>) -> Self {
-        figures.sort_by(f64::total_cmp);
-        let at = |index: usize| figures.get(index).copied().unwrap_or_default();
-        Self { median: at(figures.len() / 2), least: at(0), most: at(figures.len().saturating_sub(1)) }
-    }
-
-    /// In millions.
-    fn millions(&self) -> [String; 3] {
-        [self.median, self.least, self.most].map(|figure| format!("{:.2}", figure / 1e6))
-    }
+/// Returns rates in millions, with two decimals.
+fn millions(rates: MedianRange) -> [String; 3] {
+    [rates.median, rates.least, rates.most].map(|rate| format!("{:.2}", rate / 1e6))
 }
 
 fn table(report: &Report) -> Outcome {
@@ -238,13 +222,12 @@ fn table(report: &Report) -> Outcome {
     ))?;
     let mut figures = Figures::new(["", "Mrays/s, median", "least", "most", "hits"]);
     for (name, tally) in [("bundles", &report.bundles), ("single rays, plain tree", &report.twin)] {
-        let rates = tally.rays_a_second.millions();
+        let rates = millions(tally.rays_a_second);
         let hits = number::count(tally.hits as u64);
         figures.row([name.to_owned()].into_iter().chain(rates).chain([hits]));
     }
     say(figures)?;
-    let Spread { median, least, most } = report.ratio;
-    say(format_args!("ratio {median:.2} ({least:.2} to {most:.2})"))?;
+    say(format_args!("ratio {}", report.ratio.text()))?;
     if report.differing == 0 {
         return say(format_args!("the same hits, at most {:.1e} m apart", report.farthest_apart_m));
     }
@@ -259,20 +242,20 @@ fn table(report: &Report) -> Outcome {
     Ok(())
 }
 
-/// Writes triangles and rays as the help says.
-fn dump(path: &Path, triangles: &[[impl Into<[f32; 3]> + Copy; 3]], rays: &[Ray]) -> std::io::Result<()> {
-    let mut file = BufWriter::new(File::create(path)?);
+/// Returns triangles and rays as bytes, in the layout that the help describes.
+fn dump(triangles: &[[impl Into<[f32; 3]> + Copy; 3]], rays: &[Ray]) -> Vec<u8> {
+    let mut bytes = Vec::new();
     let vertices = triangles.len() as u32 * 3;
     for count in [vertices, triangles.len() as u32, rays.len() as u32] {
-        file.write_all(&count.to_le_bytes())?;
+        bytes.extend(count.to_le_bytes());
     }
     for &corner in triangles.iter().flatten() {
-        corner.into().iter().try_for_each(|axis| file.write_all(&axis.to_le_bytes()))?;
+        bytes.extend(corner.into().into_iter().flat_map(f32::to_le_bytes));
     }
-    (0..vertices).try_for_each(|vertex| file.write_all(&vertex.to_le_bytes()))?;
+    bytes.extend((0..vertices).flat_map(u32::to_le_bytes));
     for Ray { origin, direction, length } in rays {
         let numbers = origin.to_array().into_iter().chain(direction.to_array()).chain([*length]);
-        numbers.into_iter().try_for_each(|number| file.write_all(&number.to_le_bytes()))?;
+        bytes.extend(numbers.flat_map(f32::to_le_bytes));
     }
-    file.into_inner()?.sync_data()
+    bytes
 }

@@ -1,11 +1,12 @@
-//! `psao stress`: the cases that are known to be hard, with their bounds and what was measured.
+//! `psao lab stress`: the cases that are known to be hard, with their bounds and what was measured.
 
 use psao_eval::stress::{self, Verdict, cases};
 use serde::Serialize;
 
-use crate::args::Format;
-use crate::context::{progress, say};
+use crate::args::{Format, FormatArg};
+use crate::context::{progress, say, say_json};
 use crate::error::{Exit, Failure, Outcome};
+use crate::output::csv::Csv;
 use crate::output::table::Figures;
 
 /// Where the method's own structures give way: case, bound, measured worst, verdict
@@ -17,9 +18,8 @@ pub(crate) struct Args {
     /// Only the cases whose name holds this
     #[arg(long, value_name = "TEXT")]
     only: Option<String>,
-    /// How to print: table, json or csv
-    #[arg(long, value_enum, default_value_t = Format::Table)]
-    format: Format,
+    #[command(flatten)]
+    format: FormatArg,
 }
 
 #[derive(Serialize)]
@@ -39,7 +39,7 @@ pub(crate) fn run(args: &Args) -> Outcome {
         .filter(|case| args.only.as_deref().is_none_or(|part| case.name().contains(part)))
         .collect();
     if chosen.is_empty() {
-        return Err(Failure::usage("no case has that in its name; `psao stress` alone lists them"));
+        return Err(Failure::usage("no case has that in its name; `psao lab stress` alone lists them"));
     }
     let bar = progress("stress", chosen.len() as u64);
     let mut outcomes = Vec::new();
@@ -48,12 +48,11 @@ pub(crate) fn run(args: &Args) -> Outcome {
         bar.inc(1);
     }
     bar.finish_and_clear();
-    match args.format {
+    match args.format.get() {
         Format::Table => table(&outcomes)?,
         Format::Json => {
             let lines: Vec<Line> = outcomes.iter().map(line).collect();
-            say(serde_json::to_string_pretty(&lines)
-                .map_err(|error| Failure::new(Exit::System, format_args!("cannot write JSON: {error}")))?)?;
+            say_json(&lines)?;
         }
         Format::Csv => csv(&outcomes)?,
     }
@@ -109,12 +108,15 @@ fn table(outcomes: &[stress::Outcome]) -> Outcome {
 }
 
 fn csv(outcomes: &[stress::Outcome]) -> Outcome {
-    say("case,bound,worst,unit,verdict")?;
+    let mut csv = Csv::new(["case", "bound", "worst", "unit", "verdict"])?;
     for outcome in outcomes {
-        say(format_args!(
-            "{},{},{},{},{}",
-            outcome.name, outcome.bound, outcome.worst, outcome.unit, outcome.verdict
-        ))?;
+        csv.row([
+            outcome.name.to_owned(),
+            outcome.bound.to_string(),
+            outcome.worst.to_string(),
+            outcome.unit.to_owned(),
+            outcome.verdict.to_string(),
+        ])?;
     }
-    Ok(())
+    csv.finish()
 }

@@ -17,7 +17,7 @@ use crate::args::{BufferArg, EditsArg, StreamArgs};
 use crate::context::runtime;
 use crate::error::Outcome;
 use crate::network::{self, ListenArgs};
-use crate::output::number;
+use crate::output::{number, target};
 use crate::producer::Producer;
 use crate::quantity::TimeSpan;
 use crate::recorder::{Recorder, check_place};
@@ -52,7 +52,7 @@ pub(crate) struct Args {
     /// Send stage times with every frame
     #[arg(long)]
     timings: bool,
-    /// Record the stream into this file as well
+    /// Record the stream into this file as well; - for standard output
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
     #[command(flatten)]
@@ -108,7 +108,7 @@ const PATIENCE: Duration = Duration::from_secs(5);
 
 pub(crate) fn run(args: &Args) -> Outcome {
     if let Some(path) = &args.record {
-        check_place(path)?;
+        check_place(&target::recording(path)?)?;
     }
     let producer = Producer::new(&args.stream.scene, &args.stream.tuning, 0)?;
     runtime()?.block_on(serve(args, producer))
@@ -119,7 +119,7 @@ async fn serve(args: &Args, producer: Producer) -> Outcome {
     let bound = args.network.serve(&hub).await?;
     eprintln!("serving {} at {bound}; stop with Ctrl-C", producer.info().name);
     let mut recorder = match &args.record {
-        Some(path) => Some(Recorder::live(path, args.buffer.bytes())?),
+        Some(path) => Some(Recorder::live(&target::recording(path)?, args.buffer.bytes())?),
         None => None,
     };
     if let Some(recorder) = &mut recorder {

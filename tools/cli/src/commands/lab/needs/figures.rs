@@ -12,6 +12,7 @@ use super::rows::{Part, WORK, Work};
 use crate::context::say;
 use crate::error::{Exit, Failure, Outcome};
 use crate::output::number;
+use crate::output::spread::MedianRange;
 use crate::output::table::Figures;
 
 /// Everything that was found; `docs/needs-json.md` describes the fields.
@@ -67,7 +68,7 @@ struct Frame {
     bytes: f64,
     traced: f64,
     rays: f64,
-    ms: Spread,
+    ms: MedianRange,
 }
 
 /// Bytes that the server holds after the last frame.
@@ -90,16 +91,9 @@ struct Row {
     bytes: Option<f64>,
     traced: Option<f64>,
     rays: Option<f64>,
-    ms: Option<Spread>,
+    ms: Option<MedianRange>,
     frames_equal: Option<bool>,
     note: Option<String>,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-struct Spread {
-    median: f64,
-    least: f64,
-    most: f64,
 }
 
 impl Document {
@@ -138,7 +132,7 @@ impl Document {
                 bytes: least.bytes as f64 / later,
                 traced: least.traced as f64 / later,
                 rays: least.rays as f64 / later,
-                ms: Spread::of(&measured.least_ms),
+                ms: MedianRange::of(&measured.least_ms),
             },
             memory: Memory::of(&measured.memory),
             left_out: work.chain(parts).collect(),
@@ -195,7 +189,7 @@ impl Document {
             number::bytes(*first_bytes),
             count(*traced),
             count(*rays),
-            ms.text(false),
+            ms.text(),
         ))?;
         say(&self.memory)?;
         self.savings()?;
@@ -224,7 +218,7 @@ impl Document {
                 figure(row.bytes),
                 figure(row.traced),
                 figure(row.rays),
-                row.ms.map_or("n/a".to_owned(), |ms| ms.text(true)),
+                row.ms.map_or("n/a".to_owned(), |ms| ms.signed_text()),
                 row.frames_equal.map_or("n/a".to_owned(), |equal| yes(equal, "NO")),
             ]);
         }
@@ -267,7 +261,7 @@ impl Row {
             bytes: saved.frames_equal.then_some(0.0),
             traced: Some(saved.traced as f64 / later),
             rays: Some(saved.rays as f64 / later),
-            ms: Some(Spread::of(&saved.ms)),
+            ms: Some(MedianRange::of(&saved.ms)),
             frames_equal: Some(saved.frames_equal),
             note: None,
         }
@@ -288,26 +282,6 @@ impl Row {
             ms: None,
             frames_equal: None,
             note: Some(note),
-        }
-    }
-}
-
-impl Spread {
-    /// Of a value for each round.
-    fn of(values: &[f64]) -> Self {
-        let mut sorted = values.to_vec();
-        sorted.sort_by(f64::total_cmp);
-        let at = |index: usize| sorted.get(index).copied().unwrap_or(0.0);
-        let last = sorted.len().saturating_sub(1);
-        Self { median: f64::midpoint(at(last / 2), at(last.div_ceil(2))), least: at(0), most: at(last) }
-    }
-
-    fn text(self, sign: bool) -> String {
-        let Self { median, least, most } = self;
-        if sign {
-            format!("{median:+.2} ({least:+.2} to {most:+.2})")
-        } else {
-            format!("{median:.2} ({least:.2} to {most:.2})")
         }
     }
 }
@@ -374,9 +348,9 @@ mod tests {
 
     #[test]
     fn medians_are_in_the_middle() {
-        let of = |values: &[f64]| Spread::of(values).median;
+        let of = |values: &[f64]| MedianRange::of(values).median;
         assert_eq!([of(&[]), of(&[3.0]), of(&[9.0, 1.0]), of(&[5.0, 1.0, -2.0])], [0.0, 3.0, 5.0, 1.0]);
-        assert_eq!(Spread::of(&[4.0, -1.0, 2.0]), Spread { median: 2.0, least: -1.0, most: 4.0 });
+        assert_eq!(MedianRange::of(&[4.0, -1.0, 2.0]), MedianRange { median: 2.0, least: -1.0, most: 4.0 });
     }
 
     #[test]

@@ -15,7 +15,7 @@ use psao_server_sim::server::{Progress, Server, ServerMemory, ServerSettings, Sh
 use super::Args;
 use super::rows::{Part, WORK};
 use crate::cache::Folder;
-use crate::context::{WallClock, progress};
+use crate::context::{Stopwatch, progress};
 use crate::error::{Failure, Outcome};
 use crate::producer::{Timetable, micros, refused, show_progress};
 
@@ -146,7 +146,7 @@ impl Runs<'_> {
         let silent = Arc::new(|_: Progress| {});
         let server = Server::with_cache(Arc::clone(self.scene), *settings, Some(self.points), silent);
         let mut server = server.map_err(refused)?;
-        let clock = WallClock::start();
+        let clock = Stopwatch::start();
         let timetable = Timetable::new(self.scene, &self.args.points);
         let mut sum = Figures::default();
         for number in 0..self.args.frames {

@@ -1,4 +1,4 @@
-//! `psao needs`: what a scene does not need, and what leaving it out saves.
+//! `psao lab needs`: what a scene does not need, and what leaving it out saves.
 
 mod figures;
 mod measure;
@@ -10,10 +10,10 @@ use psao_server_sim::clip::{self, Clip};
 use psao_server_sim::scene::Scene;
 use psao_server_sim::server::ServerSettings;
 
-use crate::args::{Coder, PointArgs, ProfileArg};
+use crate::args::{Coder, PointArgs, ProfileArg, ReportFormatArg};
 use crate::cache::Folder;
-use crate::context::say;
-use crate::error::{Exit, Failure, Outcome};
+use crate::context::say_json;
+use crate::error::{Failure, Outcome};
 use crate::producer::settings;
 
 /// What a scene does not need, and what leaving it out saves: bytes, rays, milliseconds
@@ -39,9 +39,8 @@ pub(crate) struct Args {
     /// Block coder: range, zstd, zstd:LEVEL, lz4 or none
     #[arg(long, value_name = "CODER", default_value = "range")]
     compress: Coder,
-    /// Print JSON (docs/needs-json.md) instead of tables
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    format: ReportFormatArg,
 }
 
 pub(crate) fn run(args: &Args) -> Outcome {
@@ -63,9 +62,8 @@ pub(crate) fn run(args: &Args) -> Outcome {
     let folder = Folder::of(&args.points.cache);
     let measured = measure::measure(args, &scene, &settings, folder)?;
     let document = figures::Document::new(args, &scene, &settings, &needs, &measured);
-    if args.json {
-        let text = serde_json::to_string_pretty(&document);
-        say(text.map_err(|error| Failure::new(Exit::System, format_args!("cannot write JSON: {error}")))?)?;
+    if args.format.is_json() {
+        say_json(&document)?;
     } else {
         document.print()?;
     }

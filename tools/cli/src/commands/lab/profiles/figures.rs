@@ -60,8 +60,8 @@ struct Figured {
     session_mbit_s: f64,
     first_encode_ms: f64,
     first_decode_ms: f64,
-    encode_ms: Spread,
-    decode_ms: Spread,
+    encode_ms: MeanDeviation,
+    decode_ms: MeanDeviation,
     changes_spent: Option<SpentOut>,
     error: Error,
     pictures: Vec<PictureOut>,
@@ -80,7 +80,7 @@ struct Ratios {
 }
 
 #[derive(Serialize)]
-struct Spread {
+struct MeanDeviation {
     mean: f64,
     deviation: f64,
     max: f64,
@@ -309,8 +309,8 @@ impl Figured {
             later_parts: Parts(later_parts),
             first_encode_ms: time(|line| line.encode_ms),
             first_decode_ms: time(|line| line.decode_ms),
-            encode_ms: Spread::of(later.iter().map(|line| line.encode_ms)),
-            decode_ms: Spread::of(later.iter().map(|line| line.decode_ms)),
+            encode_ms: MeanDeviation::of(later.iter().map(|line| line.encode_ms)),
+            decode_ms: MeanDeviation::of(later.iter().map(|line| line.decode_ms)),
             changes_spent: SpentOut::of(&side.spent),
             error: Error::of(&side.error),
             pictures: side.pictures.iter().map(PictureOut::of).collect(),
@@ -365,7 +365,7 @@ impl SpentOut {
     }
 }
 
-impl Spread {
+impl MeanDeviation {
     fn of(values: impl Iterator<Item = f64>) -> Self {
         let values: Vec<f64> = values.collect();
         let count = values.len().max(1) as f64;
@@ -409,10 +409,10 @@ mod tests {
 
     #[test]
     fn spreads_are_means_and_standard_deviations() {
-        let Spread { mean, deviation, max } = Spread::of([1.0, 3.0, 5.0, 7.0].into_iter());
+        let MeanDeviation { mean, deviation, max } = MeanDeviation::of([1.0, 3.0, 5.0, 7.0].into_iter());
         assert_eq!((mean, max), (4.0, 7.0));
         assert!((deviation - 5.0_f64.sqrt()).abs() < 1e-12, "{deviation}");
-        let Spread { mean, deviation, max } = Spread::of(std::iter::empty());
+        let MeanDeviation { mean, deviation, max } = MeanDeviation::of(std::iter::empty());
         assert_eq!((mean, deviation, max), (0.0, 0.0, 0.0));
     }
 }

@@ -2,7 +2,6 @@
 
 use std::path::Path;
 use std::sync::Arc;
-use std::time::Instant;
 
 use psao_client::picture::Picture;
 use psao_client::reconstruct::Reconstruction;
@@ -23,7 +22,7 @@ use psao_server_sim::server::{AoError, BothProfiles, Each, ServerSettings, StepO
 
 use super::Args;
 use crate::analysis::{PARTS, parts_of};
-use crate::context::{WallClock, progress};
+use crate::context::{Stopwatch, progress};
 use crate::error::{Exit, Failure, Outcome};
 use crate::pictures::blend;
 
@@ -76,9 +75,9 @@ impl Client {
 
     /// Applies a frame; its hash must be the server's.
     fn follow(&mut self, output: &StepOutput) -> Outcome<Line> {
-        let start = Instant::now();
+        let start = Stopwatch::start();
         let applied = self.applier.apply(&mut self.state, &output.body, &Limits::default().codec);
-        let decode_ms = start.elapsed().as_secs_f64() * 1e3;
+        let decode_ms = start.millis();
         applied.map_err(|error| {
             let (name, frame) = (self.name, output.info.frame);
             Failure::new(Exit::Check, format_args!("profile {name}, frame {frame}: {error}"))
@@ -109,7 +108,7 @@ pub(super) fn measure(
     if let (PointSource::SHARED, Some(state)) = (info.geometry, surface.state.as_surface_mut()) {
         share(scene, &info, state).map_err(Failure::input)?;
     }
-    let clock = WallClock::start();
+    let clock = Stopwatch::start();
     let bar = progress("comparing", u64::from(args.frames));
     let mut last = (FrameIndex(0), StreamTime(0));
     for number in 0..args.frames {

@@ -1,4 +1,4 @@
-//! `psao compare-profiles`: what both profiles cost and give on the same traced AO.
+//! `psao lab profiles`: what both profiles cost and give on the same traced AO.
 
 mod figures;
 mod measure;
@@ -9,10 +9,10 @@ use std::sync::Arc;
 use psao_server_sim::scene::Scene;
 use psao_server_sim::server::BothProfiles;
 
-use crate::args::{Coder, PointArgs, ProfileArg, SizeArg};
+use crate::args::{Coder, PointArgs, ProfileArg, ReportFormatArg, SizeArg};
 use crate::cache::{Folder, as_cache};
-use crate::context::say;
-use crate::error::{Exit, Failure, Outcome};
+use crate::context::say_json;
+use crate::error::{Failure, Outcome};
 use crate::producer::{refused, settings, show_progress};
 
 /// Both profiles on the same scene, points and rays: bytes by part, Mbit/s, times, error, PSNR
@@ -52,9 +52,8 @@ pub(crate) struct Args {
     /// Write the pictures into this folder: by rays, paper and surface side by side, and each alone
     #[arg(short, long, value_name = "FOLDER", requires = "pictures")]
     output: Option<PathBuf>,
-    /// Print JSON (docs/compare-json.md) instead of tables
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    format: ReportFormatArg,
 }
 
 pub(crate) fn run(args: &Args) -> Outcome {
@@ -80,10 +79,5 @@ pub(crate) fn run(args: &Args) -> Outcome {
     let mut both = both.map_err(refused)?;
     let measured = measure::measure(args, &scene, &settings, surface_coder, &mut both)?;
     let document = figures::Document::new(args, both.tables().surface.info(), &measured);
-    if args.json {
-        let text = serde_json::to_string_pretty(&document);
-        say(text.map_err(|error| Failure::new(Exit::System, format_args!("cannot write JSON: {error}")))?)
-    } else {
-        document.print()
-    }
+    if args.format.is_json() { say_json(&document) } else { document.print() }
 }

@@ -1,4 +1,4 @@
-//! `psao evaluate`: settings of the stream and other methods, error against cost.
+//! `psao lab sweep`: settings of the stream and other methods, error against cost.
 
 mod far_field;
 mod machine;
@@ -25,9 +25,9 @@ use self::plan::{Job, Plan, Sweep};
 use self::preset::TableArg;
 use self::store::Store;
 use crate::analysis::{paper_bytes, parts_of};
-use crate::args::{CacheArgs, Coder, LpipsArgs, OcclusionArg, ProfileArg, SizeArg};
+use crate::args::{CacheArgs, Coder, FormatArg, LpipsArgs, OcclusionArg, ProfileArg, SizeArg};
 use crate::cache::{Folder, as_cache};
-use crate::context::{WallClock, progress};
+use crate::context::{Stopwatch, progress};
 use crate::error::{Exit, Failure, Outcome};
 
 /// Settings of the stream and other methods, swept: error against bytes, time and memory
@@ -115,9 +115,8 @@ pub(crate) struct Args {
     /// Keep what the folder has of these very settings, and measure the rest
     #[arg(long, requires = "out")]
     resume: bool,
-    /// Print JSON (docs/evaluate-json.md) instead of tables
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    format: FormatArg,
     #[command(flatten)]
     cache: CacheArgs,
 }
@@ -201,7 +200,7 @@ fn measure(
     if let Some(view) = views.first() {
         store.picture(&plan.reference_key, "reference", &Picture::grey(&view.truth))?;
     }
-    let clock = WallClock::start();
+    let clock = Stopwatch::start();
     let bench = Bench {
         scene: plan.scene.name(),
         views: &views,

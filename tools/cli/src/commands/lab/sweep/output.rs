@@ -11,11 +11,12 @@ use super::plan::{Plan, Sweep};
 use super::preset::TableArg;
 use super::store::Store;
 use super::{Args, machine::Machine};
-use crate::context::say;
-use crate::error::{Exit, Failure, Outcome};
+use crate::args::Format;
+use crate::context::{say, to_json};
+use crate::error::{Failure, Outcome};
 use crate::output::table::Figures;
 
-/// `results.json`, and what `--json` prints; `docs/evaluate-json.md` describes the fields.
+/// `results.json`, and what `--format json` prints; `docs/evaluate-json.md` describes the fields.
 #[derive(Serialize)]
 struct Document<'a> {
     schema: &'static str,
@@ -65,17 +66,17 @@ pub(super) fn write(args: &Args, sweep: &Sweep<'_>, plans: &[Plan<'_>], store: &
         scenes: plans.iter().map(scene).collect(),
         records: all.clone(),
     };
-    let json = serde_json::to_string_pretty(&document)
-        .map_err(|error| Failure::new(Exit::System, format_args!("cannot write JSON: {error}")))?;
+    let json = to_json(&document)?;
     if let Some(folder) = &args.out {
         file(&folder.join("results.json"), &json)?;
         file(&folder.join("results.csv"), &csv(all.iter().copied()))?;
         file(&folder.join("report.html"), &page(args, sweep, plans, &entries, store).html())?;
     }
-    if args.json {
-        return say(json);
+    match args.format.get() {
+        Format::Json => return say(json),
+        Format::Csv => return say(csv(all.iter().copied()).trim_end()),
+        Format::Table => print(args, plans, &entries)?,
     }
-    print(args, plans, &entries)?;
     if store.unreadable > 0 {
         say(format_args!(
             "{} damaged line(s) of an earlier run were left out; what they held was measured again",
@@ -217,7 +218,7 @@ fn page<'a>(
     ];
     let left_out = sweep.textures.left_out.iter().cloned();
     Page {
-        title: "psao evaluate".to_owned(),
+        title: "psao lab sweep".to_owned(),
         notes: notes.into_iter().chain(left_out).collect(),
         machine: sweep.machine.rows(),
         sections: sections.collect(),

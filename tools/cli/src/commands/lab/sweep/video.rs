@@ -7,7 +7,7 @@ use std::process::{Command, Stdio};
 use psao_client::Size;
 use psao_eval::texture::{Coded, VideoCoder, VideoError};
 
-use crate::context::WallClock;
+use crate::context::Stopwatch;
 
 /// What to tell people who have no coder.
 pub(super) const MISSING: &str =
@@ -59,7 +59,7 @@ impl VideoCoder for X264 {
 
     fn code(&self, size: Size, fps: f32, frames: &[Vec<u8>]) -> Result<Coded, VideoError> {
         let size = format!("{}x{}", size.width(), size.height());
-        let clock = WallClock::start();
+        let clock = Stopwatch::start();
         let raw = ["-f", "rawvideo", "-pix_fmt", "gray"];
         let (rate, crf) = (fps.to_string(), self.crf.to_string());
         let keyint = frames.len().to_string();

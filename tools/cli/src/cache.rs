@@ -3,9 +3,10 @@
 use std::ffi::OsStr;
 use std::fs::{self, File};
 use std::io::{self, Read as _, Write as _};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::SystemTime;
 
+use etcetera::{BaseStrategy as _, choose_base_strategy};
 use psao_server_sim::points::{EntryError, PointCache, PointKey};
 
 use crate::args::CacheArgs;
@@ -21,17 +22,10 @@ pub(crate) struct Folder {
 }
 
 impl Folder {
-    /// The folder that the options or else the environment name; `None` where points are not to be kept.
+    /// Returns the folder that the options name, or the system's folder for caches; `None` where points are not kept.
     pub(crate) fn of(args: &CacheArgs) -> Option<Self> {
-        let under = |variable: &str, rest: &str| {
-            let folder = std::env::var_os(variable).filter(|folder| Path::new(folder).is_absolute())?;
-            Some(Path::new(&folder).join(rest))
-        };
-        let path = args
-            .cache
-            .clone()
-            .or_else(|| under("XDG_CACHE_HOME", "psao"))
-            .or_else(|| under("HOME", ".cache/psao"))?;
+        let of_system = || Some(choose_base_strategy().ok()?.cache_dir().join("psao"));
+        let path = args.cache.clone().or_else(of_system)?;
         (!args.no_cache).then_some(Self { path, most_bytes: args.cache_size.0 })
     }
 
@@ -124,6 +118,7 @@ impl PointCache for Folder {
 
 #[cfg(test)]
 mod tests {
+    use std::path::Path;
     use std::time::Duration;
 
     use psao_server_sim::points::PointSettings;

@@ -30,7 +30,7 @@ impl EditScript {
         let mut checked = Edits::new(scene.instances().len() as u32);
         for (number, line) in (1..).zip(text.lines()) {
             let wrong = |error: String| format!("{number}: {error}");
-            let words = words(line).map_err(wrong)?;
+            let words = shlex::split(line).ok_or_else(|| wrong("a quote is not closed".to_owned()))?;
             if words.is_empty() {
                 continue;
             }
@@ -56,24 +56,6 @@ impl EditScript {
     pub(crate) fn before(&self, frame: u32) -> &[Edit] {
         self.0.get(&frame).map_or(&[], Vec::as_slice)
     }
-}
-
-/// The words of a line up to its comment; a name with spaces stands in double quotes.
-fn words(line: &str) -> Result<Vec<String>, String> {
-    let (mut words, mut word, mut quoted) = (Vec::new(), None::<String>, false);
-    for letter in line.chars() {
-        match letter {
-            '"' => {
-                quoted = !quoted;
-                word.get_or_insert_default();
-            }
-            '#' if !quoted => break,
-            _ if letter.is_whitespace() && !quoted => words.extend(word.take()),
-            _ => word.get_or_insert_default().push(letter),
-        }
-    }
-    words.extend(word);
-    if quoted { Err("a quote is not closed".to_owned()) } else { Ok(words) }
 }
 
 fn edit(words: &[String], scene: &Scene) -> Result<(u32, Edit), String> {

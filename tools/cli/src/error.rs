@@ -3,14 +3,17 @@
 use std::fmt;
 use std::path::Path;
 
+use psao_server_sim::points::PointError;
+use psao_server_sim::server::SettingsError;
+
 /// Exit codes of `psao`, as the README documents them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Exit {
     /// The system failed: disk, memory, threads.
     System = 1,
-    /// The command line was wrong (clap uses the same code).
+    /// The command line is wrong, whatever it is run on (clap uses the same code).
     Usage = 2,
-    /// A scene, recording or option was refused.
+    /// A scene, recording, file or machine was refused, or an option that does not fit it.
     Input = 3,
     /// The command finished, but some of its input was damaged and left out.
     DataLoss = 4,
@@ -41,6 +44,22 @@ impl Failure {
 
     pub(crate) fn input(text: impl fmt::Display) -> Self {
         Self::new(Exit::Input, text)
+    }
+
+    /// Settings of a stream that were refused: by themselves, or for this scene.
+    pub(crate) fn settings(error: SettingsError) -> Self {
+        match error {
+            SettingsError::Points(error) => Self::points(error),
+            error => Self::usage(error),
+        }
+    }
+
+    /// Settings of points that were refused: by themselves, or for this scene.
+    pub(crate) fn points(error: PointError) -> Self {
+        match error {
+            PointError::TooMany { .. } => Self::input(error),
+            error => Self::usage(error),
+        }
     }
 
     /// A file that could not be read: the reader named the wrong one, so this is bad input.

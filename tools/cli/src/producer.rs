@@ -216,7 +216,7 @@ fn ray_budget(rays: u64) -> RayBudget {
 /// A server that could not be made, or did not go on.
 pub(crate) fn refused(error: ServerError) -> Failure {
     match error {
-        ServerError::Settings(error) => Failure::usage(error),
+        ServerError::Settings(error) => Failure::settings(error),
         error => Failure::input(error),
     }
 }

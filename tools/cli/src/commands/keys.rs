@@ -40,13 +40,13 @@ type Made = (&'static str, String, bool);
 
 pub(crate) fn run(args: &Args) -> Outcome {
     let made =
-        make(args).map_err(|error| Failure::input(format_args!("cannot make the certificates: {error}")))?;
+        make(args).map_err(|error| Failure::usage(format_args!("cannot make the certificates: {error}")))?;
     let token = token()?;
     let files = made.into_iter().chain([("token", token, true)]);
     std::fs::create_dir_all(&args.folder).map_err(|error| Failure::writing(&args.folder, &error))?;
     let files: Vec<_> = files.map(|(name, text, secret)| (args.folder.join(name), text, secret)).collect();
     if let Some((path, ..)) = files.iter().find(|(path, ..)| path.symlink_metadata().is_ok()) {
-        return Err(Failure::usage(format_args!(
+        return Err(Failure::input(format_args!(
             "{} exists and is not overwritten: choose another folder, or remove it",
             path.display()
         )));

@@ -1,19 +1,13 @@
 //! Numbers as people read them.
 
+use indicatif::HumanCount;
+
 /// `1234567` as `1,234,567`.
 pub(crate) fn count(value: u64) -> String {
-    let digits = value.to_string();
-    let mut out = String::with_capacity(digits.len() + digits.len() / 3);
-    for (index, digit) in digits.chars().enumerate() {
-        if index > 0 && (digits.len() - index).is_multiple_of(3) {
-            out.push(',');
-        }
-        out.push(digit);
-    }
-    out
+    HumanCount(value).to_string()
 }
 
-/// So many of something: `1 round`, `1,234 rounds`.
+/// A number of things: `1 round`, `1,234 rounds`.
 pub(crate) fn counted(value: u64, what: &str) -> String {
     format!("{} {what}{}", count(value), if value == 1 { "" } else { "s" })
 }

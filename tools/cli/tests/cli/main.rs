@@ -50,8 +50,9 @@ impl From<Output> for Run {
 pub fn command(arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_psao"));
     command.args(arguments).env_remove("PSAO_TOKEN");
-    // No cache but where a test names one.
-    command.env_remove("XDG_CACHE_HOME").env_remove("HOME");
+    // One cache for the tests, none of the user's own.
+    static CACHE: OnceLock<tempfile::TempDir> = OnceLock::new();
+    command.env("XDG_CACHE_HOME", CACHE.get_or_init(folder).path()).env_remove("HOME");
     command
 }
 

@@ -41,7 +41,7 @@ fn rays_are_traced_both_ways_and_hit_the_same_whatever_the_instructions() {
             assert!(0.0 < least && least <= median && median <= most);
         }
         let names = psao(&[&RAYS[..], &["--instructions", "none"]].concat());
-        assert_eq!(names.code, Some(2));
+        assert_eq!(names.code, Some(3));
         let (_, names) = names.err.split_once("there are ").unwrap();
         for name in names.trim().split(", ") {
             let other = with(&["--instructions", name]);

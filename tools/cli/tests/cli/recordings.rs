@@ -222,7 +222,7 @@ fn a_replay_starts_and_ends_where_it_is_told() {
         assert_eq!(part(&["--from", "0.08s", "--to", "0.1s"]), all[5..=6]);
         assert_eq!(part(&["--to", "0.1s", "--pace", "wall", "--speed", "9"]), all[..=6]);
         refuses(&["replay", text(whole), "--from", "7s"], 3, &["--from 7s", "0.18"]);
-        refuses(&["replay", text(whole), "--from=-1"], 2, &["--from -1"]);
+        refuses(&["replay", text(whole), "--from=-1"], 2, &["--from", "-1"]);
     }
 }
 

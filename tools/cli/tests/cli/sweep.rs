@@ -194,7 +194,7 @@ fn results_are_not_written_over_unasked() {
     let folder = folder();
     std::fs::write(folder.path().join("results.jsonl"), "{}\n").unwrap();
     let run = psao(&arguments(&["--out", text(folder.path())]));
-    assert_eq!(run.code, Some(2));
+    assert_eq!(run.code, Some(3));
     assert!(run.err.contains("--resume"), "{}", run.err);
     assert_eq!(read(folder.path(), "results.jsonl"), "{}\n");
 }

@@ -50,7 +50,7 @@ pub(crate) fn run(args: &Args) -> Outcome {
     let scene = Arc::new(Scene::load(&args.scene).map_err(Failure::input)?);
     let coder = ProfileArg::Surface.coder(Some(args.compress))?;
     let settings = ServerSettings { coder, ..settings(&args.points, &scene, args.frames) };
-    settings.validate().map_err(Failure::usage)?;
+    settings.validate().map_err(Failure::settings)?;
     let margin = (!args.points.all_visible).then_some(args.points.view_margin);
     let clip = Clip {
         frames: args.frames,

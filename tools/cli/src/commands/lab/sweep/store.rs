@@ -33,7 +33,7 @@ impl Store {
         match fs::read(&path) {
             Ok(bytes) if !bytes.is_empty() => {
                 if !resume {
-                    return Err(Failure::usage(format_args!(
+                    return Err(Failure::input(format_args!(
                         "{} holds results already; --resume goes on with them, or name another folder",
                         folder.display()
                     )));

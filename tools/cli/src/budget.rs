@@ -15,9 +15,8 @@ use crate::quantity::{Rate, Size};
 /// `--budget` and `--longest-age`.
 #[derive(Args, Clone, Copy, Debug)]
 pub(crate) struct BudgetArgs {
-    /// Profile surface: how much a frame may take, as bytes of its body (1200B, 4kB) or as a rate of the stream (500kbit/s,
-    /// 2Mbit/s); points that do not fit are sent later, what differs most, is largest on the screen and has waited longest
-    /// first. Keyframes have no budget
+    /// Size limit of a frame, for profile surface: bytes of its body (1200B, 4kB) or a rate of the stream (500kbit/s).
+    /// Points that do not fit are sent later, by difference, screen size and waiting time. Keyframes have no limit
     #[arg(long, value_name = "SIZE|RATE")]
     budget: Option<BudgetArg>,
     #[command(flatten)]
@@ -27,7 +26,7 @@ pub(crate) struct BudgetArgs {
 /// `--longest-age`.
 #[derive(Args, Clone, Copy, Debug)]
 pub(crate) struct AgeArg {
-    /// Frames that a point may wait for room in the budget; then it is sent whatever the budget
+    /// Frames that a point may wait for room in the budget; then it is sent even beyond the budget
     #[arg(long, value_name = "FRAMES", default_value_t = surface::Budget::LONGEST_AGE)]
     pub(crate) longest_age: u16,
 }

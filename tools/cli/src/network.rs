@@ -22,22 +22,22 @@ const TOKEN_VARIABLE: &str = "PSAO_TOKEN";
 /// Where a server listens, and whom it takes.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct ListenArgs {
-    /// Serve at this address: host:port, tls:host:port or unix:PATH; port 0 lets the system choose (`psao serve`:
-    /// 127.0.0.1:4700 unless given)
+    /// Address to listen at: host:port, tls:host:port or unix:PATH; port 0 lets the system choose. `psao serve` uses
+    /// 127.0.0.1:4700 unless given
     #[arg(long, value_name = "ADDR")]
     pub(crate) listen: Option<Address>,
-    /// The server's certificate, for a tls: address (`psao keys` makes a set to try)
+    /// The server's certificate, for a tls: address (`psao keys` creates one)
     #[arg(long, value_name = "PEM", requires = "key")]
     cert: Option<PathBuf>,
     /// The private key of --cert
     #[arg(long, value_name = "PEM", requires = "cert")]
     key: Option<PathBuf>,
-    /// Take only clients that show a certificate which this authority has signed
+    /// Accept only clients with a certificate signed by this authority
     #[arg(long, value_name = "PEM", requires = "cert")]
     client_ca: Option<PathBuf>,
     #[command(flatten)]
     token: TokenArgs,
-    /// Serve whoever comes, also at an address that other machines can reach without TLS or a credential
+    /// Serve every client, even at an address that other machines can reach without TLS or a credential
     #[arg(long)]
     open_to_everyone: bool,
 }
@@ -45,7 +45,7 @@ pub(crate) struct ListenArgs {
 /// How a client shows who it is, and knows the server.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct ConnectArgs {
-    /// Trust servers whose certificate this authority has signed; a tls: address needs it
+    /// Trust servers with a certificate signed by this authority; required for a tls: address
     #[arg(long, value_name = "PEM")]
     ca: Option<PathBuf>,
     /// The certificate to show to a server that asks for one
@@ -56,7 +56,7 @@ pub(crate) struct ConnectArgs {
     key: Option<PathBuf>,
     #[command(flatten)]
     token: TokenArgs,
-    /// Send the token also to another machine without TLS, for everyone on the way to read
+    /// Send the token even without TLS to another machine, readable on the way
     #[arg(long)]
     token_in_clear: bool,
 }
@@ -64,7 +64,7 @@ pub(crate) struct ConnectArgs {
 /// The secret that server and clients share.
 #[derive(Args, Clone, Debug)]
 struct TokenArgs {
-    /// File with the token that server and clients share; without it `PSAO_TOKEN` is taken from the environment
+    /// File with the token that server and clients share [default: the variable PSAO_TOKEN]
     #[arg(long, value_name = "FILE")]
     token_file: Option<PathBuf>,
 }
@@ -170,11 +170,13 @@ pub(crate) fn tell(event: &HubEvent) {
         HubEvent::Joined { peer, name, .. } => eprintln!("{peer} joined: {name}"),
         HubEvent::Left { peer, error: None, .. } => eprintln!("{peer} left"),
         HubEvent::Left { peer, error: Some(error), .. } => eprintln!("{peer} left: {error}"),
-        HubEvent::AcceptFailed { what } => eprintln!("psao: cannot accept connections for now: {what}"),
+        HubEvent::AcceptFailed { what } => eprintln!("psao: cannot accept connections at the moment: {what}"),
         HubEvent::Dropped { connections } => {
-            eprintln!("psao: {connections} more connection(s) dropped: too many at once");
+            eprintln!("psao: {connections} more connection(s) dropped: too many at the same time");
         }
-        HubEvent::Missed { events } => eprintln!("psao: {events} earlier message(s) about clients left out"),
+        HubEvent::Missed { events } => {
+            eprintln!("psao: {events} earlier message(s) about clients were left out")
+        }
         HubEvent::Edit { .. } => {}
     }
 }

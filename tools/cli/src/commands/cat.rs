@@ -14,9 +14,11 @@ use crate::output::target::{self, Target};
 
 /// Join recordings, one after the other
 ///
-/// Frames keep their own numbers and times; arrival times go on after the last. A scene table is repeated only where it
-/// differs. Exit code 4: damage was left out.
+/// Frames keep their numbers and times; arrival times continue after the last one. A scene table is repeated only where it
+/// differs. Exit code 4 means that damage was left out.
 #[derive(clap::Args, Debug)]
+#[command(after_help = "Example:
+  psao cat a.psao b.psao -o both.psao")]
 pub(crate) struct Args {
     /// Recordings made by `psao record`, in order; - reads standard input
     #[arg(value_name = "FILE", required = true)]

@@ -8,12 +8,15 @@ use crate::args::{OutputArg, RecordingArg};
 use crate::error::{Failure, Outcome};
 use crate::quantity::TimeSpan;
 
-/// Cut a piece out of a recording: it stands alone and plays to the same hashes
+/// Copy a range of a recording into a file that stands alone
 ///
-/// The piece starts with the scene table, the edits that hold, and a keyframe of the state at its first frame; the frames
-/// after it are as they were, byte for byte. Exit code 4: damage in the range was left out.
+/// The copy starts with the scene table, the edits in force, and a keyframe of the state at its first frame. Later frames
+/// are copied byte for byte, so it plays to the same state hashes. Exit code 4 means that damage in the range was left out.
 #[derive(clap::Args, Debug)]
 #[command(group(clap::ArgGroup::new("range").required(true).multiple(true)))]
+#[command(after_help = "Examples:
+  psao cut a.psao --from 1s --to 3s -o piece.psao
+  psao cut a.psao --from-frame 60 -o rest.psao")]
 pub(crate) struct Args {
     #[command(flatten)]
     recording: RecordingArg,
@@ -23,10 +26,10 @@ pub(crate) struct Args {
     /// End at this time of the stream, itself included
     #[arg(long, value_name = "TIME", group = "range", conflicts_with_all = ["from_frame", "to_frame"])]
     to: Option<TimeSpan>,
-    /// From this frame on
+    /// Start at this frame
     #[arg(long, value_name = "N", group = "range")]
     from_frame: Option<u32>,
-    /// Up to this frame, itself included
+    /// End at this frame, itself included
     #[arg(long, value_name = "N", group = "range")]
     to_frame: Option<u32>,
     #[command(flatten)]

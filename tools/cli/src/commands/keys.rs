@@ -13,16 +13,19 @@ use rcgen::{
 use crate::context::say;
 use crate::error::{Exit, Failure, Outcome};
 
-/// Make certificates and a token to try TLS with: an authority, a server, a client
+/// Create certificates and a token for encrypted connections
 ///
-/// For trials and closed groups: whoever has authority.key can make certificates that all of the group trust, so keep it
-/// off the servers or delete it. Nothing that exists is overwritten.
+/// Creates an authority, and certificates for a server and a client. They are meant for trials and closed groups. Anyone
+/// with authority.key can make certificates that the whole group trusts: keep it off the servers, or delete it. Existing
+/// files are never overwritten.
 #[derive(clap::Args, Debug)]
+#[command(after_help = "Example:
+  psao keys trial --name localhost --name render-7.local")]
 pub(crate) struct Args {
-    /// Folder to write to; made when it is not there
+    /// Folder to write to; created if missing
     #[arg(value_name = "DIR")]
     folder: PathBuf,
-    /// Name or IP address by which clients reach the server; may be given several times
+    /// Name or IP address by which clients reach the server; repeat it for more
     #[arg(long = "name", value_name = "NAME", default_values = ["localhost", "127.0.0.1", "::1"])]
     names: Vec<String>,
     /// Days for which the certificates are valid
@@ -108,7 +111,7 @@ fn params(args: &Args, names: &[String]) -> Result<CertificateParams, rcgen::Err
 fn token() -> Outcome<String> {
     let mut random = [0; TOKEN_BYTES];
     getrandom::fill(&mut random).map_err(|error| {
-        Failure::new(Exit::System, format_args!("the system has no random bytes: {error}"))
+        Failure::new(Exit::System, format_args!("the system gives no random bytes: {error}"))
     })?;
     Ok(random.iter().map(|byte| format!("{byte:02x}")).chain(["\n".to_owned()]).collect())
 }

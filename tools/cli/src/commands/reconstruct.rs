@@ -19,12 +19,16 @@ use crate::output::number;
 use crate::output::target::{self, is_standard};
 use crate::pictures::{Drawn, SharedPoints, Shot, scene_of};
 
-/// Draw a frame of a recording, and with --reference the same by rays
+/// Draw a frame of a recording as a picture, and compare it with ray tracing
 ///
-/// AO comes from the stream alone; the scene's geometry, which a client has anyway, is loaded by the name or path in the
-/// recording, and edited as it was at that frame. With --reference, FILE.reference.png, FILE.difference.png (red: too bright, blue: too dark) and
-/// FILE.side-by-side.png are written as well, and the errors are printed: the figures of `psao evaluate`.
+/// AO comes from the stream alone. The geometry, which a client has anyway, is loaded by the scene name or path in the
+/// recording and edited as it was at that frame. With --reference, psao also writes FILE.reference.png, FILE.difference.png
+/// (red: too bright, blue: too dark) and FILE.side-by-side.png, and prints the errors. docs/reconstruct-json.md describes
+/// the JSON.
 #[derive(clap::Args, Debug)]
+#[command(after_help = "Examples:
+  psao reconstruct a.psao --frame 60 -o a.png
+  psao reconstruct a.psao --frame 60 --reference -o a.png")]
 pub(crate) struct Args {
     #[command(flatten)]
     recording: RecordingArg,
@@ -34,19 +38,19 @@ pub(crate) struct Args {
     /// Size of the picture
     #[arg(long, value_name = "WxH", default_value = "960x540")]
     size: SizeArg,
-    /// Camera: where it stands and what it looks at, in metres, and optionally its vertical field of view in degrees; by
-    /// default the scene's own at that time
+    /// Camera: its position and the point it looks at, in metres, and its vertical field of view in degrees [default: the
+    /// scene's own camera at that time]
     #[arg(long, value_name = "X,Y,Z,X,Y,Z[,FOV]", allow_hyphen_values = true)]
     camera: Option<CameraArg>,
-    /// Trace the reference as well and compare
+    /// Trace a reference picture as well, and compare
     #[arg(long)]
     reference: bool,
-    /// Rays a pixel of the reference
+    /// Rays per pixel of the reference
     #[arg(long, value_name = "N", default_value_t = 512)]
     reference_rays: u32,
     #[command(flatten)]
     lpips: LpipsArgs,
-    /// Where the recorded scene is, if not where it was
+    /// Where the recorded scene is now, if it was moved
     #[arg(long, value_name = "NAME|FILE")]
     scene: Option<String>,
     /// The picture to write; - for standard output
@@ -101,7 +105,13 @@ impl FromStr for CameraArg {
             fov_y_deg,
             aspect: 1.0,
         };
-        if camera.is_valid() { Ok(Self(camera)) } else { Err(format!("a camera at \"{text}\" sees nothing")) }
+        if camera.is_valid() {
+            Ok(Self(camera))
+        } else {
+            Err(format!(
+                "\"{text}\" is no camera: position and target are equal, or the field of view is out of range"
+            ))
+        }
     }
 }
 
@@ -120,7 +130,10 @@ pub(crate) fn run(args: &Args) -> Outcome {
         .to(args.frame)
         .map_err(|reason| Failure::input(format_args!("{}: {reason}", path.display())))?;
     let (Some(table), Some(state)) = (playback.scene(), playback.state()) else {
-        return Err(Failure::input(format_args!("{}: it has no whole scene table", path.display())));
+        return Err(Failure::input(format_args!(
+            "{}: its scene table is damaged or missing",
+            path.display()
+        )));
     };
     let scene = scene_of(table.info(), args.scene.as_deref())?;
     let bar = progress("drawing", 1);

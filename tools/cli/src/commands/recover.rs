@@ -11,15 +11,17 @@ use crate::error::{Exit, Failure, Outcome};
 use crate::output::number;
 use crate::output::target::{self, Target};
 
-/// Copy what is whole of a recording, and make its index anew
+/// Copy the undamaged part of a broken recording, with a new index
 ///
-/// Damage is dropped, and with it the frames that build on what is lost, so that the copy plays without a fault; where
-/// something is missing, a mark says so. What was lost is listed. Exit code 0: nothing was; 4: something was.
+/// Damage is dropped, and with it the frames that build on what is lost, so the copy plays without an error. A mark in the
+/// copy shows where something is missing, and every loss is listed. Exit code 0: nothing was lost. 4: something was.
 #[derive(clap::Args, Debug)]
+#[command(after_help = "Example:
+  psao recover broken.psao -o whole.psao")]
 pub(crate) struct Args {
     #[command(flatten)]
     recording: RecordingArg,
-    /// Keep whole frames too that cannot be applied because of damage before them
+    /// Also keep undamaged frames that cannot be applied because of damage before them
     #[arg(long)]
     keep_all: bool,
     #[command(flatten)]

@@ -20,18 +20,22 @@ use crate::output::frames::FrameLog;
 use crate::pace::Pacer;
 use crate::quantity::TimeSpan;
 
-/// Play a recording, in process or to clients over a network
+/// Play a recording, or serve it to clients
 ///
-/// Without --listen it is played into a client in this process. With --listen it waits for clients and serves the frames
-/// as they were recorded; who joins late gets a keyframe made from the state. With --from it starts at a keyframe before,
-/// and the first that goes out is a keyframe of the state there. Exit code 4: damaged frames were left out.
+/// Without --listen, a client in this process plays the recording. With --listen, psao waits for clients and sends the
+/// frames as they were recorded; a client that joins late gets a keyframe. With --from, the first frame sent is a keyframe
+/// of the state at that time. Exit code 4 means that damaged frames were left out.
 #[derive(clap::Args, Debug)]
+#[command(after_help = "Examples:
+  psao replay a.psao
+  psao replay a.psao --listen 127.0.0.1:4700
+  psao replay a.psao --from 2.5s --loop --pace wall --listen 127.0.0.1:4700")]
 pub(crate) struct Args {
     #[command(flatten)]
     recording: RecordingArg,
     #[command(flatten)]
     network: ListenArgs,
-    /// Wait for so many clients before the first frame
+    /// Wait for this number of clients before the first frame
     #[arg(long, value_name = "N", default_value_t = 1, requires = "listen")]
     clients: usize,
     /// When a frame goes out
@@ -51,7 +55,7 @@ pub(crate) struct Args {
     again: bool,
     #[command(flatten)]
     format: FormatArg,
-    /// Totals alone
+    /// Print the totals only
     #[arg(long)]
     quiet: bool,
 }
@@ -59,11 +63,11 @@ pub(crate) struct Args {
 /// `--pace`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Pace {
-    /// At the recorded times; what is late is caught up with
+    /// At the recorded times; late frames follow at once
     Wall,
-    /// As fast as the clients take them
+    /// As fast as the clients apply them
     Fast,
-    /// Each frame when every client has applied the one before
+    /// Each frame once every client has applied the one before
     Step,
 }
 

@@ -11,15 +11,20 @@ use crate::output::csv::Csv;
 use crate::output::number;
 use crate::output::table::Figures;
 
-/// What is built in, and what each scene needs
+/// List the built-in scenes, or describe scene files
 ///
-/// With files, the same for each of them. What a scene does not need is left out of its stream.
+/// Lists the size of each scene, and the features that it needs from a stream: skinning, rigid motion and so on. A stream
+/// leaves out what its scene does not need.
 #[derive(clap::Args, Debug)]
+#[command(after_help = "Examples:
+  psao scenes
+  psao scenes --instances colonnade
+  psao scenes my-scene.glb --format json")]
 pub(crate) struct Args {
-    /// Scene files (.toml, .gltf, .glb) or names to look at instead of the built-in scenes
+    /// Scene files (.toml, .gltf, .glb) or names to describe [default: all built-in scenes]
     #[arg(value_name = "NAME|FILE")]
     scenes: Vec<String>,
-    /// List the instances of each scene instead: what edits and pictures call them, and where they are at the start
+    /// List the instances of each scene: index, name, and place at the start
     #[arg(long)]
     instances: bool,
     #[command(flatten)]

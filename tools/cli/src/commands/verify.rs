@@ -10,11 +10,13 @@ use crate::context::{progress, say};
 use crate::error::{Exit, Failure, Outcome};
 use crate::output::table::Figures;
 
-/// Check a recording in every way there is
+/// Check a recording: checksums, order, state hashes, index
 ///
-/// Exit code 0: whole and right. 4: damaged, but what is left is right. 6: a state hash is wrong. 3: not a recording. A
-/// recorder that could not keep up has marked the gap; that is a note, no damage.
+/// Exit code 0: whole and correct. 3: not a recording. 4: damaged, but the rest is correct. 6: a state hash is wrong. A gap
+/// that the recorder marked, because it could not keep up, is a note and no damage.
 #[derive(clap::Args, Debug)]
+#[command(after_help = "Example:
+  psao verify a.psao")]
 pub(crate) struct Args {
     #[command(flatten)]
     recording: RecordingArg,

@@ -13,20 +13,24 @@ use crate::error::{Exit, Failure, Outcome};
 use crate::output::plot::{Bar, Plot};
 use crate::output::target;
 
-/// Bytes per frame and part of a recording
+/// Show where the bytes of a recording went
 ///
-/// Every byte of the file is counted once, in a part of a frame or in the overhead. A damaged recording is read as far
-/// as it is whole; the exit code is then 4.
+/// Every byte of the file is counted once, in a part of a frame or as overhead. A damaged recording is read as far as it is
+/// whole; the exit code is then 4. docs/inspect-json.md describes the JSON; CSV has a row for each frame.
 #[derive(clap::Args, Debug)]
+#[command(after_help = "Examples:
+  psao inspect a.psao
+  psao inspect a.psao --per-frame --plot a.svg
+  psao inspect a.psao --format json")]
 pub(crate) struct Args {
     #[command(flatten)]
     recording: RecordingArg,
-    /// A line for every frame as well
+    /// Print a row for every frame as well
     #[arg(long)]
     per_frame: bool,
     #[command(flatten)]
     format: FormatArg,
-    /// Draw bytes per frame, stacked by part, into this SVG file
+    /// Draw bytes per frame, stacked by part, into this SVG file; - for standard output
     #[arg(long, value_name = "FILE.svg")]
     plot: Option<PathBuf>,
 }

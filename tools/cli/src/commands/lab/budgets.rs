@@ -21,22 +21,24 @@ use crate::output::table::Figures;
 use crate::producer::{refused, settings, show_progress};
 use crate::quantity::Share;
 
-/// Byte budgets as shares of what a stream takes without one: bytes, and how far clients are off
+/// Measure the AO error that byte budgets cause
 ///
-/// AO is traced once and then written without a budget, and with each share of the mean bytes of a frame that this took,
-/// the first frame left out. The error is the difference in 255ths between the AO that clients hold and the newest that the
-/// server knows, over the points that the stream without a budget sends again at all, in every frame; "weighed" is its mean
-/// by the area of the points on the screen. All AO of the clip is kept in memory: a byte a point and frame. The figures are
-/// the same on any machine.
+/// AO is traced once. It is then encoded without a budget, and with each share of the mean frame size that this took, not
+/// counting the first frame. The error is the difference, in steps of 1/255, between the AO that clients hold and the
+/// newest that the server knows. It covers the points that the stream without a budget sends again, in every frame;
+/// "weighed" is its mean weighted by screen area. All AO of the clip stays in memory: a byte for each point and frame. The
+/// figures are the same on any machine.
 #[derive(clap::Args, Debug)]
+#[command(after_help = "Example:
+  psao lab budgets --scene robot-lab --points 128 --shares 50%,25%")]
 pub(crate) struct Args {
-    /// Built-in scene (see `psao scenes`), or a .toml scene file, .gltf or .glb
+    /// Name of a built-in scene (see `psao scenes`), or a file: .toml, .gltf or .glb
     #[arg(long, value_name = "NAME|FILE")]
     scene: String,
-    /// Frames to compare, the first state included
+    /// Frames to compare, including the first
     #[arg(long, value_name = "N", default_value_t = 60, value_parser = clap::value_parser!(u32).range(2..))]
     frames: u32,
-    /// Budgets as shares of what a frame takes on average without one, in whole percent
+    /// Budgets as shares of the mean frame size without a budget, in whole percent
     #[arg(long, value_name = "SHARE,..", value_delimiter = ',', default_values = ["100%", "50%", "25%", "10%"],
         value_parser = percent)]
     shares: Vec<u32>,
@@ -44,7 +46,7 @@ pub(crate) struct Args {
     age: AgeArg,
     #[command(flatten)]
     points: PointArgs,
-    /// Block coder: range, zstd, zstd:LEVEL, lz4 or none
+    /// Compression of blocks: range, zstd, zstd:LEVEL, lz4 or none
     #[arg(long, value_name = "CODER", default_value = "range")]
     compress: Coder,
     #[command(flatten)]

@@ -17,65 +17,68 @@ use crate::error::{Exit, Failure, Outcome};
 use crate::output::{number, table::Figures};
 use crate::quantity::{During, RateLimit, Share, Size, TimeSpan};
 
-/// A stream over bad networks: what clients get, how late, and that none of it is wrong
+/// Send a stream over a simulated bad network, and measure what clients get
 ///
-/// Plays a recording, or a built-in sample of a few points, to clients over a network in virtual time: minutes pass in
-/// moments, and the same seed gives the same run. Lists (0,1,5%) run one row for each. Every applied frame's state is
-/// compared with the source's; exit code 6 when one differs.
+/// Sends a recording, or a built-in sample of a few points, to clients over a network in virtual time: minutes take
+/// moments, and the same seed gives the same run. A list (0,1%,5%) runs a row for each value. The state after every applied
+/// frame is compared with the source's; if one differs, the exit code is 6. docs/netlab-json.md describes the JSON.
 #[derive(clap::Args, Debug)]
+#[command(after_help = "Examples:
+  psao lab network --loss 5% --delay 40ms --jitter 10ms --rate 2Mbit/s --stall 3s@10s
+  psao lab network a.psao --loss 0,1%,5%,20% --delay 40ms --format json")]
 pub(crate) struct Args {
-    /// A recording made by `psao record`; the built-in sample without one
+    /// A recording made by `psao record`, - for standard input [default: a built-in sample]
     #[arg(value_name = "FILE")]
     file: Option<PathBuf>,
     /// Profile of the built-in sample
     #[arg(long, value_enum, default_value_t = ProfileArg::Surface, conflicts_with = "file")]
     profile: ProfileArg,
-    /// Clients, each behind such a network of its own
+    /// Number of clients, each with its own network
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=256))]
     clients: u32,
-    /// How updates go: over the connection, or as datagrams
+    /// How updates are sent
     #[arg(long, value_enum, value_delimiter = ',', default_values_t = [ModeArg::Stream, ModeArg::Datagram])]
     mode: Vec<ModeArg>,
-    /// Packets lost, each way
+    /// Share of packets lost, in each direction
     #[arg(long, value_name = "SHARE,..", value_delimiter = ',', default_value = "0")]
     loss: Vec<Share>,
-    /// Packets that come twice
+    /// Share of packets that arrive twice
     #[arg(long, value_name = "SHARE", default_value = "0")]
     duplicate: Share,
-    /// Packets held back by up to 50 ms, so that later ones overtake them
+    /// Share of packets delayed by up to 50 ms, so that later packets overtake them
     #[arg(long, value_name = "SHARE", default_value = "0")]
     reorder: Share,
-    /// Time that packets are on the way, each way
+    /// Delay of packets, in each direction
     #[arg(long, value_name = "TIME,..", value_delimiter = ',', default_value = "20ms",
         value_parser = TimeSpan::within_an_hour)]
     delay: Vec<TimeSpan>,
-    /// Time beyond that, drawn for each packet, at most
+    /// Most additional delay, drawn for each packet
     #[arg(long, value_name = "TIME", default_value = "0", value_parser = TimeSpan::within_an_hour)]
     jitter: TimeSpan,
-    /// What leaves a second, each way: 2mbit, none
+    /// Bandwidth in each direction, such as 2Mbit/s; none for no limit
     #[arg(long, value_name = "RATE,..", value_delimiter = ',', default_value = "none")]
     rate: Vec<RateLimit>,
-    /// Bytes that may wait to leave
+    /// Size of the send queue
     #[arg(long, value_name = "SIZE", default_value_t = Size(Conditions::default().queue_bytes.into()),
         value_parser = |text: &str| Size::between(text, 0, u32::MAX.into()))]
     queue: Size,
-    /// Most bytes of a packet
+    /// Size limit of a packet
     #[arg(long, value_name = "SIZE", default_value_t = Size(Conditions::default().mtu.into()),
         value_parser = |text: &str| Size::between(text, 0, u16::MAX.into()))]
     mtu: Size,
-    /// Nothing moves for so long from then on: 3s@10s; may be given more than once
+    /// Deliver nothing for a while and then everything: 3s@10s lasts 3 s from 10 s on; repeat it for more
     #[arg(long, value_name = "TIME@TIME")]
     stall: Vec<During>,
-    /// All is lost for so long from then on; may be given more than once
+    /// Lose every packet for a while: 3s@10s lasts 3 s from 10 s on; repeat it for more
     #[arg(long, value_name = "TIME@TIME")]
     blackhole: Vec<During>,
-    /// The connection breaks then; may be given more than once
+    /// Break the connection at this time; repeat it for more
     #[arg(long, value_name = "TIME", value_parser = TimeSpan::within_an_hour)]
     reset: Vec<TimeSpan>,
-    /// Time after which a client whose connection broke connects again
+    /// Time until a client reconnects after its connection broke
     #[arg(long, value_name = "TIME", default_value = "1s", value_parser = TimeSpan::within_an_hour)]
     reconnect: TimeSpan,
-    /// Seed of all chance: same seed, same run
+    /// Seed of all randomness; the same seed gives the same run
     #[arg(long, value_name = "S", default_value_t = 1)]
     seed: u64,
     /// Length of the run in virtual time, at most a day [default: a whole recording and 2s; 20s of the sample]
@@ -84,7 +87,7 @@ pub(crate) struct Args {
     /// The older spelling of --duration
     #[arg(long, hide = true, conflicts_with = "duration", value_parser = clap::value_parser!(u64).range(1..=86_400))]
     seconds: Option<u64>,
-    /// Frames a second; the stream's own unless given
+    /// Frames per second [default: the stream's own]
     #[arg(long, value_name = "F")]
     fps: Option<f64>,
     #[command(flatten)]
@@ -106,7 +109,7 @@ fn duration(text: &str) -> Result<TimeSpan, String> {
 enum ModeArg {
     /// Over the connection, reliable and in order
     Stream,
-    /// As datagrams, for which nothing waits
+    /// As datagrams, unordered and without retransmission
     Datagram,
 }
 

@@ -20,42 +20,47 @@ use crate::output::target;
 /// Differing rays that are shown.
 const SHOWN: usize = 8;
 
-/// Rays a second on one thread: the server's own tracer, and single rays through a plain box tree
+/// Measure rays per second on one thread, beside a plain tracer
 ///
-/// Takes all AO rays of some points of the scene's first frame, traces them both ways in turns, and compares hit by hit.
-/// Masked triangles are solid here. A ray that grazes an edge may be a hit for one and not for the other, as they
-/// round differently. --dump writes the same rays and triangles for other tracers: three u32 (vertices, triangles, rays),
-/// vertices of three f32, triangles of three u32, rays of seven f32 (origin, unit direction, length), little endian, metres.
+/// Takes all AO rays of a sample of points in the scene's first frame, and traces them with the server's tracer and as
+/// single rays through a plain tree, in turns. Compares the results hit by hit. Masked triangles count as solid. A ray that
+/// grazes an edge may hit in one and miss in the other, because they round differently. docs/bench-json.md describes the
+/// JSON.
+///
+/// --dump writes the same rays and triangles for other tracers, little-endian and in metres: three u32 (numbers of vertices,
+/// triangles, rays), vertices of three f32, triangles of three u32, rays of seven f32 (origin, unit direction, length).
 #[derive(clap::Args, Debug)]
+#[command(after_help = "Example:
+  psao lab rays --scene colonnade")]
 pub(crate) struct Args {
-    /// Built-in scene (see `psao scenes`), or a .toml scene file, .gltf or .glb
+    /// Name of a built-in scene (see `psao scenes`), or a file: .toml, .gltf or .glb
     #[arg(long, value_name = "NAME|FILE")]
     scene: String,
-    /// Points per square metre of surface, of which the sample is taken
+    /// Points per square metre of surface, from which the sample is taken
     #[arg(long = "points", visible_alias = "per-m2", default_value_t = 64.0, value_name = "N_PER_M2")]
     per_m2: f32,
-    /// Points to trace, at most, evenly spread over all
+    /// Most points to trace, evenly spread over all
     #[arg(long, default_value_t = 3000, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     sample: u32,
-    /// Rays a point
+    /// Rays per point
     #[arg(long, default_value_t = 192, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
     rays: u32,
-    /// Length of the rays in metres; the scene's own by default
+    /// Length of the rays in metres [default: the scene's own]
     #[arg(long, value_name = "M")]
     radius: Option<f32>,
-    /// What a ray looks for: the nearest hit, or any
+    /// What a ray that hits something adds to the AO value; binary looks for any hit, obscurance for the nearest
     #[arg(long, value_enum, default_value_t = OcclusionArg::Obscurance)]
     occlusion: OcclusionArg,
-    /// Seed of the points and their rays, and of which points are taken
+    /// Seed of the points, their rays and the sample
     #[arg(long, default_value_t = 1, value_name = "S")]
     seed: u64,
-    /// How often each is measured
+    /// Number of measurements of each tracer
     #[arg(long, default_value_t = 9, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1000))]
     rounds: u32,
-    /// Instructions to trace with, such as sse2 or avx2; the best of this machine by default
+    /// Instruction set to trace with, such as sse2 or avx2 [default: the best of this machine]
     #[arg(long, value_name = "NAME")]
     instructions: Option<String>,
-    /// Writes triangles and rays to a file
+    /// Write triangles and rays to this file; - for standard output
     #[arg(long, value_name = "FILE")]
     dump: Option<PathBuf>,
     #[command(flatten)]
@@ -117,7 +122,7 @@ pub(crate) fn run(args: &Args) -> Outcome {
     if rays.is_empty() {
         return Err(Failure::new(
             Exit::Input,
-            "nothing of the scene is in sight at its start: no rays to trace",
+            "the scene shows nothing at its start: there are no rays to trace",
         ));
     }
     if let Some(path) = &args.dump {
@@ -148,7 +153,7 @@ fn instructions(name: Option<&str>) -> Outcome<Instructions> {
     found.copied().ok_or_else(|| {
         let names: Vec<String> = all.iter().map(|one| one.name().to_lowercase()).collect();
         Failure::input(format_args!(
-            "no instructions {name:?} on this machine: there are {}",
+            "this machine does not have the instruction set {name:?}: there are {}",
             names.join(", ")
         ))
     })

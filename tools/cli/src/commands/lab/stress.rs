@@ -9,13 +9,16 @@ use crate::error::{Exit, Failure, Outcome};
 use crate::output::csv::Csv;
 use crate::output::table::Figures;
 
-/// Where the method's own structures give way: case, bound, measured worst, verdict
+/// Run the cases that are hard for the method, and check their bounds
 ///
-/// "known limit" is a bound that the paper's own structure breaks, by no more than is documented. Exit code 6 when a
-/// case fails.
+/// "known limit" marks a bound that the paper's own structure breaks, by no more than is documented. The exit code is 6 if
+/// a case fails.
 #[derive(clap::Args, Debug)]
+#[command(after_help = "Examples:
+  psao lab stress
+  psao lab stress --only hash")]
 pub(crate) struct Args {
-    /// Only the cases whose name holds this
+    /// Run only the cases whose name contains this
     #[arg(long, value_name = "TEXT")]
     only: Option<String>,
     #[command(flatten)]
@@ -39,7 +42,9 @@ pub(crate) fn run(args: &Args) -> Outcome {
         .filter(|case| args.only.as_deref().is_none_or(|part| case.name().contains(part)))
         .collect();
     if chosen.is_empty() {
-        return Err(Failure::usage("no case has that in its name; `psao lab stress` alone lists them"));
+        return Err(Failure::usage(
+            "no case has a name that contains this; `psao lab stress` alone lists them",
+        ));
     }
     let bar = progress("stress", chosen.len() as u64);
     let mut outcomes = Vec::new();

@@ -24,32 +24,36 @@ use crate::recorder::{Recorder, check_place};
 use line::{Late, Line};
 use outlet::Outlet;
 
-/// A live server: traces the scene as it plays and sends what changed to every client
+/// Trace a scene live and send its AO stream to clients
 ///
-/// The clip plays over and over until Ctrl-C or --frames. Nothing is traced while nobody listens. A frame that takes
-/// longer than its time is followed by the one that is then due; how many were skipped is printed at the end. So that few
-/// are, points are left over when time is short and traced later (--frame-time). A frame is written and sent while the next
-/// one is traced (profile surface). With --record
-/// the recording listens too: the clip plays from the start. A slow or full disk costs frames of the recording, never of
-/// the stream; exit code 1 then means that the disk failed.
+/// The animation plays in a loop until Ctrl-C or --frames. Nothing is traced while no client is connected. A frame that
+/// takes longer than its time is followed by the frame that is then due; the number of skipped frames is printed at the
+/// end. To skip few, points are traced later when time is short (--frame-time). With profile surface, a frame is encoded
+/// and sent while the next one is traced.
+///
+/// With --record, the animation plays from the start without a client. A slow or full disk costs frames of the recording,
+/// never of the stream. Exit code 1 then means that the disk failed.
 #[derive(clap::Args, Debug)]
+#[command(after_help = "Examples:
+  psao serve --scene colonnade
+  psao serve --scene robot-lab --fps 30 --frame-time 20ms
+  psao serve --scene robot-lab --record live.psao --listen unix:/tmp/psao.socket")]
 pub(crate) struct Args {
     #[command(flatten)]
     stream: StreamArgs,
     #[command(flatten)]
     network: ListenArgs,
-    /// Stop after so many frames
+    /// Stop after this number of frames
     #[arg(long, value_name = "N")]
     frames: Option<u64>,
-    /// Whether clients may change the scene: what one moves, hides or shows, all of them get, and the AO follows
+    /// Whether clients may change the scene; all clients see the change, and the AO follows
     #[arg(long, value_enum, default_value_t = EditsArg::Allow)]
     edits: EditsArg,
-    /// Time for tracing a frame: what is left over then is traced in later ones, what is largest on the screen and has
-    /// waited longest first. auto is the time from frame to frame; off traces everything, however long that takes. Clients
-    /// draw as often as they like
+    /// Time limit for tracing a frame. Points left over are traced in later frames, by screen size and waiting time. auto
+    /// is the time from frame to frame; off traces everything, however long that takes
     #[arg(long, value_name = "auto|off|TIME", default_value = "auto", conflicts_with = "ray_budget")]
     frame_time: FrameTime,
-    /// Send stage times with every frame
+    /// Send the server's stage times with every frame
     #[arg(long)]
     timings: bool,
     /// Record the stream into this file as well; - for standard output
@@ -155,7 +159,10 @@ struct Counts {
 impl Counts {
     /// Says how it went.
     fn tell(&self, late: Late) {
-        eprintln!("{} frames sent, {} skipped because the one before took too long", self.sent, self.skipped);
+        eprintln!(
+            "{} frames sent, {} skipped because the frame before took too long",
+            self.sent, self.skipped
+        );
         if late.frames > 0 {
             eprintln!(
                 "in {} frames points waited for rays: {} at most, for {} frames at most (--frame-time)",

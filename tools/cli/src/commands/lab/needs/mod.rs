@@ -16,27 +16,31 @@ use crate::context::say_json;
 use crate::error::{Failure, Outcome};
 use crate::producer::settings;
 
-/// What a scene does not need, and what leaving it out saves: bytes, rays, milliseconds
+/// Show which features a scene does not use, and what skipping each one saves
 ///
-/// First what is in the scene, by groups of instances that need the same. Then each thing that is left out for that: the
-/// stream is made with it, and without; where only the server's work is saved, every frame must be the same to the bit
-/// (exit code 6 if not). Rounds take the ways in turn, each in another order; times are medians over the rounds of what
-/// one way took more than the other in the same round, with the least and the most. All figures but bytes once are of the
-/// frames after the first. Times are of this machine; all else is the same on any.
+/// First lists the scene's instances in groups that need the same features. Then measures each saving: the stream is made
+/// with the feature and without. Where only server work is saved, every frame must be bit-identical; if not, the exit code
+/// is 6.
+///
+/// Each round runs every configuration once, in rotating order. Times are the median (min to max) over rounds of the
+/// difference to the full configuration. All figures except "B once" cover the frames after the first. Only times depend on
+/// the machine. docs/needs-json.md describes the JSON.
 #[derive(clap::Args, Debug)]
+#[command(after_help = "Example:
+  psao lab needs colonnade --points 64")]
 pub(crate) struct Args {
-    /// Built-in scene (see `psao scenes`), or a .toml scene file, .gltf or .glb
+    /// Name of a built-in scene (see `psao scenes`), or a file: .toml, .gltf or .glb
     #[arg(value_name = "NAME|FILE")]
     scene: String,
-    /// Frames of each run, the first state included
+    /// Frames of each run, including the first
     #[arg(long, value_name = "N", default_value_t = 30, value_parser = clap::value_parser!(u32).range(2..))]
     frames: u32,
-    /// Rounds of all runs
+    /// Number of rounds
     #[arg(long, value_name = "K", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000))]
     rounds: u32,
     #[command(flatten)]
     points: PointArgs,
-    /// Block coder: range, zstd, zstd:LEVEL, lz4 or none
+    /// Compression of blocks: range, zstd, zstd:LEVEL, lz4 or none
     #[arg(long, value_name = "CODER", default_value = "range")]
     compress: Coder,
     #[command(flatten)]
@@ -45,7 +49,9 @@ pub(crate) struct Args {
 
 pub(crate) fn run(args: &Args) -> Outcome {
     if args.points.exhaustive {
-        return Err(Failure::usage("--exhaustive leaves nothing out that could be measured: do without it"));
+        return Err(Failure::usage(
+            "--exhaustive skips nothing, so there is nothing to measure: leave it out",
+        ));
     }
     let scene = Arc::new(Scene::load(&args.scene).map_err(Failure::input)?);
     let coder = ProfileArg::Surface.coder(Some(args.compress))?;

@@ -15,41 +15,45 @@ use crate::context::say_json;
 use crate::error::{Failure, Outcome};
 use crate::producer::{refused, settings, show_progress};
 
-/// Both profiles on the same scene, points and rays: bytes by part, Mbit/s, times, error, PSNR
+/// Compare both stream formats on the same rays: bytes, times, errors
 ///
-/// AO is traced once a frame and written in both profiles, with the same points, visibility and threshold; the bytes of
-/// each are those that `psao record --profile` writes with the same options. A client of each follows every frame, and
-/// its state hash must be the server's (exit code 6 if not). "As the paper counts" is the compressed blocks that hold
-/// points, after the first state: cells and buckets, or changes and values. "Everything" adds poses, headers, the wire
-/// frames around them, and frames in which nothing changed. The error is that of the AO that the client holds for the
-/// points in view against AO that was neither rounded nor held back by a threshold; points that the paper's tables have
-/// no room for are counted apart. Times are of this machine; all else is the same on any.
+/// AO is traced once a frame and encoded in both profiles with the same points, visibility and threshold. The bytes of each
+/// are those that `psao record --profile` writes with the same options. A client of each follows every frame, and its state
+/// hash must equal the server's; if not, the exit code is 6.
+///
+/// "As the paper counts" is the compressed blocks that hold points, after the first frame. "Everything" adds poses, headers,
+/// the wire frames around them, and frames in which nothing changed. The error compares the client's AO of the points in
+/// view with AO that was neither rounded nor held back by a threshold. Points for which the paper's tables have no room are
+/// counted separately. Only times depend on the machine. docs/compare-json.md describes the JSON.
 #[derive(clap::Args, Debug)]
+#[command(after_help = "Examples:
+  psao lab profiles --scene robot-lab --pictures 60
+  psao lab profiles --scene colonnade --format json")]
 pub(crate) struct Args {
-    /// Built-in scene (see `psao scenes`), or a .toml scene file, .gltf or .glb
+    /// Name of a built-in scene (see `psao scenes`), or a file: .toml, .gltf or .glb
     #[arg(long, value_name = "NAME|FILE")]
     scene: String,
-    /// Frames to compare, the first state included
+    /// Frames to compare, including the first
     #[arg(long, value_name = "N", default_value_t = 120, value_parser = clap::value_parser!(u32).range(2..))]
     frames: u32,
     #[command(flatten)]
     points: PointArgs,
-    /// Block coder of profile paper: zstd, zstd:LEVEL, lz4 or none
+    /// Compression of profile paper: zstd, zstd:LEVEL, lz4 or none
     #[arg(long, value_name = "CODER", default_value = "zstd:15")]
     paper_compress: Coder,
-    /// Block coder of profile surface: range, zstd, zstd:LEVEL, lz4 or none
+    /// Compression of profile surface: range, zstd, zstd:LEVEL, lz4 or none
     #[arg(long, value_name = "CODER", default_value = "range")]
     surface_compress: Coder,
-    /// Draw these frames in both profiles, and compare them with rays
+    /// Draw these frames in both profiles, and compare them with ray tracing
     #[arg(long, value_name = "F,F,..", value_delimiter = ',')]
     pictures: Vec<u32>,
     /// Size of the pictures
     #[arg(long, value_name = "WxH", default_value = "960x540")]
     size: SizeArg,
-    /// Rays a pixel of the reference pictures
+    /// Rays per pixel of the reference pictures
     #[arg(long, value_name = "N", default_value_t = 512)]
     reference_rays: u32,
-    /// Write the pictures into this folder: by rays, paper and surface side by side, and each alone
+    /// Write the pictures into this folder: reference, paper and surface, side by side and alone
     #[arg(short, long, value_name = "FOLDER", requires = "pictures")]
     output: Option<PathBuf>,
     #[command(flatten)]

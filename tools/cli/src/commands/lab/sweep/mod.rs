@@ -30,67 +30,71 @@ use crate::cache::{Folder, as_cache};
 use crate::context::{Stopwatch, progress};
 use crate::error::{Exit, Failure, Outcome};
 
-/// Settings of the stream and other methods, swept: error against bytes, time and memory
+/// Compare stream settings and other AO methods: error against bytes and time
 ///
 /// Each scene is streamed in memory once for every setting, decoded, reconstructed, and compared with rays traced for every
-/// pixel; methods that see the screen alone shade the same pictures. One axis is swept at a time, the others at what is
-/// usual (512 points, 32 bit, threshold 8, 192 rays, 60 Hz, range, surface) where it is on the list and else at the list's
-/// first; --full sweeps every combination. Profile paper takes zstd:15 where the range coder is listed. Pictures are drawn
-/// with the newest frame that began by their time: at a lower rate they show older AO. Times are of this machine, medians
-/// over all frames after the first state and all repeats; everything else is the same on any.
+/// pixel. Screen-space methods shade the same pictures. One axis is swept at a time. The other axes stay at their usual
+/// value (512 points, 32 bit, threshold 8, 192 rays, 60 Hz, range, surface) if it is listed, else at the first of the list.
+/// --full sweeps every combination. Profile paper uses zstd:15 where the range coder is listed.
 ///
-/// texture-space stands for streams of textures: AO in an atlas of blocks, one for two triangles each, sent as video
-/// by x264. It takes an ffmpeg that has x264; without one it is left out, and that is said.
+/// A picture uses the newest frame that began by its time, so a lower frame rate shows older AO. Times are medians over all
+/// frames after the first and all repeats, on this machine; all other figures are the same on any machine.
 ///
-/// With --out, every finished setting is kept at once; --resume goes on where a run was cut off.
+/// texture-space is the baseline of streamed textures: AO in a texture atlas, with a block for two triangles, sent as x264
+/// video. It needs an ffmpeg with x264. Without one it is left out, and the output says so.
+///
+/// With --out, each result is saved as soon as it is measured; --resume continues an interrupted run.
+/// docs/evaluate-json.md describes the JSON.
 #[derive(clap::Args, Debug)]
+#[command(after_help = "Examples:
+  psao lab sweep colonnade --out sweep --recommend
+  psao lab sweep colonnade --table pyramid-hbao --radius 0.5,1,2")]
 pub(crate) struct Args {
-    /// Built-in scenes (see `psao scenes`), or .toml scene files, .gltf or .glb
+    /// Names of built-in scenes (see `psao scenes`), or files: .toml, .gltf or .glb
     #[arg(value_name = "SCENE", required = true)]
     scenes: Vec<String>,
     #[command(flatten)]
     axes: AxisArgs,
-    /// Every combination instead of one axis at a time
+    /// Sweep every combination instead of one axis at a time
     #[arg(long)]
     full: bool,
     #[command(flatten)]
     texture: TextureArgs,
-    /// Methods to compare with, screen-space ones and texture-space: all, none, or names [default: all; of a table its own]
+    /// Other methods to compare, screen-space and texture-space: all, none, or names [default: all, or those of --table]
     #[arg(long, value_name = "NAME,..", value_delimiter = ',')]
     methods: Vec<String>,
-    /// No streams of points: other methods alone
+    /// Leave the streams of points out: compare other methods only
     #[arg(long)]
     no_streams: bool,
     /// Size of the pictures
     #[arg(long, value_name = "WxH", default_value = "480x270")]
     size: SizeArg,
-    /// Pixels that screen-space methods see beyond each edge; a tenth of the width unless given
+    /// Pixels that screen-space methods see beyond each edge [default: a tenth of the width]
     #[arg(long, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(0..=4096))]
     guard: Option<u32>,
-    /// Frames of the clip at the fastest rate of the sweep; slower streams cover the same time
+    /// Frames of the clip at the highest rate of the sweep; slower streams cover the same time
     #[arg(long, value_name = "N", default_value_t = 60, value_parser = clap::value_parser!(u32).range(2..))]
     frames: u32,
     /// Pictures to compare, spread over the clip
     #[arg(long, value_name = "K", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..))]
     pictures: u32,
-    /// Rays a pixel of the references
+    /// Rays per pixel of the references
     #[arg(long, value_name = "N", default_value_t = 512)]
     reference_rays: u32,
-    /// Runs that count: of the whole clip, and of each picture
+    /// Measured runs of the clip, and of each picture
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..))]
     repeats: u32,
-    /// Runs of each picture before those
+    /// Runs of each picture before the measured ones
     #[arg(long, value_name = "N", default_value_t = 1)]
     warm_up: u32,
-    /// Points that an instance has at least, however small its surface
+    /// Fewest points of an instance, however small its surface
     #[arg(long, default_value_t = 1024, value_name = "N")]
     min_points: u32,
-    /// Length of the rays in metres; of several each has a reference, streams and methods of its own [default: the scene's own;
-    /// 3 with --table far-field; 0.25,0.5,1,2,4 with --table pyramid-hbao]
+    /// Lengths of the rays in metres; each gets its own reference, streams and methods [default: the scene's own; 3 with
+    /// --table far-field; 0.25,0.5,1,2,4 with --table pyramid-hbao]
     #[arg(long, value_name = "M,..", value_delimiter = ',')]
     radius: Vec<f32>,
-    /// What a ray that hits contributes: its distance over the radius (an exponential of it with --table far-field), or
-    /// nothing
+    /// What a ray that hits something adds to the AO value; with --table far-field, an exponential of its distance
     #[arg(long, value_enum, default_value_t = OcclusionArg::Obscurance)]
     occlusion: OcclusionArg,
     /// Seed of the points and their rays
@@ -100,19 +104,19 @@ pub(crate) struct Args {
     lpips: LpipsArgs,
     /// Sweep and print what a table or figure of a paper shows, in every combination
     ///
-    /// What is swept is the table's own unless it is given.
+    /// Axes that are not given are those of the table.
     #[arg(long, value_enum, value_name = "NAME")]
     table: Option<TableArg>,
-    /// Say in words which setting to choose for which bandwidth, and for which time
+    /// Recommend a setting for each bandwidth and each time, in words
     #[arg(long)]
     recommend: bool,
     /// Write results.csv, results.json, report.html and the pictures into this folder
     #[arg(short, long, value_name = "FOLDER")]
     out: Option<PathBuf>,
-    /// Show the pictures of so many names on the page, those of the least errors; all by default
+    /// Show only the pictures of the N methods with the least errors on the page [default: all]
     #[arg(long, value_name = "N", requires = "out")]
     thumbnails: Option<usize>,
-    /// Keep what the folder has of these very settings, and measure the rest
+    /// Keep the results in the folder that match these settings, and measure the rest
     #[arg(long, requires = "out")]
     resume: bool,
     #[command(flatten)]
@@ -124,10 +128,10 @@ pub(crate) struct Args {
 /// What is swept of texture-space.
 #[derive(clap::Args, Clone, Debug)]
 struct TextureArgs {
-    /// Pixels of a screen of 1080 lines to a texel of texture-space, each way
+    /// Pixels per texel of texture-space, in each direction, on a screen of 1080 lines
     #[arg(long, value_name = "N,..", value_delimiter = ',', default_values_t = [8, 16, 32])]
     atlas: Vec<u32>,
-    /// Rate factors of x264 for texture-space, 0 (no loss) to 51
+    /// Rate factors of x264 for texture-space, 0 (lossless) to 51
     #[arg(long, value_name = "N,..", value_delimiter = ',', default_values_t = [23],
         value_parser = clap::value_parser!(u8).range(0..=51))]
     crf: Vec<u8>,
@@ -139,22 +143,22 @@ struct AxisArgs {
     /// Points per square metre [default: 256,512,1024]
     #[arg(long, value_name = "N,..", value_delimiter = ',')]
     points: Vec<f32>,
-    /// Bits of a packed point [default: 32,24,16; 32 of a table]
+    /// Bits of a packed point [default: 32,24,16; 32 with --table]
     #[arg(long, value_name = "32,24,16", value_delimiter = ',')]
     bits: Vec<u8>,
-    /// Steps of 1/255 by which AO must move to be sent again [default: 2,8; 8 of a table]
+    /// Steps of 1/255 by which AO must change to be sent again [default: 2,8; 8 with --table]
     #[arg(long, value_name = "STEPS,..", value_delimiter = ',', value_parser = clap::value_parser!(u8).range(1..))]
     threshold: Vec<u8>,
-    /// Rays a point [default: 64,192; 192 of a table]
+    /// Rays per point [default: 64,192; 192 with --table]
     #[arg(long, value_name = "N,..", value_delimiter = ',')]
     rays: Vec<u32>,
-    /// Frames a second [default: 15,60; of a table its own]
+    /// Frames per second [default: 15,60; with --table, those of the table]
     #[arg(long, value_name = "F,..", value_delimiter = ',')]
     fps: Vec<f32>,
-    /// Block coders: range, zstd, zstd:LEVEL, lz4 or none [default: range,zstd; range of a table]
+    /// Compression of blocks: range, zstd, zstd:LEVEL, lz4 or none [default: range,zstd; range with --table]
     #[arg(long, value_name = "CODER,..", value_delimiter = ',')]
     coder: Vec<Coder>,
-    /// Profiles [default: surface,paper]
+    /// Formats of the stream [default: surface,paper]
     #[arg(long, value_enum, value_name = "NAME,..", value_delimiter = ',')]
     profile: Vec<ProfileArg>,
 }

@@ -210,7 +210,9 @@ impl FromStr for Coder {
                 _ => return Err(format!("zstd has levels 1 to 22, not \"{level}\"")),
             },
             _ => {
-                return Err(format!("\"{text}\" is not a coder: choose range, zstd, zstd:LEVEL, lz4 or none"));
+                return Err(format!(
+                    "\"{text}\" is not a coder: choose range, zstd, zstd:LEVEL, lz4 or none"
+                ));
             }
         };
         Ok(Self(coder))

@@ -9,6 +9,7 @@
 mod bad_input;
 mod budgets;
 mod cache;
+mod command_line;
 mod crashes;
 mod edits;
 mod lab_network;

@@ -1,4 +1,4 @@
-//! Where every byte of a recording went. `inspect`, `verify` and `demo` print what is found here.
+//! Where every byte of a recording went, for `inspect` and `demo`.
 //!
 //! Each byte of the file is counted once: in a part of a frame, or in a part of the overhead. What the readers skip
 //! (damage) is overhead too, so the sums hold for any file.

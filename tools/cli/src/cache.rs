@@ -1,4 +1,4 @@
-//! Points of scenes, kept between runs in a folder of their own: a file for each set of scene and settings.
+//! A folder that keeps the points of scenes between runs: a file for each scene and settings.
 
 use std::ffi::OsStr;
 use std::fs::{self, File};
@@ -37,7 +37,7 @@ impl Folder {
         let file = File::open(self.file(key))?;
         let mut bytes = Vec::new();
         file.take(self.most_bytes + 1).read_to_end(&mut bytes)?;
-        // When it was used last; where that cannot be noted, the file goes a little early.
+        // Notes the last use. If that fails, the file is removed a little early.
         let _ = File::options()
             .append(true)
             .open(self.file(key))
@@ -45,7 +45,7 @@ impl Folder {
         Ok(bytes)
     }
 
-    /// Writes a file under another name first, so that it is there whole or not at all.
+    /// Writes a file under another name first, so that it appears whole or not at all.
     fn write(&self, key: &PointKey, bytes: &[u8]) -> io::Result<()> {
         fs::create_dir_all(&self.path)?;
         let mut file = tempfile::Builder::new().suffix(&format!(".{PARTIAL}")).tempfile_in(&self.path)?;
@@ -54,7 +54,7 @@ impl Folder {
         self.make_room()
     }
 
-    /// Removes the files that were not used for longest until the rest fits. Other files are left alone.
+    /// Removes the least recently used files until the rest fits. Other files are left alone.
     fn make_room(&self) -> io::Result<()> {
         let mut files = Vec::new();
         for entry in fs::read_dir(&self.path)? {
@@ -83,7 +83,7 @@ fn gone(error: &io::Error) -> bool {
     error.kind() == io::ErrorKind::NotFound
 }
 
-/// What the libraries are given.
+/// Returns the folder as the libraries take it.
 pub(crate) fn as_cache(folder: &Option<Folder>) -> Option<&dyn PointCache> {
     folder.as_ref().map(|folder| folder as &dyn PointCache)
 }
@@ -94,7 +94,7 @@ impl PointCache for Folder {
             .map_err(|error| {
                 if !gone(&error) {
                     eprintln!(
-                        "psao: {} cannot be read: {error}; the points are made anew",
+                        "psao: {} cannot be read: {error}; the points are computed again",
                         self.file(key).display()
                     );
                 }
@@ -105,14 +105,14 @@ impl PointCache for Folder {
     fn store(&self, key: &PointKey, bytes: &[u8]) {
         if let Err(error) = self.write(key, bytes) {
             eprintln!(
-                "psao: the points are not kept in {}: {error}; --cache names another folder, --no-cache none",
+                "psao: the points cannot be kept in {}: {error}; name another folder with --cache, or use --no-cache",
                 self.path.display()
             );
         }
     }
 
     fn refused(&self, key: &PointKey, reason: &EntryError) {
-        eprintln!("psao: {} is not used: {reason}; the points are made anew", self.file(key).display());
+        eprintln!("psao: {} is not used: {reason}; the points are computed again", self.file(key).display());
     }
 }
 

@@ -1,4 +1,4 @@
-//! The edge to the terminal: output, progress, the clock.
+//! The terminal and the system: output, progress, the clock, the network's runtime.
 
 use std::fmt::Display;
 use std::io::{ErrorKind, IsTerminal as _, Write as _};
@@ -31,7 +31,8 @@ pub(crate) fn say_json_line(value: &impl Serialize) -> Outcome {
         .map_err(|error| Failure::new(Exit::System, format_args!("cannot write JSON: {error}")))?)
 }
 
-/// A reader that went away (`psao inspect | head`) ends the command quietly.
+/// Returns the failure to write to standard output. A reader that closed the pipe (`psao inspect | head`) ends the command
+/// quietly.
 pub(crate) fn broken_output(error: &std::io::Error) -> Failure {
     if error.kind() == ErrorKind::BrokenPipe {
         std::process::exit(0);
@@ -39,7 +40,7 @@ pub(crate) fn broken_output(error: &std::io::Error) -> Failure {
     Failure::new(Exit::System, format_args!("cannot write to standard output: {error}"))
 }
 
-/// A progress bar on standard error: shown on a terminal, silent elsewhere.
+/// Returns a progress bar on standard error: shown on a terminal, silent elsewhere.
 pub(crate) fn progress(what: &'static str, total: u64) -> ProgressBar {
     let target = if std::io::stderr().is_terminal() {
         ProgressDrawTarget::stderr()
@@ -80,7 +81,7 @@ impl Stopwatch {
     }
 }
 
-/// A runtime for sockets: they go on while a frame is traced in [`tokio::task::block_in_place`].
+/// Returns a runtime for sockets, which continue while a frame is traced in [`tokio::task::block_in_place`].
 pub(crate) fn runtime() -> Outcome<tokio::runtime::Runtime> {
     tokio::runtime::Builder::new_multi_thread()
         .worker_threads(2)

@@ -1,4 +1,4 @@
-//! What a command ends with: an exit code a script can read and one sentence a person can.
+//! The failure of a command: an exit code for scripts and a sentence for people.
 
 use std::fmt;
 use std::path::Path;
@@ -15,7 +15,7 @@ pub(crate) enum Exit {
     Usage = 2,
     /// A scene, recording, file or machine was refused, or an option that does not fit it.
     Input = 3,
-    /// The command finished, but some of its input was damaged and left out.
+    /// The command is done, but damaged input was left out.
     DataLoss = 4,
     /// The network or the peer failed.
     Peer = 5,
@@ -62,7 +62,7 @@ impl Failure {
         }
     }
 
-    /// A file that could not be read: the reader named the wrong one, so this is bad input.
+    /// A file that could not be read; the command line names the wrong one, so this is bad input.
     pub(crate) fn reading(path: &Path, error: &std::io::Error) -> Self {
         Self::new(Exit::Input, format_args!("cannot read {}: {error}", path.display()))
     }

@@ -2,8 +2,8 @@
 
 use psao_proto::Micros;
 
-/// Keeps a replay to the recorded times. Every frame's time follows from the first frame's, never from when the one before
-/// went out, so a delay is caught up with and none is added up.
+/// Keeps a replay to the recorded times. Every frame is timed from the first one, never from the one before, so delays do
+/// not add up.
 #[derive(Debug)]
 pub(crate) struct Pacer {
     rate: f64,

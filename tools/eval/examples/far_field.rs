@@ -1,9 +1,10 @@
 //! Far-field obscurance and its mipmap method beside rays through the same depth field, as the tables and figures of
 //! Timonen (2013) have them: `cargo run --release -p psao-eval --example far_field -- FOLDER [SCENE [WIDTH [RAYS]]]`.
 
+mod stopwatch;
+
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::Instant;
 
 use psao_client::picture::Picture;
 use psao_client::{AoImage, Size};
@@ -13,17 +14,8 @@ use psao_eval::screen::{
     Traced,
 };
 use psao_server_sim::bvh::World;
-use psao_server_sim::clock::Clock;
 use psao_server_sim::scene::Scene;
-
-/// Microseconds since it was made.
-struct WallClock(Instant);
-
-impl Clock for WallClock {
-    fn micros(&self) -> u64 {
-        self.0.elapsed().as_micros() as u64
-    }
-}
+use stopwatch::Stopwatch;
 
 /// Radius in metres at which the falloff ends, and its rate: a far field worth the name.
 const RADIUS: f32 = 3.0;
@@ -77,7 +69,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     // The guard band of the paper: a tenth.
     let inner = Size::new(width, width * 9 / 16)?;
     let screen = Screen::new(&SceneView::new(&world), &scene.camera(1.0), inner, width / 10)?;
-    let clock = WallClock(Instant::now());
+    let clock = Stopwatch::start();
     let traced = |thickness| {
         let rays = Traced { rays, thickness, ..Traced::far(RADIUS, FALLOFF) };
         rays.shade(&screen, &clock).map(|shaded| shaded.image)

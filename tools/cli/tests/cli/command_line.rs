@@ -29,7 +29,7 @@ fn fed_fine(arguments: &[&str], input: &[u8]) -> Run {
 fn old_names_work_and_say_the_new_one() {
     for (old, new) in [
         (&["stress", "--only", "no such case"][..], "psao lab stress"),
-        (&["evaluate", "no-such-scene"], "psao lab sweep"),
+        (&["evaluate", "no-such-scene", "--methods", "none"], "psao lab sweep"),
         (&["compare-profiles", "--scene", "no-such-scene"], "psao lab profiles"),
         (&["compare-budgets", "--scene", "no-such-scene"], "psao lab budgets"),
         (&["needs", "no-such-scene"], "psao lab needs"),

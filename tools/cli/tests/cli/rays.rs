@@ -1,4 +1,4 @@
-//! `psao bench`: figures, dumps, and what is wrong on the command line.
+//! `psao lab rays`: figures, dumps, and what is wrong on the command line.
 
 use serde_json::Value;
 

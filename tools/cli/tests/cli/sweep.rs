@@ -1,4 +1,4 @@
-//! `psao evaluate`: sweeps that are measured, kept and gone on with.
+//! `psao lab sweep`: sweeps that are measured, kept and gone on with.
 
 use std::path::Path;
 

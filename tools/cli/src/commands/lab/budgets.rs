@@ -259,7 +259,7 @@ impl Errors {
         sum as f64 / self.histogram.iter().sum::<u64>().max(1) as f64
     }
 
-    /// The smallest difference that so many percent are no larger than.
+    /// Returns the smallest difference that `percent` of all differences do not exceed.
     fn quantile(&self, percent: u64) -> u8 {
         let wanted = (self.histogram.iter().sum::<u64>() * percent).div_ceil(100);
         let mut seen = 0;

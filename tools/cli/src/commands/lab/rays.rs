@@ -110,13 +110,13 @@ struct Difference {
 pub(crate) fn run(args: &Args) -> Outcome {
     let scene = Arc::new(Scene::load(&args.scene).map_err(Failure::input)?);
     let settings = PointSettings { per_m2: args.per_m2, minimum: 64, seed: args.seed };
-    let cache = Folder::of(&args.cache);
-    let points = generate_cached(&scene, &settings, as_cache(&cache), &|_, _| {}).map_err(Failure::points)?;
     let kind = args.occlusion.into();
     let radius = args.radius.unwrap_or_else(|| scene.ao_radius_m());
     let ao = AoSettings { rays: args.rays, radius, kind, seed: args.seed };
     let instructions = instructions(args.instructions.as_deref())?;
     let tracer = Tracer::new(ao).map_err(Failure::usage)?.with_instructions(instructions);
+    let cache = Folder::of(&args.cache);
+    let points = generate_cached(&scene, &settings, as_cache(&cache), &|_, _| {}).map_err(Failure::points)?;
     let probe = Probe::new(&scene, &points, tracer, args.sample, args.seed);
     let (rays, triangles) = (probe.rays(), probe.triangles());
     if rays.is_empty() {

@@ -157,7 +157,7 @@ struct Counts {
 }
 
 impl Counts {
-    /// Says how it went.
+    /// Prints the totals.
     fn tell(&self, late: Late) {
         eprintln!(
             "{} frames sent, {} skipped because the frame before took too long",
@@ -165,7 +165,7 @@ impl Counts {
         );
         if late.frames > 0 {
             eprintln!(
-                "in {} frames points waited for rays: {} at most, for {} frames at most (--frame-time)",
+                "in {} frames points waited for rays: at most {} points, for at most {} frames (--frame-time)",
                 number::count(late.frames),
                 number::count(late.points.into()),
                 late.oldest
@@ -191,7 +191,7 @@ async fn frames(args: &Args, line: &mut Line, hub: &Hub, counts: &mut Counts) ->
         let captured = hub.now();
         tokio::task::block_in_place(|| line.frame(number, &hub.views(), captured))?;
         if number == 0 {
-            // It traced every point of the scene, and would put hundreds of frames behind.
+            // The first frame traces every point; without a new start, hundreds of frames would be skipped.
             start = Instant::now();
         }
         counts.sent += 1;
@@ -202,7 +202,7 @@ async fn frames(args: &Args, line: &mut Line, hub: &Hub, counts: &mut Counts) ->
     Ok(())
 }
 
-/// Edits the scene as clients ask, and says who came and went and what was refused.
+/// Applies the edits of clients, and prints which clients came and went and what was refused.
 fn handle(edits: EditsArg, mut line: Option<&mut Line>, hub: &Hub) {
     let mut refused = BTreeMap::new();
     for event in hub.take_events() {
@@ -215,7 +215,7 @@ fn handle(edits: EditsArg, mut line: Option<&mut Line>, hub: &Hub) {
             other => network::tell(&other),
         }
     }
-    // A line for each client, however much it asks for.
+    // One line for each client, however many edits it sends.
     for (client, (reason, count)) in refused {
         let more =
             if count > 1 { format!(", and {} more edits", number::count(count - 1)) } else { String::new() };
@@ -223,7 +223,7 @@ fn handle(edits: EditsArg, mut line: Option<&mut Line>, hub: &Hub) {
     }
 }
 
-/// Takes an edit in from the next frame on.
+/// Applies an edit from the next frame on.
 fn take(edits: EditsArg, line: Option<&mut Line>, edit: &Edit) -> Result<(), String> {
     match line {
         _ if edits == EditsArg::Deny => Err("the server runs with --edits deny".to_owned()),

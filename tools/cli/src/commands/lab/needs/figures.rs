@@ -290,7 +290,7 @@ fn yes(is: bool, otherwise: &str) -> String {
     (if is { "yes" } else { otherwise }).to_owned()
 }
 
-/// A saving with its sign; one below a tenth is none.
+/// Returns a saving with its sign; one below a tenth is 0.
 fn signed(value: f64) -> String {
     match value.abs() {
         size if size < 0.05 => "0".to_owned(),

@@ -196,7 +196,7 @@ impl Runs<'_> {
             Ok((Figures { poses: [once, later], .. }, _)) => {
                 PartSaved { once: Some(once as i64), later: Some(later as i64), refused: None }
             }
-            // What the paper's tables have no room for is no reason to say nothing of the rest.
+            // Points that do not fit the paper's tables must not hide the other figures.
             Err(failure) => PartSaved { refused: Some(failure.to_string()), ..PartSaved::default() },
         }
     }

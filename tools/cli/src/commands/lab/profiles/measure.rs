@@ -32,7 +32,7 @@ pub(super) struct Side {
     pub(super) frames: Vec<Line>,
     /// Wire bytes of the scene table.
     pub(super) scene_bytes: u64,
-    /// Wire bytes of a keyframe for who joins after the last frame.
+    /// Wire bytes of a keyframe for a client that joins after the last frame.
     pub(super) join_bytes: u64,
     /// Over all frames after the first.
     pub(super) error: AoError,

@@ -20,7 +20,7 @@ impl Published {
         Self { scan: None, sum: None, obscurance: None, separation: None, all: Some(ms) }
     }
 
-    /// By the settings; the paper has nothing of slabs midway.
+    /// By the settings; the paper does not treat slabs midway.
     fn of(record: &Record) -> Self {
         let has = |part: &str| record.label.contains(part);
         if has("midway") {

@@ -137,6 +137,6 @@ mod tests {
         let record = record("scalable", 1.0);
         let alone = Entry { sampling: None, reach_px: None, ..entry(&record, 1.0, 8) };
         assert_eq!(growth(&[alone]), PUBLISHED);
-        assert!(figures(&[alone]).to_string().contains('\u{2013}'), "what is not known is not made up");
+        assert!(figures(&[alone]).to_string().contains('\u{2013}'), "unknown values are shown as a dash");
     }
 }

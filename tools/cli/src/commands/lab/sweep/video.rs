@@ -9,7 +9,7 @@ use psao_eval::texture::{Coded, VideoCoder, VideoError};
 
 use crate::context::Stopwatch;
 
-/// What to tell people who have no coder.
+/// What to print where there is no video coder.
 pub(super) const MISSING: &str =
     "no ffmpeg with libx264 was found; install it (the package is called ffmpeg almost everywhere)";
 

@@ -32,7 +32,7 @@ pub(crate) struct AgeArg {
 }
 
 impl BudgetArgs {
-    /// The budget of a frame of a stream of `fps` frames a second.
+    /// Returns the budget of a frame at `fps` frames per second.
     pub(crate) fn budget(&self, fps: f32) -> Outcome<Option<surface::Budget>> {
         let Some(asked) = self.budget else { return Ok(None) };
         let bytes = match asked {
@@ -52,7 +52,7 @@ impl BudgetArgs {
     }
 }
 
-/// The message that tells clients what a frame did with its budget.
+/// Returns the message that tells clients how a frame used its budget.
 pub(crate) fn message(frame: FrameIndex, budget: surface::Budget, postponed: surface::Postponed) -> Budget {
     let surface::Postponed { points, oldest, forced, used } = postponed;
     Budget { frame, budget: budget.bytes, used, postponed: points, oldest: oldest.into(), forced }
@@ -112,7 +112,7 @@ impl BudgetTotals {
         self.forced += u64::from(frame.forced);
     }
 
-    /// Sums in words; nothing where no frame had a budget.
+    /// Returns the sums in words; `None` where no frame had a budget.
     pub(crate) fn text(&self) -> Option<String> {
         let frames = self.frames.checked_sub(1)? + 1;
         Some(format!(

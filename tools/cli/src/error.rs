@@ -46,7 +46,7 @@ impl Failure {
         Self::new(Exit::Input, text)
     }
 
-    /// Settings of a stream that were refused: by themselves, or for this scene.
+    /// Returns the failure of a stream's settings that were refused: by themselves, or for this scene.
     pub(crate) fn settings(error: SettingsError) -> Self {
         match error {
             SettingsError::Points(error) => Self::points(error),
@@ -54,7 +54,7 @@ impl Failure {
         }
     }
 
-    /// Settings of points that were refused: by themselves, or for this scene.
+    /// Returns the failure of settings of points that were refused: by themselves, or for this scene.
     pub(crate) fn points(error: PointError) -> Self {
         match error {
             PointError::TooMany { .. } => Self::input(error),
@@ -62,12 +62,12 @@ impl Failure {
         }
     }
 
-    /// A file that could not be read; the command line names the wrong one, so this is bad input.
+    /// Returns the failure to read a file; the command line names the wrong one, so this is bad input.
     pub(crate) fn reading(path: &Path, error: &std::io::Error) -> Self {
         Self::new(Exit::Input, format_args!("cannot read {}: {error}", path.display()))
     }
 
-    /// A file that could not be written.
+    /// Returns the failure to write a file.
     pub(crate) fn writing(path: &Path, error: &std::io::Error) -> Self {
         Self::new(
             Exit::System,

@@ -27,7 +27,7 @@ use crate::output::target;
 /// Differences are multiplied by this in the difference picture: a quarter of the range is full colour.
 const GAIN: f32 = 4.0;
 
-/// The scene of a recording, opened by its name or path, or by another path to the same files.
+/// Opens the scene of a recording by its name or path, or by another path to the same files.
 pub(crate) fn scene_of(info: &SceneInfo, elsewhere: Option<&str>) -> Outcome<Arc<Scene>> {
     let name = elsewhere.unwrap_or(info.source.as_str());
     let scene = Scene::load(name).map_err(|error| {
@@ -43,7 +43,7 @@ pub(crate) fn scene_of(info: &SceneInfo, elsewhere: Option<&str>) -> Outcome<Arc
     Ok(Arc::new(scene))
 }
 
-/// The AO of every fragment out of a state of either profile.
+/// Reconstructs the AO of every fragment from a state of either profile.
 pub(crate) fn blend(state: &State, buffer: &GBuffer) -> Outcome<Reconstruction> {
     match state {
         State::Cells(state) => reconstruct::cells(state, buffer),
@@ -57,7 +57,7 @@ pub(crate) fn blend(state: &State, buffer: &GBuffer) -> Outcome<Reconstruction> 
 pub(crate) struct SharedPoints(Vec<Arc<Geometry>>);
 
 impl SharedPoints {
-    /// The state with its points: as it is where the stream carries them.
+    /// Returns the state with its points; unchanged where the stream carries them.
     pub(crate) fn complete<'a>(
         &mut self,
         state: &'a State,
@@ -150,13 +150,13 @@ impl Shot<'_> {
         Ok(result)
     }
 
-    /// The figures of `psao lab sweep`.
+    /// Returns the errors, with the figures of `psao lab sweep`.
     fn compare(&self, truth: &AoImage, image: &AoImage) -> Result<Figures, MetricError> {
         let error = Comparison::new(truth, image)?;
         Ok(Figures::new(&error, &Perceived::new(truth, image, self.network)?))
     }
 
-    /// The stream's own radius and falloff, with another number of rays.
+    /// Returns the stream's radius and falloff with another number of rays.
     fn settings(&self, rays: u32) -> Outcome<AoSettings> {
         let kind = match self.info.occlusion {
             message::Occlusion::OBSCURANCE => Occlusion::Obscurance,
@@ -173,7 +173,7 @@ impl Shot<'_> {
 
 impl Drawn {
     /// Writes `path`, and beside it the reference, the difference and both side by side where there is a reference.
-    /// Gives the paths.
+    /// Returns the paths.
     pub(crate) fn write(&self, path: &Path) -> Outcome<Vec<PathBuf>> {
         let grey = Picture::grey(&self.image);
         let mut files = vec![(path.to_owned(), grey)];

@@ -312,7 +312,7 @@ fn quality(shown: &[Shown]) -> Section {
     }
 }
 
-/// The report's tables for the terminal.
+/// Prints the report's tables to the terminal.
 fn print(report: &Report) -> Outcome {
     for section in &report.sections {
         say(format_args!("\n{}", section.title))?;

@@ -82,7 +82,7 @@ fn make(args: &Args) -> Result<Vec<Made>, rcgen::Error> {
     ])
 }
 
-/// A certificate and its key.
+/// Returns a certificate and its key.
 fn signed(
     args: &Args,
     names: &[String],
@@ -116,7 +116,7 @@ fn token() -> Outcome<String> {
     Ok(random.iter().map(|byte| format!("{byte:02x}")).chain(["\n".to_owned()]).collect())
 }
 
-/// Writes a file that is not there yet, a secret for its owner alone.
+/// Writes a new file; only its owner can read a secret.
 fn write(path: &Path, text: &str, secret: bool) -> std::io::Result<()> {
     let mut options = OpenOptions::new();
     options.write(true).create_new(true);

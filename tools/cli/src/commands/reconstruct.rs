@@ -162,7 +162,7 @@ pub(crate) fn run(args: &Args) -> Outcome {
     Ok(())
 }
 
-/// The figures of a picture, for programs.
+/// Returns the figures of a picture, for programs.
 fn document<'a>(drawn: &'a Drawn, frame: &PlayedFrame, files: &'a [PathBuf]) -> Document<'a> {
     let size = drawn.image.size();
     Document {
@@ -196,22 +196,22 @@ impl<'a> Playback<'a> {
         Ok(Self { player: Player::new(bytes, Limits::default())?, edits: Edits::default() })
     }
 
-    /// The scene table, once it was played.
+    /// Returns the scene table, once it was played.
     pub(crate) fn scene(&self) -> Option<&SceneTable> {
         self.player.scene().map(AsRef::as_ref)
     }
 
-    /// The state of the frame played to.
+    /// Returns the state of the frame played to.
     pub(crate) fn state(&self) -> Option<&State> {
         self.player.state()
     }
 
-    /// The edits in force at the frame played to.
+    /// Returns the edits in force at the frame played to.
     pub(crate) fn edits(&self) -> &Edits {
         &self.edits
     }
 
-    /// Plays on to a frame.
+    /// Plays on to a frame, and returns it.
     pub(crate) fn to(&mut self, number: u32) -> Result<PlayedFrame, String> {
         let (mut first, mut last, mut left_out) = (None, None, 0_u32);
         while let Some(event) = self.player.next_event() {
@@ -248,7 +248,7 @@ impl<'a> Playback<'a> {
     }
 }
 
-/// The figures of a picture, for people.
+/// Returns the figures of a picture, for people.
 pub(crate) fn describe(drawn: &Drawn) -> String {
     let statistics = &drawn.statistics;
     let mut text = format!(

@@ -156,7 +156,7 @@ pub(crate) fn record_frames(
     Ok(totals)
 }
 
-/// What was traced, in words.
+/// Returns what was traced, in words.
 pub(crate) fn summary(info: &SceneInfo, totals: &Totals) -> String {
     let later = totals.frames.saturating_sub(1).max(1);
     let waiting = &totals.later.waiting;

@@ -34,7 +34,7 @@ pub(crate) fn run(args: &Args) -> Outcome {
     })
 }
 
-/// Makes a recording of another: `make` is given the bytes of the one and what takes those of the other.
+/// Makes a recording from another. `make` gets the bytes of the one, and a function that takes those of the other.
 pub(crate) fn rewrite(
     path: &Path,
     output: &Path,
@@ -56,7 +56,7 @@ pub(crate) fn rewrite(
     ended(&[(path, done)])
 }
 
-/// Why a recording could not be made of this one.
+/// Returns the failure to make a recording from this one.
 pub(crate) fn refused(path: &Path, error: RewriteError<Failure>) -> Failure {
     let exit = match error {
         RewriteError::Put(failure) => return failure,
@@ -69,7 +69,7 @@ pub(crate) fn refused(path: &Path, error: RewriteError<Failure>) -> Failure {
 /// Most places that are listed for a recording.
 const LISTED: usize = 20;
 
-/// Says what of the recordings is lost; exit code 4 if anything is.
+/// Prints what the recordings have lost; returns a failure with exit code 4 if anything is.
 pub(crate) fn ended(parts: &[(&Path, Rewritten)]) -> Outcome {
     let (mut frames, mut bytes, mut places) = (0, 0, 0);
     for (path, part) in parts {
@@ -77,7 +77,7 @@ pub(crate) fn ended(parts: &[(&Path, Rewritten)]) -> Outcome {
             eprintln!("psao: {}: {loss}", path.display());
         }
         if part.losses.len() > LISTED {
-            eprintln!("psao: {}: and {} places more", path.display(), part.losses.len() - LISTED);
+            eprintln!("psao: {}: and {} more places", path.display(), part.losses.len() - LISTED);
         }
         frames += part.lost_frames;
         bytes += part.lost_bytes;

@@ -99,7 +99,7 @@ struct Replay<'a> {
     to: Option<StreamTime>,
 }
 
-/// Whom the frames go to.
+/// Where the frames go.
 enum Target {
     Here,
     Clients(Hub, Arc<SceneTable>),
@@ -176,7 +176,7 @@ impl<'a> Replay<'a> {
         Ok(())
     }
 
-    /// A player that has the state from which the first frame follows.
+    /// Returns a player with the state before the first frame.
     fn open(&self) -> Outcome<Player<'a>> {
         let mut player =
             Player::new(self.bytes, Limits::default()).map_err(|error| refused(self.args, error))?;

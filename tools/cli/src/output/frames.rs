@@ -33,7 +33,7 @@ struct Line {
 }
 
 impl FrameLog {
-    /// A log in a format; `quiet` prints the totals alone.
+    /// Starts a log in a format; `quiet` prints the totals only.
     pub(crate) fn new(format: Format, quiet: bool) -> Outcome<Self> {
         if !quiet {
             match format {
@@ -53,7 +53,7 @@ impl FrameLog {
         })
     }
 
-    /// A frame was applied.
+    /// Prints and counts a frame that was applied.
     pub(crate) fn frame(&mut self, info: &FrameInfo, wire_bytes: u64) -> Outcome {
         self.frames += 1;
         self.wire_bytes += wire_bytes;
@@ -82,7 +82,7 @@ impl FrameLog {
         }
     }
 
-    /// How old the frames were; a line of JSON for programs that read frames as such.
+    /// Prints how old the frames were; as a line of JSON where frames are.
     pub(crate) fn latency(&self, summary: &Summary) -> Outcome {
         match self.format {
             Format::Table => say(summary),
@@ -94,12 +94,12 @@ impl FrameLog {
         }
     }
 
-    /// The server says what it did with its byte budget.
+    /// Counts what the server did with its byte budget.
     pub(crate) fn budget(&mut self, budget: &Budget) {
         self.budgets.add(budget);
     }
 
-    /// The totals, on standard error where standard output is for programs.
+    /// Prints the totals, to standard error where standard output is for programs.
     pub(crate) fn finish(&self, note: &str) -> Outcome {
         let last = self.last.map_or_else(
             || "none".to_owned(),

@@ -52,7 +52,7 @@ pub(crate) fn run(args: &Args) -> Outcome {
     loss(&analysis)
 }
 
-/// The bandwidth plot of a recording.
+/// Returns the bandwidth plot of a recording.
 pub(crate) fn plot(analysis: &Analysis, title: String) -> Plot {
     let used: Vec<usize> = used(analysis).collect();
     Plot {
@@ -71,7 +71,7 @@ pub(crate) fn plot(analysis: &Analysis, title: String) -> Plot {
     }
 }
 
-/// Exit code 4 when something was left out.
+/// Returns a failure with exit code 4 when something was left out.
 pub(crate) fn loss(analysis: &Analysis) -> Outcome {
     if analysis.is_whole() {
         return Ok(());
@@ -84,7 +84,7 @@ pub(crate) fn loss(analysis: &Analysis) -> Outcome {
     ))
 }
 
-/// Parts that some frame has.
+/// Returns the parts that some frame has.
 fn used(analysis: &Analysis) -> impl Iterator<Item = usize> + '_ {
     (0..PARTS.len()).filter(|&part| analysis.frames.iter().any(|line| line.parts[part] > 0))
 }

@@ -48,7 +48,7 @@ pub(super) fn print(analysis: &Analysis, per_frame: bool) -> Outcome {
 /// Heads of [`part_rows`].
 pub(crate) const PART_HEADS: [&str; 5] = ["part", "first state", "bytes a frame", "Mbit/s", "share"];
 
-/// Bytes by part: the first state, then the frames after it; last, all parts together.
+/// Returns the bytes by part: the first state, then the frames after it; the last row is all parts together.
 pub(crate) fn part_rows(analysis: &Analysis, totals: &Totals) -> Vec<[String; PART_HEADS.len()]> {
     let all: u64 = totals.parts.iter().sum();
     let frames = totals.later_frames.max(1) as f64;
@@ -70,7 +70,7 @@ pub(crate) fn part_rows(analysis: &Analysis, totals: &Totals) -> Vec<[String; PA
     rows
 }
 
-/// The sentences below the table.
+/// Returns the sentences below the table.
 pub(crate) fn summary_lines(analysis: &Analysis, totals: &Totals) -> String {
     let mut lines = vec![
         format!(

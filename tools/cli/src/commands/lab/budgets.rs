@@ -167,7 +167,7 @@ fn trace(args: &Args, scene: &Scene, server: &mut Server) -> Outcome<Traced> {
 }
 
 impl Traced {
-    /// Notes the points that differ from the first frame by the threshold once.
+    /// Marks the points that differ from the first frame by the threshold at least once.
     fn with_moving(mut self) -> Self {
         if let Some((first, later)) = self.frames.split_first() {
             for offers in later {
@@ -179,7 +179,7 @@ impl Traced {
         self
     }
 
-    /// An encoder of the stream.
+    /// Returns an encoder of the stream.
     fn encoder(&self, budget: Option<Budget>) -> Outcome<Encoder> {
         let settings =
             EncoderSettings { threshold: self.threshold, geometry: GeometrySource::Shared, budget };
@@ -188,7 +188,7 @@ impl Traced {
 }
 
 impl Offers {
-    /// Offers everything; how many points differ.
+    /// Offers all AO values to the encoder; returns how many points differ.
     fn offer(&self, layout: &Layout, encoder: &mut Encoder) -> u32 {
         let mut weights = self.weights.iter();
         for instance in 0..layout.members().len() as u32 {

@@ -127,6 +127,9 @@ pub(crate) fn run(args: &Args) -> Outcome {
     }
     if let Some(path) = &args.dump {
         target::write(path, &dump(&triangles, &rays))?;
+        if target::is_standard(path) {
+            return Ok(());
+        }
     }
     let report = measure(args, &probe, &rays, &Twin::new(&triangles), kind);
     let report = Report {
@@ -136,16 +139,10 @@ pub(crate) fn run(args: &Args) -> Outcome {
         instructions: instructions.name(),
         ..report
     };
-    if args.dump.as_deref().is_some_and(target::is_standard) {
-        Ok(())
-    } else if args.format.is_json() {
-        say_json(&report)
-    } else {
-        table(&report)
-    }
+    if args.format.is_json() { say_json(&report) } else { table(&report) }
 }
 
-/// The instructions of a name, or the best.
+/// Returns the instruction set of a name, or the best.
 fn instructions(name: Option<&str>) -> Outcome<Instructions> {
     let Some(name) = name else { return Ok(Instructions::best()) };
     let all = Instructions::all();

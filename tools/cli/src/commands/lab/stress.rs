@@ -85,7 +85,7 @@ fn line(outcome: &stress::Outcome) -> Line {
     }
 }
 
-/// Four figures that count, whatever the magnitude.
+/// Formats a value with four significant figures or decimals.
 fn figure(value: f64) -> String {
     if value == 0.0 || (1e-3..1e6).contains(&value.abs()) {
         format!("{value:.4}")

@@ -90,12 +90,12 @@ impl FromStr for FrameTime {
 }
 
 impl Args {
-    /// From frame to frame.
+    /// Returns the time from frame to frame.
     fn tick(&self) -> Duration {
         Duration::from_secs_f64(1.0 / f64::from(self.stream.tuning.points.fps))
     }
 
-    /// What plans the rays of frames.
+    /// Returns what plans the rays of frames; `None` without a time limit.
     fn pacing(&self) -> Option<Pacing> {
         let micros = match self.frame_time {
             _ if self.stream.tuning.ray_budget.is_some() => return None,

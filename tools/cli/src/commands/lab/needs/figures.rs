@@ -139,7 +139,7 @@ impl Document {
         }
     }
 
-    /// An error where something that was left out changed a frame.
+    /// Returns an error where skipping something changed a frame.
     pub(super) fn verdict(&self) -> Outcome {
         let wrong = self.left_out.iter().filter(|row| row.frames_equal == Some(false));
         let wrong: Vec<&str> = wrong.map(|row| row.what).collect();
@@ -196,7 +196,7 @@ impl Document {
         say(format_args!("State hash after the last frame: {}", self.state_hash))
     }
 
-    /// What is left out, with what that saves.
+    /// Prints what is left out, and what that saves.
     fn savings(&self) -> Outcome {
         let heads = [
             "left out",
@@ -302,7 +302,7 @@ fn signed(value: f64) -> String {
     }
 }
 
-/// How much of the scene has each need that there is, also of those that nothing has.
+/// Returns how much of the scene has each need, including needs that nothing has.
 fn has(needs: &[InstanceNeeds], points: &[u32]) -> Vec<Has> {
     let sum = |need: &'static str, of: &dyn Fn(&InstanceNeeds) -> bool| {
         let found = needs.iter().zip(points).filter(|(needs, _)| of(needs));
@@ -320,7 +320,7 @@ fn has(needs: &[InstanceNeeds], points: &[u32]) -> Vec<Has> {
     named.chain(more).collect()
 }
 
-/// Instances that need the same, in the order in which they first come up.
+/// Returns groups of instances that need the same, in the order of their first instance.
 fn groups(needs: &[InstanceNeeds], points: &[u32]) -> Vec<Group> {
     let mut groups: Vec<Group> = Vec::new();
     for (needs, points) in needs.iter().zip(points) {

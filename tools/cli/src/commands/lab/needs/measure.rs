@@ -137,7 +137,7 @@ pub(super) fn measure(
 }
 
 impl Runs<'_> {
-    /// Runs through the clip with a new server; `see` is given each frame.
+    /// Runs the clip with a new server; `see` receives each frame.
     fn run(
         &self,
         settings: &ServerSettings,
@@ -169,12 +169,12 @@ impl Runs<'_> {
         Ok((sum, server))
     }
 
-    /// Milliseconds of a frame after the first.
+    /// Returns the milliseconds of a frame after the first.
     fn millis(&self, figures: &Figures) -> f64 {
         figures.micros as f64 / 1e3 / f64::from(self.args.frames - 1)
     }
 
-    /// What sending the points takes: `least` is the stream that was asked for.
+    /// Measures what sending the points takes; `least` is the stream that was asked for.
     fn geometry(&self, settings: &ServerSettings, least: &Figures) -> Outcome<PartSaved> {
         let shared = settings.geometry == GeometrySource::Shared;
         let geometry = if shared { GeometrySource::Sent } else { GeometrySource::Shared };
@@ -187,7 +187,7 @@ impl Runs<'_> {
         })
     }
 
-    /// What poses take in the profile that has them.
+    /// Measures what poses take in the profile that has them.
     fn poses(&self, settings: &ServerSettings) -> PartSaved {
         let coder = BlockCoder::Zstd { level: 15 };
         let paper =

@@ -5,7 +5,7 @@ use psao_server_sim::server::Shortcuts;
 /// Work that a server leaves out, which changes no byte.
 pub(super) struct Work {
     pub(super) shortcut: Shortcuts,
-    /// What is left out.
+    /// Returns what is left out.
     pub(super) what: &'static str,
     /// Why it can be.
     pub(super) why: &'static str,
@@ -71,7 +71,7 @@ pub(super) enum Part {
 impl Part {
     pub(super) const ALL: [Self; 4] = [Self::Geometry, Self::Poses, Self::Context, Self::Backs];
 
-    /// What is left out.
+    /// Returns what is left out.
     pub(super) const fn what(self) -> &'static str {
         match self {
             Self::Geometry => "positions and normals of points",
@@ -91,7 +91,7 @@ impl Part {
         }
     }
 
-    /// Why there is no figure, or what stands beside it.
+    /// Returns why there is no figure, or the note beside it.
     pub(super) const fn note(self) -> &'static str {
         match self {
             Self::Geometry => "the AO is the same; the frames are others",

@@ -152,7 +152,7 @@ impl Document {
         }
     }
 
-    /// The tables.
+    /// Prints the tables.
     pub(super) fn print(&self) -> Outcome {
         say(format_args!(
             "{}: {} points of {} sets in {} instances, {} bit, {} rays of {} m, threshold {}/255, {} frames at {} Hz",
@@ -347,7 +347,7 @@ impl SpentOut {
         })
     }
 
-    /// The shares as a line of bars.
+    /// Returns the shares as lines of bars.
     fn text(&self) -> String {
         let parts = [
             ("which blocks", self.which_blocks),

@@ -20,7 +20,7 @@ pub(super) struct Machine {
 }
 
 impl Machine {
-    /// This machine.
+    /// Describes this machine.
     pub(super) fn here() -> Self {
         let text = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
         Self {
@@ -33,7 +33,7 @@ impl Machine {
         }
     }
 
-    /// Names and values, for people.
+    /// Returns names and values, for people.
     pub(super) fn rows(&self) -> Vec<(String, String)> {
         let rows = [
             ("processor", self.cpu.clone()),
@@ -47,7 +47,7 @@ impl Machine {
     }
 }
 
-/// The first processor's name in `/proc/cpuinfo`.
+/// Returns the first processor's name in `/proc/cpuinfo`.
 fn model(text: &str) -> Option<&str> {
     let line = text.lines().find(|line| line.starts_with("model name"))?;
     line.split_once(':').map(|(_, name)| name.trim()).filter(|name| !name.is_empty())

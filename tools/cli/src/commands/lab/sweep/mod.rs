@@ -184,7 +184,7 @@ pub(crate) fn run(args: &Args) -> Outcome {
     output::write(args, &sweep, &plans, &store)
 }
 
-/// Measures what is missing of a scene at one radius.
+/// Measures the results of a scene at one radius that are missing.
 fn measure(
     plan: &Plan<'_>,
     network: Option<&Lpips>,
@@ -237,7 +237,7 @@ fn count(info: &psao_codec::frame::FrameInfo) -> Bytes {
     Bytes { paper: paper_bytes(&parts), wire: parts.iter().sum() }
 }
 
-/// Whose fault it was that something could not be measured.
+/// Returns the failure of a measurement, with the exit code of its cause.
 fn refused(error: SweepError) -> Failure {
     match error {
         SweepError::Server(error) => crate::producer::refused(error),
@@ -251,7 +251,7 @@ fn refused(error: SweepError) -> Failure {
 }
 
 impl AxisArgs {
-    /// What a sweep has that is of no table.
+    /// Returns the axes of a sweep without `--table`.
     fn usual() -> Self {
         Self {
             points: vec![256.0, 512.0, 1024.0],
@@ -264,7 +264,7 @@ impl AxisArgs {
         }
     }
 
-    /// The axes that were given, and the others of `usual`.
+    /// Returns the axes that were given, and for the others those of `usual`.
     fn or(&self, usual: Self) -> Self {
         fn or<T: Clone>(given: &[T], usual: Vec<T>) -> Vec<T> {
             if given.is_empty() { usual } else { given.to_vec() }

@@ -148,7 +148,7 @@ fn records<'a>(entries: &[Entry<'a>]) -> Vec<&'a Record> {
     entries.iter().map(|entry| entry.record).collect()
 }
 
-/// Where the rays of references go, if not through the scene.
+/// Returns where the rays of references go, if not through the scene.
 fn through(truth: &Truth) -> String {
     match truth {
         Truth::Scene(_) => String::new(),
@@ -156,7 +156,7 @@ fn through(truth: &Truth) -> String {
     }
 }
 
-/// The front in words.
+/// Prints which setting to choose for which cost.
 fn recommend(scene: &str, records: &[&Record]) -> Outcome {
     for (cost, unit) in [(Cost::MbitPerSecond, "Mbit/s"), (Cost::PictureMs, "ms a picture on the client")] {
         let steps = steps(records, cost);
@@ -225,7 +225,7 @@ fn page<'a>(
     }
 }
 
-/// The reference, then the best of each name beside its error; of `most` names at most.
+/// Returns the reference, then the best of each name beside its error, for at most `most` names.
 fn thumbnails(most: Option<usize>, plan: &Plan<'_>, records: &[&Record], store: &Store) -> Vec<Thumbnail> {
     let mut found = Vec::new();
     let mut add = |pictures: &[(&str, &str)], caption: String| {

@@ -114,7 +114,7 @@ impl<'a> Sweep<'a> {
         })
     }
 
-    /// A plan for each radius of a scene.
+    /// Returns a plan for each radius of a scene.
     pub(super) fn plans(&'a self, scene: &'a Arc<Scene>) -> Vec<Outcome<Plan<'a>>> {
         let own = [scene.ao_radius_m()];
         let radii = match self.args.radius.as_slice() {
@@ -124,7 +124,7 @@ impl<'a> Sweep<'a> {
         radii.iter().map(|&radius| Plan::new(self, scene, radius, radii)).collect()
     }
 
-    /// Digest of a scene and what else the figures depend on.
+    /// Returns the digest of a scene and everything else that the figures depend on.
     fn key(&self, scene: &Scene, truth: &Truth, what: &str) -> String {
         let args = self.args;
         let parts = format!(
@@ -252,7 +252,7 @@ impl<'a> Plan<'a> {
 }
 
 impl Plan<'_> {
-    /// What is known of each thing that has been measured, in the order of tables.
+    /// Returns the records that have been measured, in the order of tables.
     pub(super) fn entries<'s>(&self, store: &'s Store) -> Vec<Entry<'s>> {
         let entry = |(key, job): &(String, Job)| {
             let sampling = if let Job::Method(method) = job { method.sampling() } else { None };
@@ -262,7 +262,7 @@ impl Plan<'_> {
         self.jobs.iter().filter_map(entry).collect()
     }
 
-    /// Name of the scene; with the radius where it is one of several.
+    /// Returns the name of the scene, with the radius where there are several.
     pub(super) fn title(&self) -> String {
         let name = self.scene.name();
         if self.alone { name.to_owned() } else { format!("{name}, R = {} m", self.reference.radius) }
@@ -278,7 +278,7 @@ fn far_reference(ao: &AoSettings) -> Traced {
     Traced { rays: ao.rays, seed: ao.seed, ..Traced::far(ao.radius, falloff) }
 }
 
-/// The methods of these names.
+/// Returns the methods of these names.
 fn chosen(
     methods: Vec<Box<dyn ScreenMethod>>,
     names: Option<&[String]>,

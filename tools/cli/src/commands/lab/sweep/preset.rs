@@ -38,12 +38,12 @@ impl TableArg {
         }
     }
 
-    /// Whether streams are part of it.
+    /// Returns whether streams are part of it.
     pub(super) fn has_streams(self) -> bool {
         matches!(self, Self::PsaoTable1 | Self::PsaoFig5)
     }
 
-    /// Names of the methods that are compared unless they are given; `None` for all there are.
+    /// Returns the methods that are compared by default; `None` for all.
     pub(super) fn methods(self) -> Option<&'static [&'static str]> {
         match self {
             Self::PsaoTable1 => Some(&[TEXTURE_SPACE, "ssao", "ssao-plus", "hbao"]),
@@ -52,7 +52,7 @@ impl TableArg {
         }
     }
 
-    /// Radii that are swept unless they are given; `None` for the scene's own.
+    /// Returns the radii that are swept by default; `None` for the scene's own.
     pub(super) fn radii_m(self) -> Option<&'static [f32]> {
         match self {
             // At a scene's own radius hardly anything is beyond the nearest intervals.
@@ -62,12 +62,12 @@ impl TableArg {
         }
     }
 
-    /// Whether one table shows all radii of a scene.
+    /// Returns whether one table shows all radii of a scene.
     pub(super) fn spans_radii(self) -> bool {
         self == Self::PyramidHbao
     }
 
-    /// The table of a scene, in the paper's columns.
+    /// Returns the table of a scene, in the paper's columns.
     pub(super) fn figures(self, entries: &[Entry<'_>], truth: &Truth) -> Figures {
         let records = || entries.iter().map(|entry| entry.record).collect();
         match self {
@@ -77,7 +77,7 @@ impl TableArg {
         }
     }
 
-    /// What stands under the table: how it compares with the paper.
+    /// Returns the text under the table: how it compares with the paper.
     pub(super) fn beside(self, entries: &[Entry<'_>]) -> Option<String> {
         match self {
             Self::PyramidHbao => Some(pyramid::growth(entries)),

@@ -65,7 +65,7 @@ const TABLE_1: [Row; 7] = [
     ("SSAO", [(0.0081, 31.42, 0.0497, None), (0.0072, 26.96, 0.0876, None), (0.0141, 26.90, 0.0956, None)]),
 ];
 
-/// The table of a scene. Streams stand by profile, rate and density.
+/// Returns the table of a scene. Streams are in order of profile, rate and density.
 pub(super) fn figures(mut records: Vec<&Record>) -> Figures {
     let place = |record: &Record| {
         let setting = record.setting.as_ref();
@@ -106,7 +106,7 @@ pub(super) fn figures(mut records: Vec<&Record>) -> Figures {
     table
 }
 
-/// Table 1 as it was published.
+/// Returns table 1 as it was published.
 pub(super) fn published() -> String {
     let heads =
         SCENES.map(|scene| [format!("{scene}: LPIPS"), "PSNR, dB".into(), "FLIP".into(), "Mbit/s".into()]);
@@ -125,7 +125,7 @@ pub(super) fn published() -> String {
     )
 }
 
-/// A dash for what there is not.
+/// Formats a figure, or a dash where there is none.
 fn some(value: Option<String>) -> String {
     value.unwrap_or_else(|| "\u{2013}".to_owned())
 }

@@ -21,7 +21,7 @@ const SAID: [(&str, &str); 3] = [
 const PUBLISHED: &str =
     "Published (RTX 2080 Mobile, 1280x720): HBAO, D = 8, S = 10: 0.58 ms, without the blur's 0.25 ms.";
 
-/// The table of a scene: its radii one after the other.
+/// Returns the table of a scene: its radii one after the other.
 pub(super) fn figures(entries: &[Entry<'_>]) -> Figures {
     let mut table = Figures::new([
         "method",
@@ -55,7 +55,7 @@ pub(super) fn figures(entries: &[Entry<'_>]) -> Figures {
     table
 }
 
-/// How time and samples grow with the radius, method by method, and what the paper says of it.
+/// Returns how time and samples grow with the radius, by method, beside the paper's figures.
 pub(super) fn growth(entries: &[Entry<'_>]) -> String {
     let mut names: Vec<&str> = Vec::new();
     for entry in entries {

@@ -22,7 +22,7 @@ pub(super) struct Store {
 }
 
 impl Store {
-    /// Opens a folder; with `resume` what is in it counts, without it must have no results.
+    /// Opens a folder. With `resume` its results are kept; without, it must have none.
     pub(super) fn open(folder: Option<&Path>, resume: bool) -> Outcome<Self> {
         let mut store = Self { records: BTreeMap::new(), place: None, unreadable: 0 };
         let Some(folder) = folder else { return Ok(store) };
@@ -54,7 +54,7 @@ impl Store {
         Ok(store)
     }
 
-    /// Takes the lines of an earlier run; gives those that are whole.
+    /// Reads the lines of an earlier run; returns those that are whole.
     fn take(&mut self, text: &str) -> String {
         let mut kept = String::new();
         for line in text.lines().filter(|line| !line.trim().is_empty()) {
@@ -70,12 +70,12 @@ impl Store {
         kept
     }
 
-    /// What is known under a key.
+    /// Returns the record of a key.
     pub(super) fn record(&self, key: &str) -> Option<&Record> {
         self.records.get(key)
     }
 
-    /// Keeps a record.
+    /// Saves a record.
     pub(super) fn add(&mut self, record: Record) -> Outcome {
         if let Some((folder, file)) = &mut self.place {
             let mut line = json(&record)?;
@@ -88,7 +88,7 @@ impl Store {
         Ok(())
     }
 
-    /// Keeps a picture; without a folder, none is.
+    /// Saves a picture, if there is a folder.
     pub(super) fn picture(&self, key: &str, what: &str, picture: &Picture) -> Outcome {
         let Some((folder, _)) = &self.place else { return Ok(()) };
         let path = picture_path(folder, key, what);
@@ -96,7 +96,7 @@ impl Store {
         fs::write(&path, png).map_err(|error| Failure::writing(&path, &error))
     }
 
-    /// The PNG file of a picture, where it was kept.
+    /// Returns the PNG file of a picture, where it was saved.
     pub(super) fn png(&self, key: &str, what: &str) -> Option<Vec<u8>> {
         let (folder, _) = self.place.as_ref()?;
         fs::read(picture_path(folder, key, what)).ok()
@@ -107,7 +107,7 @@ fn picture_path(folder: &Path, key: &str, what: &str) -> PathBuf {
     folder.join(PICTURES).join(format!("{key}.{what}.png"))
 }
 
-/// A line of JSON.
+/// Returns a record as a line of JSON.
 fn json(record: &Record) -> Outcome<String> {
     serde_json::to_string(record)
         .map_err(|error| Failure::new(Exit::System, format_args!("cannot write JSON: {error}")))

@@ -28,7 +28,7 @@ pub(super) struct X264 {
 }
 
 impl Ffmpeg {
-    /// The one on the path, if it has x264.
+    /// Returns the ffmpeg on the path, if it has x264.
     pub(super) fn find() -> Option<Self> {
         let ask = |what: &str| {
             let output =
@@ -40,7 +40,7 @@ impl Ffmpeg {
         ask("-encoders")?.contains(" libx264 ").then_some(Self { version })
     }
 
-    /// Its coder at a rate factor.
+    /// Returns its coder at a rate factor.
     pub(super) fn x264(&self, crf: u8) -> X264 {
         X264 { crf }
     }
@@ -98,7 +98,7 @@ impl VideoCoder for X264 {
     }
 }
 
-/// Runs ffmpeg on what goes in; gives what comes out.
+/// Runs ffmpeg with bytes on standard input; returns its standard output.
 fn ffmpeg(arguments: &[&str], input: &[impl AsRef<[u8]> + Sync]) -> Result<Vec<u8>, VideoError> {
     let failed = |error: std::io::Error| VideoError(error.to_string());
     let mut child = Command::new("ffmpeg")

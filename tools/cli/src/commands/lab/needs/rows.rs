@@ -5,7 +5,7 @@ use psao_server_sim::server::Shortcuts;
 /// Work that a server leaves out, which changes no byte.
 pub(super) struct Work {
     pub(super) shortcut: Shortcuts,
-    /// Returns what is left out.
+    /// What is left out.
     pub(super) what: &'static str,
     /// Why it can be.
     pub(super) why: &'static str,

@@ -124,6 +124,7 @@ fn quantities_mean_the_same_in_either_spelling() {
         &[&head[..], &["--loss", "5", "--rate", "500kbit", "--delay", "40ms", "--mtu", "1200B"]].concat(),
     );
     assert_eq!(old, one);
+    fine(&["replay", text(recording(Profile::Surface)), "--pace", "wall", "--rate", "50", "--quiet"]);
 }
 
 #[test]

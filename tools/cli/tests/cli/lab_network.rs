@@ -71,7 +71,7 @@ fn nonsense_is_refused_with_words() {
     for (arguments, says) in [
         (["--loss", "120%"], "at most 100%"),
         (["--delay", "40"], "40ms or 40s"),
-        (["--rate", "2"], "2mbit"),
+        (["--rate", "2"], "2Mbit/s"),
         (["--stall", "3s"], "3s@10s"),
         (["--mtu", "20B"], "20 bytes"),
         (["--queue", "100B"], "queue of 100"),

@@ -1,9 +1,10 @@
-//! Where every byte of a recording went. `inspect`, `verify` and `demo` print what is found here.
+//! Where every byte of a recording went, for `inspect` and `demo`.
 //!
 //! Each byte of the file is counted once: in a part of a frame, or in a part of the overhead. What the readers skip
 //! (damage) is overhead too, so the sums hold for any file.
 
 use std::collections::BTreeMap;
+use std::io::Read as _;
 use std::ops::Range;
 use std::path::Path;
 
@@ -13,8 +14,9 @@ use psao_proto::recording::{Damage, FILE_HEADER_BYTES, FOOTER_BYTES, RECORD_HEAD
 use psao_proto::{FrameType, HEADER_BYTES, Limits, Profile};
 
 use crate::budget::BudgetTotals;
-use crate::error::{Failure, Outcome};
+use crate::error::{Exit, Failure, Outcome};
 use crate::output::number;
+use crate::output::target::is_standard;
 
 /// Parts of a frame on the wire, in the order in which tables and plots show them.
 pub(crate) const PARTS: [&str; 13] = [
@@ -67,12 +69,12 @@ pub(crate) struct FrameLine {
 }
 
 impl FrameLine {
-    /// Bytes of the frame on the wire, all parts together.
+    /// Returns the bytes of the frame on the wire, all parts together.
     pub(crate) fn wire_bytes(&self) -> u64 {
         self.parts.iter().sum()
     }
 
-    /// Bytes that the paper counts, see [`paper_bytes`].
+    /// Returns the bytes that the paper counts, see [`paper_bytes`].
     pub(crate) fn paper_bytes(&self) -> u64 {
         paper_bytes(&self.parts)
     }
@@ -115,12 +117,12 @@ pub(crate) struct Totals {
     pub(crate) bits_per_changed_point: f64,
 }
 
-/// Bytes that the paper counts: the compressed cells and buckets, or the blocks that hold points in profile `surface`.
+/// Returns the bytes that the paper counts: the compressed cells and buckets, or the blocks that hold points in profile `surface`.
 pub(crate) fn paper_bytes(parts: &[u64; PARTS.len()]) -> u64 {
     POINTS.iter().map(|&part| parts[part]).sum()
 }
 
-/// Wire bytes of a frame by part, in the order of [`PARTS`].
+/// Returns the wire bytes of a frame by part, in the order of [`PARTS`].
 pub(crate) fn parts_of(info: &FrameInfo) -> [u64; PARTS.len()] {
     let mut parts = [0; PARTS.len()];
     parts[ENVELOPE] = HEADER_BYTES as u64;
@@ -142,8 +144,15 @@ pub(crate) fn parts_of(info: &FrameInfo) -> [u64; PARTS.len()] {
     parts
 }
 
-/// Reads a whole recording into memory.
+/// Reads a whole file into memory, or standard input for `-`.
 pub(crate) fn load(path: &Path) -> Outcome<Vec<u8>> {
+    if is_standard(path) {
+        let mut bytes = Vec::new();
+        std::io::stdin().read_to_end(&mut bytes).map_err(|error| {
+            Failure::new(Exit::System, format_args!("cannot read standard input: {error}"))
+        })?;
+        return Ok(bytes);
+    }
     std::fs::read(path).map_err(|error| Failure::reading(path, &error))
 }
 
@@ -230,7 +239,7 @@ impl Analysis {
         }
     }
 
-    /// Attributes what the reader does not hand out: the file header and the footer.
+    /// Counts what the reader does not return: the file header and the footer.
     fn close_the_books(&mut self) {
         let counted =
             self.overhead.iter().sum::<u64>() + self.frames.iter().map(FrameLine::wire_bytes).sum::<u64>();
@@ -243,22 +252,22 @@ impl Analysis {
         self.overhead[DAMAGED] += rest - footer;
     }
 
-    /// Bytes of the file that belong to no frame.
+    /// Returns the bytes of the file that belong to no frame.
     pub(crate) fn overhead_bytes(&self) -> u64 {
         self.overhead.iter().sum()
     }
 
-    /// Whether everything in the file could be read.
+    /// Returns whether everything in the file could be read.
     pub(crate) fn is_whole(&self) -> bool {
         self.damages.is_empty() && self.unreadable.is_empty()
     }
 
-    /// Whether the stream is one of profile `paper`, as far as the file says.
+    /// Returns whether the file says that the stream is of profile `paper`.
     pub(crate) fn is_paper(&self) -> bool {
         self.stream.as_ref().is_some_and(|info| info.profile == Profile::PAPER)
     }
 
-    /// Frames a second: the stream's own, or as the times of the frames say.
+    /// Returns the frames per second: the stream's own, or the rate of the frames' times.
     pub(crate) fn fps(&self) -> f64 {
         match (&self.stream, self.frames.first(), self.frames.last()) {
             (Some(info), ..) => f64::from(info.fps),
@@ -269,7 +278,7 @@ impl Analysis {
         }
     }
 
-    /// Totals; the first frame is the first state, which the paper does not count.
+    /// Returns the totals. The first frame is the first state, which the paper does not count.
     pub(crate) fn totals(&self) -> Totals {
         let Some((first, later)) = self.frames.split_first() else {
             return Totals::default();
@@ -297,14 +306,14 @@ impl Analysis {
         totals
     }
 
-    /// What the server did with its byte budget; `None` where no frame had one.
+    /// Returns what the server did with its byte budget; `None` where no frame had one.
     pub(crate) fn budgets(&self) -> Option<BudgetTotals> {
         let mut totals = BudgetTotals::default();
         self.frames.iter().filter_map(|line| line.budget.as_ref()).for_each(|budget| totals.add(budget));
         (totals.frames > 0).then_some(totals)
     }
 
-    /// The newest report that says how the tables are filled.
+    /// Returns the newest report that says how the tables are filled.
     pub(crate) fn last_report(&self) -> Option<&Report> {
         self.frames.iter().rev().find_map(|line| line.report.as_ref())
     }

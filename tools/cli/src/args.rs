@@ -14,12 +14,12 @@ use psao_server::ao::Occlusion;
 use crate::analysis::load;
 use crate::budget::BudgetArgs;
 use crate::error::{Failure, Outcome};
-use crate::output::number;
+use crate::quantity::Size;
 
 /// How a stream is produced: the scene, its points, their rays, and how they are packed.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct StreamArgs {
-    /// Built-in scene (see `psao scenes`), or a .toml scene file, .gltf or .glb
+    /// Name of a built-in scene (see `psao scenes`), or a file: .toml, .gltf or .glb
     #[arg(long, value_name = "NAME|FILE")]
     pub(crate) scene: String,
     #[command(flatten)]
@@ -31,17 +31,17 @@ pub(crate) struct StreamArgs {
 pub(crate) struct TuningArgs {
     #[command(flatten)]
     pub(crate) points: PointArgs,
-    /// How the points are laid out on the wire
+    /// Format of the stream
     #[arg(long, value_enum, default_value_t = ProfileArg::Surface)]
     pub(crate) profile: ProfileArg,
-    /// Block coder: range (profile surface only), zstd, zstd:LEVEL, lz4 or none; range for profile surface, zstd:15 for
-    /// paper unless given
+    /// Compression of blocks: range (profile surface only), zstd, zstd:LEVEL, lz4 or none [default: range for profile
+    /// surface, zstd:15 for paper]
     #[arg(long, value_name = "CODER")]
     pub(crate) compress: Option<Coder>,
     #[command(flatten)]
     pub(crate) budget: BudgetArgs,
-    /// Rays that a frame may take after the first; points that are left over keep the AO they had and are traced later,
-    /// what is largest on the screen and has waited longest first, none later than half a second at 60 Hz before all others
+    /// Most rays of a frame after the first. Points left over keep their AO and are traced later, by screen size and
+    /// waiting time; after 30 frames a point takes precedence over all others
     #[arg(long, value_name = "RAYS", value_parser = clap::value_parser!(u64).range(1..))]
     pub(crate) ray_budget: Option<u64>,
 }
@@ -49,50 +49,50 @@ pub(crate) struct TuningArgs {
 /// The options that mean the same in both profiles: the points, their rays, when they are sent.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct PointArgs {
-    /// Frames a second of stream time
+    /// Frames per second of stream time
     #[arg(long, default_value_t = 60.0, value_name = "F")]
     pub(crate) fps: f32,
-    /// Points per square metre of surface, after elimination
+    /// Points per square metre of surface
     #[arg(long = "points", default_value_t = 512.0, value_name = "N_PER_M2")]
     pub(crate) per_m2: f32,
-    /// Points that an instance has at least, however small its surface
+    /// Fewest points of an instance, however small its surface
     #[arg(long, default_value_t = 1024, value_name = "N")]
     pub(crate) min_points: u32,
-    /// Rays a point
+    /// Rays per point
     #[arg(long, default_value_t = 192, value_name = "N")]
     pub(crate) rays: u32,
-    /// Length of the rays in metres; the scene's own by default
+    /// Length of the rays in metres [default: the scene's own]
     #[arg(long, value_name = "M")]
     pub(crate) radius: Option<f32>,
-    /// What a ray that hits contributes: its distance over the radius, or nothing
+    /// What a ray that hits something adds to the AO value
     #[arg(long, value_enum, default_value_t = OcclusionArg::Obscurance)]
     pub(crate) occlusion: OcclusionArg,
-    /// Bits of a packed point: fewer make a smaller stream and a coarser picture; in profile surface, how finely positions
-    /// and normals are rounded
+    /// Bits of a packed point. Fewer bits make a smaller stream and a coarser picture; in profile surface they set how
+    /// finely positions and normals are rounded
     #[arg(long, default_value_t = 32, value_name = "32|24|16")]
     pub(crate) bits: u8,
-    /// Profile surface: whether clients are sent the points, or spread them over the scene themselves
+    /// How clients of profile surface get the points
     #[arg(long, value_enum, default_value_t = GeometryArg::Sent)]
     pub(crate) geometry: GeometryArg,
-    /// A point is sent again when its AO has moved by this many steps of 1/255
+    /// Send a point again once its AO has changed by this many steps of 1/255
     #[arg(long, default_value_t = 8, value_name = "STEPS_OF_255", value_parser = clap::value_parser!(u8).range(1..))]
     pub(crate) threshold: u8,
-    /// Seed of the points and their rays: same seed, same bytes
+    /// Seed of the points and their rays; the same seed gives the same bytes
     #[arg(long, default_value_t = 1, value_name = "S")]
     pub(crate) seed: u64,
-    /// How much wider than the camera's the view is in which points are kept up to date
+    /// Width of the view in which points are kept up to date, relative to the camera's
     #[arg(long, default_value_t = 1.3, value_name = "FACTOR")]
     pub(crate) view_margin: f32,
     /// Keep every point of the scene up to date, whatever the camera sees
     #[arg(long)]
     pub(crate) all_visible: bool,
-    /// Do the work, too, that changes no byte: trace every point in every frame, also where nothing near it has moved
+    /// Trace every point in every frame, even where nothing near it moved; changes no byte of the stream
     #[arg(long)]
     pub(crate) exhaustive: bool,
     /// Kernel radius r of the paper's Eq. 2, in Poisson-disk radii of the points
     #[arg(long, default_value_t = 2.5, value_name = "X")]
     pub(crate) kernel: f32,
-    /// Slots of the paper's hash table for each cell that is expected
+    /// Slots of the paper's hash table for each expected cell
     #[arg(long, default_value_t = 4.0, value_name = "X")]
     pub(crate) slots_per_cell: f32,
     #[command(flatten)]
@@ -102,10 +102,13 @@ pub(crate) struct PointArgs {
 /// Where points are kept between runs.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct CacheArgs {
-    /// Folder in which points are kept between runs; `$XDG_CACHE_HOME/psao` or ~/.cache/psao unless given
+    /// Folder that keeps points between runs [default: psao in the system's cache folder, such as ~/.cache/psao]
     #[arg(long, value_name = "FOLDER")]
     pub(crate) cache: Option<PathBuf>,
-    /// Make the points anew, and keep none
+    /// Size limit of the cache folder; the least recently used files are removed first
+    #[arg(long, value_name = "SIZE", default_value = "1GiB")]
+    pub(crate) cache_size: Size,
+    /// Compute the points, and keep none
     #[arg(long, conflicts_with = "cache")]
     pub(crate) no_cache: bool,
 }
@@ -134,9 +137,9 @@ impl ProfileArg {
 /// `--occlusion`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum OcclusionArg {
-    /// Mean of min(distance, radius) / radius, as the paper's prototype
+    /// Its distance divided by the radius, as in the paper's prototype
     Obscurance,
-    /// Share of the rays that hit nothing
+    /// Nothing: AO is the share of the rays that hit nothing
     Binary,
 }
 
@@ -152,9 +155,9 @@ impl From<OcclusionArg> for Occlusion {
 /// `--profile`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum ProfileArg {
-    /// Points that stay on the mesh at rest, of which only AO is sent
+    /// Points stay on the mesh at rest; only their AO is sent
     Surface,
-    /// Cells and buckets as the paper sends them
+    /// Points in cells and buckets, as in the paper; the baseline
     Paper,
 }
 
@@ -172,7 +175,7 @@ impl From<ProfileArg> for Profile {
 pub(crate) enum GeometryArg {
     /// Keyframes carry the points
     Sent,
-    /// Clients make the points from the scene, the density and the seed; whoever draws needs the scene anyway
+    /// Clients compute the points from the scene, the density and the seed; needs the scene at the client
     Shared,
 }
 
@@ -207,7 +210,11 @@ impl FromStr for Coder {
                 Ok(level @ 1..=22) => BlockCoder::Zstd { level },
                 _ => return Err(format!("zstd has levels 1 to 22, not \"{level}\"")),
             },
-            _ => return Err(format!("\"{text}\" is none of range, zstd, zstd:LEVEL, lz4 and none")),
+            _ => {
+                return Err(format!(
+                    "\"{text}\" is not a coder: choose range, zstd, zstd:LEVEL, lz4 or none"
+                ));
+            }
         };
         Ok(Self(coder))
     }
@@ -253,7 +260,7 @@ pub(crate) fn numbers<const N: usize>(text: &str) -> Option<[f32; N]> {
 /// `--edits` of a live server.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum EditsArg {
-    /// Clients may move, hide and show what is in the scene, for all of them
+    /// Clients may move, hide and show instances, for all clients
     Allow,
     /// The scene stays as it is
     Deny,
@@ -266,14 +273,59 @@ pub(crate) enum Format {
     Table,
     /// For programs, with a documented schema
     Json,
-    /// For spreadsheets: a line per frame
+    /// For spreadsheets: one line for each row
     Csv,
+}
+
+/// `--format` of a command whose result has rows.
+#[derive(Args, Clone, Copy, Debug)]
+pub(crate) struct FormatArg {
+    /// How to print the result
+    #[arg(long, value_enum, default_value_t = Format::Table)]
+    format: Format,
+    /// The older spelling of --format json
+    #[arg(long, hide = true, conflicts_with = "format")]
+    json: bool,
+}
+
+impl FormatArg {
+    /// Returns the format that was asked for.
+    pub(crate) fn get(self) -> Format {
+        if self.json { Format::Json } else { self.format }
+    }
+}
+
+/// How results without rows are printed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum ReportFormat {
+    /// For people
+    Table,
+    /// For programs, with a documented schema
+    Json,
+}
+
+/// `--format` of a command whose result is more than one table.
+#[derive(Args, Clone, Copy, Debug)]
+pub(crate) struct ReportFormatArg {
+    /// How to print the result
+    #[arg(long, value_enum, default_value_t = ReportFormat::Table)]
+    format: ReportFormat,
+    /// The older spelling of --format json
+    #[arg(long, hide = true, conflicts_with = "format")]
+    json: bool,
+}
+
+impl ReportFormatArg {
+    /// Returns whether JSON was asked for.
+    pub(crate) fn is_json(self) -> bool {
+        self.json || self.format == ReportFormat::Json
+    }
 }
 
 /// A recording to read.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct RecordingArg {
-    /// A recording made by `psao record`
+    /// A recording made by `psao record`; - reads standard input
     #[arg(value_name = "FILE")]
     pub(crate) file: PathBuf,
 }
@@ -281,7 +333,7 @@ pub(crate) struct RecordingArg {
 /// The network of LPIPS.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct LpipsArgs {
-    /// Weights of LPIPS (`AlexNet`, version 0.1: 2,470,848 half floats or floats); without them there is no LPIPS
+    /// Weights of the LPIPS metric (AlexNet, version 0.1: 2,470,848 f16 or f32); without them LPIPS is left out
     #[arg(long, value_name = "FILE")]
     lpips_weights: Option<PathBuf>,
 }
@@ -300,7 +352,7 @@ impl LpipsArgs {
 /// Where a recording made of others goes.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct OutputArg {
-    /// The recording to write; a file of that name is replaced once the new one is whole
+    /// The recording to write, - for standard output; a file of that name is replaced once the new one is whole
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: PathBuf,
 }
@@ -308,16 +360,21 @@ pub(crate) struct OutputArg {
 /// `--record-buffer`.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct BufferArg {
-    /// Most MiB of a live recording that wait in memory for the disk
-    #[arg(long, value_name = "MIB", default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=65_536))]
-    record_buffer: u32,
+    /// Memory for frames of a live recording that wait for the disk, 1MiB to 64GiB
+    #[arg(long, value_name = "SIZE", default_value = "64MiB", value_parser = buffer)]
+    record_buffer: Size,
+}
+
+/// Parses `--record-buffer`.
+fn buffer(text: &str) -> Result<Size, String> {
+    Size::between(text, 1 << 20, 64 << 30)
 }
 
 impl BufferArg {
-    /// How to record into a file; what happens meanwhile goes to standard error.
+    /// Returns how to record into a file; what happens meanwhile goes to standard error.
     pub(crate) fn options(&self, path: &Path) -> RecorderOptions {
         let path = path.display().to_string();
-        let bytes = (self.record_buffer as usize).saturating_mul(1 << 20);
+        let bytes = usize::try_from(self.record_buffer.0).unwrap_or(usize::MAX);
         RecorderOptions::default().with_buffer_bytes(bytes).with_observer(move |notice| match notice {
             // It names the file itself.
             RecorderNotice::Failed(_) => eprintln!("psao: {notice}"),

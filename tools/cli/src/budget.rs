@@ -10,14 +10,14 @@ use serde::Serialize;
 
 use crate::error::{Failure, Outcome};
 use crate::output::number;
+use crate::quantity::{Rate, Size};
 
 /// `--budget` and `--longest-age`.
 #[derive(Args, Clone, Copy, Debug)]
 pub(crate) struct BudgetArgs {
-    /// Profile surface: how much a frame may take, as bytes of its body (1200B, 4kB) or as a rate of the stream (500kbit/s,
-    /// 2Mbit/s); points that do not fit are sent later, what differs most, is largest on the screen and has waited longest
-    /// first. Keyframes have no budget
-    #[arg(long, value_name = "BYTES|RATE")]
+    /// Size limit of a frame, for profile surface: bytes of its body (1200B, 4kB) or a rate of the stream (500kbit/s).
+    /// Points that do not fit are sent later, by difference, screen size and waiting time. Keyframes have no limit
+    #[arg(long, value_name = "SIZE|RATE")]
     budget: Option<BudgetArg>,
     #[command(flatten)]
     age: AgeArg,
@@ -26,13 +26,13 @@ pub(crate) struct BudgetArgs {
 /// `--longest-age`.
 #[derive(Args, Clone, Copy, Debug)]
 pub(crate) struct AgeArg {
-    /// Frames that a point may wait for room in the budget; then it is sent whatever the budget
+    /// Frames that a point may wait for room in the budget; then it is sent even beyond the budget
     #[arg(long, value_name = "FRAMES", default_value_t = surface::Budget::LONGEST_AGE)]
     pub(crate) longest_age: u16,
 }
 
 impl BudgetArgs {
-    /// The budget of a frame of a stream of `fps` frames a second.
+    /// Returns the budget of a frame at `fps` frames per second.
     pub(crate) fn budget(&self, fps: f32) -> Outcome<Option<surface::Budget>> {
         let Some(asked) = self.budget else { return Ok(None) };
         let bytes = match asked {
@@ -52,7 +52,7 @@ impl BudgetArgs {
     }
 }
 
-/// The message that tells clients what a frame did with its budget.
+/// Returns the message that tells clients how a frame used its budget.
 pub(crate) fn message(frame: FrameIndex, budget: surface::Budget, postponed: surface::Postponed) -> Budget {
     let surface::Postponed { points, oldest, forced, used } = postponed;
     Budget { frame, budget: budget.bytes, used, postponed: points, oldest: oldest.into(), forced }
@@ -65,29 +65,21 @@ enum BudgetArg {
     BitsPerSecond(f64),
 }
 
-/// What can stand behind the number, and how much it is; the longest that fits counts.
-const UNITS: [(&str, f64, bool); 5] = [
-    ("Mbit/s", 1e6, true),
-    ("kbit/s", 1e3, true),
-    ("bit/s", 1.0, true),
-    ("kB", 1e3, false),
-    ("B", 1.0, false),
-];
-
 impl FromStr for BudgetArg {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
-        let wrong = || {
-            format!("\"{text}\" is not a size such as 1200B or 4kB, or a rate such as 500kbit/s or 2Mbit/s")
-        };
-        let unit = |(unit, factor, rate): (&str, f64, bool)| Some((text.strip_suffix(unit)?, factor, rate));
-        let (number, factor, rate) = UNITS.into_iter().find_map(unit).ok_or_else(wrong)?;
-        let amount = number.trim().parse::<f64>().map_err(|_| wrong())? * factor;
-        if !(1.0..=f64::from(u32::MAX)).contains(&amount) {
-            return Err(wrong());
+        if let Ok(rate) = text.parse::<Rate>() {
+            return Ok(Self::BitsPerSecond(rate.bits));
         }
-        Ok(if rate { Self::BitsPerSecond(amount) } else { Self::Bytes(amount as u32) })
+        match text.parse::<Size>() {
+            Ok(Size(bytes)) if bytes > 0 => u32::try_from(bytes)
+                .map(Self::Bytes)
+                .map_err(|_| format!("\"{text}\" is more than 4GiB a frame")),
+            _ => Err(format!(
+                "\"{text}\" is not a size such as 1200B or 4kB, or a rate such as 500kbit/s or 2Mbit/s"
+            )),
+        }
     }
 }
 
@@ -120,7 +112,7 @@ impl BudgetTotals {
         self.forced += u64::from(frame.forced);
     }
 
-    /// Sums in words; nothing where no frame had a budget.
+    /// Returns the sums in words; `None` where no frame had a budget.
     pub(crate) fn text(&self) -> Option<String> {
         let frames = self.frames.checked_sub(1)? + 1;
         Some(format!(
@@ -155,7 +147,9 @@ mod tests {
         assert_eq!(budget("480kbit/s", 60.0), Some(1000 - envelope));
         assert_eq!(budget("0.48 Mbit/s", 30.0), Some(2000 - envelope));
         assert_eq!(budget("480000bit/s", 60.0), Some(1000 - envelope));
-        for bad in ["", "B", "12", "0B", "-5B", "xB", "nanB", "1e99B", "500kbit", "500kb/s", "1bit/s"] {
+        assert_eq!(budget("480kbit", 60.0), Some(1000 - envelope));
+        for bad in ["", "B", "12", "0B", "-5B", "xB", "nanB", "1e99B", "500kb/s", "1bit/s", "8bit/s", "5GiB"]
+        {
             assert_eq!(budget(bad, 60.0), None, "{bad}");
         }
     }

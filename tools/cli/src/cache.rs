@@ -1,17 +1,16 @@
-//! Points of scenes, kept between runs in a folder of their own: a file for each set of scene and settings.
+//! A folder that keeps the points of scenes between runs: a file for each scene and settings.
 
 use std::ffi::OsStr;
 use std::fs::{self, File};
 use std::io::{self, Read as _, Write as _};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::SystemTime;
 
+use etcetera::{BaseStrategy as _, choose_base_strategy};
 use psao_server::points::{EntryError, PointCache, PointKey};
 
 use crate::args::CacheArgs;
 
-/// Bytes that all files may have together; beyond, those that were not used for longest go.
-const MOST_BYTES: u64 = 1 << 30;
 /// Endings of files, and of those that are still being written.
 const WHOLE: &str = "points";
 const PARTIAL: &str = "partial";
@@ -23,18 +22,11 @@ pub(crate) struct Folder {
 }
 
 impl Folder {
-    /// The folder that the options or else the environment name; `None` where points are not to be kept.
+    /// Returns the folder that the options name, or the system's folder for caches; `None` where points are not kept.
     pub(crate) fn of(args: &CacheArgs) -> Option<Self> {
-        let under = |variable: &str, rest: &str| {
-            let folder = std::env::var_os(variable).filter(|folder| Path::new(folder).is_absolute())?;
-            Some(Path::new(&folder).join(rest))
-        };
-        let path = args
-            .cache
-            .clone()
-            .or_else(|| under("XDG_CACHE_HOME", "psao"))
-            .or_else(|| under("HOME", ".cache/psao"))?;
-        (!args.no_cache).then_some(Self { path, most_bytes: MOST_BYTES })
+        let of_system = || Some(choose_base_strategy().ok()?.cache_dir().join("psao"));
+        let path = args.cache.clone().or_else(of_system)?;
+        (!args.no_cache).then_some(Self { path, most_bytes: args.cache_size.0 })
     }
 
     fn file(&self, key: &PointKey) -> PathBuf {
@@ -45,7 +37,7 @@ impl Folder {
         let file = File::open(self.file(key))?;
         let mut bytes = Vec::new();
         file.take(self.most_bytes + 1).read_to_end(&mut bytes)?;
-        // When it was used last; where that cannot be noted, the file goes a little early.
+        // Notes the last use. If that fails, the file is removed a little early.
         let _ = File::options()
             .append(true)
             .open(self.file(key))
@@ -53,7 +45,7 @@ impl Folder {
         Ok(bytes)
     }
 
-    /// Writes a file under another name first, so that it is there whole or not at all.
+    /// Writes a file under another name first, so that it appears whole or not at all.
     fn write(&self, key: &PointKey, bytes: &[u8]) -> io::Result<()> {
         fs::create_dir_all(&self.path)?;
         let mut file = tempfile::Builder::new().suffix(&format!(".{PARTIAL}")).tempfile_in(&self.path)?;
@@ -62,7 +54,7 @@ impl Folder {
         self.make_room()
     }
 
-    /// Removes the files that were not used for longest until the rest fits. Other files are left alone.
+    /// Removes the least recently used files until the rest fits. Other files are left alone.
     fn make_room(&self) -> io::Result<()> {
         let mut files = Vec::new();
         for entry in fs::read_dir(&self.path)? {
@@ -91,7 +83,7 @@ fn gone(error: &io::Error) -> bool {
     error.kind() == io::ErrorKind::NotFound
 }
 
-/// What the libraries are given.
+/// Returns the folder as the libraries take it.
 pub(crate) fn as_cache(folder: &Option<Folder>) -> Option<&dyn PointCache> {
     folder.as_ref().map(|folder| folder as &dyn PointCache)
 }
@@ -102,7 +94,7 @@ impl PointCache for Folder {
             .map_err(|error| {
                 if !gone(&error) {
                     eprintln!(
-                        "psao: {} cannot be read: {error}; the points are made anew",
+                        "psao: {} cannot be read: {error}; the points are computed again",
                         self.file(key).display()
                     );
                 }
@@ -113,25 +105,27 @@ impl PointCache for Folder {
     fn store(&self, key: &PointKey, bytes: &[u8]) {
         if let Err(error) = self.write(key, bytes) {
             eprintln!(
-                "psao: the points are not kept in {}: {error}; --cache names another folder, --no-cache none",
+                "psao: the points cannot be kept in {}: {error}; name another folder with --cache, or use --no-cache",
                 self.path.display()
             );
         }
     }
 
     fn refused(&self, key: &PointKey, reason: &EntryError) {
-        eprintln!("psao: {} is not used: {reason}; the points are made anew", self.file(key).display());
+        eprintln!("psao: {} is not used: {reason}; the points are computed again", self.file(key).display());
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::path::Path;
     use std::time::Duration;
 
     use psao_server::points::PointSettings;
     use psao_server::scene::Scene;
 
     use super::*;
+    use crate::quantity::Size;
 
     fn keys(count: u64) -> Vec<PointKey> {
         let scene = Scene::load("asteroids").unwrap();
@@ -168,7 +162,11 @@ mod tests {
 
     #[test]
     fn options_come_before_the_environment() {
-        let args = |cache: Option<&str>, no_cache| CacheArgs { cache: cache.map(PathBuf::from), no_cache };
+        let args = |cache: Option<&str>, no_cache| CacheArgs {
+            cache: cache.map(PathBuf::from),
+            cache_size: Size(1 << 30),
+            no_cache,
+        };
         assert_eq!(Folder::of(&args(Some("here"), false)).unwrap().path, Path::new("here"));
         assert!(Folder::of(&args(None, true)).is_none());
     }

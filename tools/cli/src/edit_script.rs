@@ -6,6 +6,7 @@ use std::path::Path;
 use psao_proto::message::{Edit, EditAction};
 use psao_server::scene::{Edits, Scene};
 
+use crate::analysis::load;
 use crate::args::numbers;
 use crate::error::{Failure, Outcome};
 
@@ -14,10 +15,11 @@ use crate::error::{Failure, Outcome};
 pub(crate) struct EditScript(BTreeMap<u32, Vec<Edit>>);
 
 impl EditScript {
-    /// Reads a script for a recording of so many frames, where they are known. Every line is checked: a mistake is found before anything is
-    /// traced.
+    /// Reads a script for a recording of `frames` frames, where the number is known. Every line is checked, so a mistake is
+    /// found before anything is traced.
     pub(crate) fn load(path: &Path, scene: &Scene, frames: Option<u32>) -> Outcome<Self> {
-        let text = std::fs::read_to_string(path).map_err(|error| Failure::reading(path, &error))?;
+        let text = String::from_utf8(load(path)?)
+            .map_err(|error| Failure::input(format_args!("{}: {error}", path.display())))?;
         Self::parse(&text, scene, frames)
             .map_err(|error| Failure::input(format_args!("{}:{error}", path.display())))
     }
@@ -28,7 +30,7 @@ impl EditScript {
         let mut checked = Edits::new(scene.instances().len() as u32);
         for (number, line) in (1..).zip(text.lines()) {
             let wrong = |error: String| format!("{number}: {error}");
-            let words = words(line).map_err(wrong)?;
+            let words = shlex::split(line).ok_or_else(|| wrong("a quote is not closed".to_owned()))?;
             if words.is_empty() {
                 continue;
             }
@@ -36,7 +38,7 @@ impl EditScript {
             checked.apply(&edit).map_err(|error| wrong(error.to_string()))?;
             if let Some(frames) = frames.filter(|frames| frame >= *frames) {
                 return Err(wrong(format!(
-                    "there is no frame {frame}: {frames} are recorded, counted from 0"
+                    "there is no frame {frame}: {frames} frames are recorded, counted from 0"
                 )));
             }
             script.0.entry(frame).or_default().push(edit);
@@ -44,34 +46,16 @@ impl EditScript {
         Ok(script)
     }
 
-    /// Takes the edits of a frame and of those before it.
+    /// Removes and returns the edits of a frame and of those before it.
     pub(crate) fn take_until(&mut self, frame: u32) -> Vec<Edit> {
         let later = frame.checked_add(1).map_or_else(BTreeMap::new, |next| self.0.split_off(&next));
         std::mem::replace(&mut self.0, later).into_values().flatten().collect()
     }
 
-    /// The edits that come before a frame.
+    /// Returns the edits that come before a frame.
     pub(crate) fn before(&self, frame: u32) -> &[Edit] {
         self.0.get(&frame).map_or(&[], Vec::as_slice)
     }
-}
-
-/// The words of a line up to its comment; a name with spaces stands in double quotes.
-fn words(line: &str) -> Result<Vec<String>, String> {
-    let (mut words, mut word, mut quoted) = (Vec::new(), None::<String>, false);
-    for letter in line.chars() {
-        match letter {
-            '"' => {
-                quoted = !quoted;
-                word.get_or_insert_default();
-            }
-            '#' if !quoted => break,
-            _ if letter.is_whitespace() && !quoted => words.extend(word.take()),
-            _ => word.get_or_insert_default().push(letter),
-        }
-    }
-    words.extend(word);
-    if quoted { Err("a quote is not closed".to_owned()) } else { Ok(words) }
 }
 
 fn edit(words: &[String], scene: &Scene) -> Result<(u32, Edit), String> {
@@ -90,8 +74,8 @@ fn edit(words: &[String], scene: &Scene) -> Result<(u32, Edit), String> {
         ("move", _) => {
             return Err("move takes X,Y,Z and perhaps QX,QY,QZ,QW, without spaces in them".to_owned());
         }
-        ("release" | "hide" | "show", _) => return Err(format!("nothing stands after {action}")),
-        _ => return Err(format!("\"{action}\" is none of move, release, hide and show")),
+        ("release" | "hide" | "show", _) => return Err(format!("{action} takes nothing more")),
+        _ => return Err(format!("\"{action}\" is not an action: use move, release, hide or show")),
     };
     Ok((frame, Edit { instance, action }))
 }
@@ -104,7 +88,7 @@ fn rotation(text: &str) -> Result<[f32; 4], String> {
     numbers(text).ok_or_else(|| format!("\"{text}\" is not a quaternion such as 0,0.7071,0,0.7071"))
 }
 
-/// An instance by its index or its name.
+/// Returns the instance with an index or a name.
 fn find(text: &str, scene: &Scene) -> Result<u32, String> {
     if let Ok(index) = text.parse() {
         return Ok(index);
@@ -154,8 +138,8 @@ mod tests {
             ("1 2", "FRAME INSTANCE"),
             ("x 2 hide", "\"x\" is not the number of a frame"),
             ("-1 2 hide", "not the number of a frame"),
-            ("1 2 fly", "none of move, release, hide and show"),
-            ("1 2 hide now", "nothing stands after hide"),
+            ("1 2 fly", "use move, release, hide or show"),
+            ("1 2 hide now", "hide takes nothing more"),
             ("1 2 move", "move takes"),
             ("1 2 move 1, 2, 3", "move takes"),
             ("1 2 move 1,2", "not three numbers"),
@@ -167,7 +151,7 @@ mod tests {
             ("1 nobody hide", "no instance is named \"nobody\""),
             ("1 column hide", "instances are named \"column\""),
             ("1 \"boulder 0 hide", "a quote is not closed"),
-            ("10 2 hide", "there is no frame 10: 10 are recorded"),
+            ("10 2 hide", "there is no frame 10: 10 frames are recorded"),
         ] {
             let error = parse(&format!("# first\n{text}\n")).unwrap_err();
             assert!(error.starts_with("2: ") && error.contains(said), "{text}: {error}");

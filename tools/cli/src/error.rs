@@ -1,20 +1,21 @@
-//! What a command ends with: an exit code a script can read and one sentence a person can.
+//! The failure of a command: an exit code for scripts and a sentence for people.
 
 use std::fmt;
 use std::path::Path;
 
-use psao_proto::recording::file::FileError;
+use psao_server::points::PointError;
+use psao_server::server::SettingsError;
 
 /// Exit codes of `psao`, as the README documents them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Exit {
     /// The system failed: disk, memory, threads.
     System = 1,
-    /// The command line was wrong (clap uses the same code).
+    /// The command line is wrong, whatever it is run on (clap uses the same code).
     Usage = 2,
-    /// A scene, recording or option was refused.
+    /// A scene, recording, file or machine was refused, or an option that does not fit it.
     Input = 3,
-    /// The command finished, but some of its input was damaged and left out.
+    /// The command is done, but damaged input was left out.
     DataLoss = 4,
     /// The network or the peer failed.
     Peer = 5,
@@ -45,12 +46,28 @@ impl Failure {
         Self::new(Exit::Input, text)
     }
 
-    /// A file that could not be read: the reader named the wrong one, so this is bad input.
+    /// Returns the failure of a stream's settings that were refused: by themselves, or for this scene.
+    pub(crate) fn settings(error: SettingsError) -> Self {
+        match error {
+            SettingsError::Points(error) => Self::points(error),
+            error => Self::usage(error),
+        }
+    }
+
+    /// Returns the failure of settings of points that were refused: by themselves, or for this scene.
+    pub(crate) fn points(error: PointError) -> Self {
+        match error {
+            PointError::TooMany { .. } => Self::input(error),
+            error => Self::usage(error),
+        }
+    }
+
+    /// Returns the failure to read a file; the command line names the wrong one, so this is bad input.
     pub(crate) fn reading(path: &Path, error: &std::io::Error) -> Self {
         Self::new(Exit::Input, format_args!("cannot read {}: {error}", path.display()))
     }
 
-    /// A file that could not be written.
+    /// Returns the failure to write a file.
     pub(crate) fn writing(path: &Path, error: &std::io::Error) -> Self {
         Self::new(
             Exit::System,

@@ -16,36 +16,36 @@ use crate::error::{Exit, Failure, Outcome};
 
 /// Where a server listens unless told otherwise.
 const DEFAULT_ADDRESS: &str = "127.0.0.1:4700";
-/// The variable that holds a token, for those who give no file.
+/// The environment variable that holds a token where no file is named.
 const TOKEN_VARIABLE: &str = "PSAO_TOKEN";
 
-/// Where a server listens, and whom it takes.
+/// Where a server listens, and which clients it accepts.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct ListenArgs {
-    /// Serve at this address: host:port, tls:host:port or unix:PATH; port 0 lets the system choose (`psao serve`:
-    /// 127.0.0.1:4700 unless given)
+    /// Address to listen at: host:port, tls:host:port or unix:PATH; port 0 lets the system choose. `psao serve` uses
+    /// 127.0.0.1:4700 unless given
     #[arg(long, value_name = "ADDR")]
     pub(crate) listen: Option<Address>,
-    /// The server's certificate, for a tls: address (`psao keys` makes a set to try)
+    /// The server's certificate, for a tls: address (`psao keys` creates one)
     #[arg(long, value_name = "PEM", requires = "key")]
     cert: Option<PathBuf>,
     /// The private key of --cert
     #[arg(long, value_name = "PEM", requires = "cert")]
     key: Option<PathBuf>,
-    /// Take only clients that show a certificate which this authority has signed
+    /// Accept only clients with a certificate signed by this authority
     #[arg(long, value_name = "PEM", requires = "cert")]
     client_ca: Option<PathBuf>,
     #[command(flatten)]
     token: TokenArgs,
-    /// Serve whoever comes, also at an address that other machines can reach without TLS or a credential
+    /// Serve every client, even at an address that other machines can reach without TLS or a credential
     #[arg(long)]
     open_to_everyone: bool,
 }
 
-/// How a client shows who it is, and knows the server.
+/// How a client proves its identity, and knows the server.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct ConnectArgs {
-    /// Trust servers whose certificate this authority has signed; a tls: address needs it
+    /// Trust servers with a certificate signed by this authority; required for a tls: address
     #[arg(long, value_name = "PEM")]
     ca: Option<PathBuf>,
     /// The certificate to show to a server that asks for one
@@ -56,7 +56,7 @@ pub(crate) struct ConnectArgs {
     key: Option<PathBuf>,
     #[command(flatten)]
     token: TokenArgs,
-    /// Send the token also to another machine without TLS, for everyone on the way to read
+    /// Send the token even without TLS to another machine, readable on the way
     #[arg(long)]
     token_in_clear: bool,
 }
@@ -64,18 +64,18 @@ pub(crate) struct ConnectArgs {
 /// The secret that server and clients share.
 #[derive(Args, Clone, Debug)]
 struct TokenArgs {
-    /// File with the token that server and clients share; without it `PSAO_TOKEN` is taken from the environment
+    /// File with the token that server and clients share [default: the variable PSAO_TOKEN]
     #[arg(long, value_name = "FILE")]
     token_file: Option<PathBuf>,
 }
 
 impl ListenArgs {
-    /// Who may join: known before there is a hub.
+    /// Returns which clients may join.
     pub(crate) fn access(&self) -> Outcome<Access> {
         Ok(self.token.read()?.map_or(Access::Open, Access::Token))
     }
 
-    /// Listens for clients of `hub` at the address, or at the default one, and serves them in the background. Gives the
+    /// Listens for clients of `hub` at the address, or at the default one, and serves them in the background. Returns the
     /// address with the port that was chosen.
     pub(crate) async fn serve(&self, hub: &Hub) -> Outcome<Address> {
         let address = match &self.listen {
@@ -100,7 +100,7 @@ impl ListenArgs {
 }
 
 impl ConnectArgs {
-    /// Connects to a server. What `session` says is kept, but for the token.
+    /// Connects to a server with the options of `session`, except that the token is the command line's.
     pub(crate) async fn connect(&self, address: &Address, session: ClientOptions) -> Outcome<Connection> {
         let session = ClientOptions { token: self.token.read()?, ..session };
         let mut options = ConnectOptions::default().session(session).token_in_clear(self.token_in_clear);
@@ -131,12 +131,12 @@ impl TokenArgs {
     }
 }
 
-/// A network failure.
+/// Returns a failure of the network or the other side.
 pub(crate) fn peer(error: impl Display) -> Failure {
     Failure::new(Exit::Peer, error)
 }
 
-/// What could not be listened at or connected to, with the options that change that.
+/// Returns the failure to listen or connect, with the options that help.
 fn refused(error: NetError) -> Failure {
     let options = match &error {
         NetError::Exposed { .. } => "--cert, --key and --client-ca or --token-file; --open-to-everyone",
@@ -152,7 +152,7 @@ fn read(path: &Path) -> Outcome<Vec<u8>> {
     std::fs::read(path).map_err(|error| Failure::reading(path, &error))
 }
 
-/// Reads a file that is nobody else's business, and says so when others can read it.
+/// Reads a secret file, and warns when others can read it.
 fn read_secret(path: &Path) -> Outcome<Vec<u8>> {
     #[cfg(unix)]
     if let Ok(metadata) = std::fs::metadata(path) {
@@ -164,22 +164,24 @@ fn read_secret(path: &Path) -> Outcome<Vec<u8>> {
     read(path)
 }
 
-/// Says on standard error who came and went, and what could not be served. Edits are not for here.
+/// Prints to standard error which clients came and went, and what could not be served. Edits are handled elsewhere.
 pub(crate) fn tell(event: &HubEvent) {
     match event {
         HubEvent::Joined { peer, name, .. } => eprintln!("{peer} joined: {name}"),
         HubEvent::Left { peer, error: None, .. } => eprintln!("{peer} left"),
         HubEvent::Left { peer, error: Some(error), .. } => eprintln!("{peer} left: {error}"),
-        HubEvent::AcceptFailed { what } => eprintln!("psao: cannot accept connections for now: {what}"),
+        HubEvent::AcceptFailed { what } => eprintln!("psao: cannot accept connections at the moment: {what}"),
         HubEvent::Dropped { connections } => {
-            eprintln!("psao: {connections} more connection(s) dropped: too many at once");
+            eprintln!("psao: {connections} more connection(s) dropped: too many at the same time");
         }
-        HubEvent::Missed { events } => eprintln!("psao: {events} earlier message(s) about clients left out"),
+        HubEvent::Missed { events } => {
+            eprintln!("psao: {events} earlier message(s) about clients were left out")
+        }
         HubEvent::Edit { .. } => {}
     }
 }
 
-/// Waits for Ctrl-C or the system's wish to stop.
+/// Waits for Ctrl-C or SIGTERM.
 pub(crate) async fn stop() {
     #[cfg(unix)]
     if let Ok(mut terminate) = tokio::signal::unix::signal(tokio::signal::unix::SignalKind::terminate()) {

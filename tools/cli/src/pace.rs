@@ -2,8 +2,8 @@
 
 use psao_proto::Micros;
 
-/// Keeps a replay to the recorded times. Every frame's time follows from the first frame's, never from when the one before
-/// went out, so a delay is caught up with and none is added up.
+/// Keeps a replay to the recorded times. Every frame is timed from the first one, never from the one before, so delays do
+/// not add up.
 #[derive(Debug)]
 pub(crate) struct Pacer {
     rate: f64,
@@ -16,12 +16,12 @@ pub(crate) struct Pacer {
 }
 
 impl Pacer {
-    /// A pacer that plays `rate` times as fast as recorded; above 0.
+    /// Starts a pacer that plays `rate` times as fast as recorded; above 0.
     pub(crate) fn new(rate: f64) -> Self {
         Self { rate, origin: None, last: None, resume: None }
     }
 
-    /// How long to wait, at the time `now`, before the frame that arrived at `arrival`.
+    /// Returns how long to wait, at the time `now`, before the frame that arrived at `arrival`.
     pub(crate) fn wait(&mut self, now: Micros, arrival: Micros) -> Micros {
         let interval = self.last.map_or(Micros(0), |(last, _)| arrival.since(last));
         self.last = Some((arrival, interval));
@@ -49,7 +49,7 @@ impl Pacer {
 mod tests {
     use super::*;
 
-    /// Plays frames 60 Hz apart on a clock of its own, each taking the given microseconds to send; gives when each went out.
+    /// Plays frames 60 Hz apart on a clock of its own, each taking the given microseconds to send; returns when each was sent.
     fn play(pacer: &mut Pacer, clock: &mut u64, sending: impl IntoIterator<Item = u64>) -> Vec<u64> {
         let mut sent = Vec::new();
         for (frame, takes) in (0u64..).zip(sending) {

@@ -3,7 +3,6 @@
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::Instant;
 
 use psao_codec::stream::State;
 use psao_codec::surface::Geometry;
@@ -21,12 +20,14 @@ use psao_server::points::make_shared_geometry;
 use psao_server::scene::{Edits, Scene};
 
 use crate::args::SizeArg;
+use crate::context::Stopwatch;
 use crate::error::{Exit, Failure, Outcome};
+use crate::output::target;
 
 /// Differences are multiplied by this in the difference picture: a quarter of the range is full colour.
 const GAIN: f32 = 4.0;
 
-/// The scene of a recording, opened by its name or path, or by another path to the same files.
+/// Opens the scene of a recording by its name or path, or by another path to the same files.
 pub(crate) fn scene_of(info: &SceneInfo, elsewhere: Option<&str>) -> Outcome<Arc<Scene>> {
     let name = elsewhere.unwrap_or(info.source.as_str());
     let scene = Scene::load(name).map_err(|error| {
@@ -42,7 +43,7 @@ pub(crate) fn scene_of(info: &SceneInfo, elsewhere: Option<&str>) -> Outcome<Arc
     Ok(Arc::new(scene))
 }
 
-/// The AO of every fragment out of a state of either profile.
+/// Reconstructs the AO of every fragment from a state of either profile.
 pub(crate) fn blend(state: &State, buffer: &GBuffer) -> Outcome<Reconstruction> {
     match state {
         State::Cells(state) => reconstruct::cells(state, buffer),
@@ -56,7 +57,7 @@ pub(crate) fn blend(state: &State, buffer: &GBuffer) -> Outcome<Reconstruction> 
 pub(crate) struct SharedPoints(Vec<Arc<Geometry>>);
 
 impl SharedPoints {
-    /// The state with its points: as it is where the stream carries them.
+    /// Returns the state with its points; unchanged where the stream carries them.
     pub(crate) fn complete<'a>(
         &mut self,
         state: &'a State,
@@ -125,12 +126,12 @@ impl Shot<'_> {
         pose.apply(self.edits);
         let world = SceneBvh::new(self.scene, &pose);
         let view = SceneView::new(&world);
-        let start = Instant::now();
+        let start = Stopwatch::start();
         let buffer = cast_view(&view, &camera, size).map_err(Failure::usage)?;
-        let raster_ms = millis(start);
-        let start = Instant::now();
+        let raster_ms = start.millis();
+        let start = Stopwatch::start();
         let drawn = blend(self.state, &buffer)?;
-        let reconstruct_ms = millis(start);
+        let reconstruct_ms = start.millis();
         let mut result = Drawn {
             image: drawn.image,
             statistics: drawn.statistics,
@@ -139,9 +140,9 @@ impl Shot<'_> {
             reference: None,
         };
         if let Some(rays) = self.reference_rays {
-            let start = Instant::now();
+            let start = Stopwatch::start();
             let image = reference(&view, &buffer, &self.settings(rays)?).map_err(Failure::usage)?;
-            let ms = millis(start);
+            let ms = start.millis();
             let error =
                 self.compare(&image, &result.image).map_err(|error| Failure::new(Exit::System, error))?;
             result.reference = Some(Referenced { image, error, rays, ms });
@@ -149,13 +150,13 @@ impl Shot<'_> {
         Ok(result)
     }
 
-    /// The figures of `psao evaluate`.
+    /// Returns the errors, with the figures of `psao lab sweep`.
     fn compare(&self, truth: &AoImage, image: &AoImage) -> Result<Figures, MetricError> {
         let error = Comparison::new(truth, image)?;
         Ok(Figures::new(&error, &Perceived::new(truth, image, self.network)?))
     }
 
-    /// The stream's own radius and falloff, with another number of rays.
+    /// Returns the stream's radius and falloff with another number of rays.
     fn settings(&self, rays: u32) -> Outcome<AoSettings> {
         let kind = match self.info.occlusion {
             message::Occlusion::OBSCURANCE => Occlusion::Obscurance,
@@ -170,13 +171,9 @@ impl Shot<'_> {
     }
 }
 
-fn millis(start: Instant) -> f64 {
-    start.elapsed().as_secs_f64() * 1e3
-}
-
 impl Drawn {
     /// Writes `path`, and beside it the reference, the difference and both side by side where there is a reference.
-    /// Gives the paths.
+    /// Returns the paths.
     pub(crate) fn write(&self, path: &Path) -> Outcome<Vec<PathBuf>> {
         let grey = Picture::grey(&self.image);
         let mut files = vec![(path.to_owned(), grey)];
@@ -192,7 +189,7 @@ impl Drawn {
         }
         for (path, picture) in &files {
             let png = picture.to_png().map_err(|error| Failure::new(Exit::System, error))?;
-            std::fs::write(path, png).map_err(|error| Failure::writing(path, &error))?;
+            target::write(path, &png)?;
         }
         Ok(files.into_iter().map(|(path, _)| path).collect())
     }

@@ -22,7 +22,7 @@ use psao_server::server::{
 use crate::args::{PointArgs, TuningArgs};
 use crate::budget::message;
 use crate::cache::{Folder, as_cache};
-use crate::context::{WallClock, progress};
+use crate::context::{Stopwatch, progress};
 use crate::error::{Failure, Outcome};
 
 /// Stages of the frame loop, in order, with their ids in reports.
@@ -135,7 +135,7 @@ impl Producer {
         &mut self,
         number: u32,
         views: &[CameraPose],
-        clock: &WallClock,
+        clock: &Stopwatch,
     ) -> Outcome<(StepOutput, Produced)> {
         let (time, views) = self.timetable.frame(number, views);
         let output = self.server.step(FrameIndex(number), time, &views, clock).map_err(refused)?;
@@ -180,7 +180,7 @@ impl Front {
     }
 
     /// Traces frame `number`, as [`Producer::step`].
-    pub(crate) fn trace(&mut self, number: u32, views: &[CameraPose], clock: &WallClock) -> TracedFrame {
+    pub(crate) fn trace(&mut self, number: u32, views: &[CameraPose], clock: &Stopwatch) -> TracedFrame {
         let (time, views) = self.timetable.frame(number, views);
         self.half.trace(FrameIndex(number), time, &views, clock)
     }
@@ -191,7 +191,7 @@ impl Back {
     pub(crate) fn write(
         &mut self,
         traced: TracedFrame,
-        clock: &WallClock,
+        clock: &Stopwatch,
     ) -> Outcome<(StepOutput, Produced)> {
         let output = self.half.write(traced, clock).map_err(refused)?;
         let produced = Produced::of(&output, self.budget);
@@ -217,7 +217,7 @@ fn ray_budget(rays: u64) -> RayBudget {
 /// A server that could not be made, or did not go on.
 pub(crate) fn refused(error: ServerError) -> Failure {
     match error {
-        ServerError::Settings(error) => Failure::usage(error),
+        ServerError::Settings(error) => Failure::settings(error),
         error => Failure::input(error),
     }
 }
@@ -251,7 +251,7 @@ pub(crate) fn show_progress() -> Arc<ProgressFn> {
     Arc::new(move |state| bars.show(state))
 }
 
-impl Clock for WallClock {
+impl Clock for Stopwatch {
     fn micros(&self) -> u64 {
         Self::micros(self)
     }

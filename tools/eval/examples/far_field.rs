@@ -1,29 +1,19 @@
 //! Far-field obscurance and its mipmap method beside rays through the same depth field, as the tables and figures of
 //! Timonen (2013) have them: `cargo run --release -p psao-eval --example far_field -- FOLDER [SCENE [WIDTH [RAYS]]]`.
 
+mod stopwatch;
+
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::Instant;
 
 use psao_eval::adapter::SceneView;
 use psao_eval::screen::{
     Falloff, FarField, FarFieldSettings, Mipmap, MipmapSettings, NearField, Screen, ScreenMethod, Separate,
     Traced,
 };
-use psao_reconstruct::picture::Picture;
-use psao_reconstruct::{AoImage, Size};
-use psao_server::bvh::SceneBvh;
-use psao_server::clock::Clock;
+use psao_server::bvh::World;
 use psao_server::scene::Scene;
-
-/// Microseconds since it was made.
-struct WallClock(Instant);
-
-impl Clock for WallClock {
-    fn micros(&self) -> u64 {
-        self.0.elapsed().as_micros() as u64
-    }
-}
+use stopwatch::Stopwatch;
 
 /// Radius in metres at which the falloff ends, and its rate: a far field worth the name.
 const RADIUS: f32 = 3.0;
@@ -77,7 +67,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     // The guard band of the paper: a tenth.
     let inner = Size::new(width, width * 9 / 16)?;
     let screen = Screen::new(&SceneView::new(&world), &scene.camera(1.0), inner, width / 10)?;
-    let clock = WallClock(Instant::now());
+    let clock = Stopwatch::start();
     let traced = |thickness| {
         let rays = Traced { rays, thickness, ..Traced::far(RADIUS, FALLOFF) };
         rays.shade(&screen, &clock).map(|shaded| shaded.image)

@@ -1,30 +1,20 @@
 //! Draws every screen-space method beside the ray-traced reference:
 //! `cargo run --release -p psao-eval --example screen_methods -- FOLDER [SCENE [TIME]]`.
 
+mod stopwatch;
+
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::Instant;
 
 use psao_eval::adapter::SceneView;
 use psao_eval::metric::Comparison;
 use psao_eval::reference::{PAPER_RAYS, reference};
 use psao_eval::screen::Screen;
 use psao_eval::sweep::screen_methods;
-use psao_reconstruct::picture::Picture;
-use psao_reconstruct::{Size, cast_view};
 use psao_server::ao::AoSettings;
-use psao_server::bvh::SceneBvh;
-use psao_server::clock::Clock;
+use psao_server::bvh::World;
 use psao_server::scene::Scene;
-
-/// Microseconds since it was made.
-struct WallClock(Instant);
-
-impl Clock for WallClock {
-    fn micros(&self) -> u64 {
-        self.0.elapsed().as_micros() as u64
-    }
-}
+use stopwatch::Stopwatch;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut arguments = std::env::args().skip(1);
@@ -43,7 +33,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let screen = Screen::new(&view, &camera, size, 48)?;
     std::fs::write(folder.join("reference.png"), Picture::grey(&truth).to_png()?)?;
 
-    let clock = WallClock(Instant::now());
+    let clock = Stopwatch::start();
     for (number, method) in screen_methods(&settings)?.iter().enumerate() {
         let shaded = method.shade(&screen, &clock)?;
         let found = Comparison::new(&truth, &shaded.image)?;

@@ -9,17 +9,19 @@ use psao_proto::recording::file::AtomicFile;
 use super::recover::{ended, refused};
 use crate::analysis::load;
 use crate::args::OutputArg;
-use crate::context::say;
 use crate::error::Outcome;
 use crate::output::number;
+use crate::output::target::{self, Target};
 
 /// Join recordings, one after the other
 ///
-/// Frames keep their own numbers and times; arrival times go on after the last. A scene table is repeated only where it
-/// differs. Exit code 4: damage was left out.
+/// Frames keep their numbers and times; arrival times continue after the last one. A scene table is repeated only where it
+/// differs. Exit code 4 means that damage was left out.
 #[derive(clap::Args, Debug)]
+#[command(after_help = "Example:
+  psao cat a.psao b.psao -o both.psao")]
 pub(crate) struct Args {
-    /// Recordings made by `psao record`, in order
+    /// Recordings made by `psao record`, in order; - reads standard input
     #[arg(value_name = "FILE", required = true)]
     files: Vec<PathBuf>,
     #[command(flatten)]
@@ -27,7 +29,7 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn run(args: &Args) -> Outcome {
-    let mut out = AtomicFile::create(&args.output.output, &args.files)?;
+    let mut out = Target::create(&args.output.output, &args.files)?;
     let mut length = 0;
     let put = |bytes: &[u8]| {
         length += bytes.len() as u64;
@@ -43,12 +45,15 @@ pub(crate) fn run(args: &Args) -> Outcome {
     }
     all.finish().map_err(|error| refused(target, error))?;
     out.finish()?;
-    say(format_args!(
-        "wrote {}: {} frames of {} recordings, {}",
-        target.display(),
-        parts.iter().map(|(_, part)| part.frames).sum::<u64>(),
-        parts.len(),
-        number::bytes(length)
-    ))?;
+    target::note(
+        target,
+        format_args!(
+            "wrote {}: {} frames of {} recordings, {}",
+            target.display(),
+            parts.iter().map(|(_, part)| part.frames).sum::<u64>(),
+            parts.len(),
+            number::bytes(length)
+        ),
+    )?;
     ended(&parts)
 }

@@ -7,7 +7,7 @@ use psao_proto::net::Address;
 use psao_proto::session::{ClientEvent, ClientOptions};
 use psao_server::scene::Scene;
 
-use crate::args::{Format, Triple};
+use crate::args::{FormatArg, Triple};
 use crate::context::runtime;
 use crate::edit_script::EditScript;
 use crate::error::{Exit, Failure, Outcome};
@@ -15,38 +15,39 @@ use crate::network::{ConnectArgs, peer};
 use crate::output::frames::FrameLog;
 use crate::output::latency::Latencies;
 
-/// Follow a server: state hash and figures of every frame
+/// Follow a server, and print the state hash and figures of each frame
 ///
-/// Ends when the server does, after --frames, or with Ctrl-C. A frame whose hash differs is not applied; the client asks
-/// for a keyframe, goes on, and ends with exit code 6. At the end, percentiles of how old the frames were: from the scene
-/// as the server had it to the frame sent, received and applied, by the server's clock as its answers tell it.
+/// The client ends when the server does, after --frames, or with Ctrl-C. It does not apply a frame whose state hash
+/// differs; it asks for a keyframe, goes on, and ends with exit code 6. At the end it prints percentiles of latency: from the
+/// server's scene to the frame sent, received and applied, measured by the server's clock.
 #[derive(clap::Args, Debug)]
+#[command(after_help = "Examples:
+  psao client 127.0.0.1:4700
+  psao client 127.0.0.1:4700 --frames 60 --format csv")]
 pub(crate) struct Args {
     /// Address of a server (`psao serve` or `psao replay --listen`): host:port, tls:host:port or unix:PATH
     #[arg(value_name = "ADDR")]
     address: Address,
     #[command(flatten)]
     network: ConnectArgs,
-    /// Follow only a stream of this scene: built-in name (see `psao scenes`), .toml scene file, .gltf or .glb
+    /// Refuse a stream of any other scene: built-in name (see `psao scenes`), or a file: .toml, .gltf or .glb
     #[arg(long, value_name = "NAME|FILE")]
     scene: Option<String>,
-    /// Change the scene as this script says, in the lines of `psao record --edits`: each goes out when the client has the
-    /// frame that it names
+    /// Script of edits, as for `psao record --edits`; each is sent once the client has the frame that it names
     #[arg(long, value_name = "SCRIPT", requires = "scene")]
     edits: Option<PathBuf>,
-    /// Leave after so many frames
+    /// Stop after this number of frames
     #[arg(long, value_name = "N")]
     frames: Option<u64>,
-    /// Look from here (metres): the server keeps what this camera sees up to date
+    /// Camera position in metres; the server keeps what this camera sees up to date
     #[arg(long, value_name = "X,Y,Z", requires = "target")]
     eye: Option<Triple>,
-    /// Look at this place
+    /// Point that the camera looks at, in metres
     #[arg(long, value_name = "X,Y,Z", requires = "eye")]
     target: Option<Triple>,
-    /// How to print: table, json (a line per frame) or csv
-    #[arg(long, value_enum, default_value_t = Format::Table)]
-    format: Format,
-    /// Totals alone
+    #[command(flatten)]
+    format: FormatArg,
+    /// Print the totals only
     #[arg(long)]
     quiet: bool,
 }
@@ -77,7 +78,7 @@ fn session(args: &Args) -> Outcome<(ClientOptions, EditScript)> {
 async fn follow(args: &Args) -> Outcome {
     let (options, mut script) = session(args)?;
     let mut connection = args.network.connect(&args.address, options).await?;
-    let mut log = FrameLog::new(args.format, args.quiet)?;
+    let mut log = FrameLog::new(args.format.get(), args.quiet)?;
     let mut latencies = Latencies::default();
     let mut mismatches = 0_u64;
     let mut goodbye = String::new();
@@ -95,7 +96,7 @@ async fn follow(args: &Args) -> Outcome {
                 ClientEvent::Applied(frame) => {
                     log.frame(&frame.info, frame.wire_bytes)?;
                     for edit in script.take_until(frame.info.frame.0) {
-                        connection.session().edit(&edit).map_err(Failure::usage)?;
+                        connection.session().edit(&edit).map_err(Failure::input)?;
                     }
                     if args.frames == Some(log.frames) {
                         connection.session().close(CloseCode::DONE, "seen enough");

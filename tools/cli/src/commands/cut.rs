@@ -6,26 +6,30 @@ use psao_proto::{FrameIndex, Limits, StreamTime};
 use super::recover::rewrite;
 use crate::args::{OutputArg, RecordingArg};
 use crate::error::{Failure, Outcome};
+use crate::quantity::TimeSpan;
 
-/// Cut a piece out of a recording: it stands alone and plays to the same hashes
+/// Copy a range of a recording into a file that stands alone
 ///
-/// The piece starts with the scene table, the edits that hold, and a keyframe of the state at its first frame; the frames
-/// after it are as they were, byte for byte. Exit code 4: damage in the range was left out.
+/// The copy starts with the scene table, the edits in force, and a keyframe of the state at its first frame. Later frames
+/// are copied byte for byte, so it plays to the same state hashes. Exit code 4 means that damage in the range was left out.
 #[derive(clap::Args, Debug)]
 #[command(group(clap::ArgGroup::new("range").required(true).multiple(true)))]
+#[command(after_help = "Examples:
+  psao cut a.psao --from 1s --to 3s -o piece.psao
+  psao cut a.psao --from-frame 60 -o rest.psao")]
 pub(crate) struct Args {
     #[command(flatten)]
     recording: RecordingArg,
-    /// From this time of the stream on, in seconds
-    #[arg(long, value_name = "T", group = "range", conflicts_with_all = ["from_frame", "to_frame"])]
-    from: Option<f64>,
-    /// Up to this time of the stream, in seconds, itself included
-    #[arg(long, value_name = "T", group = "range", conflicts_with_all = ["from_frame", "to_frame"])]
-    to: Option<f64>,
-    /// From this frame on
+    /// Start at this time of the stream
+    #[arg(long, value_name = "TIME", group = "range", conflicts_with_all = ["from_frame", "to_frame"])]
+    from: Option<TimeSpan>,
+    /// End at this time of the stream, itself included
+    #[arg(long, value_name = "TIME", group = "range", conflicts_with_all = ["from_frame", "to_frame"])]
+    to: Option<TimeSpan>,
+    /// Start at this frame
     #[arg(long, value_name = "N", group = "range")]
     from_frame: Option<u32>,
-    /// Up to this frame, itself included
+    /// End at this frame, itself included
     #[arg(long, value_name = "N", group = "range")]
     to_frame: Option<u32>,
     #[command(flatten)]
@@ -49,18 +53,10 @@ fn bounds(args: &Args) -> Outcome<Bounds> {
         }
         return Ok(Bounds::Frames(FrameIndex(from), FrameIndex(to)));
     }
-    let from = args.from.map_or(Ok(StreamTime(0)), |from| stream_time("--from", from))?;
-    let to = args.to.map_or(Ok(StreamTime(u64::MAX)), |to| stream_time("--to", to))?;
+    let from = args.from.map_or(StreamTime(0), TimeSpan::stream_time);
+    let to = args.to.map_or(StreamTime(u64::MAX), TimeSpan::stream_time);
     if from > to {
         return Err(Failure::usage("the range is empty: --to is before --from"));
     }
     Ok(Bounds::Time(from, to))
-}
-
-/// Seconds as they are typed.
-pub(crate) fn stream_time(name: &str, seconds: f64) -> Outcome<StreamTime> {
-    if !(seconds.is_finite() && seconds >= 0.0) {
-        return Err(Failure::usage(format_args!("{name} {seconds} is not a time in seconds, 0 or later")));
-    }
-    Ok(StreamTime((seconds * 1e6).round() as u64))
 }

@@ -21,12 +21,15 @@ use crate::output::{number, table::Figures};
 use crate::pictures::{Drawn, SharedPoints, Shot, scene_of};
 use crate::producer::{Producer, STAGES};
 
-/// The main job from end to end: record, replay, inspect, draw; about a minute on two cores
+/// Record, replay, inspect and draw a scene into one folder, in about a minute
 ///
-/// Leaves a folder with the recording, the pictures, the bandwidth plot and report.html, which opens offline.
+/// The folder gets the recording, the pictures, the bandwidth plot and report.html, which opens offline.
 #[derive(clap::Args, Debug)]
+#[command(after_help = "Examples:
+  psao demo
+  psao demo --scene robot-lab --frames 120 -o robots")]
 pub(crate) struct Args {
-    /// Built-in scene (see `psao scenes`), or a .toml scene file, .gltf or .glb
+    /// Name of a built-in scene (see `psao scenes`), or a file: .toml, .gltf or .glb
     #[arg(long, value_name = "NAME|FILE", default_value = "colonnade")]
     scene: String,
     /// Frames to record
@@ -37,10 +40,10 @@ pub(crate) struct Args {
     /// Size of the pictures
     #[arg(long, value_name = "WxH", default_value = "640x360")]
     size: SizeArg,
-    /// Rays a pixel of the reference pictures
+    /// Rays per pixel of the reference pictures
     #[arg(long, value_name = "N", default_value_t = 512)]
     reference_rays: u32,
-    /// The folder to write; files of the same name in it are replaced
+    /// The folder to write; existing files of the same names are replaced
     #[arg(short, long, value_name = "FOLDER", default_value = "psao-demo")]
     output: PathBuf,
 }
@@ -309,7 +312,7 @@ fn quality(shown: &[Shown]) -> Section {
     }
 }
 
-/// The report's tables for the terminal.
+/// Prints the report's tables to the terminal.
 fn print(report: &Report) -> Outcome {
     for section in &report.sections {
         say(format_args!("\n{}", section.title))?;

@@ -13,16 +13,19 @@ use rcgen::{
 use crate::context::say;
 use crate::error::{Exit, Failure, Outcome};
 
-/// Make certificates and a token to try TLS with: an authority, a server, a client
+/// Create certificates and a token for encrypted connections
 ///
-/// For trials and closed groups: whoever has authority.key can make certificates that all of the group trust, so keep it
-/// off the servers or delete it. Nothing that exists is overwritten.
+/// Creates an authority, and certificates for a server and a client. They are meant for trials and closed groups. Anyone
+/// with authority.key can make certificates that the whole group trusts: keep it off the servers, or delete it. Existing
+/// files are never overwritten.
 #[derive(clap::Args, Debug)]
+#[command(after_help = "Example:
+  psao keys trial --name localhost --name render-7.local")]
 pub(crate) struct Args {
-    /// Folder to write to; made when it is not there
+    /// Folder to write to; created if missing
     #[arg(value_name = "DIR")]
     folder: PathBuf,
-    /// Name or IP address by which clients reach the server; may be given several times
+    /// Name or IP address by which clients reach the server; repeat it for more
     #[arg(long = "name", value_name = "NAME", default_values = ["localhost", "127.0.0.1", "::1"])]
     names: Vec<String>,
     /// Days for which the certificates are valid
@@ -40,13 +43,13 @@ type Made = (&'static str, String, bool);
 
 pub(crate) fn run(args: &Args) -> Outcome {
     let made =
-        make(args).map_err(|error| Failure::input(format_args!("cannot make the certificates: {error}")))?;
+        make(args).map_err(|error| Failure::usage(format_args!("cannot make the certificates: {error}")))?;
     let token = token()?;
     let files = made.into_iter().chain([("token", token, true)]);
     std::fs::create_dir_all(&args.folder).map_err(|error| Failure::writing(&args.folder, &error))?;
     let files: Vec<_> = files.map(|(name, text, secret)| (args.folder.join(name), text, secret)).collect();
     if let Some((path, ..)) = files.iter().find(|(path, ..)| path.symlink_metadata().is_ok()) {
-        return Err(Failure::usage(format_args!(
+        return Err(Failure::input(format_args!(
             "{} exists and is not overwritten: choose another folder, or remove it",
             path.display()
         )));
@@ -79,7 +82,7 @@ fn make(args: &Args) -> Result<Vec<Made>, rcgen::Error> {
     ])
 }
 
-/// A certificate and its key.
+/// Returns a certificate and its key.
 fn signed(
     args: &Args,
     names: &[String],
@@ -108,12 +111,12 @@ fn params(args: &Args, names: &[String]) -> Result<CertificateParams, rcgen::Err
 fn token() -> Outcome<String> {
     let mut random = [0; TOKEN_BYTES];
     getrandom::fill(&mut random).map_err(|error| {
-        Failure::new(Exit::System, format_args!("the system has no random bytes: {error}"))
+        Failure::new(Exit::System, format_args!("the system gives no random bytes: {error}"))
     })?;
     Ok(random.iter().map(|byte| format!("{byte:02x}")).chain(["\n".to_owned()]).collect())
 }
 
-/// Writes a file that is not there yet, a secret for its owner alone.
+/// Writes a new file; only its owner can read a secret.
 fn write(path: &Path, text: &str, secret: bool) -> std::io::Result<()> {
     let mut options = OpenOptions::new();
     options.write(true).create_new(true);

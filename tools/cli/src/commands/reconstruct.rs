@@ -12,18 +12,23 @@ use psao_server::scene::Edits;
 use serde::Serialize;
 
 use crate::analysis::load;
-use crate::args::{LpipsArgs, RecordingArg, SizeArg};
-use crate::context::{progress, say};
-use crate::error::{Exit, Failure, Outcome};
+use crate::args::{LpipsArgs, RecordingArg, ReportFormatArg, SizeArg};
+use crate::context::{progress, say, say_json};
+use crate::error::{Failure, Outcome};
 use crate::output::number;
+use crate::output::target::{self, is_standard};
 use crate::pictures::{Drawn, SharedPoints, Shot, scene_of};
 
-/// Draw a frame of a recording, and with --reference the same by rays
+/// Draw a frame of a recording as a picture, and compare it with ray tracing
 ///
-/// AO comes from the stream alone; the scene's geometry, which a client has anyway, is loaded by the name or path in the
-/// recording, and edited as it was at that frame. With --reference, FILE.reference.png, FILE.difference.png (red: too bright, blue: too dark) and
-/// FILE.side-by-side.png are written as well, and the errors are printed: the figures of `psao evaluate`.
+/// AO comes from the stream alone. The geometry, which a client has anyway, is loaded by the scene name or path in the
+/// recording and edited as it was at that frame. With --reference, psao also writes FILE.reference.png, FILE.difference.png
+/// (red: too bright, blue: too dark) and FILE.side-by-side.png, and prints the errors. docs/reconstruct-json.md describes
+/// the JSON.
 #[derive(clap::Args, Debug)]
+#[command(after_help = "Examples:
+  psao reconstruct a.psao --frame 60 -o a.png
+  psao reconstruct a.psao --frame 60 --reference -o a.png")]
 pub(crate) struct Args {
     #[command(flatten)]
     recording: RecordingArg,
@@ -33,30 +38,29 @@ pub(crate) struct Args {
     /// Size of the picture
     #[arg(long, value_name = "WxH", default_value = "960x540")]
     size: SizeArg,
-    /// Camera: where it stands and what it looks at, in metres, and optionally its vertical field of view in degrees; by
-    /// default the scene's own at that time
+    /// Camera: its position and the point it looks at, in metres, and its vertical field of view in degrees [default: the
+    /// scene's own camera at that time]
     #[arg(long, value_name = "X,Y,Z,X,Y,Z[,FOV]", allow_hyphen_values = true)]
     camera: Option<CameraArg>,
-    /// Trace the reference as well and compare
+    /// Trace a reference picture as well, and compare
     #[arg(long)]
     reference: bool,
-    /// Rays a pixel of the reference
+    /// Rays per pixel of the reference
     #[arg(long, value_name = "N", default_value_t = 512)]
     reference_rays: u32,
     #[command(flatten)]
     lpips: LpipsArgs,
-    /// Where the recorded scene is, if not where it was
+    /// Where the recorded scene is now, if it was moved
     #[arg(long, value_name = "NAME|FILE")]
     scene: Option<String>,
-    /// The picture to write
+    /// The picture to write; - for standard output
     #[arg(short, long, value_name = "FILE.png")]
     output: PathBuf,
-    /// Print JSON (docs/reconstruct-json.md) instead of sentences
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    format: ReportFormatArg,
 }
 
-/// What `--json` prints; `docs/reconstruct-json.md` describes the fields.
+/// What `--format json` prints; `docs/reconstruct-json.md` describes the fields.
 #[derive(Serialize)]
 struct Document<'a> {
     schema: &'static str,
@@ -101,12 +105,23 @@ impl FromStr for CameraArg {
             fov_y_deg,
             aspect: 1.0,
         };
-        if camera.is_valid() { Ok(Self(camera)) } else { Err(format!("a camera at \"{text}\" sees nothing")) }
+        if camera.is_valid() {
+            Ok(Self(camera))
+        } else {
+            Err(format!(
+                "\"{text}\" is no camera: position and target are equal, or the field of view is out of range"
+            ))
+        }
     }
 }
 
 pub(crate) fn run(args: &Args) -> Outcome {
     let path = &args.recording.file;
+    if is_standard(&args.output) && (args.reference || args.format.is_json()) {
+        return Err(Failure::usage(
+            "-o - writes one picture and nothing else to standard output: name a file with --reference or --format json",
+        ));
+    }
     let bytes = load(path)?;
     let network = args.lpips.load()?.map(|(network, _)| network);
     let mut playback =
@@ -115,7 +130,10 @@ pub(crate) fn run(args: &Args) -> Outcome {
         .to(args.frame)
         .map_err(|reason| Failure::input(format_args!("{}: {reason}", path.display())))?;
     let (Some(table), Some(state)) = (playback.scene(), playback.state()) else {
-        return Err(Failure::input(format_args!("{}: it has no whole scene table", path.display())));
+        return Err(Failure::input(format_args!(
+            "{}: its scene table is damaged or missing",
+            path.display()
+        )));
     };
     let scene = scene_of(table.info(), args.scene.as_deref())?;
     let bar = progress("drawing", 1);
@@ -134,20 +152,20 @@ pub(crate) fn run(args: &Args) -> Outcome {
     .draw()?;
     bar.finish_and_clear();
     let files = drawn.write(&args.output)?;
-    if args.json {
-        return say(json(&drawn, &frame, &files)?);
+    if args.format.is_json() {
+        return say_json(&document(&drawn, &frame, &files));
     }
-    say(describe(&drawn))?;
-    for file in files {
+    target::note(&args.output, describe(&drawn))?;
+    for file in files.iter().filter(|file| !is_standard(file)) {
         say(format_args!("wrote {}", file.display()))?;
     }
     Ok(())
 }
 
-/// The figures of a picture, for programs.
-fn json(drawn: &Drawn, frame: &PlayedFrame, files: &[PathBuf]) -> Outcome<String> {
+/// Returns the figures of a picture, for programs.
+fn document<'a>(drawn: &'a Drawn, frame: &PlayedFrame, files: &'a [PathBuf]) -> Document<'a> {
     let size = drawn.image.size();
-    let document = Document {
+    Document {
         schema: "psao-reconstruct/1",
         frame: frame.info.frame.0,
         time_s: frame.info.time.0 as f64 / 1e6,
@@ -164,9 +182,7 @@ fn json(drawn: &Drawn, frame: &PlayedFrame, files: &[PathBuf]) -> Outcome<String
             error: &by_rays.error,
         }),
         files,
-    };
-    serde_json::to_string_pretty(&document)
-        .map_err(|error| Failure::new(Exit::System, format_args!("cannot write JSON: {error}")))
+    }
 }
 
 /// A recording, played from its start to the frames that are drawn.
@@ -180,22 +196,22 @@ impl<'a> Playback<'a> {
         Ok(Self { player: Player::new(bytes, Limits::default())?, edits: Edits::default() })
     }
 
-    /// The scene table, once it was played.
+    /// Returns the scene table, once it was played.
     pub(crate) fn scene(&self) -> Option<&SceneTable> {
         self.player.scene().map(AsRef::as_ref)
     }
 
-    /// The state of the frame played to.
+    /// Returns the state of the frame played to.
     pub(crate) fn state(&self) -> Option<&State> {
         self.player.state()
     }
 
-    /// The edits in force at the frame played to.
+    /// Returns the edits in force at the frame played to.
     pub(crate) fn edits(&self) -> &Edits {
         &self.edits
     }
 
-    /// Plays on to a frame.
+    /// Plays on to a frame, and returns it.
     pub(crate) fn to(&mut self, number: u32) -> Result<PlayedFrame, String> {
         let (mut first, mut last, mut left_out) = (None, None, 0_u32);
         while let Some(event) = self.player.next_event() {
@@ -232,7 +248,7 @@ impl<'a> Playback<'a> {
     }
 }
 
-/// The figures of a picture, for people.
+/// Returns the figures of a picture, for people.
 pub(crate) fn describe(drawn: &Drawn) -> String {
     let statistics = &drawn.statistics;
     let mut text = format!(

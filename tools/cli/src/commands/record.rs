@@ -10,54 +10,61 @@ use psao_proto::session::{ClientEvent, ClientOptions};
 use psao_proto::{FrameType, Micros, WireFrame};
 
 use crate::args::{BufferArg, TuningArgs};
-use crate::context::{WallClock, progress, runtime, say};
+use crate::context::{Stopwatch, progress, runtime};
 use crate::edit_script::EditScript;
 use crate::error::{Failure, Outcome};
 use crate::network::{ConnectArgs, peer};
-use crate::output::number;
+use crate::output::{number, target};
 use crate::producer::{Produced, Producer};
 
-/// Trace a scene's stream into a file, or record a live server's
+/// Trace a scene and write its AO stream to a file, or record a running server
 ///
-/// The recording holds the frames as they go over the wire, each with its time; same options, same bytes, on any machine
-/// (unless --timings). It is valid after every frame: whatever stops the recorder loses at most the frame being written.
-/// With --from, frames wait for a slow disk in memory; what does not fit is left out up to the next keyframe, marked in
-/// the recording and counted at the end. Exit code 1: the disk failed; what was written before can be read.
+/// The recording holds the frames as they go over the wire, each with its time. The same options give the same bytes on any
+/// machine, except with --timings. The file is valid after every frame: whatever stops the recorder, at most the frame
+/// being written is lost.
+///
+/// With --from, frames wait in memory for a slow disk. Frames that do not fit are left out up to the next keyframe. The gap
+/// is marked in the recording and counted at the end. Exit code 1 means that the disk failed; what was written before can
+/// be read.
 #[derive(clap::Args, Debug)]
+#[command(after_help = "Examples:
+  psao record --scene colonnade --frames 120 -o a.psao
+  psao record --scene robot-lab --budget 500kbit/s -o b.psao
+  psao record --from 127.0.0.1:4700 -o live.psao
+  psao record --scene colonnade -o - | psao inspect -")]
 pub(crate) struct Args {
-    /// Built-in scene (see `psao scenes`), or a .toml scene file, .gltf or .glb
+    /// Name of a built-in scene (see `psao scenes`), or a file: .toml, .gltf or .glb
     #[arg(long, value_name = "NAME|FILE", required_unless_present = "from")]
     scene: Option<String>,
-    /// Record what this server sends instead (`psao serve` or `psao replay --listen`)
+    /// Record this server instead (`psao serve` or `psao replay --listen`)
     #[arg(long, value_name = "ADDR", conflicts_with = "scene")]
     from: Option<Address>,
     #[command(flatten)]
     network: ConnectArgs,
-    /// Frames to record; with --from, all that come unless given
+    /// Frames to record [default: 120; with --from, until the server ends]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     frames: Option<u32>,
     #[command(flatten)]
     tuning: TuningArgs,
-    /// Script of edits: what moves, hides and shows before which frame
+    /// Script of edits: which instances move, hide or show before which frame
     ///
     /// One edit a line, `#` starts a comment:
     ///
     ///     FRAME INSTANCE move X,Y,Z [QX,QY,QZ,QW]
     ///     FRAME INSTANCE release|hide|show
     ///
-    /// INSTANCE is an index, or a name that only one has, in quotes if there are
-    /// spaces in it: `psao scenes --instances` lists both, and where each stands.
-    /// X,Y,Z in metres and the unit quaternion take the instance's own space to
-    /// the world, in place of its animation, until `release`. `hide` takes it out
-    /// of sight and of all occlusion until `show`.
+    /// INSTANCE is an index or a unique name, quoted if it has spaces; see
+    /// `psao scenes --instances`. X,Y,Z (metres) and the unit quaternion place
+    /// the instance in the world, instead of its animation, until `release`.
+    /// `hide` removes it from view and from all occlusion until `show`.
     #[arg(long, value_name = "FILE", conflicts_with = "from", verbatim_doc_comment)]
     edits: Option<PathBuf>,
-    /// Put stage times into the recording; it then differs from run to run
+    /// Put stage times into the recording, which then differs from run to run
     #[arg(long)]
     timings: bool,
     #[command(flatten)]
     buffer: BufferArg,
-    /// The recording to write
+    /// The recording to write; - for standard output
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
 }
@@ -69,23 +76,27 @@ pub(crate) fn run(args: &Args) -> Outcome {
     match (&args.from, &args.scene) {
         (Some(address), _) => runtime()?.block_on(from_server(args, address)),
         (None, Some(scene)) => trace(args, scene),
-        (None, None) => Err(Failure::usage("say what to record: --scene NAME|FILE, or --from ADDR")),
+        (None, None) => Err(Failure::usage("name what to record: --scene NAME|FILE, or --from ADDR")),
     }
 }
 
 fn trace(args: &Args, scene: &str) -> Outcome {
     let frames = args.frames.unwrap_or(FRAMES);
-    Recorder::check_place(&args.output)?;
+    let output = target::recording(&args.output)?;
+    Recorder::check_place(&output)?;
     let mut producer = Producer::new(scene, &args.tuning, frames)?;
     let edits = match &args.edits {
         Some(path) => EditScript::load(path, producer.scene(), Some(frames))?,
         None => EditScript::default(),
     };
-    let mut recorder = Recorder::create(&args.output, RecorderOptions::default().with_backpressure())?;
+    let mut recorder = Recorder::create(&output, RecorderOptions::default().with_backpressure())?;
     let totals = record_frames(&mut producer, &mut recorder, frames, &edits, args.timings)?;
     let bytes = recorder.finish()?.bytes;
-    say(summary(producer.info(), &totals))?;
-    say(format_args!("wrote {}: {} frames, {}", args.output.display(), totals.frames, number::bytes(bytes)))
+    target::note(&args.output, summary(producer.info(), &totals))?;
+    target::note(
+        &args.output,
+        format_args!("wrote {}: {} frames, {}", args.output.display(), totals.frames, number::bytes(bytes)),
+    )
 }
 
 /// Sums over the frames of a recording.
@@ -107,7 +118,7 @@ pub(crate) fn record_frames(
     timings: bool,
 ) -> Outcome<Totals> {
     recorder.scene(producer.table())?;
-    let clock = WallClock::start();
+    let clock = Stopwatch::start();
     let bar = progress("tracing", u64::from(frames));
     let mut totals = Totals::default();
     let mut arrival = Micros(0);
@@ -145,7 +156,7 @@ pub(crate) fn record_frames(
     Ok(totals)
 }
 
-/// What was traced, in words.
+/// Returns what was traced, in words.
 pub(crate) fn summary(info: &SceneInfo, totals: &Totals) -> String {
     let later = totals.frames.saturating_sub(1).max(1);
     let waiting = &totals.later.waiting;
@@ -171,7 +182,8 @@ pub(crate) fn summary(info: &SceneInfo, totals: &Totals) -> String {
 
 async fn from_server(args: &Args, address: &Address) -> Outcome {
     let mut connection = args.network.connect(address, ClientOptions::default()).await?;
-    let mut recorder = Recorder::create(&args.output, args.buffer.options(&args.output))?;
+    let output = target::recording(&args.output)?;
+    let mut recorder = Recorder::create(&output, args.buffer.options(&output))?;
     let mut counts = Counts::default();
     let bar = progress("recording", u64::from(args.frames.unwrap_or(0)));
     let ended = follow(args, &mut connection, &mut recorder, &mut counts, &bar).await;
@@ -186,12 +198,15 @@ async fn from_server(args: &Args, address: &Address) -> Outcome {
     } else {
         String::new()
     };
-    say(format_args!(
-        "wrote {}: {} frames, {}{note}",
-        args.output.display(),
-        counts.applied,
-        number::bytes(bytes)
-    ))?;
+    target::note(
+        &args.output,
+        format_args!(
+            "wrote {}: {} frames, {}{note}",
+            args.output.display(),
+            counts.applied,
+            number::bytes(bytes)
+        ),
+    )?;
     ended
 }
 

@@ -8,19 +8,21 @@ use psao_proto::recording::{RewriteError, Rewritten, recover};
 
 use crate::analysis::load;
 use crate::args::{OutputArg, RecordingArg};
-use crate::context::say;
 use crate::error::{Exit, Failure, Outcome};
 use crate::output::number;
+use crate::output::target::{self, Target};
 
-/// Copy what is whole of a recording, and make its index anew
+/// Copy the undamaged part of a broken recording, with a new index
 ///
-/// Damage is dropped, and with it the frames that build on what is lost, so that the copy plays without a fault; where
-/// something is missing, a mark says so. What was lost is listed. Exit code 0: nothing was; 4: something was.
+/// Damage is dropped, and with it the frames that build on what is lost, so the copy plays without an error. A mark in the
+/// copy shows where something is missing, and every loss is listed. Exit code 0: nothing was lost. 4: something was.
 #[derive(clap::Args, Debug)]
+#[command(after_help = "Example:
+  psao recover broken.psao -o whole.psao")]
 pub(crate) struct Args {
     #[command(flatten)]
     recording: RecordingArg,
-    /// Keep whole frames too that cannot be applied because of damage before them
+    /// Also keep undamaged frames that cannot be applied because of damage before them
     #[arg(long)]
     keep_all: bool,
     #[command(flatten)]
@@ -33,14 +35,14 @@ pub(crate) fn run(args: &Args) -> Outcome {
     })
 }
 
-/// Makes a recording of another: `make` is given the bytes of the one and what takes those of the other.
+/// Makes a recording from another. `make` gets the bytes of the one, and a function that takes those of the other.
 pub(crate) fn rewrite(
     path: &Path,
     output: &Path,
     make: impl FnOnce(&[u8], &mut dyn FnMut(&[u8]) -> Outcome) -> Result<Rewritten, RewriteError<Failure>>,
 ) -> Outcome {
     let bytes = load(path)?;
-    let mut out = AtomicFile::create(output, &[path.to_owned()])?;
+    let mut out = Target::create(output, &[path.to_owned()])?;
     let mut length = 0;
     let mut put = |bytes: &[u8]| {
         length += bytes.len() as u64;
@@ -48,11 +50,14 @@ pub(crate) fn rewrite(
     };
     let done = make(&bytes, &mut put).map_err(|error| refused(path, error))?;
     out.finish()?;
-    say(format_args!("wrote {}: {} frames, {}", output.display(), done.frames, number::bytes(length)))?;
+    target::note(
+        output,
+        format_args!("wrote {}: {} frames, {}", output.display(), done.frames, number::bytes(length)),
+    )?;
     ended(&[(path, done)])
 }
 
-/// Why a recording could not be made of this one.
+/// Returns the failure to make a recording from this one.
 pub(crate) fn refused(path: &Path, error: RewriteError<Failure>) -> Failure {
     let exit = match error {
         RewriteError::Put(failure) => return failure,
@@ -65,7 +70,7 @@ pub(crate) fn refused(path: &Path, error: RewriteError<Failure>) -> Failure {
 /// Most places that are listed for a recording.
 const LISTED: usize = 20;
 
-/// Says what of the recordings is lost; exit code 4 if anything is.
+/// Prints what the recordings have lost; returns a failure with exit code 4 if anything is.
 pub(crate) fn ended(parts: &[(&Path, Rewritten)]) -> Outcome {
     let (mut frames, mut bytes, mut places) = (0, 0, 0);
     for (path, part) in parts {
@@ -73,7 +78,7 @@ pub(crate) fn ended(parts: &[(&Path, Rewritten)]) -> Outcome {
             eprintln!("psao: {}: {loss}", path.display());
         }
         if part.losses.len() > LISTED {
-            eprintln!("psao: {}: and {} places more", path.display(), part.losses.len() - LISTED);
+            eprintln!("psao: {}: and {} more places", path.display(), part.losses.len() - LISTED);
         }
         frames += part.lost_frames;
         bytes += part.lost_bytes;

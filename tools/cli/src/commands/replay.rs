@@ -11,48 +11,51 @@ use psao_proto::net::Hub;
 use psao_proto::recording::{PlayedFrame, Player, PlayerEvent, Summary};
 use psao_proto::{Limits, Micros, SceneTable, StreamTime};
 
-use super::cut::stream_time;
 use crate::analysis::load;
-use crate::args::{Format, RecordingArg};
-use crate::context::{WallClock, runtime, say};
+use crate::args::{Format, FormatArg, RecordingArg};
+use crate::context::{Stopwatch, runtime, say};
 use crate::error::{Exit, Failure, Outcome};
 use crate::network::{self, ListenArgs};
 use crate::output::frames::FrameLog;
 use crate::pace::Pacer;
+use crate::quantity::TimeSpan;
 
-/// Play a recording, in process or to clients over a network
+/// Play a recording, or serve it to clients
 ///
-/// Without --listen it is played into a client in this process. With --listen it waits for clients and serves the frames
-/// as they were recorded; who joins late gets a keyframe made from the state. With --from it starts at a keyframe before,
-/// and the first that goes out is a keyframe of the state there. Exit code 4: damaged frames were left out.
+/// Without --listen, a client in this process plays the recording. With --listen, psao waits for clients and sends the
+/// frames as they were recorded; a client that joins late gets a keyframe. With --from, the first frame sent is a keyframe
+/// of the state at that time. Exit code 4 means that damaged frames were left out.
 #[derive(clap::Args, Debug)]
+#[command(after_help = "Examples:
+  psao replay a.psao
+  psao replay a.psao --listen 127.0.0.1:4700
+  psao replay a.psao --from 2.5s --loop --pace wall --listen 127.0.0.1:4700")]
 pub(crate) struct Args {
     #[command(flatten)]
     recording: RecordingArg,
     #[command(flatten)]
     network: ListenArgs,
-    /// Wait for so many clients before the first frame
+    /// Wait for this number of clients before the first frame
     #[arg(long, value_name = "N", default_value_t = 1, requires = "listen")]
     clients: usize,
     /// When a frame goes out
     #[arg(long, value_enum, default_value_t = Pace::Fast)]
     pace: Pace,
-    /// Speed of --pace wall; 2 is twice as fast as recorded
-    #[arg(long, value_name = "X", default_value_t = 1.0)]
-    rate: f64,
-    /// Start with the first frame at or after this time of the stream, in seconds
-    #[arg(long, value_name = "T", default_value_t = 0.0)]
-    from: f64,
-    /// Stop before the first frame after this time of the stream, in seconds
-    #[arg(long, value_name = "T")]
-    to: Option<f64>,
+    /// Speed of --pace wall: 2 plays twice as fast as recorded
+    #[arg(long, alias = "rate", value_name = "FACTOR", default_value_t = 1.0)]
+    speed: f64,
+    /// Start with the first frame at or after this time of the stream
+    #[arg(long, value_name = "TIME", default_value = "0")]
+    from: TimeSpan,
+    /// Stop before the first frame after this time of the stream
+    #[arg(long, value_name = "TIME")]
+    to: Option<TimeSpan>,
     /// Start again at the end
     #[arg(long = "loop")]
     again: bool,
-    /// How to print: table, json (a line per frame) or csv
-    #[arg(long, value_enum, default_value_t = Format::Table)]
-    format: Format,
-    /// Totals alone
+    #[command(flatten)]
+    format: FormatArg,
+    /// Print the totals only
     #[arg(long)]
     quiet: bool,
 }
@@ -60,11 +63,11 @@ pub(crate) struct Args {
 /// `--pace`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Pace {
-    /// At the recorded times; what is late is caught up with
+    /// At the recorded times; late frames follow at once
     Wall,
-    /// As fast as the clients take them
+    /// As fast as the clients apply them
     Fast,
-    /// Each frame when every client has applied the one before
+    /// Each frame once every client has applied the one before
     Step,
 }
 
@@ -74,13 +77,13 @@ const FAST_WINDOW: u64 = 8;
 const PATIENCE: Duration = Duration::from_secs(30);
 
 pub(crate) fn run(args: &Args) -> Outcome {
-    if !(args.rate.is_finite() && args.rate > 0.0) {
-        return Err(Failure::usage(format_args!("--rate {} is not a number above 0", args.rate)));
+    if !(args.speed.is_finite() && args.speed > 0.0) {
+        return Err(Failure::usage(format_args!("--speed {} is not a number above 0", args.speed)));
     }
-    let from = stream_time("--from", args.from)?;
-    let to = args.to.map(|to| stream_time("--to", to)).transpose()?;
+    let from = args.from.stream_time();
+    let to = args.to.map(TimeSpan::stream_time);
     if to.is_some_and(|to| to < from) {
-        return Err(Failure::usage("--from and --to are times in seconds, --to not before --from"));
+        return Err(Failure::usage("--to is before --from"));
     }
     let bytes = load(&args.recording.file)?;
     let replay = Replay { args, bytes: &bytes, start: start(args, &bytes, from)?, to };
@@ -96,7 +99,7 @@ struct Replay<'a> {
     to: Option<StreamTime>,
 }
 
-/// Whom the frames go to.
+/// Where the frames go.
 enum Target {
     Here,
     Clients(Hub, Arc<SceneTable>),
@@ -143,8 +146,8 @@ impl<'a> Replay<'a> {
             None => Target::Here,
             Some(_) => self.listen(&mut player).await?,
         };
-        let mut log = FrameLog::new(args.format, args.quiet)?;
-        let (clock, mut pacer) = (WallClock::start(), Pacer::new(args.rate));
+        let mut log = FrameLog::new(args.format.get(), args.quiet)?;
+        let (clock, mut pacer) = (Stopwatch::start(), Pacer::new(args.speed));
         let mut left_out = 0;
         loop {
             let end = self.round(&mut player, &target, &clock, &mut pacer, &mut log).await?;
@@ -173,7 +176,7 @@ impl<'a> Replay<'a> {
         Ok(())
     }
 
-    /// A player that has the state from which the first frame follows.
+    /// Returns a player with the state before the first frame.
     fn open(&self) -> Outcome<Player<'a>> {
         let mut player =
             Player::new(self.bytes, Limits::default()).map_err(|error| refused(self.args, error))?;
@@ -207,7 +210,7 @@ impl<'a> Replay<'a> {
         &self,
         player: &mut Player<'_>,
         target: &Target,
-        clock: &WallClock,
+        clock: &Stopwatch,
         pacer: &mut Pacer,
         log: &mut FrameLog,
     ) -> Outcome<End> {
@@ -306,5 +309,9 @@ impl<'a> Replay<'a> {
 }
 
 fn say_closed(args: &Args, text: &impl std::fmt::Display) -> Outcome {
-    if args.quiet || args.format != Format::Table { Ok(()) } else { say(format_args!("closed: {text}")) }
+    if args.quiet || args.format.get() != Format::Table {
+        Ok(())
+    } else {
+        say(format_args!("closed: {text}"))
+    }
 }

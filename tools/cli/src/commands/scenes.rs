@@ -4,26 +4,31 @@ use psao_server::bvh::Bounds;
 use psao_server::scene::{Geometry, InstanceId, Motion, Scene};
 use serde::Serialize;
 
-use crate::args::Format;
-use crate::context::say;
-use crate::error::{Exit, Failure, Outcome};
+use crate::args::{Format, FormatArg};
+use crate::context::{say, say_json};
+use crate::error::{Failure, Outcome};
+use crate::output::csv::Csv;
 use crate::output::number;
 use crate::output::table::Figures;
 
-/// What is built in, and what each scene needs
+/// List the built-in scenes, or describe scene files
 ///
-/// With files, the same for each of them. What a scene does not need is left out of its stream.
+/// Lists the size of each scene, and the features that it needs from a stream: skinning, rigid motion and so on. A stream
+/// leaves out what its scene does not need.
 #[derive(clap::Args, Debug)]
+#[command(after_help = "Examples:
+  psao scenes
+  psao scenes --instances colonnade
+  psao scenes my-scene.glb --format json")]
 pub(crate) struct Args {
-    /// Scene files (.toml, .gltf, .glb) or names to look at instead of the built-in scenes
+    /// Scene files (.toml, .gltf, .glb) or names to describe [default: all built-in scenes]
     #[arg(value_name = "NAME|FILE")]
     scenes: Vec<String>,
-    /// List the instances of each scene instead: what edits and pictures call them, and where they are at the start
+    /// List the instances of each scene: index, name, and place at the start
     #[arg(long)]
     instances: bool,
-    /// How to print: table, json or csv
-    #[arg(long, value_enum, default_value_t = Format::Table)]
-    format: Format,
+    #[command(flatten)]
+    format: FormatArg,
 }
 
 #[derive(Serialize)]
@@ -66,19 +71,14 @@ pub(crate) fn run(args: &Args) -> Outcome {
         scenes.push(Scene::load(name).map_err(Failure::input)?);
     }
     if args.instances {
-        return list(args.format, &scenes.iter().flat_map(instances).collect::<Vec<_>>());
+        return list(args.format.get(), &scenes.iter().flat_map(instances).collect::<Vec<_>>());
     }
     let lines: Vec<Line> = scenes.iter().map(line).collect();
-    match args.format {
+    match args.format.get() {
         Format::Table => table(&lines),
-        Format::Json => json(&lines),
+        Format::Json => say_json(&lines),
         Format::Csv => csv(&lines),
     }
-}
-
-fn json(lines: &impl Serialize) -> Outcome {
-    say(serde_json::to_string_pretty(lines)
-        .map_err(|error| Failure::new(Exit::System, format_args!("cannot write JSON: {error}")))?)
 }
 
 fn line(scene: &Scene) -> Line {
@@ -124,16 +124,18 @@ fn list(format: Format, lines: &[InstanceLine]) -> Outcome {
         numbers.iter().map(|number| format!("{number:.digits$}")).collect::<Vec<_>>().join(",")
     };
     match format {
-        Format::Json => json(&lines),
+        Format::Json => say_json(&lines),
         Format::Csv => {
-            say("scene,instance,name,motion,triangles,x,y,z,qx,qy,qz,qw")?;
+            let heads = ["scene", "instance", "name", "motion", "triangles"];
+            let mut csv = Csv::new(heads.into_iter().chain(["x", "y", "z", "qx", "qy", "qz", "qw"]))?;
             for line in lines {
-                let name = line.name.replace('"', "\"\"");
-                let place = join(&[&line.translation[..], &line.rotation].concat(), 6);
-                let InstanceLine { scene, instance, motion, triangles, .. } = line;
-                say(format_args!("{scene},{instance},\"{name}\",{motion},{triangles},{place}"))?;
+                let InstanceLine { scene, instance, name, motion, triangles, .. } = line;
+                let first = [scene.clone(), instance.to_string(), name.clone(), (*motion).to_owned()];
+                let place =
+                    line.translation.iter().chain(&line.rotation).map(|number| format!("{number:.6}"));
+                csv.row(first.into_iter().chain([triangles.to_string()]).chain(place))?;
             }
-            Ok(())
+            csv.finish()
         }
         Format::Table => {
             let heads = [
@@ -200,20 +202,20 @@ fn table(lines: &[Line]) -> Outcome {
 }
 
 fn csv(lines: &[Line]) -> Outcome {
-    say("scene,seconds,radius_m,triangles,surface_m2,instances,rigid,deforming,needs")?;
+    let heads = "scene,seconds,radius_m,triangles,surface_m2,instances,rigid,deforming,needs";
+    let mut csv = Csv::new(heads.split(','))?;
     for line in lines {
-        say(format_args!(
-            "{},{},{},{},{:.3},{},{},{},{}",
-            line.name,
-            line.duration_s,
-            line.ao_radius_m,
-            line.triangles,
-            line.surface_m2,
-            line.instances,
-            line.rigid_movers,
-            line.deforming,
+        csv.row([
+            line.name.clone(),
+            line.duration_s.to_string(),
+            line.ao_radius_m.to_string(),
+            line.triangles.to_string(),
+            format!("{:.3}", line.surface_m2),
+            line.instances.to_string(),
+            line.rigid_movers.to_string(),
+            line.deforming.to_string(),
             line.needs.join("+"),
-        ))?;
+        ])?;
     }
-    Ok(())
+    csv.finish()
 }

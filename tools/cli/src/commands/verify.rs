@@ -3,21 +3,45 @@
 use psao_codec::frame::FrameError;
 use psao_proto::recording::{Player, PlayerEvent, StoredIndex, Summary};
 use psao_proto::{Limits, Unusable};
+use serde::Serialize;
 
 use crate::analysis::load;
-use crate::args::RecordingArg;
-use crate::context::{progress, say};
+use crate::args::{Format, FormatArg, RecordingArg};
+use crate::context::{progress, say, say_json};
 use crate::error::{Exit, Failure, Outcome};
+use crate::output::csv::Csv;
 use crate::output::table::Figures;
 
-/// Check a recording in every way there is
+/// Check a recording: checksums, order, state hashes, index
 ///
-/// Exit code 0: whole and right. 4: damaged, but what is left is right. 6: a state hash is wrong. 3: not a recording. A
-/// recorder that could not keep up has marked the gap; that is a note, no damage.
+/// Exit code 0: whole and correct. 3: not a recording. 4: damaged, but the rest is correct. 6: a state hash is wrong. A gap
+/// that the recorder marked, because it could not keep up, is a note and no damage.
 #[derive(clap::Args, Debug)]
+#[command(after_help = "Example:
+  psao verify a.psao")]
 pub(crate) struct Args {
     #[command(flatten)]
     recording: RecordingArg,
+    #[command(flatten)]
+    format: FormatArg,
+}
+
+/// All checks, for programs.
+#[derive(Serialize)]
+struct Document {
+    schema: &'static str,
+    frames: u64,
+    keyframes: u64,
+    checks: Vec<Row>,
+}
+
+/// A check and its outcome.
+#[derive(Serialize)]
+struct Row {
+    check: String,
+    /// `ok`, `note`, `DAMAGED` or `WRONG`.
+    result: String,
+    found: String,
 }
 
 /// What playing the whole recording showed.
@@ -91,7 +115,8 @@ pub(crate) fn run(args: &Args) -> Outcome {
             },
         ),
     ];
-    report(path, &played, &checks)
+    print(args.format.get(), &played, &checks)?;
+    judge(path, &played, &checks)
 }
 
 fn play(player: &mut Player<'_>, frames: u64) -> Played {
@@ -179,19 +204,42 @@ fn index(stored: StoredIndex) -> Verdict {
     }
 }
 
-fn report(path: &std::path::Path, played: &Played, checks: &[(&str, Verdict)]) -> Outcome {
-    let mut table = Figures::new(["check", "result", "what was found"]).words(&[1, 2]);
-    for (name, verdict) in checks {
-        let (word, text) = match verdict {
+fn print(format: Format, played: &Played, checks: &[(&str, Verdict)]) -> Outcome {
+    let row = |(check, verdict): &'_ (&'_ str, Verdict)| {
+        let (result, found) = match verdict {
             Verdict::Pass(text) => ("ok", text),
             Verdict::Note(text) => ("note", text),
             Verdict::Loss(text) => ("DAMAGED", text),
             Verdict::Wrong(text) => ("WRONG", text),
         };
-        table.row([(*name).to_owned(), word.to_owned(), text.clone()]);
+        [(*check).to_owned(), result.to_owned(), found.clone()]
+    };
+    let rows = checks.iter().map(row);
+    match format {
+        Format::Table => {
+            let mut table = Figures::new(["check", "result", "what was found"]).words(&[1, 2]);
+            rows.for_each(|row| table.row(row));
+            say(table)?;
+            say(format_args!("{} frames applied, {} of them keyframes", played.frames, played.keyframes))
+        }
+        Format::Json => say_json(&Document {
+            schema: "psao-verify/1",
+            frames: played.frames,
+            keyframes: played.keyframes,
+            checks: rows.map(|[check, result, found]| Row { check, result, found }).collect(),
+        }),
+        Format::Csv => {
+            let mut csv = Csv::new(["check", "result", "found"])?;
+            for row in rows {
+                csv.row(row)?;
+            }
+            csv.finish()
+        }
     }
-    say(table)?;
-    say(format_args!("{} frames applied, {} of them keyframes", played.frames, played.keyframes))?;
+}
+
+/// Returns the failure that the checks stand for.
+fn judge(path: &std::path::Path, played: &Played, checks: &[(&str, Verdict)]) -> Outcome {
     let failed = |wrong: bool| {
         checks
             .iter()

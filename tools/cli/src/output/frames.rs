@@ -8,8 +8,8 @@ use super::latency::Summary;
 use super::number;
 use crate::args::Format;
 use crate::budget::BudgetTotals;
-use crate::context::say;
-use crate::error::{Exit, Failure, Outcome};
+use crate::context::{say, say_json_line};
+use crate::error::Outcome;
 
 /// Prints frames as they come and keeps the totals.
 pub(crate) struct FrameLog {
@@ -33,7 +33,7 @@ struct Line {
 }
 
 impl FrameLog {
-    /// A log in a format; `quiet` prints the totals alone.
+    /// Starts a log in a format; `quiet` prints the totals only.
     pub(crate) fn new(format: Format, quiet: bool) -> Outcome<Self> {
         if !quiet {
             match format {
@@ -53,7 +53,7 @@ impl FrameLog {
         })
     }
 
-    /// A frame was applied.
+    /// Prints and counts a frame that was applied.
     pub(crate) fn frame(&mut self, info: &FrameInfo, wire_bytes: u64) -> Outcome {
         self.frames += 1;
         self.wire_bytes += wire_bytes;
@@ -78,17 +78,15 @@ impl FrameLog {
             Format::Csv => {
                 say(format_args!("{frame},{time_s:.6},{kind},{wire_bytes},{changed_points},{state_hash}"))
             }
-            Format::Json => say(serde_json::to_string(&line)
-                .map_err(|error| Failure::new(Exit::System, format_args!("cannot write JSON: {error}")))?),
+            Format::Json => say_json_line(&line),
         }
     }
 
-    /// How old the frames were; a line of JSON for programs that read frames as such.
+    /// Prints how old the frames were; as a line of JSON where frames are.
     pub(crate) fn latency(&self, summary: &Summary) -> Outcome {
         match self.format {
             Format::Table => say(summary),
-            Format::Json => say(serde_json::to_string(summary)
-                .map_err(|error| Failure::new(Exit::System, format_args!("cannot write JSON: {error}")))?),
+            Format::Json => say_json_line(summary),
             Format::Csv => {
                 eprintln!("{summary}");
                 Ok(())
@@ -96,12 +94,12 @@ impl FrameLog {
         }
     }
 
-    /// The server says what it did with its byte budget.
+    /// Counts what the server did with its byte budget.
     pub(crate) fn budget(&mut self, budget: &Budget) {
         self.budgets.add(budget);
     }
 
-    /// The totals, on standard error where standard output is for programs.
+    /// Prints the totals, to standard error where standard output is for programs.
     pub(crate) fn finish(&self, note: &str) -> Outcome {
         let last = self.last.map_or_else(
             || "none".to_owned(),

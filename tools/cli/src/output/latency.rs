@@ -53,7 +53,7 @@ impl Latencies {
         }
     }
 
-    /// The percentiles; nothing without a frame whose times are known.
+    /// Returns the percentiles; `None` without a frame whose times are known.
     pub(crate) fn summary(&self, session: &ClientSession) -> Option<Summary> {
         let of = |times: &[i64]| Percentiles::of(times);
         Some(Summary {
@@ -67,7 +67,7 @@ impl Latencies {
 }
 
 impl Percentiles {
-    /// By nearest rank, of times in microseconds.
+    /// Returns the percentiles by nearest rank of times in microseconds.
     fn of(times: &[i64]) -> Option<Self> {
         let mut sorted = times.to_vec();
         sorted.sort_unstable();

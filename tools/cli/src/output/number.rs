@@ -1,24 +1,18 @@
 //! Numbers as people read them.
 
-/// `1234567` as `1,234,567`.
+use indicatif::HumanCount;
+
+/// Formats a count: `1,234,567`.
 pub(crate) fn count(value: u64) -> String {
-    let digits = value.to_string();
-    let mut out = String::with_capacity(digits.len() + digits.len() / 3);
-    for (index, digit) in digits.chars().enumerate() {
-        if index > 0 && (digits.len() - index).is_multiple_of(3) {
-            out.push(',');
-        }
-        out.push(digit);
-    }
-    out
+    HumanCount(value).to_string()
 }
 
-/// So many of something: `1 round`, `1,234 rounds`.
+/// Formats a number of things: `1 round`, `1,234 rounds`.
 pub(crate) fn counted(value: u64, what: &str) -> String {
     format!("{} {what}{}", count(value), if value == 1 { "" } else { "s" })
 }
 
-/// A byte count with a decimal unit: `712 B`, `7.1 kB`, `3.40 MB`.
+/// Formats a number of bytes with a decimal unit: `712 B`, `7.1 kB`, `3.40 MB`.
 pub(crate) fn bytes(value: u64) -> String {
     let value = value as f64;
     match value {
@@ -29,22 +23,22 @@ pub(crate) fn bytes(value: u64) -> String {
     }
 }
 
-/// Megabits a second of `bytes` sent in `seconds`; zero when no time passed.
+/// Returns the Mbit/s of `bytes` sent in `seconds`; zero when no time passed.
 pub(crate) fn megabits(bytes: u64, seconds: f64) -> f64 {
     if seconds > 0.0 { bytes as f64 * 8.0 / seconds / 1e6 } else { 0.0 }
 }
 
-/// Microseconds as milliseconds with two decimals.
+/// Formats microseconds as milliseconds with two decimals.
 pub(crate) fn millis(micros: f64) -> String {
     format!("{:.2}", micros / 1e3)
 }
 
-/// A PSNR in decibels; equal pictures have none.
+/// Formats a PSNR in decibels, or `equal` for equal pictures.
 pub(crate) fn decibels(psnr: Option<f64>) -> String {
     psnr.map_or_else(|| "equal".to_owned(), |psnr| format!("{psnr:.2} dB"))
 }
 
-/// A figure that small pictures do not have.
+/// Formats a figure, or a dash: small pictures do not have it.
 pub(crate) fn where_known(figure: Option<f64>) -> String {
     figure.map_or_else(|| "\u{2013}".to_owned(), |figure| format!("{figure:.4}"))
 }

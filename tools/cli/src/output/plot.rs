@@ -33,7 +33,7 @@ pub(crate) struct Plot {
 }
 
 impl Plot {
-    /// The whole SVG document.
+    /// Returns the whole SVG document.
     pub(crate) fn svg(&self) -> String {
         let mut out = String::new();
         let ceiling = self.ceiling();
@@ -52,7 +52,7 @@ impl Plot {
         out
     }
 
-    /// Bytes at the top of the axis: the largest delta frame, or the largest frame when there is no other.
+    /// Returns the bytes at the top of the axis: the largest delta frame, or the largest frame when there is no other.
     fn ceiling(&self) -> f64 {
         let largest = |key: bool| {
             self.bars.iter().filter(|bar| bar.key == key).map(|bar| bar.bytes.iter().sum::<u64>()).max()
@@ -140,7 +140,7 @@ impl Plot {
         }
     }
 
-    /// Says the size of a bar that the axis cuts.
+    /// Writes the size of a bar that the axis cuts.
     fn marks(&self, out: &mut String, bar: &Bar, ceiling: f64, x: f64, slot: f64) {
         let total: u64 = bar.bytes.iter().sum();
         if total as f64 <= ceiling {
@@ -159,7 +159,7 @@ impl Plot {
     }
 }
 
-/// The next round number (1, 2, 2.5 or 5 times a power of ten) at or above `value`.
+/// Returns the next round number (1, 2, 2.5 or 5 times a power of ten) at or above `value`.
 fn nice_above(value: f64) -> f64 {
     let power = 10f64.powf(value.log10().floor());
     [1.0, 2.0, 2.5, 4.0, 5.0, 8.0, 10.0]

@@ -39,7 +39,7 @@ figure{margin:1.2rem 0}img,svg{max-width:100%;height:auto;border:1px solid #ddd}
 figcaption,.note{color:#555;font-size:.9rem;max-width:48rem}";
 
 impl Report {
-    /// The page.
+    /// Returns the page.
     pub(crate) fn html(&self) -> String {
         let mut out = String::new();
         let _ = write!(

@@ -24,7 +24,7 @@ impl Figures {
         Self { table }
     }
 
-    /// Columns that hold words rather than figures.
+    /// Aligns columns that hold words to the left.
     pub(crate) fn words(mut self, columns: &[usize]) -> Self {
         for &index in columns {
             if let Some(column) = self.table.column_mut(index) {
@@ -34,7 +34,7 @@ impl Figures {
         self
     }
 
-    /// One more row.
+    /// Adds a row.
     pub(crate) fn row<I: IntoIterator<Item = String>>(&mut self, cells: I) {
         self.table.add_row(Row::from(cells.into_iter().collect::<Vec<_>>()));
     }

@@ -44,7 +44,6 @@ fn options_that_make_no_sense() {
     for (options, words) in [
         (&["--points", "0"][..], &["points"][..]),
         (&["--points", "nan"], &["points"]),
-        (&["--points", "1e30"], &["points"]),
         (&["--min-points", "0"], &["points"]),
         (&["--rays", "0"], &["rays"]),
         (&["--radius", "0"], &["radius"]),
@@ -69,14 +68,37 @@ fn options_that_make_no_sense() {
         assert!(!target.exists(), "{options:?} leaves nothing behind");
     }
     refuses(&["record", "-o", text(&target)], 2, &["--scene"]);
-    refuses(&["replay", text(recording(Profile::Surface)), "--rate", "0"], 2, &["--rate"]);
-    refuses(&["replay", text(recording(Profile::Surface)), "--from", "2", "--to", "1"], 2, &["--to"]);
+    refuses(&["replay", text(recording(Profile::Surface)), "--speed", "0"], 2, &["--speed"]);
+    refuses(&["replay", text(recording(Profile::Surface)), "--from", "2s", "--to", "1s"], 2, &["--to"]);
     refuses(
         &["reconstruct", text(recording(Profile::Surface)), "--frame", "0", "--size", "0x9", "-o", "x.png"],
         2,
         &["0x9"],
     );
-    refuses(&["stress", "--only", "no such case"], 2, &["no case"]);
+    refuses(&["lab", "stress", "--only", "no such case"], 2, &["no case"]);
+}
+
+#[test]
+fn options_that_do_not_fit_the_input() {
+    let folder = folder();
+    let target = folder.path().join("out.psao");
+    let whole = text(recording(Profile::Surface));
+    // Possible for a smaller scene, another recording, another machine or another folder.
+    for density in ["1e9", "1e30"] {
+        let arguments = ["record", "--scene", "colonnade", "--points", density, "-o", text(&target)];
+        refuses(&arguments, 3, &["points", "lower the density"]);
+        assert!(!target.exists());
+    }
+    refuses(&["lab", "rays", "--scene", "colonnade", "--points", "1e30"], 3, &["lower the density"]);
+    refuses(&["lab", "rays", "--scene", "colonnade", "--instructions", "abacus"], 3, &["abacus"]);
+    refuses(&["reconstruct", whole, "--frame", "99", "-o", text(&target)], 3, &["99"]);
+    refuses(&["replay", whole, "--from", "100s"], 3, &["--from 100s"]);
+    refuses(&["cut", whole, "--from-frame", "99", "-o", text(&target)], 3, &["99"]);
+    // Wrong for any.
+    refuses(&["lab", "rays", "--scene", "colonnade", "--points", "0"], 2, &["points"]);
+    refuses(&["lab", "rays", "--scene", "colonnade", "--radius", "0"], 2, &["radius"]);
+    refuses(&["lab", "rays", "--scene", "colonnade", "--rays", "0"], 2, &["rays"]);
+    refuses(&["keys", text(&folder.path().join("keys")), "--name", "\u{e9}"], 2, &["certificates"]);
 }
 
 #[test]

@@ -102,8 +102,8 @@ fn budgets_that_cannot_be_are_refused() {
 
 #[test]
 fn less_budget_means_fewer_bytes_and_more_error() {
-    let mut arguments = vec!["compare-budgets", "--scene", "colonnade", "--frames", "12", "--threshold", "2"];
-    arguments.extend(["--shares", "100,70", "--format", "json"]);
+    let mut arguments = vec!["lab", "budgets", "--scene", "colonnade", "--frames", "12", "--threshold", "2"];
+    arguments.extend(["--shares", "100%,70%", "--format", "json"]);
     arguments.extend(SMALL);
     let rows = json(&arguments);
     let rows = rows.as_array().unwrap();

@@ -110,7 +110,7 @@ fn a_killed_recorder_leaves_every_frame_whole_but_the_last() {
     let (path, saved) = (folder.path().join("killed.psao"), folder.path().join("saved.psao"));
     let sent = Sent::by(recording(Profile::Surface));
     let arguments =
-        ["replay", text(recording(Profile::Surface)), "--quiet", "--loop", "--pace", "wall", "--rate", "20"];
+        ["replay", text(recording(Profile::Surface)), "--quiet", "--loop", "--pace", "wall", "--speed", "20"];
     let (_server, address) = Server::start(&arguments);
     let mut dice = Dice(1);
     let (mut frames, mut without, mut cut_off) = (0, 0, 0);

@@ -80,7 +80,7 @@ impl Drop for Server {
 fn a_client_holds_the_recorded_states_at_every_pace() {
     for profile in Profile::ALL {
         let recorded = hashes(&fine(&["inspect", text(recording(profile)), "--format", "csv"]));
-        for pace in [&["--pace", "fast"][..], &["--pace", "step"], &["--pace", "wall", "--rate", "2"]] {
+        for pace in [&["--pace", "fast"][..], &["--pace", "step"], &["--pace", "wall", "--speed", "2"]] {
             let mut arguments = vec!["replay", text(recording(profile)), "--quiet"];
             arguments.extend(pace);
             let (server, address) = Server::start(&arguments);
@@ -98,7 +98,7 @@ fn two_clients_and_a_start_in_the_middle() {
     for profile in Profile::ALL {
         let recorded = hashes(&fine(&["inspect", text(recording(profile)), "--format", "csv"]));
         let mut arguments = vec!["replay", text(recording(profile)), "--quiet", "--clients", "2"];
-        arguments.extend(["--pace", "step", "--from", "0.08"]);
+        arguments.extend(["--pace", "step", "--from", "0.08s"]);
         let (server, address) = Server::start(&arguments);
         let first = command(&["client", &address, "--format", "csv"])
             .stdout(Stdio::piped())
@@ -151,7 +151,7 @@ fn what_there_is_no_time_to_trace_is_traced_later() {
     for profile in Profile::ALL {
         let mut arguments = vec!["serve", "--scene", "robot-lab", "--fps", "50", "--profile", profile.name()];
         arguments.extend(SMALL);
-        arguments.extend(["--frames", "12", "--frame-time", "0.1"]);
+        arguments.extend(["--frames", "12", "--frame-time", "100us"]);
         let (server, address) = Server::start(&arguments);
         let run = psao(&["client", &address]);
         assert_eq!(run.code, Some(0), "{}", run.err);

@@ -7,20 +7,21 @@
 )]
 
 mod bad_input;
-mod bench;
 mod budgets;
 mod cache;
+mod command_line;
 mod crashes;
 mod edits;
-mod evaluate;
+mod lab_network;
 mod live;
 mod main_job;
 mod needs;
-mod netlab;
 mod network;
 mod packings;
 mod profiles;
+mod rays;
 mod recordings;
+mod sweep;
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -50,8 +51,9 @@ impl From<Output> for Run {
 pub fn command(arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_psao"));
     command.args(arguments).env_remove("PSAO_TOKEN");
-    // No cache but where a test names one.
-    command.env_remove("XDG_CACHE_HOME").env_remove("HOME");
+    // One cache for the tests, none of the user's own.
+    static CACHE: OnceLock<tempfile::TempDir> = OnceLock::new();
+    command.env("XDG_CACHE_HOME", CACHE.get_or_init(folder).path()).env_remove("HOME");
     command
 }
 

@@ -87,8 +87,8 @@ fn replay_applies_the_recorded_states_from_any_time() {
         };
         assert_eq!(replayed(&[]), recorded);
         assert_eq!(replayed(&["--pace", "step"]), recorded);
-        assert_eq!(replayed(&["--pace", "wall", "--rate", "4"]), recorded);
-        assert_eq!(replayed(&["--from", "0.05", "--to", "0.1"]), recorded[3..=6], "60 frames a second");
+        assert_eq!(replayed(&["--pace", "wall", "--speed", "4"]), recorded);
+        assert_eq!(replayed(&["--from", "0.05s", "--to", "0.1s"]), recorded[3..=6], "60 frames a second");
     }
 }
 

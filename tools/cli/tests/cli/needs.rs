@@ -23,7 +23,7 @@ fn run(more: &[&str]) -> String {
         [0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 2.0, 0.0, 0.2, 0.0, 0.0, 5.0, 0.0];
     let bytes: Vec<u8> = numbers.iter().flat_map(|number| number.to_le_bytes()).collect();
     std::fs::write(folder.path().join("lifted.bin"), bytes).unwrap();
-    let mut arguments = vec!["needs", text(&scene), "--frames", "4", "--fps", "4", "--all-visible"];
+    let mut arguments = vec!["lab", "needs", text(&scene), "--frames", "4", "--fps", "4", "--all-visible"];
     arguments.extend(SMALL);
     if !more.contains(&"--rounds") {
         arguments.extend(["--rounds", "2"]);
@@ -80,9 +80,9 @@ fn the_table_says_the_same() {
 
 #[test]
 fn what_cannot_be_measured_is_refused() {
-    refuses(&["needs", "colonnade", "--exhaustive"], 2, &["--exhaustive"]);
-    refuses(&["needs", "colonnade", "--frames", "1"], 2, &["frames"]);
-    refuses(&["needs", "colonnade", "--rounds", "0"], 2, &["rounds"]);
-    refuses(&["needs", "colonnade", "--radius", "0"], 2, &["radius"]);
-    refuses(&["needs", "no-such-scene"], 3, &["no-such-scene", "colonnade"]);
+    refuses(&["lab", "needs", "colonnade", "--exhaustive"], 2, &["--exhaustive"]);
+    refuses(&["lab", "needs", "colonnade", "--frames", "1"], 2, &["frames"]);
+    refuses(&["lab", "needs", "colonnade", "--rounds", "0"], 2, &["rounds"]);
+    refuses(&["lab", "needs", "colonnade", "--radius", "0"], 2, &["radius"]);
+    refuses(&["lab", "needs", "no-such-scene"], 3, &["no-such-scene", "colonnade"]);
 }

@@ -139,7 +139,7 @@ fn keys_are_secret_and_never_overwritten() {
     let before = keys.token();
     assert_eq!(before.len(), 64);
     let run = psao(&["keys", text(&keys.folder.path().join("keys"))]);
-    assert_eq!(run.code, Some(2), "{}", run.err);
+    assert_eq!(run.code, Some(3), "{}", run.err);
     assert!(run.err.contains("not overwritten"), "{}", run.err);
     assert_eq!(keys.token(), before);
 
@@ -147,7 +147,7 @@ fn keys_are_secret_and_never_overwritten() {
     let other = keys.folder.path().join("other");
     std::fs::create_dir(&other).unwrap();
     std::fs::write(other.join("client.key"), "mine").unwrap();
-    assert_eq!(psao(&["keys", text(&other)]).code, Some(2));
+    assert_eq!(psao(&["keys", text(&other)]).code, Some(3));
     assert_eq!(std::fs::read_dir(&other).unwrap().count(), 1);
 
     #[cfg(unix)]

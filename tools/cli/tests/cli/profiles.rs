@@ -34,7 +34,7 @@ fn shared_geometry_is_not_sent_and_made_again_to_draw() {
 fn compare(more: &[&str]) -> Vec<String> {
     let frames = FRAMES.to_string();
     let mut arguments =
-        vec!["compare-profiles", "--scene", "colonnade", "--frames", &frames, "--threshold", "2"];
+        vec!["lab", "profiles", "--scene", "colonnade", "--frames", &frames, "--threshold", "2"];
     arguments.extend(SMALL);
     arguments.extend(more);
     arguments.into_iter().map(str::to_owned).collect()

@@ -9,14 +9,14 @@ use psao_server::scene::EditError;
 use psao_server::server::{FrameStats, FrameTimeController, RayBacklog, TracedFrame};
 
 use super::outlet::Outlet;
-use crate::context::WallClock;
+use crate::context::Stopwatch;
 use crate::error::{Exit, Failure, Outcome};
 use crate::producer::{Back, Front, Producer};
 
 /// What makes the frames and sends them.
 pub(super) struct Line {
     stages: Stages,
-    clock: WallClock,
+    clock: Stopwatch,
     /// Edits in the scene that are not in a frame yet.
     edits: Vec<Edit>,
     /// Finds out how many rays there is time for; nothing where there is no hurry.
@@ -71,7 +71,7 @@ impl Line {
                 Stages::Halves { front: Box::new(front), jobs, writer }
             }
         };
-        Ok(Self { stages, clock: WallClock::start(), edits: Vec::new(), pacing, late: Late::default() })
+        Ok(Self { stages, clock: Stopwatch::start(), edits: Vec::new(), pacing, late: Late::default() })
     }
 
     /// Changes the scene from the next frame on; says whether it changed anything.
@@ -141,7 +141,7 @@ impl Line {
 
 /// Writes and sends frames until no more come.
 fn write(mut back: Back, mut outlet: Outlet, queue: &Receiver<Job>) -> Outcome<Outlet> {
-    let clock = WallClock::start();
+    let clock = Stopwatch::start();
     for Job { edits, traced, captured } in queue {
         edits.iter().try_for_each(|edit| outlet.announce(edit))?;
         let (output, produced) = back.write(traced, &clock)?;

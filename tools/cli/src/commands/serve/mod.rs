@@ -8,50 +8,55 @@ use std::path::PathBuf;
 use std::str::FromStr;
 use std::time::{Duration, Instant};
 
-use psao_proto::Limits;
 use psao_proto::message::{CloseCode, Edit};
 use psao_proto::net::{Hub, HubEvent};
-use psao_proto::recording::file::Recorder;
+use psao_proto::{Limits, Micros};
 use psao_server::server::FrameTimeController;
 
 use crate::args::{BufferArg, EditsArg, StreamArgs};
 use crate::context::runtime;
 use crate::error::Outcome;
 use crate::network::{self, ListenArgs};
-use crate::output::number;
+use crate::output::{number, target};
 use crate::producer::Producer;
+use crate::quantity::TimeSpan;
+use crate::recorder::{Recorder, check_place};
 use line::{Late, Line};
 use outlet::Outlet;
 
-/// A live server: traces the scene as it plays and sends what changed to every client
+/// Trace a scene live and send its AO stream to clients
 ///
-/// The clip plays over and over until Ctrl-C or --frames. Nothing is traced while nobody listens. A frame that takes
-/// longer than its time is followed by the one that is then due; how many were skipped is printed at the end. So that few
-/// are, points are left over when time is short and traced later (--frame-time). A frame is written and sent while the next
-/// one is traced (profile surface). With --record
-/// the recording listens too: the clip plays from the start. A slow or full disk costs frames of the recording, never of
-/// the stream; exit code 1 then means that the disk failed.
+/// The animation plays in a loop until Ctrl-C or --frames. Nothing is traced while no client is connected. A frame that
+/// takes longer than its time is followed by the frame that is then due; the number of skipped frames is printed at the
+/// end. To skip few, points are traced later when time is short (--frame-time). With profile surface, a frame is encoded
+/// and sent while the next one is traced.
+///
+/// With --record, the animation plays from the start without a client. A slow or full disk costs frames of the recording,
+/// never of the stream. Exit code 1 then means that the disk failed.
 #[derive(clap::Args, Debug)]
+#[command(after_help = "Examples:
+  psao serve --scene colonnade
+  psao serve --scene robot-lab --fps 30 --frame-time 20ms
+  psao serve --scene robot-lab --record live.psao --listen unix:/tmp/psao.socket")]
 pub(crate) struct Args {
     #[command(flatten)]
     stream: StreamArgs,
     #[command(flatten)]
     network: ListenArgs,
-    /// Stop after so many frames
+    /// Stop after this number of frames
     #[arg(long, value_name = "N")]
     frames: Option<u64>,
-    /// Whether clients may change the scene: what one moves, hides or shows, all of them get, and the AO follows
+    /// Whether clients may change the scene; all clients see the change, and the AO follows
     #[arg(long, value_enum, default_value_t = EditsArg::Allow)]
     edits: EditsArg,
-    /// Time for tracing a frame: what is left over then is traced in later ones, what is largest on the screen and has
-    /// waited longest first. auto is the time from frame to frame; off traces everything, however long that takes. Clients
-    /// draw as often as they like
-    #[arg(long, value_name = "auto|off|MS", default_value = "auto", conflicts_with = "ray_budget")]
+    /// Time limit for tracing a frame. Points left over are traced in later frames, by screen size and waiting time. auto
+    /// is the time from frame to frame; off traces everything, however long that takes
+    #[arg(long, value_name = "auto|off|TIME", default_value = "auto", conflicts_with = "ray_budget")]
     frame_time: FrameTime,
-    /// Send stage times with every frame
+    /// Send the server's stage times with every frame
     #[arg(long)]
     timings: bool,
-    /// Record the stream into this file as well
+    /// Record the stream into this file as well; - for standard output
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
     #[command(flatten)]
@@ -65,7 +70,7 @@ enum FrameTime {
     Auto,
     /// As long as it takes.
     Off,
-    Millis(f64),
+    Time(TimeSpan),
 }
 
 impl FromStr for FrameTime {
@@ -76,28 +81,29 @@ impl FromStr for FrameTime {
             "auto" => Ok(Self::Auto),
             "off" => Ok(Self::Off),
             _ => match text.parse() {
-                Ok(millis) if (0.1..=1e6).contains(&millis) => Ok(Self::Millis(millis)),
-                _ => Err(format!("\"{text}\" is none of auto, off and milliseconds from 0.1 to 1e6")),
+                Ok(time @ TimeSpan(Micros(100..=1_000_000_000))) => Ok(Self::Time(time)),
+                Ok(_) => Err(format!("\"{text}\" is not from 100us to 1000s")),
+                Err(error) => Err(format!("{error}, or auto, or off")),
             },
         }
     }
 }
 
 impl Args {
-    /// From frame to frame.
+    /// Returns the time from frame to frame.
     fn tick(&self) -> Duration {
         Duration::from_secs_f64(1.0 / f64::from(self.stream.tuning.points.fps))
     }
 
-    /// What plans the rays of frames.
+    /// Returns what plans the rays of frames; `None` without a time limit.
     fn pacing(&self) -> Option<FrameTimeController> {
-        let seconds = match self.frame_time {
+        let micros = match self.frame_time {
             _ if self.stream.tuning.ray_budget.is_some() => return None,
             FrameTime::Off => return None,
-            FrameTime::Auto => self.tick().as_secs_f64(),
-            FrameTime::Millis(millis) => millis * 1e-3,
+            FrameTime::Auto => (self.tick().as_secs_f64() * 1e6) as u64,
+            FrameTime::Time(TimeSpan(Micros(micros))) => micros,
         };
-        Some(FrameTimeController::new((seconds * 1e6) as u64))
+        Some(FrameTimeController::new(micros))
     }
 }
 
@@ -106,7 +112,7 @@ const PATIENCE: Duration = Duration::from_secs(5);
 
 pub(crate) fn run(args: &Args) -> Outcome {
     if let Some(path) = &args.record {
-        Recorder::check_place(path)?;
+        Recorder::check_place(&target::recording(path)?)?;
     }
     let producer = Producer::new(&args.stream.scene, &args.stream.tuning, 0)?;
     runtime()?.block_on(serve(args, producer))
@@ -117,7 +123,10 @@ async fn serve(args: &Args, producer: Producer) -> Outcome {
     let bound = args.network.serve(&hub).await?;
     eprintln!("serving {} at {bound}; stop with Ctrl-C", producer.info().name);
     let mut recorder = match &args.record {
-        Some(path) => Some(Recorder::create(path, args.buffer.options(path))?),
+        Some(path) => {
+            let path = target::recording(path)?;
+            Some(Recorder::create(&path, args.buffer.options(&path))?)
+        }
         None => None,
     };
     if let Some(recorder) = &mut recorder {
@@ -151,12 +160,15 @@ struct Counts {
 }
 
 impl Counts {
-    /// Says how it went.
+    /// Prints the totals.
     fn tell(&self, late: Late) {
-        eprintln!("{} frames sent, {} skipped because the one before took too long", self.sent, self.skipped);
+        eprintln!(
+            "{} frames sent, {} skipped because the frame before took too long",
+            self.sent, self.skipped
+        );
         if late.frames > 0 {
             eprintln!(
-                "in {} frames points waited for rays: {} at most, for {} frames at most (--frame-time)",
+                "in {} frames points waited for rays: at most {} points, for at most {} frames (--frame-time)",
                 number::count(late.frames),
                 number::count(late.points.into()),
                 late.oldest
@@ -182,7 +194,7 @@ async fn frames(args: &Args, line: &mut Line, hub: &Hub, counts: &mut Counts) ->
         let captured = hub.now();
         tokio::task::block_in_place(|| line.frame(number, &hub.views(), captured))?;
         if number == 0 {
-            // It traced every point of the scene, and would put hundreds of frames behind.
+            // The first frame traces every point; without a new start, hundreds of frames would be skipped.
             start = Instant::now();
         }
         counts.sent += 1;
@@ -193,7 +205,7 @@ async fn frames(args: &Args, line: &mut Line, hub: &Hub, counts: &mut Counts) ->
     Ok(())
 }
 
-/// Edits the scene as clients ask, and says who came and went and what was refused.
+/// Applies the edits of clients, and prints which clients came and went and what was refused.
 fn handle(edits: EditsArg, mut line: Option<&mut Line>, hub: &Hub) {
     let mut refused = BTreeMap::new();
     for event in hub.take_events() {
@@ -206,7 +218,7 @@ fn handle(edits: EditsArg, mut line: Option<&mut Line>, hub: &Hub) {
             other => network::tell(&other),
         }
     }
-    // A line for each client, however much it asks for.
+    // One line for each client, however many edits it sends.
     for (client, (reason, count)) in refused {
         let more =
             if count > 1 { format!(", and {} more edits", number::count(count - 1)) } else { String::new() };
@@ -214,7 +226,7 @@ fn handle(edits: EditsArg, mut line: Option<&mut Line>, hub: &Hub) {
     }
 }
 
-/// Takes an edit in from the next frame on.
+/// Applies an edit from the next frame on.
 fn take(edits: EditsArg, line: Option<&mut Line>, edit: &Edit) -> Result<(), String> {
     match line {
         _ if edits == EditsArg::Deny => Err("the server runs with --edits deny".to_owned()),

@@ -1,0 +1,297 @@
+//! What is to be measured, and the digests by which it is found again.
+
+use std::sync::Arc;
+
+use psao_eval::screen::{Falloff, ScreenMethod, Traced};
+use psao_eval::sweep::{
+    Entry, Setting, TEXTURE_SPACE, Truth, far_field_methods, picture_times, pyramid_methods, reach_px,
+    screen_methods,
+};
+use psao_eval::texture::TextureSettings;
+use psao_reconstruct::Size;
+use psao_server::ao::{AoSettings, Occlusion};
+use psao_server::points::PointSettings;
+use psao_server::scene::Scene;
+use psao_server::server::ServerSettings;
+
+use super::machine::Machine;
+use super::preset::TableArg;
+use super::store::Store;
+use super::video::{Ffmpeg, MISSING, X264};
+use super::{Args, AxisArgs};
+use crate::error::{Exit, Failure, Outcome};
+
+/// What is the same for all scenes.
+pub(super) struct Sweep<'a> {
+    pub(super) args: &'a Args,
+    pub(super) settings: Vec<Setting>,
+    pub(super) textures: Textures,
+    /// Names of screen-space methods; `None` for all.
+    methods: Option<Vec<String>>,
+    pub(super) size: Size,
+    pub(super) guard: u32,
+    pub(super) seconds: f64,
+    /// Pictures lie on its frames.
+    rate: f64,
+    pub(super) machine: Machine,
+    /// Digest of the weights of LPIPS.
+    weights: Option<String>,
+}
+
+/// What is measured of texture-space.
+#[derive(Default)]
+pub(super) struct Textures {
+    all: Vec<(TextureSettings, X264)>,
+    /// The video coder.
+    video: Option<String>,
+    /// What should have been measured and cannot be, in words.
+    pub(super) left_out: Vec<String>,
+}
+
+/// A scene at one radius.
+pub(super) struct Plan<'a> {
+    pub(super) sweep: &'a Sweep<'a>,
+    pub(super) scene: &'a Arc<Scene>,
+    pub(super) base: ServerSettings,
+    pub(super) reference: AoSettings,
+    /// Whether it is the only radius.
+    alone: bool,
+    /// Its radius in pixels, where methods are chosen by it.
+    reach_px: Option<f32>,
+    pub(super) truth: Truth,
+    pub(super) times: Vec<f64>,
+    /// With their keys, in the order of tables.
+    pub(super) jobs: Vec<(String, Job)>,
+    /// By which the reference picture is kept.
+    pub(super) reference_key: String,
+}
+
+/// One thing to measure.
+pub(super) enum Job {
+    Stream(Setting),
+    Texture(TextureSettings, X264),
+    Method(Box<dyn ScreenMethod>),
+}
+
+impl<'a> Sweep<'a> {
+    pub(super) fn new(args: &'a Args, size: Size, weights: Option<&[u8]>) -> Outcome<Self> {
+        let grid = args.axes.or(args.table.map_or_else(AxisArgs::usual, TableArg::axes)).grid();
+        let streams = !args.no_streams && args.table.is_none_or(TableArg::has_streams);
+        let settings = match (streams, args.full || args.table.is_some()) {
+            (false, _) => Vec::new(),
+            (true, true) => grid.full(),
+            (true, false) => grid.one_at_a_time(),
+        };
+        let own = args.table.and_then(TableArg::methods);
+        let mut methods = match args.methods.as_slice() {
+            [] => own.map(|names| names.iter().map(|&name| name.to_owned()).collect()),
+            asked => names(asked)?,
+        };
+        let rates =
+            if args.full || args.table.is_some() { grid.fps.clone() } else { vec![grid.centre().fps] };
+        let textures = textures(args, &mut methods, grid.centre().rays, &rates)?;
+        let machine = Machine { video: textures.video.clone(), ..Machine::here() };
+        let rate = f64::from(grid.fastest());
+        if !(rate > 0.0 && rate <= 1_000.0) {
+            return Err(Failure::usage(format_args!(
+                "--fps {rate}: frames a second are above 0 and at most 1000"
+            )));
+        }
+        if let Some(again) = (1..args.radius.len()).find(|&at| args.radius[..at].contains(&args.radius[at])) {
+            return Err(Failure::usage(format_args!("--radius has {} twice", args.radius[again])));
+        }
+        Ok(Self {
+            args,
+            settings,
+            textures,
+            methods,
+            size,
+            guard: args.guard.unwrap_or(size.width() / 10),
+            seconds: f64::from(args.frames) / rate,
+            rate,
+            machine,
+            weights: weights.map(|bytes| blake3::hash(bytes).to_hex().to_string()),
+        })
+    }
+
+    /// Returns a plan for each radius of a scene.
+    pub(super) fn plans(&'a self, scene: &'a Arc<Scene>) -> Vec<Outcome<Plan<'a>>> {
+        let own = [scene.ao_radius_m()];
+        let radii = match self.args.radius.as_slice() {
+            [] => self.args.table.and_then(TableArg::radii_m).unwrap_or(&own),
+            given => given,
+        };
+        radii.iter().map(|&radius| Plan::new(self, scene, radius, radii)).collect()
+    }
+
+    /// Returns the digest of a scene and everything else that the figures depend on.
+    fn key(&self, scene: &Scene, truth: &Truth, what: &str) -> String {
+        let args = self.args;
+        let parts = format!(
+            "psao-evaluate/1 {} {:?} {what} {:?} {} {} {} {:?} {truth:?} {} {} {} {:?}",
+            env!("CARGO_PKG_VERSION"),
+            scene.digest(),
+            self.size,
+            self.guard,
+            self.seconds,
+            self.rate,
+            picture_times(self.seconds, self.rate, args.pictures),
+            args.min_points,
+            args.repeats,
+            args.warm_up,
+            (&self.weights, &self.machine.cpu, self.machine.threads, self.machine.build),
+        );
+        blake3::hash(parts.as_bytes()).to_hex()[..32].to_owned()
+    }
+}
+
+/// What is measured of texture-space; its name is taken out of the methods. Without a video coder that is an error where it
+/// was asked for by name, and else something to say.
+fn textures(args: &Args, methods: &mut Option<Vec<String>>, rays: u32, rates: &[f32]) -> Outcome<Textures> {
+    let by_name = args.methods.iter().any(|name| name == TEXTURE_SPACE);
+    let wanted = match methods {
+        Some(names) => names.iter().any(|name| name == TEXTURE_SPACE),
+        None => args.table.is_none() && !args.no_streams,
+    };
+    if let Some(names) = methods {
+        names.retain(|name| name != TEXTURE_SPACE);
+    }
+    let Some(ffmpeg) = wanted.then(Ffmpeg::find).flatten() else {
+        return match (wanted, by_name) {
+            (true, true) => Err(Failure::new(Exit::System, format_args!("{TEXTURE_SPACE}: {MISSING}"))),
+            (true, false) => Ok(Textures {
+                left_out: vec![format!("{TEXTURE_SPACE} is left out: {MISSING}")],
+                ..Textures::default()
+            }),
+            (false, _) => Ok(Textures::default()),
+        };
+    };
+    let mut found = Textures { video: Some(ffmpeg.to_string()), ..Textures::default() };
+    for &fps in rates {
+        for &divisor in &args.texture.atlas {
+            for &crf in &args.texture.crf {
+                let settings = TextureSettings::new(divisor, rays, fps);
+                settings.validate().map_err(Failure::usage)?;
+                found.all.push((settings, ffmpeg.x264(crf)));
+            }
+        }
+    }
+    Ok(found)
+}
+
+/// `--methods`: `None` for all.
+fn names(asked: &[String]) -> Outcome<Option<Vec<String>>> {
+    match asked {
+        [one] if one == "all" => Ok(None),
+        [one] if one == "none" => Ok(Some(Vec::new())),
+        names if names.iter().any(|name| name == "all" || name == "none") => {
+            Err(Failure::usage("--methods takes all, none, or names, not both"))
+        }
+        names => Ok(Some(names.to_vec())),
+    }
+}
+
+impl<'a> Plan<'a> {
+    /// At `radius`, which is one of `radii`.
+    fn new(sweep: &'a Sweep<'a>, scene: &'a Arc<Scene>, radius: f32, radii: &[f32]) -> Outcome<Self> {
+        let args = sweep.args;
+        let kind = args.occlusion.into();
+        let reference = AoSettings { rays: args.reference_rays, radius, kind, seed: args.seed };
+        reference.validate().map_err(Failure::usage)?;
+        let far = args.table == Some(TableArg::FarField);
+        let truth = if far { Truth::Screen(far_reference(&reference)) } else { Truth::Scene(reference) };
+        let times = picture_times(sweep.seconds, sweep.rate, args.pictures);
+        let mut reach = None;
+        let methods = match &truth {
+            Truth::Scene(ao) if args.table == Some(TableArg::PyramidHbao) => {
+                let smallest = radii.iter().copied().fold(radius, f32::min);
+                let pixels = reach_px(scene, &times, sweep.size, radius).map_err(super::refused)?;
+                pyramid_methods(ao, smallest, *reach.insert(pixels)).map_err(|error| {
+                    Failure::usage(format_args!("a radius of {radius} m beside one of {smallest} m: {error}"))
+                })
+            }
+            Truth::Scene(ao) => screen_methods(ao).map_err(Failure::usage),
+            Truth::Screen(rays) => far_field_methods(rays).map_err(Failure::usage),
+        };
+        let usual = ServerSettings::default();
+        let base = ServerSettings {
+            points: PointSettings { minimum: args.min_points, seed: args.seed, ..usual.points },
+            ao: AoSettings { rays: usual.ao.rays, ..reference },
+            ..usual
+        };
+        let mut jobs = Vec::new();
+        for setting in &sweep.settings {
+            setting.server(base).validate().map_err(Failure::usage)?;
+            let key = sweep.key(scene, &truth, &format!("{setting:?}"));
+            jobs.push((key, Job::Stream(*setting)));
+        }
+        for (setting, coder) in &sweep.textures.all {
+            let key = sweep.key(scene, &truth, &format!("{setting:?} {coder:?} {:?}", sweep.machine.video));
+            jobs.push((key, Job::Texture(*setting, *coder)));
+        }
+        for method in chosen(methods?, sweep.methods.as_deref())? {
+            let what = format!("{} {}", method.name(), method.label());
+            jobs.push((sweep.key(scene, &truth, &what), Job::Method(method)));
+        }
+        if jobs.is_empty() {
+            return Err(Failure::usage("nothing to measure: neither streams nor methods were asked for"));
+        }
+        Ok(Self {
+            sweep,
+            scene,
+            base,
+            times,
+            reference_key: sweep.key(scene, &truth, "reference"),
+            reference,
+            alone: radii.len() == 1,
+            reach_px: reach,
+            truth,
+            jobs,
+        })
+    }
+}
+
+impl Plan<'_> {
+    /// Returns the records that have been measured, in the order of tables.
+    pub(super) fn entries<'s>(&self, store: &'s Store) -> Vec<Entry<'s>> {
+        let entry = |(key, job): &(String, Job)| {
+            let sampling = if let Job::Method(method) = job { method.sampling() } else { None };
+            let (radius_m, reach_px) = (self.reference.radius, self.reach_px);
+            Some(Entry { record: store.record(key)?, radius_m, reach_px, sampling })
+        };
+        self.jobs.iter().filter_map(entry).collect()
+    }
+
+    /// Returns the name of the scene, with the radius where there are several.
+    pub(super) fn title(&self) -> String {
+        let name = self.scene.name();
+        if self.alone { name.to_owned() } else { format!("{name}, R = {} m", self.reference.radius) }
+    }
+}
+
+/// The reference of far-field obscurance, with an exponential falloff as in its paper where rays are weighted at all.
+fn far_reference(ao: &AoSettings) -> Traced {
+    let falloff = match ao.kind {
+        Occlusion::Obscurance => Falloff::Exponential { decay: 3.0 },
+        Occlusion::Binary => Falloff::Binary,
+    };
+    Traced { rays: ao.rays, seed: ao.seed, ..Traced::far(ao.radius, falloff) }
+}
+
+/// Returns the methods of these names.
+fn chosen(
+    methods: Vec<Box<dyn ScreenMethod>>,
+    names: Option<&[String]>,
+) -> Outcome<Vec<Box<dyn ScreenMethod>>> {
+    let Some(names) = names else { return Ok(methods) };
+    if let Some(unknown) = names.iter().find(|name| !methods.iter().any(|method| method.name() == **name)) {
+        let mut known: Vec<&str> = methods.iter().map(|method| method.name()).collect();
+        known.dedup();
+        known.push(TEXTURE_SPACE);
+        return Err(Failure::usage(format_args!(
+            "no method is called \"{unknown}\"; there are: {}",
+            known.join(", ")
+        )));
+    }
+    Ok(methods.into_iter().filter(|method| names.iter().any(|name| name == method.name())).collect())
+}

@@ -1,0 +1,74 @@
+//! Where results go: a file, or standard output for `-`. Standard output then holds nothing else.
+
+use std::fmt::Display;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+use crate::context::{broken_output, say};
+use crate::error::{Failure, Outcome};
+use crate::recorder::WholeFile;
+
+/// Returns whether a path stands for standard input or output.
+pub(crate) fn is_standard(path: &Path) -> bool {
+    path == Path::new("-")
+}
+
+/// Writes a file, or to standard output.
+pub(crate) fn write(path: &Path, bytes: &[u8]) -> Outcome {
+    if is_standard(path) {
+        let mut out = std::io::stdout().lock();
+        return out.write_all(bytes).and_then(|()| out.flush()).map_err(|error| broken_output(&error));
+    }
+    std::fs::write(path, bytes).map_err(|error| Failure::writing(path, &error))
+}
+
+/// Prints a line about the result: on standard output, or on standard error when the result itself goes to the former.
+pub(crate) fn note(path: &Path, text: impl Display) -> Outcome {
+    if is_standard(path) {
+        eprintln!("{text}");
+        return Ok(());
+    }
+    say(text)
+}
+
+/// Returns the path at which a recorder can write what `path` means.
+pub(crate) fn recording(path: &Path) -> Outcome<PathBuf> {
+    if !is_standard(path) {
+        return Ok(path.to_owned());
+    }
+    let device = PathBuf::from("/dev/stdout");
+    if device.exists() {
+        Ok(device)
+    } else {
+        Err(Failure::input("this system has no /dev/stdout to record to: name a file instead of -"))
+    }
+}
+
+/// A result that appears whole or not at all; on standard output it appears as it is made.
+pub(crate) enum Target {
+    File(WholeFile),
+    Standard,
+}
+
+impl Target {
+    /// Starts the result. It must not be one of `inputs`.
+    pub(crate) fn create(path: &Path, inputs: &[PathBuf]) -> Outcome<Self> {
+        if is_standard(path) { Ok(Self::Standard) } else { WholeFile::create(path, inputs).map(Self::File) }
+    }
+
+    /// Appends bytes.
+    pub(crate) fn put(&mut self, bytes: &[u8]) -> Outcome {
+        match self {
+            Self::File(file) => file.put(bytes),
+            Self::Standard => std::io::stdout().write_all(bytes).map_err(|error| broken_output(&error)),
+        }
+    }
+
+    /// Ends the result.
+    pub(crate) fn finish(self) -> Outcome {
+        match self {
+            Self::File(file) => file.finish(),
+            Self::Standard => std::io::stdout().flush().map_err(|error| broken_output(&error)),
+        }
+    }
+}

@@ -127,5 +127,5 @@ pub use numbering::Numbering;
 pub use psao_codec::StateHash;
 pub use psao_codec::block::CoderId;
 pub use psao_codec::frame::{FrameIndex, Profile, StreamTime};
-pub use scene::{SceneEntries, SceneError, SceneTable};
+pub use scene::{PaperInfo, SceneEntries, SceneError, SceneInfo, SceneTable, TraceInfo};
 pub use units::{Group, Micros, Sequence};

@@ -64,7 +64,7 @@ pub use ping::{Ping, Pong};
 pub use reject::{Reject, RejectCode};
 pub use report::{MAX_STAGES, Report, StageId, StageTime};
 pub use request::{KeyframeReason, Request};
-pub use scene::{InstanceBatch, InstanceEntry, MAX_BATCH, Needs, Occlusion, Scene, SceneInfo};
+pub use scene::{InstanceBatch, InstanceEntry, MAX_BATCH, Needs, Occlusion, Scene, SceneHeader};
 pub use stamp::Stamp;
 pub use surface::{MemberBatch, MemberEntry, PointSource, SetBatch, SetEntry};
 pub use text::{Text, TextTooLong};

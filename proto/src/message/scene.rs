@@ -1,6 +1,6 @@
 //! SCENE: what the stream is about: how the AO was made, and where every instance's points are.
 //!
-//! The scene table is one [`SceneInfo`] followed by as many batches as it takes, in order, each in a SCENE frame of its
+//! The scene table is one [`SceneHeader`] followed by as many batches as it takes, in order, each in a SCENE frame of its
 //! own: [`InstanceBatch`]es in profile `paper`; [`SetBatch`]es, then [`MemberBatch`]es in profile `surface`. A client
 //! needs nothing else to build the codec's layout; meshes and animation are its own.
 
@@ -101,9 +101,10 @@ impl BitOrAssign for Needs {
     }
 }
 
-/// First SCENE frame: the stream as a whole.
+/// Content of the first SCENE frame: the stream as a whole, field by field. Programs use
+/// [`SceneInfo`](crate::SceneInfo), which has what of this a table does not say itself.
 #[derive(Clone, Debug, PartialEq)]
-pub struct SceneInfo {
+pub struct SceneHeader {
     /// Name of the scene, for people.
     pub name: Text<64>,
     /// Path or built-in name as it was typed at the server, so that a person can open the same scene.
@@ -151,7 +152,7 @@ pub struct SceneInfo {
     pub view_margin: f32,
 }
 
-fields!(SceneInfo {
+fields!(SceneHeader {
     name,
     source,
     digest,
@@ -210,7 +211,7 @@ pub struct InstanceBatch {
 #[derive(Clone, Debug, PartialEq, Encode, Decode)]
 pub enum Scene {
     /// The first one.
-    Info(SceneInfo),
+    Info(SceneHeader),
     /// The ones after it in profile `paper`.
     Instances(InstanceBatch),
     /// The ones after it in profile `surface`.
@@ -223,7 +224,7 @@ fn positive(value: f32, field: &'static str) -> Result<(), Invalid> {
     require(value > 0.0 && value.is_finite(), field, "is not a positive number")
 }
 
-impl SceneInfo {
+impl SceneHeader {
     fn check(&self) -> Result<(), Invalid> {
         require(matches!(self.point_bits, 16 | 24 | 32), "point_bits", "is none of 16, 24, 32")?;
         positive(self.fps, "fps")?;
@@ -270,8 +271,8 @@ mod tests {
     use super::super::testing::golden;
     use super::*;
 
-    fn info() -> SceneInfo {
-        SceneInfo {
+    fn info() -> SceneHeader {
+        SceneHeader {
             name: Text::new("hall").unwrap(),
             source: Text::new("a/hall.glb").unwrap(),
             digest: [0xab; 32],
@@ -344,12 +345,12 @@ mod tests {
     #[test]
     fn values_that_make_no_sense_are_refused() {
         for bad in [
-            SceneInfo { fps: 0.0, ..info() },
-            SceneInfo { radius_m: f32::NAN, ..info() },
-            SceneInfo { points_per_m2: -1.0, ..info() },
-            SceneInfo { paper_table_slots: f32::INFINITY, ..info() },
-            SceneInfo { view_margin: 0.5, ..info() },
-            SceneInfo { point_bits: 31, ..info() },
+            SceneHeader { fps: 0.0, ..info() },
+            SceneHeader { radius_m: f32::NAN, ..info() },
+            SceneHeader { points_per_m2: -1.0, ..info() },
+            SceneHeader { paper_table_slots: f32::INFINITY, ..info() },
+            SceneHeader { view_margin: 0.5, ..info() },
+            SceneHeader { point_bits: 31, ..info() },
         ] {
             assert!(Scene::Info(bad).to_payload().is_err());
         }

@@ -488,7 +488,7 @@ impl ClientSession {
     }
 
     fn scene_ready(&mut self, table: SceneTable, accepted: Profile) -> Result<ClientEvent, SessionError> {
-        let found = table.info().profile;
+        let found = table.profile();
         if found != accepted {
             return Err(SceneError::Profile { found }.into());
         }

@@ -530,7 +530,7 @@ impl ServerSession {
         let scene = self.place.numbering.scene(&self.scene)?;
         self.queue(&Accept {
             version: hello.newest.min(NEWEST_VERSION),
-            profile: self.scene.info().profile,
+            profile: self.scene.profile(),
             limits: PeerLimits::from(&self.limits),
             name: self.name.clone(),
         });

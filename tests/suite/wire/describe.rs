@@ -2,7 +2,7 @@
 
 use psao_proto::message::{
     Accept, Ack, Auth, Budget, Close, Edit, EditAction, Gap, Hello, InstanceEntry, Malformed, MemberEntry,
-    Message, MessageError, PeerLimits, Ping, Pong, Reject, Report, Request, Scene, SceneInfo, SetEntry,
+    Message, MessageError, PeerLimits, Ping, Pong, Reject, Report, Request, Scene, SceneHeader, SetEntry,
     StageTime, Stamp, View,
 };
 use psao_proto::recording::{DamageKind, Reader, ReaderError, StoredIndex, Summary};
@@ -185,7 +185,7 @@ fn scene(scene: &Scene) -> Object {
     }
 }
 
-fn scene_info(info: &SceneInfo) -> Object {
+fn scene_info(info: &SceneHeader) -> Object {
     let names = Object::default().with("choice", 0).text("name", info.name.as_str());
     names
         .text("source", info.source.as_str())

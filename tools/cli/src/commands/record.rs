@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use indicatif::ProgressBar;
-use psao_proto::message::{CloseCode, KeyframeReason, SceneInfo};
+use psao_proto::message::{CloseCode, KeyframeReason, SceneHeader};
 use psao_proto::net::{Address, Connection};
 use psao_proto::session::{ClientEvent, ClientOptions};
 use psao_proto::{FrameType, Micros, WireFrame};
@@ -84,7 +84,7 @@ fn trace(args: &Args, scene: &str) -> Outcome {
     let mut recorder = Recorder::create(&args.output)?;
     let totals = record_frames(&mut producer, &mut recorder, frames, &edits, args.timings)?;
     let bytes = recorder.finish()?;
-    say(summary(producer.info(), &totals))?;
+    say(summary(&producer.info(), &totals))?;
     say(format_args!("wrote {}: {} frames, {}", args.output.display(), totals.frames, number::bytes(bytes)))
 }
 
@@ -146,7 +146,7 @@ pub(crate) fn record_frames(
 }
 
 /// What was traced, in words.
-pub(crate) fn summary(info: &SceneInfo, totals: &Totals) -> String {
+pub(crate) fn summary(info: &SceneHeader, totals: &Totals) -> String {
     let later = totals.frames.saturating_sub(1).max(1);
     let waiting = &totals.later.waiting;
     let waited = if waiting.points > 0 {

@@ -102,6 +102,7 @@ pub struct Fanout {
 
 /// Why a client could not be given a frame.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum FanoutError {
     /// The session does not take it.
     #[error(transparent)]

@@ -136,7 +136,8 @@ impl FrameHeader {
 
 /// Why bytes are not a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum FrameFault {
+#[non_exhaustive]
+pub enum WireFrameError {
     /// The first two bytes are not the magic.
     #[error(
         "expected the frame magic 0xA050, found {found:#06x}: the peer does not speak this protocol, or bytes were lost"
@@ -175,14 +176,14 @@ pub enum FrameFault {
     },
 }
 
-/// A [`FrameFault`] with the place where it was met.
+/// A [`WireFrameError`] with the place where it was met.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("at byte {offset} of the stream: {fault}")]
+#[error("at byte {offset} of the stream: {error}")]
 pub struct FramerError {
     /// Bytes from the start of the stream to the start of the bad frame.
     pub offset: u64,
     /// What is wrong with it.
-    pub fault: FrameFault,
+    pub error: WireFrameError,
 }
 
 /// One whole frame, borrowed from where it lies.
@@ -207,7 +208,7 @@ impl<'a> WireFrame<'a> {
 /// Appends one frame to `out`.
 ///
 /// # Errors
-/// [`FrameFault::TooLong`] when the payload does not fit the 32-bit length; `out` is then unchanged. Whether the peer
+/// [`WireFrameError::TooLong`] when the payload does not fit the 32-bit length; `out` is then unchanged. Whether the peer
 /// takes a frame of this length is its limits' business.
 pub fn write_frame(
     out: &mut Vec<u8>,
@@ -215,7 +216,7 @@ pub fn write_frame(
     group: Group,
     sequence: Sequence,
     payload: &[u8],
-) -> Result<(), FrameFault> {
+) -> Result<(), WireFrameError> {
     let head = frame_head(kind, group, sequence, payload)?;
     out.reserve(HEADER_BYTES + payload.len());
     out.extend_from_slice(&head);
@@ -229,8 +230,8 @@ pub(crate) fn frame_head(
     group: Group,
     sequence: Sequence,
     payload: &[u8],
-) -> Result<[u8; HEADER_BYTES], FrameFault> {
-    let length = u32::try_from(payload.len()).map_err(|_| FrameFault::TooLong {
+) -> Result<[u8; HEADER_BYTES], WireFrameError> {
+    let length = u32::try_from(payload.len()).map_err(|_| WireFrameError::TooLong {
         kind,
         length: u32::MAX,
         limit: u32::MAX,
@@ -257,11 +258,11 @@ pub(crate) enum Split<'a> {
 
 /// Takes the first frame off `bytes`. Faults are found as early as the bytes allow: a wrong magic after two bytes, a
 /// payload over the limit after the header, so nothing is ever waited for or stored because of them.
-pub(crate) fn split_frame<'a>(bytes: &'a [u8], limits: &Limits) -> Result<Split<'a>, FrameFault> {
+pub(crate) fn split_frame<'a>(bytes: &'a [u8], limits: &Limits) -> Result<Split<'a>, WireFrameError> {
     if let Some(magic) = bytes.first_chunk() {
         let found = u16::from_le_bytes(*magic);
         if found != FRAME_MAGIC {
-            return Err(FrameFault::Magic { found });
+            return Err(WireFrameError::Magic { found });
         }
     }
     let Some(&[_, _, kind, flags, l0, l1, l2, l3, g0, g1, g2, g3, s0, s1, s2, s3, c0, c1, c2, c3]) =
@@ -276,11 +277,11 @@ pub(crate) fn split_frame<'a>(bytes: &'a [u8], limits: &Limits) -> Result<Split<
         length: u32::from_le_bytes([l0, l1, l2, l3]),
     };
     if flags != 0 {
-        return Err(FrameFault::Flags { found: flags });
+        return Err(WireFrameError::Flags { found: flags });
     }
     let limit = limits.payload_limit(header.kind);
     if header.length > limit {
-        return Err(FrameFault::TooLong { kind: header.kind, length: header.length, limit });
+        return Err(WireFrameError::TooLong { kind: header.kind, length: header.length, limit });
     }
     let whole = HEADER_BYTES.saturating_add(header.length as usize);
     let Some(frame) = bytes.get(..whole) else {
@@ -290,7 +291,7 @@ pub(crate) fn split_frame<'a>(bytes: &'a [u8], limits: &Limits) -> Result<Split<
     let found = crc32c::crc32c_append(crc32c::crc32c(&head[..16]), payload);
     let expected = u32::from_le_bytes([c0, c1, c2, c3]);
     if found != expected {
-        return Err(FrameFault::Checksum { kind: header.kind, found, expected });
+        return Err(WireFrameError::Checksum { kind: header.kind, found, expected });
     }
     Ok(Split::Whole(header, frame))
 }
@@ -363,7 +364,7 @@ impl Framer {
                 Ok(Some(WireFrame { header, offset, bytes }))
             }
             Err(fault) => {
-                let error = FramerError { offset: self.offset, fault };
+                let error = FramerError { offset: self.offset, error: fault };
                 self.failed = Some(error);
                 Err(error)
             }
@@ -442,7 +443,7 @@ mod tests {
         let mut framer = Framer::new(Limits::default());
         framer.push(b"GE");
         let error = framer.next_frame().unwrap_err();
-        assert_eq!(error, FramerError { offset: 0, fault: FrameFault::Magic { found: 0x4547 } });
+        assert_eq!(error, FramerError { offset: 0, error: WireFrameError::Magic { found: 0x4547 } });
         framer.push(&frame(FrameType::UPDATE, b""));
         assert_eq!(framer.next_frame(), Err(error), "a framer does not go on after a fault");
 
@@ -457,7 +458,7 @@ mod tests {
             let mut framer = Framer::new(limits);
             framer.push(&head);
             let error = framer.next_frame().unwrap_err();
-            assert_eq!(error.fault, FrameFault::TooLong { kind, length, limit });
+            assert_eq!(error.error, WireFrameError::TooLong { kind, length, limit });
         }
     }
 

@@ -117,9 +117,9 @@ pub mod session;
 mod units;
 
 pub use fanout::{Fanout, FanoutError, Need, Offer};
-pub use follow::Unusable;
+pub use follow::FollowError;
 pub use framer::{
-    FRAME_MAGIC, FrameFault, FrameHeader, FrameType, Framer, FramerError, HEADER_BYTES, WireFrame,
+    FRAME_MAGIC, FrameHeader, FrameType, Framer, FramerError, HEADER_BYTES, WireFrame, WireFrameError,
     write_frame,
 };
 pub use limits::Limits;

@@ -19,6 +19,7 @@ pub use info::{PaperInfo, SceneInfo, TraceInfo};
 
 /// Why SCENE messages do not make a scene table.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum SceneError {
     /// Entries came before the stream was described, or of a kind that does not come next.
     #[error("SCENE frames are out of order: expected {expected}")]

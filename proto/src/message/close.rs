@@ -2,8 +2,8 @@
 
 use bincode::{Decode, Encode};
 
-use super::body::Body;
-use super::{Invalid, Message, Text};
+use super::sealed::Payload;
+use super::{FieldError, Message, Text};
 use crate::FrameType;
 
 /// Why a connection or a recording ends. Unknown values survive and mean "some other reason; read the text".
@@ -59,8 +59,8 @@ impl Close {
     }
 }
 
-impl Body for Close {
-    fn check(&self) -> Result<(), Invalid> {
+impl Payload for Close {
+    fn check(&self) -> Result<(), FieldError> {
         Ok(())
     }
 }

@@ -2,8 +2,8 @@
 
 use bincode::{Decode, Encode};
 
-use super::body::Body;
-use super::{Invalid, Message};
+use super::sealed::Payload;
+use super::{FieldError, Message};
 use crate::{FrameIndex, FrameType};
 
 /// Why frames are not in a recording. Unknown values survive and mean "some other reason".
@@ -68,8 +68,8 @@ impl std::fmt::Display for Gap {
     }
 }
 
-impl Body for Gap {
-    fn check(&self) -> Result<(), Invalid> {
+impl Payload for Gap {
+    fn check(&self) -> Result<(), FieldError> {
         Ok(())
     }
 }

@@ -2,8 +2,8 @@
 
 use bincode::{Decode, Encode};
 
-use super::body::Body;
-use super::{Invalid, Message, require};
+use super::sealed::Payload;
+use super::{FieldError, Message, require};
 use crate::{FrameIndex, FrameType, Micros};
 
 /// Most stages in one report.
@@ -121,8 +121,8 @@ fields!(Report {
     stages,
 });
 
-impl Body for Report {
-    fn check(&self) -> Result<(), Invalid> {
+impl Payload for Report {
+    fn check(&self) -> Result<(), FieldError> {
         require(self.stages.len() <= MAX_STAGES, "stages", "has more than 32 entries")
     }
 }

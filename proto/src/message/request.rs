@@ -2,8 +2,8 @@
 
 use bincode::{Decode, Encode};
 
-use super::body::Body;
-use super::{Invalid, Message, require};
+use super::sealed::Payload;
+use super::{FieldError, Message, require};
 use crate::FrameType;
 use crate::session::MIN_DATAGRAM_BYTES;
 
@@ -51,8 +51,8 @@ pub enum Request {
     },
 }
 
-impl Body for Request {
-    fn check(&self) -> Result<(), Invalid> {
+impl Payload for Request {
+    fn check(&self) -> Result<(), FieldError> {
         let Self::Datagrams { bytes } = self else { return Ok(()) };
         require(*bytes >= MIN_DATAGRAM_BYTES, "bytes", "is less than a datagram has")
     }
@@ -66,7 +66,7 @@ impl Message for Request {
 #[cfg(test)]
 mod tests {
     use super::super::testing::golden;
-    use super::super::{Malformed, MessageError};
+    use super::super::{MessageError, PayloadError};
     use super::*;
 
     #[test]
@@ -76,7 +76,7 @@ mod tests {
         golden(&Request::Datagrams { bytes: 1200 }, "02000000 b004");
         assert!(Request::Datagrams { bytes: MIN_DATAGRAM_BYTES - 1 }.to_payload().is_err());
         let unknown = Request::from_payload(&[3, 0, 0, 0, 2]);
-        let reason = Malformed::Variant(3);
+        let reason = PayloadError::Variant(3);
         assert_eq!(unknown, Err(MessageError::Malformed { message: "REQUEST", length: 5, reason }));
     }
 }

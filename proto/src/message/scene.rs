@@ -8,8 +8,8 @@ use std::ops::{BitOr, BitOrAssign};
 
 use bincode::{Decode, Encode};
 
-use super::body::Body;
-use super::{Invalid, MemberBatch, Message, PointSource, SetBatch, Text, finite, require};
+use super::sealed::Payload;
+use super::{FieldError, MemberBatch, Message, PointSource, SetBatch, Text, finite, require};
 use crate::{CoderId, FrameType, Profile};
 
 /// Most entries in one SCENE frame.
@@ -220,12 +220,12 @@ pub enum Scene {
     Members(MemberBatch),
 }
 
-fn positive(value: f32, field: &'static str) -> Result<(), Invalid> {
+fn positive(value: f32, field: &'static str) -> Result<(), FieldError> {
     require(value > 0.0 && value.is_finite(), field, "is not a positive number")
 }
 
 impl SceneHeader {
-    fn check(&self) -> Result<(), Invalid> {
+    fn check(&self) -> Result<(), FieldError> {
         require(matches!(self.point_bits, 16 | 24 | 32), "point_bits", "is none of 16, 24, 32")?;
         positive(self.fps, "fps")?;
         positive(self.radius_m, "radius_m")?;
@@ -237,7 +237,7 @@ impl SceneHeader {
 }
 
 impl InstanceEntry {
-    fn check(&self) -> Result<(), Invalid> {
+    fn check(&self) -> Result<(), FieldError> {
         finite(&self.origin, "origin")?;
         positive(self.edge, "edge")?;
         require(!self.dims.contains(&0), "dims", "has an axis without cells")?;
@@ -246,8 +246,8 @@ impl InstanceEntry {
     }
 }
 
-impl Body for Scene {
-    fn check(&self) -> Result<(), Invalid> {
+impl Payload for Scene {
+    fn check(&self) -> Result<(), FieldError> {
         match self {
             Self::Info(info) => info.check(),
             Self::Instances(batch) => {

@@ -3,7 +3,7 @@
 use bincode::{Decode, Encode};
 use psao_codec::surface::{GeometryDigest, GeometrySource, SetLayout};
 
-use super::{Invalid, MAX_BATCH, Needs, finite, require};
+use super::{FieldError, MAX_BATCH, Needs, finite, require};
 
 /// Where clients of a `surface` stream have the points from. Unknown values survive.
 #[derive(Clone, Copy, Default, PartialEq, Eq, Encode, Decode)]
@@ -103,20 +103,20 @@ impl From<&SetEntry> for SetLayout {
 }
 
 impl SetBatch {
-    pub(super) fn check(&self) -> Result<(), Invalid> {
+    pub(super) fn check(&self) -> Result<(), FieldError> {
         require((1..=MAX_BATCH).contains(&self.entries.len()), "entries", "has not 1 to 512 sets")?;
         self.entries.iter().try_for_each(SetEntry::check)
     }
 }
 
 impl MemberBatch {
-    pub(super) fn check(&self) -> Result<(), Invalid> {
+    pub(super) fn check(&self) -> Result<(), FieldError> {
         require((1..=MAX_BATCH).contains(&self.entries.len()), "entries", "has not 1 to 512 instances")
     }
 }
 
 impl SetEntry {
-    fn check(&self) -> Result<(), Invalid> {
+    fn check(&self) -> Result<(), FieldError> {
         let positive = |value: f32| value > 0.0 && value.is_finite();
         finite(&self.origin, "origin")?;
         require(positive(self.step), "step", "is not a positive number")?;

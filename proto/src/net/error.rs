@@ -3,7 +3,7 @@
 use std::io;
 
 #[cfg(feature = "tls")]
-use super::TlsFault;
+use super::TlsError;
 use super::{Address, AddressError};
 use crate::Micros;
 use crate::session::SessionError;
@@ -48,7 +48,7 @@ pub enum NetError {
         /// The other end.
         address: String,
         /// What was wrong.
-        source: TlsFault,
+        source: TlsError,
     },
     /// The server speaks TLS, and the address does not say so.
     #[error(

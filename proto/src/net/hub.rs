@@ -10,7 +10,7 @@ use psao_codec::stream::StateRef;
 use tokio::sync::Notify;
 use tokio::time::{Instant, timeout};
 
-use super::{Peer, PeerFault, since};
+use super::{Peer, PeerError, since};
 use crate::message::{Budget, CameraPose, CloseCode, Edit, Report, Token};
 use crate::session::{Access, SendError, Sent, ServerEvent, ServerSession, SessionError};
 use crate::{Fanout, FrameIndex, Limits, Micros, Offer, SceneTable};
@@ -50,7 +50,7 @@ pub enum HubEvent {
         /// Where it was.
         peer: Peer,
         /// Why, when it was not by a CLOSE of either end.
-        error: Option<PeerFault>,
+        error: Option<PeerError>,
     },
     /// Connections cannot be accepted, as when the process has no file descriptor left. Told once until one can again.
     AcceptFailed {
@@ -123,7 +123,7 @@ struct Slot {
     view: Option<CameraPose>,
     /// The newest frame that was sent and not acknowledged.
     owes: Option<FrameIndex>,
-    error: Option<PeerFault>,
+    error: Option<PeerError>,
 }
 
 impl Slot {
@@ -334,7 +334,7 @@ impl Hub {
         if let Some(text) = turned_away {
             session.close(CloseCode::STOPPED, text);
         }
-        let error = full.then_some(PeerFault::TurnedAway { limit: self.shared.limits.max_clients });
+        let error = full.then_some(PeerError::TurnedAway { limit: self.shared.limits.max_clients });
         let wake = Arc::new(Notify::new());
         let slot = Slot { peer, session, wake: wake.clone(), view: None, owes: None, error };
         inner.clients.insert(id, slot);
@@ -350,7 +350,7 @@ impl Hub {
         let heard = match slot.session.handle(bytes, now) {
             Ok(events) => events.into_iter().filter_map(|event| slot.heard(event)).collect(),
             Err(error) => {
-                slot.error.get_or_insert(PeerFault::session(error));
+                slot.error.get_or_insert(PeerError::session(error));
                 Vec::new()
             }
         };
@@ -399,7 +399,7 @@ impl Hub {
     }
 
     /// The connection ended or broke. Nothing goes on after it.
-    pub(super) fn fault(&self, id: ClientId, fault: PeerFault) {
+    pub(super) fn fault(&self, id: ClientId, fault: PeerError) {
         if let Some(slot) = self.lock().clients.get_mut(&id) {
             slot.session.close(CloseCode::FAILED, "the connection broke");
             slot.error.get_or_insert(fault);
@@ -413,7 +413,7 @@ impl Hub {
         if !slot.session.is_closed() {
             let unfinished = slot.session.unfinished_bytes();
             drop(inner);
-            self.fault(id, PeerFault::Disconnected { unfinished });
+            self.fault(id, PeerError::Disconnected { unfinished });
         }
     }
 
@@ -422,7 +422,7 @@ impl Hub {
         if let Some(slot) = self.lock().clients.get_mut(&id) {
             let error = SessionError::Stalled { waited: self.shared.limits.stall };
             slot.session.close(CloseCode::TIMEOUT, &error.to_string());
-            slot.error.get_or_insert(PeerFault::Session(error));
+            slot.error.get_or_insert(PeerError::Session(error));
         }
     }
 
@@ -463,7 +463,7 @@ impl Slot {
     /// Tells the session the time.
     fn tick(&mut self, now: Micros) {
         if let Err(error) = self.session.tick(now) {
-            self.error.get_or_insert(PeerFault::session(error));
+            self.error.get_or_insert(PeerError::session(error));
         }
     }
 
@@ -474,7 +474,7 @@ impl Slot {
             Err(error) => {
                 if !self.session.is_closed() {
                     self.session.close(CloseCode::FAILED, &error.to_string());
-                    self.error.get_or_insert(PeerFault::Unservable(error));
+                    self.error.get_or_insert(PeerError::Unservable(error));
                 }
                 Offer::Nothing
             }

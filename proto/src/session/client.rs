@@ -15,7 +15,7 @@ use super::{
     ClockEstimate, MIN_DATAGRAM_BYTES, NEWEST_VERSION, OLDEST_VERSION, PEER_NAME, SendError, SessionError,
     farewell, read,
 };
-use crate::follow::{Follower, Unusable};
+use crate::follow::{FollowError, Follower};
 use crate::message::{
     Accept, Ack, Auth, Budget, CameraPose, Close, CloseCode, CoderSet, Edit, Hello, KeyframeReason, Message,
     Ping, Pong, ProfileSet, Reject, Report, Request, Scene, Stamp, Text, Token, View,
@@ -88,7 +88,7 @@ pub enum ClientEvent {
         /// Header of its wire frame.
         header: FrameHeader,
         /// Why.
-        reason: Unusable,
+        reason: FollowError,
     },
     /// What a frame cost the server.
     Report(Report),
@@ -527,15 +527,15 @@ impl ClientSession {
             }
             Err(reason) => reason,
         };
-        if let Unusable::Body(FrameError::Hash { stored, computed, .. }) = reason {
+        if let FollowError::Body(FrameError::Hash { stored, computed, .. }) = reason {
             let frame = psao_codec::frame::inspect(frame.payload(), &self.limits.codec)
                 .map_or_else(|_| FrameIndex::default(), |info| info.frame);
             return self.mismatch(frame, stored, computed, events);
         }
         self.stats.unusable += 1;
         self.request_keyframe(match &reason {
-            Unusable::Gap { .. } | Unusable::Waiting | Unusable::NoScene => KeyframeReason::GAP,
-            Unusable::Body(_) | Unusable::Kind { .. } => KeyframeReason::BODY,
+            FollowError::Gap { .. } | FollowError::Waiting | FollowError::NoScene => KeyframeReason::GAP,
+            FollowError::Body(_) | FollowError::Kind { .. } => KeyframeReason::BODY,
         });
         events.push(ClientEvent::Unusable { header, reason });
     }

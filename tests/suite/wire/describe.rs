@@ -6,7 +6,7 @@ use psao_proto::message::{
     StageTime, Stamp, View,
 };
 use psao_proto::recording::{DamageKind, Reader, ReaderError, StoredIndex, Summary};
-use psao_proto::{FrameFault, FrameHeader, FrameType, Framer, Limits};
+use psao_proto::{FrameHeader, FrameType, Framer, Limits, WireFrameError};
 
 use super::object::{Object, hex};
 use crate::vectors::json::{floats, lines, list};
@@ -39,10 +39,10 @@ fn split(bytes: &[u8], size: usize) -> Result<(FrameHeader, Vec<u8>), &'static s
             }
             Err(error) => {
                 return Err(match error.fault {
-                    FrameFault::Magic { .. } => "magic",
-                    FrameFault::Flags { .. } => "flags",
-                    FrameFault::TooLong { .. } => "length",
-                    FrameFault::Checksum { .. } => "checksum",
+                    WireFrameError::Magic { .. } => "magic",
+                    WireFrameError::Flags { .. } => "flags",
+                    WireFrameError::TooLong { .. } => "length",
+                    WireFrameError::Checksum { .. } => "checksum",
                 });
             }
         }

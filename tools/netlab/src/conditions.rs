@@ -41,6 +41,7 @@ impl Default for Conditions {
 
 /// Conditions that make no sense.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum ConditionsError {
     /// A share is above one.
     #[error("{what} of {ppm} in a million packets: a share is at most all of them, 1000000")]

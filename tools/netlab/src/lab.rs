@@ -16,6 +16,7 @@ use crate::source::Source;
 
 /// Why a lab cannot go on. What clients and networks do is never among it.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum LabError {
     /// Conditions or faults that make no sense.
     #[error(transparent)]

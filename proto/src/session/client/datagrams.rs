@@ -5,7 +5,7 @@ use psao_codec::frame::FrameError;
 use super::super::datagram::{Joined, write_ack};
 use super::{AppliedFrame, ClientEvent, ClientSession, Phase};
 use crate::Micros;
-use crate::follow::Unusable;
+use crate::follow::FollowError;
 use crate::message::Ack;
 
 impl ClientSession {
@@ -33,7 +33,7 @@ impl ClientSession {
                         let frame = AppliedFrame { info, group, sequence, wire_bytes, received: now, stamp };
                         events.push(ClientEvent::Applied(frame));
                     }
-                    Err(Unusable::Body(FrameError::Hash { stored, computed, .. })) => {
+                    Err(FollowError::Body(FrameError::Hash { stored, computed, .. })) => {
                         self.mismatch(frame, stored, computed, &mut events);
                     }
                     Err(_) => self.stats.late_datagram_frames += 1,

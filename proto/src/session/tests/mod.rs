@@ -315,11 +315,11 @@ fn a_gap_stops_updates_until_the_next_keyframe() {
     assert!(
         matches!(
             &events[0],
-            ClientEvent::Unusable { reason: Unusable::Gap { found_sequence: Sequence(2), .. }, .. }
+            ClientEvent::Unusable { reason: FollowError::Gap { found_sequence: Sequence(2), .. }, .. }
         ),
         "{events:?}"
     );
-    assert!(matches!(&events[1], ClientEvent::Unusable { reason: Unusable::Waiting, .. }), "{events:?}");
+    assert!(matches!(&events[1], ClientEvent::Unusable { reason: FollowError::Waiting, .. }), "{events:?}");
     assert_eq!(pair.client.state(), Some(&held));
     assert!(!pair.client.is_current());
     assert_eq!(pair.client.stats().requests, 1, "one request until the keyframe comes");
@@ -363,7 +363,7 @@ fn a_bad_body_keeps_the_state() {
         pair.server.send_update(&update(bad), FrameIndex(0)).unwrap();
         pair.settle();
         assert!(
-            matches!(pair.seen.last(), Some(ClientEvent::Unusable { reason: Unusable::Body(_), .. })),
+            matches!(pair.seen.last(), Some(ClientEvent::Unusable { reason: FollowError::Body(_), .. })),
             "{:?}",
             pair.seen.last()
         );
@@ -375,7 +375,7 @@ fn a_bad_body_keeps_the_state() {
     let mut pair = joined();
     pair.server.send_update(&update(&pair.source.keyframe().unwrap()), FrameIndex(0)).unwrap();
     pair.settle();
-    let reason = Unusable::Kind { frame: FrameType::UPDATE };
+    let reason = FollowError::Kind { frame: FrameType::UPDATE };
     assert!(matches!(pair.seen.last(), Some(ClientEvent::Unusable { reason: r, .. }) if *r == reason));
 }
 

@@ -101,6 +101,9 @@
 //! # Ok::<(), Box<dyn std::error::Error + Send + Sync>>(())
 //! ```
 
+#[macro_use]
+mod wire_enum;
+
 mod fanout;
 mod follow;
 mod framer;

@@ -7,30 +7,18 @@ use super::{FieldError, Message, require};
 use crate::FrameType;
 use crate::session::MIN_DATAGRAM_BYTES;
 
-/// Why a client needs a keyframe. Unknown values survive and are served all the same.
-#[derive(Clone, Copy, PartialEq, Eq, Encode, Decode)]
-pub struct KeyframeReason(pub u8);
-
-impl KeyframeReason {
-    /// The state hash after an update was not the one in its header.
-    pub const HASH: Self = Self(1);
-    /// A group or sequence number was skipped.
-    pub const GAP: Self = Self(2);
-    /// A frame body could not be read.
-    pub const BODY: Self = Self(3);
-    /// The person or program at the client asked.
-    pub const ASKED: Self = Self(4);
-}
-
-impl std::fmt::Debug for KeyframeReason {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match *self {
-            Self::HASH => "HASH",
-            Self::GAP => "GAP",
-            Self::BODY => "BODY",
-            Self::ASKED => "ASKED",
-            Self(other) => return write!(f, "reason {other}"),
-        })
+wire_enum! {
+    /// Why a client needs a keyframe. Unknown values survive and are served all the same.
+    #[derive(Encode, Decode)]
+    pub struct KeyframeReason(u8), unknown "reason" {
+        /// The state hash after an update was not the one in its header.
+        HASH = 1 => "HASH",
+        /// A group or sequence number was skipped.
+        GAP = 2 => "GAP",
+        /// A frame body could not be read.
+        BODY = 3 => "BODY",
+        /// The person or program at the client asked.
+        ASKED = 4 => "ASKED",
     }
 }
 

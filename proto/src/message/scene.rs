@@ -15,30 +15,14 @@ use crate::{CoderId, FrameType, Profile};
 /// Most entries in one SCENE frame.
 pub const MAX_BATCH: usize = 512;
 
-/// How the AO of a point is made from its rays. Unknown values survive.
-#[derive(Clone, Copy, PartialEq, Eq, Encode, Decode)]
-pub struct Occlusion(pub u8);
-
-impl Occlusion {
-    /// Mean of `min(hit distance, radius) / radius`: near occluders darken more.
-    pub const OBSCURANCE: Self = Self(0);
-    /// Share of the rays that hit nothing within the radius.
-    pub const BINARY: Self = Self(1);
-}
-
-impl std::fmt::Display for Occlusion {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match *self {
-            Self::OBSCURANCE => f.pad("obscurance"),
-            Self::BINARY => f.pad("binary"),
-            Self(other) => f.pad(&format!("occlusion {other}")),
-        }
-    }
-}
-
-impl std::fmt::Debug for Occlusion {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        std::fmt::Display::fmt(self, f)
+wire_enum! {
+    /// How the AO of a point is made from its rays. Unknown values survive.
+    #[derive(Encode, Decode)]
+    pub struct Occlusion(u8), unknown "occlusion" {
+        /// Mean of `min(hit distance, radius) / radius`: near occluders darken more.
+        OBSCURANCE = 0 => "obscurance",
+        /// Share of the rays that hit nothing within the radius.
+        BINARY = 1 => "binary",
     }
 }
 

@@ -5,15 +5,15 @@ use psao_codec::surface::{GeometryDigest, GeometrySource, SetLayout};
 
 use super::{FieldError, MAX_BATCH, Needs, finite, require};
 
-/// Where clients of a `surface` stream have the points from. Unknown values survive.
-#[derive(Clone, Copy, Default, PartialEq, Eq, Encode, Decode)]
-pub struct PointSource(pub u8);
-
-impl PointSource {
-    /// Keyframes carry them; also the value of streams of other profiles.
-    pub const SENT: Self = Self(0);
-    /// Clients spread them over the scene themselves, by the density, minimum and seed of the stream.
-    pub const SHARED: Self = Self(1);
+wire_enum! {
+    /// Where clients of a `surface` stream have the points from. Unknown values survive.
+    #[derive(Default, Encode, Decode)]
+    pub struct PointSource(u8), unknown "geometry" {
+        /// Keyframes carry them; also the value of streams of other profiles.
+        SENT = 0 => "sent",
+        /// Clients spread them over the scene themselves, by the density, minimum and seed of the stream.
+        SHARED = 1 => "shared",
+    }
 }
 
 impl From<GeometrySource> for PointSource {
@@ -22,22 +22,6 @@ impl From<GeometrySource> for PointSource {
             GeometrySource::Sent => Self::SENT,
             GeometrySource::Shared => Self::SHARED,
         }
-    }
-}
-
-impl std::fmt::Display for PointSource {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match *self {
-            Self::SENT => f.pad("sent"),
-            Self::SHARED => f.pad("shared"),
-            Self(other) => f.pad(&format!("geometry {other}")),
-        }
-    }
-}
-
-impl std::fmt::Debug for PointSource {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        std::fmt::Display::fmt(self, f)
     }
 }
 

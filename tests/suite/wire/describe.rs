@@ -1,9 +1,9 @@
 //! What the json of a frame or a recording says.
 
 use psao_proto::message::{
-    Accept, Ack, Auth, Budget, Close, Edit, EditAction, Gap, Hello, InstanceEntry, Malformed, MemberEntry,
-    Message, MessageError, PeerLimits, Ping, Pong, Reject, Report, Request, Scene, SceneHeader, SetEntry,
-    StageTime, Stamp, View,
+    Accept, Ack, Auth, Budget, Close, Edit, EditAction, Gap, Hello, InstanceEntry, MemberEntry, Message,
+    MessageError, PayloadError, PeerLimits, Ping, Pong, Reject, Report, Request, Scene, SceneHeader,
+    SetEntry, StageTime, Stamp, View,
 };
 use psao_proto::recording::{DamageKind, Reader, ReaderError, StoredIndex, Summary};
 use psao_proto::{FrameHeader, FrameType, Framer, Limits, WireFrameError};
@@ -82,11 +82,11 @@ pub(super) fn frame(bytes: &[u8]) -> String {
 fn reason(error: &MessageError) -> &'static str {
     match error {
         MessageError::Malformed { reason, .. } => match reason {
-            Malformed::Ended => "ended",
-            Malformed::TooLong => "bound",
-            Malformed::Variant(_) => "choice",
-            Malformed::Utf8 => "utf-8",
-            Malformed::Value => unreachable!("{error} has no word yet"),
+            PayloadError::Ended => "ended",
+            PayloadError::TooLong => "bound",
+            PayloadError::Variant(_) => "choice",
+            PayloadError::Utf8 => "utf-8",
+            PayloadError::Value => unreachable!("{error} has no word yet"),
         },
         MessageError::Extra { .. } => "extra",
         MessageError::Invalid { field: "entries" | "stages" | "token", .. } => "bound",

@@ -15,7 +15,7 @@ use std::fs;
 use std::path::PathBuf;
 
 use psao_proto::message::{
-    Close, Edit, Gap, Malformed, Message, MessageError, Occlusion, PointSource, Reject, Report, Request,
+    Close, Edit, Gap, Message, MessageError, Occlusion, PayloadError, PointSource, Reject, Report, Request,
     Scene, SceneHeader, StageId,
 };
 use psao_proto::{FrameType, Framer, Limits};
@@ -119,7 +119,7 @@ fn choices<M: Message>(at: usize) -> Vec<u8> {
         let mut payload = [0; 12];
         payload[at] = *choice;
         let error = M::from_payload(&payload).err();
-        !matches!(error, Some(MessageError::Malformed { reason: Malformed::Variant(_), .. }))
+        !matches!(error, Some(MessageError::Malformed { reason: PayloadError::Variant(_), .. }))
     };
     (0..=u8::MAX).filter(known).collect()
 }

@@ -26,7 +26,7 @@ pub enum LabError {
     Source(String),
     /// A keyframe or patch cannot be made.
     #[error("a body for a client: {0}")]
-    Encode(#[from] EncodeError),
+    Fanout(FanoutError),
 }
 
 /// What the whole lab is.
@@ -252,10 +252,10 @@ impl<S: Source> Lab<S> {
             let report = &mut client.measures.report;
             match self.fanout.give(&mut connection.server, state) {
                 Ok(offer) => report.patches += u64::from(offer == Offer::Patch),
-                Err(FanoutError::Encode(error)) => return Err(error.into()),
                 Err(FanoutError::Send(error)) => {
                     connection.server.close(CloseCode::FAILED, &error.to_string());
                 }
+                Err(error) => return Err(LabError::Fanout(error)),
             }
             report.most_queued_bytes = report.most_queued_bytes.max(connection.server.queued_bytes());
         }

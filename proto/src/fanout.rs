@@ -42,6 +42,15 @@ pub enum Need {
     },
 }
 
+/// How far a [`Fanout`] has served one client. Its session carries it.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct ClientCursor {
+    /// Number of the last edit that the client was told of.
+    edits: u64,
+    /// Epoch of the frames that the client holds.
+    epoch: u32,
+}
+
 /// The newest frame.
 #[derive(Clone, Debug)]
 struct Newest {
@@ -88,15 +97,15 @@ pub struct Fanout {
     coder: BlockCoder,
     ledger: Option<Ledger>,
     newest: Option<Newest>,
-    /// A keyframe for whoever joins: of the newest frame, or of one from which a patch leads to it.
-    joining: Option<SharedBody>,
-    /// The patch from it has grown: the next frame's joiners get a new one.
-    joining_is_worn: bool,
+    /// The keyframe for clients that join: of the newest frame, or of one from which a patch leads to it.
+    join_keyframe: Option<SharedBody>,
+    /// The patch on top of the cached keyframe has become too large; the next joiner gets a new keyframe.
+    join_keyframe_stale: bool,
     /// What was made for the newest frame; nothing where only a keyframe helps.
     patches: BTreeMap<Need, Option<SharedBody>>,
-    /// How often frame numbers began again, as in a recording that is played over and over: what a client holds of an
-    /// earlier round is of no use.
-    round: u32,
+    /// How often frame numbers began again, as in a recording that is played in a loop. A client cannot use a frame of
+    /// an earlier epoch.
+    epoch: u32,
     edits: EditLog,
 }
 
@@ -120,10 +129,10 @@ impl Fanout {
             coder,
             ledger: None,
             newest: None,
-            joining: None,
-            joining_is_worn: false,
+            join_keyframe: None,
+            join_keyframe_stale: false,
             patches: BTreeMap::new(),
-            round: 0,
+            epoch: 0,
             edits: EditLog::default(),
         }
     }
@@ -144,15 +153,15 @@ impl Fanout {
             None => self.ledger = Some(Ledger::new(state)),
         }
         self.patches.clear();
-        self.round += u32::from(previous.is_some_and(|previous| info.frame <= previous));
+        self.epoch += u32::from(previous.is_some_and(|previous| info.frame <= previous));
         if info.kind == FrameKind::Key {
-            self.joining = Some(body.clone());
-        } else if let (Some(ledger), Some(joining)) = (&self.ledger, &self.joining)
-            && (self.joining_is_worn || !ledger.reaches(joining.frame))
+            self.join_keyframe = Some(body.clone());
+        } else if let (Some(ledger), Some(joining)) = (&self.ledger, &self.join_keyframe)
+            && (self.join_keyframe_stale || !ledger.reaches(joining.frame))
         {
-            self.joining = None;
+            self.join_keyframe = None;
         }
-        self.joining_is_worn = false;
+        self.join_keyframe_stale = false;
         self.newest = Some(Newest { info: info.clone(), body, previous });
     }
 
@@ -183,23 +192,23 @@ impl Fanout {
     /// [`SendError`] when the session is over or does not take the frame.
     pub fn offer(&mut self, session: &mut ServerSession) -> Result<Offer, SendError> {
         let Some(newest) = &self.newest else { return Ok(Offer::Nothing) };
-        if std::mem::replace(&mut session.round, self.round) != self.round {
+        if std::mem::replace(&mut session.cursor.epoch, self.epoch) != self.epoch {
             session.need_keyframe();
         }
-        session.tell(newest.body.captured);
+        session.set_now(newest.body.captured);
         let mut joined = false;
         loop {
             let wants = session.wants();
             let (need, base) = match wants {
                 Wants::Nothing => return Ok(Offer::Nothing),
                 Wants::Keyframe => {
-                    let Some(joining) = &self.joining else { return Ok(Offer::Needs(Need::Keyframe)) };
+                    let Some(joining) = &self.join_keyframe else { return Ok(Offer::Needs(Need::Keyframe)) };
                     let rest = Need::Patch { base: joining.frame, context: true };
                     let whole = joining.frame == newest.info.frame || session.takes_datagrams();
                     if !whole && !self.patches.contains_key(&rest) {
                         return Ok(Offer::Needs(rest));
                     }
-                    self.edits.tell(session)?;
+                    self.edits.send_new(session)?;
                     if session.send_keyframe(joining)? == Sent::Dropped {
                         return Ok(Offer::Nothing);
                     }
@@ -212,7 +221,7 @@ impl Fanout {
                     return Ok(if joined { Offer::Keyframe } else { Offer::Current });
                 }
                 Wants::Update { base } if Some(base) == newest.previous => {
-                    self.edits.tell(session)?;
+                    self.edits.send_new(session)?;
                     if newest.body.kind == FrameKind::Key {
                         session.send_keyframe(&newest.body)?;
                         return Ok(Offer::Keyframe);
@@ -224,7 +233,7 @@ impl Fanout {
                 Wants::Datagrams { base } => (Need::Patch { base, context: false }, base),
             };
             let Some(made) = self.patches.get(&need) else { return Ok(Offer::Needs(need)) };
-            self.edits.tell(session)?;
+            self.edits.send_new(session)?;
             let Some(patch) = made else {
                 // No patch leads from what the client holds to the newest frame.
                 session.need_keyframe();
@@ -259,16 +268,16 @@ impl Fanout {
         match need {
             Need::Keyframe => {
                 let bytes = keyframe(state, meta(FrameKind::Key), self.coder, &[])?;
-                self.joining = Some(shared(FrameKind::Key, bytes));
+                self.join_keyframe = Some(shared(FrameKind::Key, bytes));
             }
             Need::Patch { base, context } => {
                 let bytes = patch(state, ledger, base, meta(FrameKind::Delta), self.coder, context)?;
                 let made = bytes.map(|bytes| shared(FrameKind::Delta, bytes));
-                let old = self.joining.as_ref().filter(|joining| joining.frame == base);
+                let old = self.join_keyframe.as_ref().filter(|joining| joining.frame == base);
                 if let (Some(made), Some(joining)) = (&made, old)
                     && made.bytes.len() > joining.bytes.len() / 2
                 {
-                    self.joining_is_worn = true;
+                    self.join_keyframe_stale = true;
                 }
                 self.patches.insert(need, made);
             }
@@ -293,14 +302,14 @@ impl EditLog {
         self.entries.push_back((self.count, *edit));
     }
 
-    /// Tells a client what it has not heard.
-    fn tell(&self, session: &mut ServerSession) -> Result<(), SendError> {
+    /// Sends a client the edits that it was not told of yet.
+    fn send_new(&self, session: &mut ServerSession) -> Result<(), SendError> {
         for (number, edit) in &self.entries {
-            if *number > session.edits_heard {
+            if *number > session.cursor.edits {
                 session.send_edit(edit)?;
             }
         }
-        session.edits_heard = self.count;
+        session.cursor.edits = self.count;
         Ok(())
     }
 }

@@ -20,96 +20,55 @@ pub const HEADER_BYTES: usize = 20;
 /// First two bytes of every frame, as a little endian `u16`.
 pub const FRAME_MAGIC: u16 = 0xA050;
 
-/// Type of a frame. A newtype, not an enum: a value that this version does not know survives reading and writing.
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct FrameType(pub u8);
+wire_enum! {
+    /// Type of a frame. A newtype, not an enum: a value that this version does not know survives reading and writing.
+    pub struct FrameType(u8), unknown "type" {
+        /// Client to server: [`Hello`](crate::message::Hello), the first frame of a connection.
+        HELLO = 1 => "HELLO",
+        /// Server to client: [`Accept`](crate::message::Accept), the answer to a hello.
+        ACCEPT = 2 => "ACCEPT",
+        /// Server to client: [`Reject`](crate::message::Reject), the other answer to a hello.
+        REJECT = 3 => "REJECT",
+        /// Server to client: [`Scene`](crate::message::Scene).
+        SCENE = 4 => "SCENE",
+        /// Client to server: [`View`](crate::message::View).
+        VIEW = 5 => "VIEW",
+        /// Both ways: [`Edit`](crate::message::Edit); from a server it says what is done.
+        EDIT = 6 => "EDIT",
+        /// Server to client: a frame body of `psao-codec` that replaces the whole state.
+        KEYFRAME = 7 => "KEYFRAME",
+        /// Server to client: a frame body of `psao-codec` that changes the state.
+        UPDATE = 8 => "UPDATE",
+        /// Client to server: [`Request`](crate::message::Request).
+        REQUEST = 9 => "REQUEST",
+        /// Server to client: [`Report`](crate::message::Report).
+        REPORT = 10 => "REPORT",
+        /// Both ways: [`Close`](crate::message::Close), the last frame.
+        CLOSE = 11 => "CLOSE",
+        /// Client to server: [`Ack`](crate::message::Ack).
+        ACK = 12 => "ACK",
+        /// Client to server: [`Auth`](crate::message::Auth), before the hello.
+        AUTH = 13 => "AUTH",
+        /// Both ways: [`Ping`](crate::message::Ping).
+        PING = 14 => "PING",
+        /// Both ways: [`Pong`](crate::message::Pong).
+        PONG = 15 => "PONG",
+        /// Server to client: [`Stamp`](crate::message::Stamp).
+        STAMP = 16 => "STAMP",
+        /// Server to client: [`Budget`](crate::message::Budget).
+        BUDGET = 17 => "BUDGET",
+        /// In files only: the index of a recording.
+        INDEX = 0x40 => "INDEX",
+        /// In files only: [`Gap`](crate::message::Gap), frames that were not recorded.
+        GAP = 0x41 => "GAP",
+    }
+}
 
 impl FrameType {
-    /// Client to server: [`Hello`](crate::message::Hello), the first frame of a connection.
-    pub const HELLO: Self = Self(1);
-    /// Server to client: [`Accept`](crate::message::Accept), the answer to a hello.
-    pub const ACCEPT: Self = Self(2);
-    /// Server to client: [`Reject`](crate::message::Reject), the other answer to a hello.
-    pub const REJECT: Self = Self(3);
-    /// Server to client: [`Scene`](crate::message::Scene).
-    pub const SCENE: Self = Self(4);
-    /// Client to server: [`View`](crate::message::View).
-    pub const VIEW: Self = Self(5);
-    /// Both ways: [`Edit`](crate::message::Edit); from a server it says what is done.
-    pub const EDIT: Self = Self(6);
-    /// Server to client: a frame body of `psao-codec` that replaces the whole state.
-    pub const KEYFRAME: Self = Self(7);
-    /// Server to client: a frame body of `psao-codec` that changes the state.
-    pub const UPDATE: Self = Self(8);
-    /// Client to server: [`Request`](crate::message::Request).
-    pub const REQUEST: Self = Self(9);
-    /// Server to client: [`Report`](crate::message::Report).
-    pub const REPORT: Self = Self(10);
-    /// Both ways: [`Close`](crate::message::Close), the last frame.
-    pub const CLOSE: Self = Self(11);
-    /// Client to server: [`Ack`](crate::message::Ack).
-    pub const ACK: Self = Self(12);
-    /// Client to server: [`Auth`](crate::message::Auth), before the hello.
-    pub const AUTH: Self = Self(13);
-    /// Both ways: [`Ping`](crate::message::Ping).
-    pub const PING: Self = Self(14);
-    /// Both ways: [`Pong`](crate::message::Pong).
-    pub const PONG: Self = Self(15);
-    /// Server to client: [`Stamp`](crate::message::Stamp).
-    pub const STAMP: Self = Self(16);
-    /// Server to client: [`Budget`](crate::message::Budget).
-    pub const BUDGET: Self = Self(17);
-    /// In files only: the index of a recording.
-    pub const INDEX: Self = Self(0x40);
-    /// In files only: [`Gap`](crate::message::Gap), frames that were not recorded.
-    pub const GAP: Self = Self(0x41);
-
-    /// The name in the specification, or `None` for a type that this version does not know.
-    #[must_use]
-    pub const fn name(self) -> Option<&'static str> {
-        Some(match self {
-            Self::HELLO => "HELLO",
-            Self::ACCEPT => "ACCEPT",
-            Self::REJECT => "REJECT",
-            Self::SCENE => "SCENE",
-            Self::VIEW => "VIEW",
-            Self::EDIT => "EDIT",
-            Self::KEYFRAME => "KEYFRAME",
-            Self::UPDATE => "UPDATE",
-            Self::REQUEST => "REQUEST",
-            Self::REPORT => "REPORT",
-            Self::CLOSE => "CLOSE",
-            Self::ACK => "ACK",
-            Self::AUTH => "AUTH",
-            Self::PING => "PING",
-            Self::PONG => "PONG",
-            Self::STAMP => "STAMP",
-            Self::BUDGET => "BUDGET",
-            Self::INDEX => "INDEX",
-            Self::GAP => "GAP",
-            _ => return None,
-        })
-    }
-
     /// Whether frames of this type carry the state: KEYFRAME and UPDATE.
     #[must_use]
     pub const fn carries_state(self) -> bool {
         matches!(self, Self::KEYFRAME | Self::UPDATE)
-    }
-}
-
-impl std::fmt::Display for FrameType {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self.name() {
-            Some(name) => f.pad(name),
-            None => f.pad(&format!("type {}", self.0)),
-        }
-    }
-}
-
-impl std::fmt::Debug for FrameType {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        std::fmt::Display::fmt(self, f)
     }
 }
 
@@ -325,10 +284,37 @@ pub struct Framer {
 }
 
 impl Framer {
-    /// A framer at the start of a stream.
+    /// Creates a framer at the start of a stream.
     #[must_use]
     pub fn new(limits: Limits) -> Self {
         Self { limits, buffer: Vec::new(), start: 0, offset: 0, failed: None }
+    }
+
+    /// Pushes bytes and hands every whole frame to `use_frame`, up to the first error.
+    ///
+    /// The framer is taken out of its owner meanwhile, because the owner uses frames that borrow from it.
+    pub(crate) fn drain<O, E: From<FramerError>>(
+        owner: &mut O,
+        framer: fn(&mut O) -> &mut Self,
+        bytes: &[u8],
+        mut use_frame: impl FnMut(&mut O, &WireFrame<'_>) -> Result<(), E>,
+    ) -> Result<(), E> {
+        let limits = framer(owner).limits;
+        let mut lent = std::mem::replace(framer(owner), Self::new(limits));
+        lent.push(bytes);
+        let result = loop {
+            match lent.next_frame() {
+                Ok(None) => break Ok(()),
+                Err(error) => break Err(error.into()),
+                Ok(Some(frame)) => {
+                    if let Err(error) = use_frame(owner, &frame) {
+                        break Err(error);
+                    }
+                }
+            }
+        };
+        *framer(owner) = lent;
+        result
     }
 
     /// Adds bytes. Call [`next_frame`](Self::next_frame) until it gives `None` before the next push: then at most one

@@ -17,8 +17,8 @@ use crate::{Fanout, FrameIndex, Limits, Micros, Offer, SceneTable};
 
 /// Most events that wait for the frame loop; beyond it the oldest are forgotten, and counted.
 const MAX_EVENTS: usize = 1024;
-/// Connections over the limit of clients that are told so; further ones are dropped without a word.
-const MAX_TOLD: usize = 64;
+/// How many rejected connections may be told `BUSY` at a time. Beyond that, new ones are closed without a reply.
+const MAX_REJECTING: usize = 64;
 
 /// Number of a client: 1 for the first that connected, never used again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -122,30 +122,27 @@ struct Slot {
     wake: Arc<Notify>,
     view: Option<CameraPose>,
     /// The newest frame that was sent and not acknowledged.
-    owes: Option<FrameIndex>,
+    unacked: Option<FrameIndex>,
     error: Option<PeerError>,
 }
 
 impl Slot {
-    fn heard(&mut self, event: ServerEvent) -> Option<HubEventKind> {
+    /// Takes an event of the session of `client`; returns what the frame loop learns of it.
+    fn heard(&mut self, client: ClientId, event: ServerEvent) -> Option<HubEvent> {
         match event {
-            ServerEvent::Joined(hello) => return Some(HubEventKind::Joined(hello.name.to_string())),
-            ServerEvent::Edit(edit) => return Some(HubEventKind::Edit(edit)),
+            ServerEvent::Joined(hello) => {
+                return Some(HubEvent::Joined { client, peer: self.peer, name: hello.name.to_string() });
+            }
+            ServerEvent::Edit(edit) => return Some(HubEvent::Edit { client, edit }),
             ServerEvent::View(view) => self.view = Some(view),
-            ServerEvent::Acked(ack) => self.owes = self.owes.filter(|&frame| frame > ack.frame),
+            ServerEvent::Acked(ack) => self.unacked = self.unacked.filter(|&frame| frame > ack.frame),
             // It will acknowledge the keyframe instead.
             ServerEvent::KeyframeWanted(_) | ServerEvent::Diverged(_) | ServerEvent::Closed(_) => {
-                self.owes = None;
+                self.unacked = None;
             }
         }
         None
     }
-}
-
-/// An event that lacks its client.
-enum HubEventKind {
-    Joined(String),
-    Edit(Edit),
 }
 
 impl Hub {
@@ -267,10 +264,10 @@ impl Hub {
         self.wait_until(|_| self.joined() >= count, patience).await
     }
 
-    /// Waits until no client owes an acknowledgement of `frame` or an earlier one; gives whether that is so. A client
-    /// that fell behind, asked for a keyframe or left owes none.
+    /// Waits until no client unacked an acknowledgement of `frame` or an earlier one; gives whether that is so. A client
+    /// that fell behind, asked for a keyframe or left unacked none.
     pub async fn wait_acked(&self, frame: FrameIndex, patience: Duration) -> bool {
-        let acked = |slot: &Slot| !slot.session.is_joined() || slot.owes.is_none_or(|owed| owed > frame);
+        let acked = |slot: &Slot| !slot.session.is_joined() || slot.unacked.is_none_or(|owed| owed > frame);
         self.wait_until(|hub| hub.lock().clients.values().all(acked), patience).await
     }
 
@@ -317,7 +314,7 @@ impl Hub {
     pub(super) fn add(&self, peer: Peer) -> Option<(ClientId, Arc<Notify>)> {
         let mut inner = self.lock();
         let limit = self.shared.limits.max_clients as usize;
-        if inner.clients.len() >= limit.saturating_add(MAX_TOLD) {
+        if inner.clients.len() >= limit.saturating_add(MAX_REJECTING) {
             inner.dropped += 1;
             return None;
         }
@@ -336,7 +333,7 @@ impl Hub {
         }
         let error = full.then_some(PeerError::TurnedAway { limit: self.shared.limits.max_clients });
         let wake = Arc::new(Notify::new());
-        let slot = Slot { peer, session, wake: wake.clone(), view: None, owes: None, error };
+        let slot = Slot { peer, session, wake: wake.clone(), view: None, unacked: None, error };
         inner.clients.insert(id, slot);
         Some((id, wake))
     }
@@ -346,9 +343,8 @@ impl Hub {
         let now = self.now();
         let mut inner = self.lock();
         let Some(slot) = inner.clients.get_mut(&id) else { return false };
-        let peer = slot.peer;
-        let heard = match slot.session.handle(bytes, now) {
-            Ok(events) => events.into_iter().filter_map(|event| slot.heard(event)).collect(),
+        let heard: Vec<HubEvent> = match slot.session.handle(bytes, now) {
+            Ok(events) => events.into_iter().filter_map(|event| slot.heard(id, event)).collect(),
             Err(error) => {
                 slot.error.get_or_insert(PeerError::session(error));
                 Vec::new()
@@ -356,11 +352,8 @@ impl Hub {
         };
         slot.wake.notify_one();
         let goes_on = !slot.session.is_closed();
-        for kind in heard {
-            inner.tell(match kind {
-                HubEventKind::Joined(name) => HubEvent::Joined { client: id, peer, name },
-                HubEventKind::Edit(edit) => HubEvent::Edit { client: id, edit },
-            });
+        for event in heard {
+            inner.push_event(event);
         }
         drop(inner);
         self.shared.changed.notify_waiters();
@@ -428,14 +421,14 @@ impl Hub {
 
     /// A connection could not be accepted.
     pub(super) fn accept_failed(&self, error: &std::io::Error) {
-        self.lock().tell(HubEvent::AcceptFailed { what: error.to_string() });
+        self.lock().push_event(HubEvent::AcceptFailed { what: error.to_string() });
     }
 
     /// The connection is gone.
     pub(super) fn remove(&self, id: ClientId) {
         let mut inner = self.lock();
         if let Some(slot) = inner.clients.remove(&id) {
-            inner.tell(HubEvent::Left { client: id, peer: slot.peer, error: slot.error });
+            inner.push_event(HubEvent::Left { client: id, peer: slot.peer, error: slot.error });
         }
         drop(inner);
         self.shared.changed.notify_waiters();
@@ -480,8 +473,8 @@ impl Slot {
             }
         };
         match offer {
-            Offer::Update | Offer::Keyframe | Offer::Patch => self.owes = Some(frame),
-            Offer::Nothing => self.owes = None,
+            Offer::Update | Offer::Keyframe | Offer::Patch => self.unacked = Some(frame),
+            Offer::Nothing => self.unacked = None,
             Offer::Current | Offer::Needs(_) => {}
         }
         self.wake.notify_one();
@@ -502,7 +495,7 @@ impl Broadcast {
 }
 
 impl Inner {
-    fn tell(&mut self, event: HubEvent) {
+    fn push_event(&mut self, event: HubEvent) {
         if self.events.len() >= MAX_EVENTS {
             self.events.pop_front();
             self.missed += 1;

@@ -8,8 +8,8 @@ use psao_codec::frame::{FrameError, FrameInfo};
 use psao_codec::stream::State;
 
 use super::clock::Clock;
-use super::datagram::Joiner;
-use super::outbox::{Fate, Outbox};
+use super::datagram::Reassembler;
+use super::outbox::{DropPolicy, Outbox};
 use super::timers::{Due, Timers};
 use super::{
     ClockEstimate, MIN_DATAGRAM_BYTES, NEWEST_VERSION, OLDEST_VERSION, PEER_NAME, SendError, SessionError,
@@ -152,7 +152,7 @@ pub struct ClientSession {
     failed: Option<SessionError>,
     /// The STAMP of the frame that follows.
     stamp: Option<Stamp>,
-    joiner: Joiner,
+    reassembler: Reassembler,
     datagrams: Vec<Vec<u8>>,
     /// A keyframe was asked for and did not come yet.
     asked: bool,
@@ -188,7 +188,7 @@ impl ClientSession {
             options,
             failed: None,
             stamp: None,
-            joiner: Joiner::default(),
+            reassembler: Reassembler::default(),
             datagrams: Vec::new(),
             asked: false,
             stats: ClientStats::default(),
@@ -225,24 +225,19 @@ impl ClientSession {
             self.timers.heard();
         }
         self.stats.wire_bytes += bytes.len() as u64;
-        // The framer is lent out, since its frames are borrowed from it while the session uses them.
-        let mut framer = std::mem::replace(&mut self.framer, Framer::new(self.limits));
-        framer.push(bytes);
         let mut events = Vec::new();
-        let result = loop {
-            match framer.next_frame() {
-                Ok(None) => break Ok(()),
-                Err(error) => break Err(error.into()),
-                Ok(Some(_)) if matches!(self.phase, Phase::Closed(_)) => {}
-                Ok(Some(frame)) => {
-                    tap(&frame);
-                    if let Err(error) = self.frame(&frame, &mut events) {
-                        break Err(error);
-                    }
+        let result = Framer::drain(
+            self,
+            |session| &mut session.framer,
+            bytes,
+            |session, frame| {
+                if session.is_closed() {
+                    return Ok(());
                 }
-            }
-        };
-        self.framer = framer;
+                tap(frame);
+                session.frame(frame, &mut events)
+            },
+        );
         match result {
             // What a peer sends behind its CLOSE is of no interest, broken or not.
             Err(_) if matches!(self.phase, Phase::Closed(_)) => Ok(events),
@@ -260,7 +255,7 @@ impl ClientSession {
         if let Some(error) = &self.failed {
             return Err(error.clone());
         }
-        self.timers.tell(now);
+        self.timers.set_now(now);
         let due = match &self.phase {
             Phase::Greeting | Phase::Loading(..) => {
                 self.timers.handshake(&self.limits).map(|()| Due::Nothing)
@@ -396,7 +391,7 @@ impl ClientSession {
         if let Ok(payload) = message.to_payload()
             && write_frame(&mut out, M::KIND, Group(0), Sequence(0), &payload).is_ok()
         {
-            self.outbox.push(out, None, Fate::Sure);
+            self.outbox.push(out, None, DropPolicy::Keep);
         }
     }
 
@@ -407,7 +402,7 @@ impl ClientSession {
         if let Ok(payload) = ack.to_payload()
             && write_frame(&mut out, FrameType::ACK, Group(0), Sequence(0), &payload).is_ok()
         {
-            self.outbox.push(out, None, Fate::Droppable);
+            self.outbox.push(out, None, DropPolicy::Droppable);
         }
     }
 

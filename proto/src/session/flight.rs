@@ -12,27 +12,27 @@ use crate::message::Ack;
 use crate::{FrameIndex, Micros, StateHash};
 
 /// Most frames whose hashes are kept for acknowledgements, where the client sends none.
-const KEPT: usize = 256;
+const MAX_FRAMES_KEPT: usize = 256;
 /// Acknowledgements may come so many microseconds later than the fastest (RFC 6817, section 2.5).
-const TARGET: u64 = 100_000;
+const QUEUE_TARGET_US: u64 = 100_000;
 /// Beyond two round trips, how many microseconds an acknowledgement is waited for.
-const PATIENCE: u64 = 100_000;
+const ACK_PATIENCE_US: u64 = 100_000;
 /// Frames in a row that may be lost to chance.
-const LOST: u32 = 6;
+const MAX_CONSECUTIVE_LOSSES: u32 = 6;
 /// The round trip, in microseconds, before one was measured.
-const UNKNOWN: u64 = 150_000;
+const INITIAL_RTT_US: u64 = 150_000;
 /// Most datagrams of a frame: of eight, all come in two of three frames when a twentieth is lost, in one of six when a fifth is.
-const MANY: usize = 8;
+const MAX_DATAGRAMS_PER_FRAME: usize = 8;
 /// How long updates go over the connection before datagrams are tried again.
-const LARGE_FOR: Micros = Micros::from_secs(5);
+const CONNECTION_PERIOD: Micros = Micros::from_secs(5);
 /// Frames that may be on their way however small the window: some of them will come.
-const LEAST: usize = 4;
+const MIN_FRAMES_IN_FLIGHT: usize = 4;
 /// Bytes that the window never exceeds.
-const MOST: u64 = 16 << 20;
+const MAX_WINDOW_BYTES: u64 = 16 << 20;
 
 /// A frame that is on its way or waits.
 #[derive(Clone, Copy, Debug)]
-struct Sent {
+struct SentFrame {
     frame: FrameIndex,
     hash: StateHash,
     at: Micros,
@@ -42,7 +42,7 @@ struct Sent {
     datagrams: bool,
 }
 
-impl Sent {
+impl SentFrame {
     const fn in_datagrams(&self) -> u64 {
         if self.datagrams { self.bytes } else { 0 }
     }
@@ -50,7 +50,7 @@ impl Sent {
 
 /// How a frame goes to a client that takes datagrams.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Way {
+pub(super) enum Route {
     /// As datagrams.
     Datagrams,
     /// As datagrams, and over the connection as well: acknowledgements are overdue.
@@ -62,7 +62,7 @@ pub(super) enum Way {
 /// The frames that are on their way to one client.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Flight {
-    sent: VecDeque<Sent>,
+    sent: VecDeque<SentFrame>,
     /// Newest frame that the client is known to hold.
     acked: Option<FrameIndex>,
     /// Newest frame that went both ways.
@@ -71,7 +71,7 @@ pub(super) struct Flight {
     large_until: Micros,
     /// Bytes in datagrams that are on their way.
     outstanding: u64,
-    /// How many they may be before another frame goes; [`LEAST`] frames may always.
+    /// How many they may be before another frame goes; [`MIN_FRAMES_IN_FLIGHT`] frames may always.
     window: u64,
     /// The window has shrunk before: it grows by a frame a round trip only.
     careful: bool,
@@ -103,7 +103,7 @@ impl Flight {
     /// Frames after `last` were not sent after all.
     pub(super) fn forget_after(&mut self, last: Option<FrameIndex>) {
         self.sent.retain(|sent| last.is_some_and(|last| sent.frame <= last));
-        self.outstanding = self.sent.iter().map(Sent::in_datagrams).sum();
+        self.outstanding = self.sent.iter().map(SentFrame::in_datagrams).sum();
     }
 
     /// A frame is on its way, of so many bytes, as `datagrams` or over the connection.
@@ -117,12 +117,12 @@ impl Flight {
         if self.sent.is_empty() {
             self.news = at;
         }
-        if self.sent.len() >= KEPT
+        if self.sent.len() >= MAX_FRAMES_KEPT
             && let Some(oldest) = self.sent.pop_front()
         {
             self.outstanding = self.outstanding.saturating_sub(oldest.in_datagrams());
         }
-        let sent = Sent { frame, hash, at, bytes, datagrams };
+        let sent = SentFrame { frame, hash, at, bytes, datagrams };
         self.outstanding += sent.in_datagrams();
         self.sent.push_back(sent);
     }
@@ -140,7 +140,7 @@ impl Flight {
                 }
                 self.acked = self.acked.max(Some(sent.frame));
                 self.news = now;
-                if passed > LOST {
+                if passed > MAX_CONSECUTIVE_LOSSES {
                     self.shrink(2, now);
                 }
                 self.took(&sent, now);
@@ -151,7 +151,7 @@ impl Flight {
 
     /// Whether another frame may go as datagrams.
     pub(super) fn has_room(&self, now: Micros) -> bool {
-        let few = || self.sent.iter().filter(|sent| sent.in_datagrams() > 0).count() < LEAST;
+        let few = || self.sent.iter().filter(|sent| sent.in_datagrams() > 0).count() < MIN_FRAMES_IN_FLIGHT;
         self.outstanding < self.window || few() || self.is_overdue(now)
     }
 
@@ -161,23 +161,23 @@ impl Flight {
     }
 
     /// How another frame of so many datagrams goes. `free` says that nothing waits to go over the connection.
-    pub(super) fn choose(&mut self, frame: FrameIndex, datagrams: usize, free: bool, now: Micros) -> Way {
-        if datagrams > MANY {
-            self.large_until = now.plus(LARGE_FOR);
-            return Way::Connection;
+    pub(super) fn choose(&mut self, frame: FrameIndex, datagrams: usize, free: bool, now: Micros) -> Route {
+        if datagrams > MAX_DATAGRAMS_PER_FRAME {
+            self.large_until = now.plus(CONNECTION_PERIOD);
+            return Route::Connection;
         }
         if !self.is_overdue(now) {
-            return Way::Datagrams;
+            return Route::Datagrams;
         }
         self.news = now;
         self.outstanding = 0;
         self.sent.iter_mut().for_each(|sent| sent.bytes = 0);
         self.shrink(2, now);
         if !free || self.waits() {
-            return Way::Datagrams;
+            return Route::Datagrams;
         }
         self.carried = Some(frame);
-        Way::Both
+        Route::Both
     }
 
     /// Whether a frame that went both ways is not acknowledged.
@@ -186,13 +186,13 @@ impl Flight {
     }
 
     fn is_overdue(&self, now: Micros) -> bool {
-        let (smoothed, _) = self.round_trip.unwrap_or((UNKNOWN, UNKNOWN));
-        !self.sent.is_empty() && now.since(self.news).0 > PATIENCE + 2 * smoothed
+        let (smoothed, _) = self.round_trip.unwrap_or((INITIAL_RTT_US, INITIAL_RTT_US));
+        !self.sent.is_empty() && now.since(self.news).0 > ACK_PATIENCE_US + 2 * smoothed
     }
 
     /// A frame was acknowledged now.
-    fn took(&mut self, sent: &Sent, now: Micros) {
-        let Sent { at, bytes, datagrams, .. } = *sent;
+    fn took(&mut self, sent: &SentFrame, now: Micros) {
+        let SentFrame { at, bytes, datagrams, .. } = *sent;
         if bytes == 0 {
             return;
         }
@@ -202,17 +202,17 @@ impl Flight {
         let fastest = lasted.min(fastest + lasted.saturating_sub(fastest) / 1024);
         let queued = lasted.saturating_sub(fastest);
         // Over the connection it may have waited for what was lost there; that it came fast says something all the same.
-        if datagrams || queued < TARGET {
+        if datagrams || queued < QUEUE_TARGET_US {
             // What a stall held up says nothing of the next one.
-            let counted = lasted.min(fastest + 2 * TARGET);
+            let counted = lasted.min(fastest + 2 * QUEUE_TARGET_US);
             self.round_trip = Some(((7 * smoothed + counted) / 8, fastest));
         }
-        if queued > TARGET && datagrams {
+        if queued > QUEUE_TARGET_US && datagrams {
             self.shrink(4, now);
-        } else if queued < TARGET / 2 {
+        } else if queued < QUEUE_TARGET_US / 2 {
             let growth =
                 if self.careful { bytes.saturating_mul(bytes) / self.window.max(bytes) } else { bytes };
-            self.window = (self.window + growth).min(MOST);
+            self.window = (self.window + growth).min(MAX_WINDOW_BYTES);
         }
     }
 
@@ -253,7 +253,7 @@ mod tests {
                 continue;
             }
             let way = flight.choose(FrameIndex(frame), 1, true, Micros(now));
-            (went, both) = (went + 1, both + u32::from(way == Way::Both));
+            (went, both) = (went + 1, both + u32::from(way == Route::Both));
             let sent = (FrameIndex(frame), StateHash(frame.into()));
             flight.expect(sent, Micros(now), 1000, true);
             coming.extend(trip(frame).map(|trip| (now + trip, frame)));
@@ -309,10 +309,13 @@ mod tests {
     #[test]
     fn frames_of_many_datagrams_leave_the_way_to_the_connection_for_a_while() {
         let mut flight = Flight::default();
-        assert_eq!(flight.choose(FrameIndex(1), MANY, true, Micros(7)), Way::Datagrams);
+        assert_eq!(flight.choose(FrameIndex(1), MAX_DATAGRAMS_PER_FRAME, true, Micros(7)), Route::Datagrams);
         assert!(!flight.is_large(Micros(7)));
-        assert_eq!(flight.choose(FrameIndex(1), MANY + 1, true, Micros(7)), Way::Connection);
-        assert!(flight.is_large(Micros(7)) && !flight.is_large(Micros(7).plus(LARGE_FOR)));
+        assert_eq!(
+            flight.choose(FrameIndex(1), MAX_DATAGRAMS_PER_FRAME + 1, true, Micros(7)),
+            Route::Connection
+        );
+        assert!(flight.is_large(Micros(7)) && !flight.is_large(Micros(7).plus(CONNECTION_PERIOD)));
     }
 
     #[test]

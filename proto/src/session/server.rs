@@ -8,13 +8,14 @@ use std::sync::Arc;
 use psao_codec::frame::FrameKind;
 
 use super::flight::Flight;
-use super::outbox::{Fate, Outbox, Place};
+use super::outbox::{DropPolicy, Outbox, StreamPosition};
 use super::timers::{Allowance, Due, Timers};
 use super::welcome::welcome;
 use super::{
     Access, NEWEST_VERSION, PEER_NAME, SendError, Sent, ServerEvent, ServerStats, SessionError, SharedBody,
     Wants, farewell, read,
 };
+use crate::fanout::ClientCursor;
 use crate::message::{
     Accept, Ack, Auth, Budget, Close, CloseCode, Edit, Hello, Message, PeerLimits, Ping, Pong, Reject,
     RejectCode, Report, Request, Stamp, Text, View,
@@ -47,7 +48,7 @@ pub struct ServerSession {
     name: Text<64>,
     framer: Framer,
     outbox: Outbox,
-    place: Place,
+    position: StreamPosition,
     phase: Phase,
     timers: Timers,
     frames_left: Allowance,
@@ -60,10 +61,8 @@ pub struct ServerSession {
     /// Most bytes of a datagram, when the client wants updates as such.
     datagram_bytes: Option<u16>,
     datagrams: VecDeque<Vec<u8>>,
-    /// Number of the last edit that it was told of; [`Fanout`](crate::Fanout) counts them.
-    pub(crate) edits_heard: u64,
-    /// Round of frame numbers that what it holds is of; [`Fanout`](crate::Fanout) counts them.
-    pub(crate) round: u32,
+    /// Read and written by [`Fanout`](crate::Fanout) alone.
+    pub(crate) cursor: ClientCursor,
     stats: ServerStats,
 }
 
@@ -78,7 +77,7 @@ impl ServerSession {
             name: Text::cut(PEER_NAME),
             framer: Framer::new(limits),
             outbox: Outbox::default(),
-            place: Place::default(),
+            position: StreamPosition::default(),
             phase: Phase::Waiting(None),
             timers: Timers::default(),
             frames_left: Allowance::new(limits.max_frames_per_s),
@@ -89,8 +88,7 @@ impl ServerSession {
             stamps: false,
             datagram_bytes: None,
             datagrams: VecDeque::new(),
-            edits_heard: 0,
-            round: 0,
+            cursor: ClientCursor::default(),
             stats: ServerStats::default(),
         }
     }
@@ -109,22 +107,15 @@ impl ServerSession {
             let limit = self.bytes_left.rate();
             return Err(self.fail(SessionError::Flood { what: "bytes", limit }));
         }
-        let mut framer = std::mem::replace(&mut self.framer, Framer::new(self.limits));
-        framer.push(bytes);
         let mut events = Vec::new();
-        let result = loop {
-            match framer.next_frame() {
-                Ok(None) => break Ok(()),
-                Err(error) => break Err(error.into()),
-                Ok(Some(_)) if matches!(self.phase, Phase::Closed) => {}
-                Ok(Some(frame)) => {
-                    if let Err(error) = self.frame(&frame, &mut events) {
-                        break Err(error);
-                    }
-                }
-            }
-        };
-        self.framer = framer;
+        let result = Framer::drain(
+            self,
+            |session| &mut session.framer,
+            bytes,
+            |session, frame| {
+                if session.is_closed() { Ok(()) } else { session.frame(frame, &mut events) }
+            },
+        );
         match result {
             Err(_) if matches!(self.phase, Phase::Closed) => Ok(events),
             Err(error) => Err(self.fail(error)),
@@ -142,7 +133,7 @@ impl ServerSession {
         if let Some(error) = &self.failed {
             return Err(error.clone());
         }
-        self.timers.tell(now);
+        self.timers.set_now(now);
         let due = match self.phase {
             Phase::Waiting(_) => self.timers.handshake(&self.limits).map(|()| Due::Nothing),
             Phase::Joined(_) => self.timers.open(&self.limits, !self.outbox.is_empty(), true),
@@ -177,11 +168,11 @@ impl ServerSession {
             return Wants::Nothing;
         }
         let now = self.timers.now();
-        match (self.place.holds, self.datagram_bytes, self.flight.acked()) {
+        match (self.position.holds, self.datagram_bytes, self.flight.acked()) {
             (None, _, _) => Wants::Keyframe,
             (Some(holds), Some(_), acked) if self.flight.is_large(now) => {
                 let base = acked.map_or(holds, |acked| holds.max(acked));
-                if self.place.strayed { Wants::Patch { base } } else { Wants::Update { base } }
+                if self.position.context_lost { Wants::Patch { base } } else { Wants::Update { base } }
             }
             (Some(_), Some(_), Some(base)) if self.flight.has_room(now) => Wants::Datagrams { base },
             // The keyframe that datagrams build on is on its way, or the network is full.
@@ -204,8 +195,8 @@ impl ServerSession {
         }
         self.drop_stale(false);
         self.flight.clear();
-        let before = self.place;
-        let head = self.place.numbering.keyframe_head(&body.bytes)?;
+        let before = self.position;
+        let head = self.position.numbering.keyframe_head(&body.bytes)?;
         self.push_state(&head, body, before);
         self.stats.keyframes += 1;
         Ok(Sent::Queued)
@@ -232,8 +223,8 @@ impl ServerSession {
             self.stats.dropped += 1;
             return Ok(Sent::Dropped);
         }
-        let before = self.place;
-        let head = self.place.numbering.update_head(&body.bytes)?;
+        let before = self.position;
+        let head = self.position.numbering.update_head(&body.bytes)?;
         self.push_state(&head, body, before);
         self.stats.updates += 1;
         Ok(Sent::Queued)
@@ -261,11 +252,11 @@ impl ServerSession {
     /// As [`send_report`](Self::send_report).
     pub fn send_edit(&mut self, edit: &Edit) -> Result<Sent, SendError> {
         self.check_open()?;
-        let frame = self.place.numbering.message(edit)?;
+        let frame = self.position.numbering.message(edit)?;
         if !self.is_joined() {
             return Ok(Sent::Dropped);
         }
-        self.push(frame, None, Fate::Sure);
+        self.push(frame, None, DropPolicy::Keep);
         Ok(Sent::Queued)
     }
 
@@ -339,12 +330,12 @@ impl ServerSession {
 
     fn send_note<M: Message>(&mut self, message: &M) -> Result<Sent, SendError> {
         self.check_open()?;
-        let frame = self.place.numbering.message(message)?;
-        if !self.is_joined() || self.lagging || self.place.holds.is_none() || !self.fits(frame.len()) {
+        let frame = self.position.numbering.message(message)?;
+        if !self.is_joined() || self.lagging || self.position.holds.is_none() || !self.fits(frame.len()) {
             self.stats.dropped += 1;
             return Ok(Sent::Dropped);
         }
-        self.push(frame, None, Fate::Droppable);
+        self.push(frame, None, DropPolicy::Droppable);
         Ok(Sent::Queued)
     }
 
@@ -379,45 +370,48 @@ impl ServerSession {
     /// Drops what waits and can be dropped; the client then stands where it stood before that.
     fn drop_stale(&mut self, keep_first: bool) {
         let before = self.outbox.len();
-        let (dropped, place) = self.outbox.drop_stale(keep_first);
+        let (dropped, position) = self.outbox.drop_stale(keep_first);
         self.stats.dropped += dropped;
         self.stats.wire_bytes -= (before - self.outbox.len()) as u64;
-        if let Some(place) = place {
+        if let Some(position) = position {
             // Datagrams that went since then went all the same.
-            self.place = Place { strayed: place.strayed || self.place.strayed, ..place };
-            self.flight.forget_after(place.holds);
+            self.position = StreamPosition {
+                context_lost: position.context_lost || self.position.context_lost,
+                ..position
+            };
+            self.flight.forget_after(position.holds);
         }
     }
 
     /// Queues a keyframe or update, its STAMP before it.
-    fn push_state(&mut self, head: &[u8], body: &SharedBody, before: Place) {
+    fn push_state(&mut self, head: &[u8], body: &SharedBody, before: StreamPosition) {
         if self.stamps {
             let sent = self.timers.now();
             let stamp = Stamp { frame: body.frame, captured: body.captured.min(sent), sent };
             if let Ok(stamp) = before.numbering.message(&stamp) {
-                self.push(stamp, None, Fate::Droppable);
+                self.push(stamp, None, DropPolicy::Droppable);
             }
         }
-        self.push(head.to_vec(), Some(Arc::clone(&body.bytes)), Fate::State(before));
-        (self.place.holds, self.place.strayed) = (Some(body.frame), false);
+        self.push(head.to_vec(), Some(Arc::clone(&body.bytes)), DropPolicy::State(before));
+        (self.position.holds, self.position.context_lost) = (Some(body.frame), false);
         self.lagging = false;
         // How long a keyframe takes says how large it is.
         let bytes = if body.kind == FrameKind::Key { 0 } else { body.bytes.len() as u64 };
         self.flight.expect((body.frame, body.hash), self.timers.now(), bytes, false);
     }
 
-    fn push(&mut self, head: Vec<u8>, body: Option<Arc<[u8]>>, fate: Fate) {
+    fn push(&mut self, head: Vec<u8>, body: Option<Arc<[u8]>>, policy: DropPolicy) {
         if self.outbox.is_empty() {
             self.timers.moved();
         }
         self.stats.wire_bytes += (head.len() + body.as_ref().map_or(0, |body| body.len())) as u64;
-        self.outbox.push(head, body, fate);
+        self.outbox.push(head, body, policy);
     }
 
     /// Queues a message that is known to be good.
     fn queue<M: Message>(&mut self, message: &M) {
-        if let Ok(frame) = self.place.numbering.message(message) {
-            self.push(frame, None, Fate::Sure);
+        if let Ok(frame) = self.position.numbering.message(message) {
+            self.push(frame, None, DropPolicy::Keep);
         }
     }
 
@@ -495,14 +489,14 @@ impl ServerSession {
     }
 
     /// Tells the time of what is sent next.
-    pub(crate) fn tell(&mut self, now: Micros) {
-        self.timers.tell(now);
+    pub(crate) fn set_now(&mut self, now: Micros) {
+        self.timers.set_now(now);
     }
 
     /// What the client holds is of no use to it any more.
     pub(crate) fn need_keyframe(&mut self) {
         self.drop_stale(false);
-        self.place.holds = None;
+        self.position.holds = None;
         self.lagging = false;
         self.flight.clear();
         self.datagrams.clear();
@@ -527,7 +521,7 @@ impl ServerSession {
         };
         self.access.check(auth.as_ref()).map_err(SessionError::BadHello)?;
         let hello = welcome(payload, &self.scene)?;
-        let scene = self.place.numbering.scene(&self.scene)?;
+        let scene = self.position.numbering.scene(&self.scene)?;
         self.queue(&Accept {
             version: hello.newest.min(NEWEST_VERSION),
             profile: self.scene.profile(),
@@ -535,7 +529,7 @@ impl ServerSession {
             name: self.name.clone(),
         });
         for frame in scene {
-            self.push(frame, None, Fate::Sure);
+            self.push(frame, None, DropPolicy::Keep);
         }
         self.phase = Phase::Joined(hello.clone());
         Ok(ServerEvent::Joined(hello))

@@ -3,7 +3,7 @@
 use psao_codec::frame::FrameKind;
 
 use super::super::datagram::{read_ack, split};
-use super::super::flight::Way;
+use super::super::flight::Route;
 use super::super::{SendError, Sent, ServerEvent, SharedBody, Wants};
 use super::ServerSession;
 use crate::{FrameIndex, Micros};
@@ -11,7 +11,7 @@ use crate::{FrameIndex, Micros};
 impl ServerSession {
     /// Takes a datagram from the client: an acknowledgement. Anything else is counted and dropped.
     pub fn handle_datagram(&mut self, bytes: &[u8], now: Micros) -> Option<ServerEvent> {
-        self.timers.tell(now);
+        self.timers.set_now(now);
         if !self.is_joined() {
             return None;
         }
@@ -43,13 +43,13 @@ impl ServerSession {
         };
         let small = body.bytes.len() <= self.limits.max_datagram_body as usize;
         let Some(datagrams) = split(body.frame, &body.bytes, bytes).filter(|_| small) else {
-            self.place.holds = None;
+            self.position.holds = None;
             self.stats.dropped += 1;
             return Ok(Sent::Dropped);
         };
         let now = self.timers.now();
         let way = self.flight.choose(body.frame, datagrams.len(), self.outbox.is_empty(), now);
-        if way == Way::Connection {
+        if way == Route::Connection {
             return Ok(Sent::Dropped);
         }
         self.lagging = false;
@@ -57,15 +57,15 @@ impl ServerSession {
         self.stats.wire_bytes += bytes;
         self.stats.datagram_frames += 1;
         self.datagrams = datagrams;
-        if way == Way::Both {
-            let before = self.place;
-            let head = self.place.numbering.update_head(&body.bytes)?;
+        if way == Route::Both {
+            let before = self.position;
+            let head = self.position.numbering.update_head(&body.bytes)?;
             self.push_state(&head, body, before);
             self.stats.updates += 1;
         } else {
             self.flight.expect((body.frame, body.hash), now, bytes, true);
         }
-        self.place.strayed = true;
+        self.position.context_lost = true;
         Ok(Sent::Queued)
     }
 

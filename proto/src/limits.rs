@@ -14,6 +14,7 @@ use crate::{FrameType, Micros};
 /// assert_eq!(limits.payload_limit(FrameType::HELLO), 65_536);
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Limits {
     /// Bounds of frame bodies and of the state.
     pub codec: psao_codec::Limits,
@@ -61,6 +62,20 @@ impl Default for Limits {
 }
 
 impl Limits {
+    setters! {
+        with_codec: codec as psao_codec::Limits,
+        with_max_queue_bytes: max_queue_bytes as u32,
+        with_max_unacked: max_unacked as u32,
+        with_max_clients: max_clients as u32,
+        with_max_frames_per_s: max_frames_per_s as u32,
+        with_max_bytes_per_s: max_bytes_per_s as u32,
+        with_max_datagram_body: max_datagram_body as u32,
+        with_handshake: handshake as Micros,
+        with_keep_alive: keep_alive as Micros,
+        with_silence: silence as Micros,
+        with_stall: stall as Micros,
+    }
+
     /// Longest payload of a frame of type `kind`, in bytes. Types that this version does not know have the bound of a
     /// control message, so that skipping them costs little.
     #[must_use]

@@ -72,25 +72,10 @@ impl SceneInfo {
         }
     }
 
-    /// Sets [`source`](Self::source).
-    #[must_use]
-    pub fn with_source(mut self, source: Text<512>) -> Self {
-        self.source = source;
-        self
-    }
-
-    /// Sets [`point_bits`](Self::point_bits).
-    #[must_use]
-    pub const fn with_point_bits(mut self, bits: u8) -> Self {
-        self.point_bits = bits;
-        self
-    }
-
-    /// Sets [`frames_hint`](Self::frames_hint).
-    #[must_use]
-    pub const fn with_frames_hint(mut self, frames: u32) -> Self {
-        self.frames_hint = frames;
-        self
+    setters! {
+        with_source: source as Text<512>,
+        with_point_bits: point_bits as u8,
+        with_frames_hint: frames_hint as u32,
     }
 
     /// Sets [`trace`](Self::trace).
@@ -218,31 +203,16 @@ impl TraceInfo {
         Self { rays, radius_m, ..Self::NEUTRAL }
     }
 
-    /// Sets [`occlusion`](Self::occlusion).
-    #[must_use]
-    pub const fn with_occlusion(mut self, occlusion: Occlusion) -> Self {
-        self.occlusion = occlusion;
-        self
-    }
-
-    /// Sets [`seed`](Self::seed).
-    #[must_use]
-    pub const fn with_seed(mut self, seed: u64) -> Self {
-        self.seed = seed;
-        self
+    setters! {
+        with_occlusion: occlusion as Occlusion,
+        with_seed: seed as u64,
+        with_view_margin: view_margin as f32,
     }
 
     /// Sets [`points_per_m2`](Self::points_per_m2) and [`min_points`](Self::min_points).
     #[must_use]
     pub const fn with_density(mut self, points_per_m2: f32, min_points: u32) -> Self {
         (self.points_per_m2, self.min_points) = (points_per_m2, min_points);
-        self
-    }
-
-    /// Sets [`view_margin`](Self::view_margin).
-    #[must_use]
-    pub const fn with_view_margin(mut self, margin: f32) -> Self {
-        self.view_margin = margin;
         self
     }
 }
@@ -267,11 +237,8 @@ impl PaperInfo {
         Self { cell_capacity, table_slots: 4.0 }
     }
 
-    /// Sets [`table_slots`](Self::table_slots).
-    #[must_use]
-    pub const fn with_table_slots(mut self, slots: f32) -> Self {
-        self.table_slots = slots;
-        self
+    setters! {
+        with_table_slots: table_slots as f32,
     }
 }
 

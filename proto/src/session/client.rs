@@ -51,6 +51,7 @@ pub struct AppliedFrame {
 
 /// What a client is, wants and gives when it connects.
 #[derive(Clone, Debug, Default)]
+#[non_exhaustive]
 pub struct ClientOptions {
     /// What it calls itself (cut to 64 bytes); this crate's name and version by default.
     pub name: Option<String>,
@@ -62,6 +63,16 @@ pub struct ClientOptions {
     pub stamps: bool,
     /// Ask for updates as datagrams of at most so many bytes; what carries the session must carry them.
     pub datagrams: Option<u16>,
+}
+
+impl ClientOptions {
+    setters! {
+        with_name: name as Option<String>,
+        with_token: token as Option<Token>,
+        with_scene: scene as Option<[u8; 32]>,
+        with_stamps: stamps as bool,
+        with_datagrams: datagrams as Option<u16>,
+    }
 }
 
 /// What happened at a client.

@@ -38,11 +38,12 @@ fn split(bytes: &[u8], size: usize) -> Result<(FrameHeader, Vec<u8>), &'static s
                 return Ok((frame.header, frame.payload().to_vec()));
             }
             Err(error) => {
-                return Err(match error.fault {
+                return Err(match error.error {
                     WireFrameError::Magic { .. } => "magic",
                     WireFrameError::Flags { .. } => "flags",
                     WireFrameError::TooLong { .. } => "length",
                     WireFrameError::Checksum { .. } => "checksum",
+                    other => unreachable!("{other} has no word yet"),
                 });
             }
         }
@@ -86,11 +87,12 @@ fn reason(error: &MessageError) -> &'static str {
             PayloadError::TooLong => "bound",
             PayloadError::Variant(_) => "choice",
             PayloadError::Utf8 => "utf-8",
-            PayloadError::Value => unreachable!("{error} has no word yet"),
+            _ => unreachable!("{error} has no word yet"),
         },
         MessageError::Extra { .. } => "extra",
         MessageError::Invalid { field: "entries" | "stages" | "token", .. } => "bound",
         MessageError::Invalid { .. } => "value",
+        other => unreachable!("{other} has no word yet"),
     }
 }
 
@@ -269,6 +271,7 @@ pub(super) fn recording(bytes: &[u8]) -> String {
                 ReaderError::NotARecording { .. } => "recording",
                 ReaderError::Version { .. } => "version",
                 ReaderError::Flags { .. } => "flags",
+                other => unreachable!("{other} has no word yet"),
             };
             return Object::default().text("error", word).file();
         }
@@ -320,5 +323,6 @@ fn damaged(kind: &DamageKind) -> &'static str {
         DamageKind::Arrival => "arrival",
         DamageKind::Frame(_) => "frame",
         DamageKind::Hopeless => "hopeless",
+        other => unreachable!("{other} has no word yet"),
     }
 }

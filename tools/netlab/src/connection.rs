@@ -38,7 +38,7 @@ impl Connection {
             Mode::Stream => None,
             Mode::Datagram => Some(plan.down.mtu),
         };
-        let options = ClientOptions { datagrams, ..ClientOptions::default() };
+        let options = ClientOptions::default().with_datagrams(datagrams);
         let mut connection = Self {
             server: ServerSession::new(scene.clone(), Access::Open, plan.limits),
             client: ClientSession::with(Limits::default(), options),

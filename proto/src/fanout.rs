@@ -8,12 +8,12 @@ use psao_codec::frame::{EncodeError, FrameInfo, FrameKind, FrameMeta};
 use psao_codec::stream::{Ledger, StateRef, keyframe, patch};
 
 use crate::message::{Edit, EditAction};
-use crate::session::{SendError, Sent, ServerSession, SharedBody, Wants};
+use crate::session::{Demand, SendError, ServerSession, SharedBody};
 use crate::{FrameIndex, Micros};
 
 /// What became of the newest frame for one client.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Offer {
+pub enum Delivery {
     /// It gets the stream's own update.
     Update,
     /// It gets a keyframe, and what has changed since that was made.
@@ -24,22 +24,8 @@ pub enum Offer {
     Nothing,
     /// It has the newest frame already.
     Current,
-    /// A body has to be made first, by [`Fanout::make`].
-    Needs(Need),
-}
-
-/// A body that some clients need beside the stream's own.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Need {
-    /// A keyframe of the newest frame.
-    Keyframe,
-    /// What has changed since a frame.
-    Patch {
-        /// The frame.
-        base: FrameIndex,
-        /// Whether the stream's own updates are to follow it.
-        context: bool,
-    },
+    /// The body for this demand is missing; [`Fanout::make`] makes it.
+    Missing(Demand),
 }
 
 /// How far a [`Fanout`] has served one client. Its session carries it.
@@ -70,13 +56,13 @@ struct Newest {
 /// ```
 /// use psao_proto::sample::SampleServer;
 /// use psao_proto::session::{Access, ClientEvent, ClientSession, ServerSession, SharedBody};
-/// use psao_proto::{Fanout, Limits, Micros, Offer, Profile};
+/// use psao_proto::{Delivery, Fanout, Limits, Micros, Profile};
 ///
 /// let mut source = SampleServer::of(Profile::SURFACE)?; // stands for the thing that traces
 /// let mut fanout = Fanout::new(source.coder());
 /// let mut server = ServerSession::new(source.scene().clone(), Access::Open, Limits::default());
 /// let mut client = ClientSession::new(Limits::default());
-/// let mut offers = Vec::new();
+/// let mut deliveries = Vec::new();
 /// for turn in 0..8 {
 ///     let now = Micros(turn * 16_667);
 ///     let frame = source.step()?;
@@ -84,11 +70,11 @@ struct Newest {
 ///     // The client hangs for three frames; what it missed comes in one.
 ///     if !(3..6).contains(&turn) {
 ///         server.handle(&client.take_output(), now)?;
-///         offers.push(fanout.give(&mut server, source.state().into())?);
+///         deliveries.push(fanout.give(&mut server, source.state().into())?);
 ///         client.handle(&server.take_output(), now)?;
 ///     }
 /// }
-/// assert_eq!(offers, [Offer::Keyframe, Offer::Update, Offer::Update, Offer::Patch, Offer::Update]);
+/// assert_eq!(deliveries, [Delivery::Keyframe, Delivery::Update, Delivery::Update, Delivery::Patch, Delivery::Update]);
 /// assert_eq!(client.state().map(|state| state.hash()), Some(source.state().hash()));
 /// # Ok::<(), Box<dyn std::error::Error + Send + Sync>>(())
 /// ```
@@ -101,8 +87,8 @@ pub struct Fanout {
     join_keyframe: Option<SharedBody>,
     /// The patch on top of the cached keyframe has become too large; the next joiner gets a new keyframe.
     join_keyframe_stale: bool,
-    /// What was made for the newest frame; nothing where only a keyframe helps.
-    patches: BTreeMap<Need, Option<SharedBody>>,
+    /// Patches to the newest frame, by their base and whether they have coder context. `None` if only a keyframe helps.
+    patches: BTreeMap<(FrameIndex, bool), Option<SharedBody>>,
     /// How often frame numbers began again, as in a recording that is played in a loop. A client cannot use a frame of
     /// an earlier epoch.
     epoch: u32,
@@ -176,11 +162,15 @@ impl Fanout {
     /// # Errors
     /// [`FanoutError::Send`] when the session is over or does not take the frame, [`FanoutError::Encode`] when a body
     /// cannot be made.
-    pub fn give(&mut self, session: &mut ServerSession, state: StateRef<'_>) -> Result<Offer, FanoutError> {
+    pub fn give(
+        &mut self,
+        session: &mut ServerSession,
+        state: StateRef<'_>,
+    ) -> Result<Delivery, FanoutError> {
         loop {
-            match self.offer(session)? {
-                Offer::Needs(need) => self.make(need, state)?,
-                offer => return Ok(offer),
+            match self.deliver(session)? {
+                Delivery::Missing(demand) => self.make(demand, state)?,
+                delivery => return Ok(delivery),
             }
         }
     }
@@ -190,65 +180,66 @@ impl Fanout {
     ///
     /// # Errors
     /// [`SendError`] when the session is over or does not take the frame.
-    pub fn offer(&mut self, session: &mut ServerSession) -> Result<Offer, SendError> {
-        let Some(newest) = &self.newest else { return Ok(Offer::Nothing) };
+    pub fn deliver(&mut self, session: &mut ServerSession) -> Result<Delivery, SendError> {
+        let Some(newest) = &self.newest else { return Ok(Delivery::Nothing) };
         if std::mem::replace(&mut session.cursor.epoch, self.epoch) != self.epoch {
             session.need_keyframe();
         }
         session.set_now(newest.body.captured);
         let mut joined = false;
         loop {
-            let wants = session.wants();
-            let (need, base) = match wants {
-                Wants::Nothing => return Ok(Offer::Nothing),
-                Wants::Keyframe => {
-                    let Some(joining) = &self.join_keyframe else { return Ok(Offer::Needs(Need::Keyframe)) };
-                    let rest = Need::Patch { base: joining.frame, context: true };
+            let demand = session.demand();
+            let (missing, base, context) = match demand {
+                Demand::Nothing => return Ok(Delivery::Nothing),
+                Demand::Keyframe => {
+                    let Some(joining) = &self.join_keyframe else { return Ok(Delivery::Missing(demand)) };
                     let whole = joining.frame == newest.info.frame || session.takes_datagrams();
-                    if !whole && !self.patches.contains_key(&rest) {
-                        return Ok(Offer::Needs(rest));
+                    if !whole && !self.patches.contains_key(&(joining.frame, true)) {
+                        return Ok(Delivery::Missing(Demand::Patch { base: joining.frame }));
                     }
                     self.edits.send_new(session)?;
-                    if session.send_keyframe(joining)? == Sent::Dropped {
-                        return Ok(Offer::Nothing);
+                    if !session.send_keyframe(joining)? {
+                        return Ok(Delivery::Nothing);
                     }
                     joined = true;
                     continue;
                 }
-                Wants::Update { base } | Wants::Patch { base } | Wants::Datagrams { base }
+                Demand::Update { base } | Demand::Patch { base } | Demand::Datagrams { base }
                     if base >= newest.info.frame =>
                 {
-                    return Ok(if joined { Offer::Keyframe } else { Offer::Current });
+                    return Ok(if joined { Delivery::Keyframe } else { Delivery::Current });
                 }
-                Wants::Update { base } if Some(base) == newest.previous => {
+                Demand::Update { base } if Some(base) == newest.previous => {
                     self.edits.send_new(session)?;
                     if newest.body.kind == FrameKind::Key {
                         session.send_keyframe(&newest.body)?;
-                        return Ok(Offer::Keyframe);
+                        return Ok(Delivery::Keyframe);
                     }
                     let sent = session.send_update(&newest.body, base)?;
-                    return Ok(if sent == Sent::Queued { Offer::Update } else { Offer::Nothing });
+                    return Ok(if sent { Delivery::Update } else { Delivery::Nothing });
                 }
-                Wants::Update { base } | Wants::Patch { base } => (Need::Patch { base, context: true }, base),
-                Wants::Datagrams { base } => (Need::Patch { base, context: false }, base),
+                Demand::Update { base } | Demand::Patch { base } => (Demand::Patch { base }, base, true),
+                Demand::Datagrams { base } => (demand, base, false),
             };
-            let Some(made) = self.patches.get(&need) else { return Ok(Offer::Needs(need)) };
+            let Some(made) = self.patches.get(&(base, context)) else {
+                return Ok(Delivery::Missing(missing));
+            };
             self.edits.send_new(session)?;
             let Some(patch) = made else {
                 // No patch leads from what the client holds to the newest frame.
                 session.need_keyframe();
                 continue;
             };
-            let sent = match wants {
-                Wants::Datagrams { .. } => session.send_datagrams(patch, base)?,
+            let sent = match demand {
+                Demand::Datagrams { .. } => session.send_datagrams(patch, base)?,
                 _ => session.send_update(patch, base)?,
             };
             return Ok(match sent {
                 // It may have turned out too large for datagrams.
-                Sent::Dropped if session.wants() != wants => continue,
-                Sent::Dropped => Offer::Nothing,
-                Sent::Queued if joined => Offer::Keyframe,
-                Sent::Queued => Offer::Patch,
+                false if session.demand() != demand => continue,
+                false => Delivery::Nothing,
+                true if joined => Delivery::Keyframe,
+                true => Delivery::Patch,
             });
         }
     }
@@ -257,7 +248,7 @@ impl Fanout {
     ///
     /// # Errors
     /// [`EncodeError`] as of the codec's `keyframe` and `patch`.
-    pub fn make(&mut self, need: Need, state: StateRef<'_>) -> Result<(), EncodeError> {
+    pub fn make(&mut self, demand: Demand, state: StateRef<'_>) -> Result<(), EncodeError> {
         let (Some(newest), Some(ledger)) = (&self.newest, &self.ledger) else { return Ok(()) };
         let FrameInfo { frame, time, changed_points, .. } = newest.info;
         let meta = |kind| FrameMeta { kind, frame, time, changed_points };
@@ -265,23 +256,25 @@ impl Fanout {
             let (hash, captured) = (newest.info.hash, newest.body.captured);
             SharedBody { kind, frame, hash, captured, bytes: bytes.into() }
         };
-        match need {
-            Need::Keyframe => {
+        let (base, context) = match demand {
+            Demand::Nothing => return Ok(()),
+            Demand::Keyframe => {
                 let bytes = keyframe(state, meta(FrameKind::Key), self.coder, &[])?;
                 self.join_keyframe = Some(shared(FrameKind::Key, bytes));
+                return Ok(());
             }
-            Need::Patch { base, context } => {
-                let bytes = patch(state, ledger, base, meta(FrameKind::Delta), self.coder, context)?;
-                let made = bytes.map(|bytes| shared(FrameKind::Delta, bytes));
-                let old = self.join_keyframe.as_ref().filter(|joining| joining.frame == base);
-                if let (Some(made), Some(joining)) = (&made, old)
-                    && made.bytes.len() > joining.bytes.len() / 2
-                {
-                    self.join_keyframe_stale = true;
-                }
-                self.patches.insert(need, made);
-            }
+            Demand::Update { base } | Demand::Patch { base } => (base, true),
+            Demand::Datagrams { base } => (base, false),
+        };
+        let bytes = patch(state, ledger, base, meta(FrameKind::Delta), self.coder, context)?;
+        let made = bytes.map(|bytes| shared(FrameKind::Delta, bytes));
+        let old = self.join_keyframe.as_ref().filter(|joining| joining.frame == base);
+        if let (Some(made), Some(joining)) = (&made, old)
+            && made.bytes.len() > joining.bytes.len() / 2
+        {
+            self.join_keyframe_stale = true;
         }
+        self.patches.insert((base, context), made);
         Ok(())
     }
 }

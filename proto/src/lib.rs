@@ -125,7 +125,7 @@ mod scene;
 pub mod session;
 mod units;
 
-pub use fanout::{Fanout, FanoutError, Need, Offer};
+pub use fanout::{Delivery, Fanout, FanoutError};
 pub use follow::FollowError;
 pub use framer::{
     FRAME_MAGIC, FrameHeader, FrameType, Framer, FramerError, HEADER_BYTES, WireFrame, WireFrameError,

@@ -12,8 +12,8 @@ use tokio::time::{Instant, timeout};
 
 use super::{Peer, PeerError, since};
 use crate::message::{Budget, CameraPose, CloseCode, Edit, Report, Token};
-use crate::session::{Access, SendError, Sent, ServerEvent, ServerSession, SessionError};
-use crate::{Fanout, FrameIndex, Limits, Micros, Offer, SceneTable};
+use crate::session::{Access, SendError, ServerEvent, ServerSession, SessionError};
+use crate::{Delivery, Fanout, FrameIndex, Limits, Micros, SceneTable};
 
 /// Most events that wait for the frame loop; beyond it the oldest are forgotten, and counted.
 const MAX_EVENTS: usize = 1024;
@@ -179,24 +179,22 @@ impl Hub {
         let mut counts = Broadcast::default();
         let mut waiting: Vec<ClientId> = self.lock().clients.keys().copied().collect();
         while !waiting.is_empty() {
-            let mut needs = BTreeSet::new();
+            let mut missing = BTreeSet::new();
             let now = self.now();
             let mut inner = self.lock();
             waiting.retain(|id| {
                 let Some(slot) = inner.clients.get_mut(id) else { return false };
                 slot.tick(now);
-                let offer = slot.offer(&mut fanout, info.frame);
-                counts.count(offer, slot.session.is_joined());
-                needs.extend(match offer {
-                    Offer::Needs(need) => Some(need),
-                    _ => None,
-                });
-                matches!(offer, Offer::Needs(_))
+                let delivery = slot.deliver(&mut fanout, info.frame);
+                counts.count(delivery, slot.session.is_joined());
+                let Delivery::Missing(demand) = delivery else { return false };
+                missing.insert(demand);
+                true
             });
             // Made without the lock: it takes a while, and the connections go on meanwhile.
             drop(inner);
-            for need in needs {
-                fanout.make(need, state)?;
+            for demand in missing {
+                fanout.make(demand, state)?;
             }
         }
         Ok(counts)
@@ -223,7 +221,7 @@ impl Hub {
         self.note(|session| session.send_budget(budget));
     }
 
-    fn note(&self, send: impl Fn(&mut ServerSession) -> Result<Sent, SendError>) {
+    fn note(&self, send: impl Fn(&mut ServerSession) -> Result<bool, SendError>) {
         for slot in self.lock().clients.values_mut() {
             // A note that a client does not get is nobody's loss.
             let _ = send(&mut slot.session);
@@ -461,35 +459,35 @@ impl Slot {
     }
 
     /// Gives the client the newest frame. One that cannot take it at all is closed.
-    fn offer(&mut self, fanout: &mut Fanout, frame: FrameIndex) -> Offer {
-        let offer = match fanout.offer(&mut self.session) {
-            Ok(offer) => offer,
+    fn deliver(&mut self, fanout: &mut Fanout, frame: FrameIndex) -> Delivery {
+        let delivery = match fanout.deliver(&mut self.session) {
+            Ok(delivery) => delivery,
             Err(error) => {
                 if !self.session.is_closed() {
                     self.session.close(CloseCode::FAILED, &error.to_string());
                     self.error.get_or_insert(PeerError::Unservable(error));
                 }
-                Offer::Nothing
+                Delivery::Nothing
             }
         };
-        match offer {
-            Offer::Update | Offer::Keyframe | Offer::Patch => self.unacked = Some(frame),
-            Offer::Nothing => self.unacked = None,
-            Offer::Current | Offer::Needs(_) => {}
+        match delivery {
+            Delivery::Update | Delivery::Keyframe | Delivery::Patch => self.unacked = Some(frame),
+            Delivery::Nothing => self.unacked = None,
+            Delivery::Current | Delivery::Missing(_) => {}
         }
         self.wake.notify_one();
-        offer
+        delivery
     }
 }
 
 impl Broadcast {
-    fn count(&mut self, offer: Offer, joined: bool) {
-        match offer {
-            Offer::Update => self.updates += 1,
-            Offer::Keyframe => self.keyframes += 1,
-            Offer::Patch => self.patches += 1,
-            Offer::Nothing => self.behind += u32::from(joined),
-            Offer::Current | Offer::Needs(_) => {}
+    fn count(&mut self, delivery: Delivery, joined: bool) {
+        match delivery {
+            Delivery::Update => self.updates += 1,
+            Delivery::Keyframe => self.keyframes += 1,
+            Delivery::Patch => self.patches += 1,
+            Delivery::Nothing => self.behind += u32::from(joined),
+            Delivery::Current | Delivery::Missing(_) => {}
         }
     }
 }

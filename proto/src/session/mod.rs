@@ -26,7 +26,7 @@ pub use client::{AppliedFrame, ClientEvent, ClientOptions, ClientSession, Client
 pub use clock::ClockEstimate;
 pub use datagram::MIN_DATAGRAM_BYTES;
 pub use error::{SendError, SessionError};
-pub use served::{Sent, ServerEvent, ServerStats, Wants};
+pub use served::{Demand, ServerEvent, ServerStats};
 pub use server::ServerSession;
 
 use crate::message::{Close, CloseCode, Message, MessageError};

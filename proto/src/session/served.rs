@@ -16,25 +16,15 @@ pub enum ServerEvent {
     Acked(Ack),
     /// It says that it holds a frame, but with another hash than the frame's: it gets a keyframe.
     Diverged(Ack),
-    /// It cannot go on without a keyframe; [`ServerSession::wants`](super::ServerSession::wants) says so until it got one.
+    /// It cannot go on without a keyframe; [`ServerSession::demand`](super::ServerSession::demand) says so until it got one.
     KeyframeWanted(KeyframeReason),
     /// It left. Nothing follows.
     Closed(Close),
 }
 
-/// What became of a frame that was given to a session.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Sent {
-    /// It waits in the output.
-    Queued,
-    /// It was dropped: the client has not joined, is behind, or stands elsewhere. Nothing is owed for it; what the client
-    /// [`wants`](super::ServerSession::wants) next will hold what it held.
-    Dropped,
-}
-
 /// What brings a client to the newest frame.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Wants {
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Demand {
     /// Nothing now: it has not joined, has left, or is behind and has to take what waits first.
     Nothing,
     /// A keyframe.

@@ -12,8 +12,8 @@ use super::outbox::{DropPolicy, Outbox, StreamPosition};
 use super::timers::{Allowance, Due, Timers};
 use super::welcome::welcome;
 use super::{
-    Access, NEWEST_VERSION, PEER_NAME, SendError, Sent, ServerEvent, ServerStats, SessionError, SharedBody,
-    Wants, farewell, read,
+    Access, Demand, NEWEST_VERSION, PEER_NAME, SendError, ServerEvent, ServerStats, SessionError, SharedBody,
+    farewell, read,
 };
 use crate::fanout::ClientCursor;
 use crate::message::{
@@ -37,7 +37,7 @@ enum Phase {
 /// Give it what comes from the client with [`handle`](Self::handle) and, at the time that
 /// [`next_deadline`](Self::next_deadline) says, the time alone with [`tick`](Self::tick); send what
 /// [`output`](Self::output) gives and say how much of it went with [`advance`](Self::advance). Before each frame look at
-/// what it [`wants`](Self::wants): that depends on what it holds, whether it takes what is sent, and what it asked for.
+/// its [`demand`](Self::demand): that depends on what it holds, whether it takes what is sent, and what it asked for.
 /// [`Fanout`](crate::Fanout) does that for many clients. What waits for a client is bounded by
 /// [`Limits::max_queue_bytes`].
 #[derive(Debug)]
@@ -161,37 +161,38 @@ impl ServerSession {
     /// What brings the client to the newest frame. A client that fell behind wants nothing until it has taken what
     /// waits.
     #[must_use]
-    pub fn wants(&self) -> Wants {
+    pub fn demand(&self) -> Demand {
         let caught_up =
             || self.outbox.is_empty() && self.flight.len() <= self.limits.max_unacked as usize / 2;
         if !self.is_joined() || (self.lagging && !caught_up()) {
-            return Wants::Nothing;
+            return Demand::Nothing;
         }
         let now = self.timers.now();
         match (self.position.holds, self.datagram_bytes, self.flight.acked()) {
-            (None, _, _) => Wants::Keyframe,
+            (None, _, _) => Demand::Keyframe,
             (Some(holds), Some(_), acked) if self.flight.is_large(now) => {
                 let base = acked.map_or(holds, |acked| holds.max(acked));
-                if self.position.context_lost { Wants::Patch { base } } else { Wants::Update { base } }
+                if self.position.context_lost { Demand::Patch { base } } else { Demand::Update { base } }
             }
-            (Some(_), Some(_), Some(base)) if self.flight.has_room(now) => Wants::Datagrams { base },
+            (Some(_), Some(_), Some(base)) if self.flight.has_room(now) => Demand::Datagrams { base },
             // The keyframe that datagrams build on is on its way, or the network is full.
-            (Some(_), Some(_), _) => Wants::Nothing,
-            (Some(base), None, _) => Wants::Update { base },
+            (Some(_), Some(_), _) => Demand::Nothing,
+            (Some(base), None, _) => Demand::Update { base },
         }
     }
 
-    /// Sends a keyframe. Updates that still wait are dropped: the keyframe holds them.
+    /// Sends a keyframe. Updates that still wait are dropped: the keyframe holds them. Returns whether the keyframe was
+    /// queued; before the client has joined it is dropped.
     ///
     /// # Errors
     /// [`SendError::NotOpen`] after the session ended; [`SendError::OverPeerLimit`] when it does not take so long
     /// a frame, which it then can never follow: close it. [`SendError::Kind`] for an update.
-    pub fn send_keyframe(&mut self, body: &SharedBody) -> Result<Sent, SendError> {
+    pub fn send_keyframe(&mut self, body: &SharedBody) -> Result<bool, SendError> {
         if body.kind != FrameKind::Key {
             return Err(SendError::Kind);
         }
         if !self.check_body(body)? {
-            return Ok(Sent::Dropped);
+            return Ok(false);
         }
         self.drop_stale(false);
         self.flight.clear();
@@ -199,65 +200,66 @@ impl ServerSession {
         let head = self.position.numbering.keyframe_head(&body.bytes)?;
         self.push_state(&head, body, before);
         self.stats.keyframes += 1;
-        Ok(Sent::Queued)
+        Ok(true)
     }
 
-    /// Sends an update that builds on the frame `base`. It is dropped unless that is what the client
-    /// [`wants`](Self::wants). One that does not fit the queue, or comes on top of too many that were not acknowledged,
-    /// makes the client lag: all updates that wait are dropped with it.
+    /// Sends an update that builds on the frame `base`. It is dropped unless that is the client's
+    /// [`demand`](Self::demand). One that does not fit the queue, or comes on top of too many that were not acknowledged,
+    /// makes the client lag: all updates that wait are dropped with it. Returns whether it was queued. What was dropped
+    /// need not be sent again, because the next body that the client demands holds it.
     ///
     /// # Errors
     /// As [`send_keyframe`](Self::send_keyframe); [`SendError::Kind`] for a keyframe.
-    pub fn send_update(&mut self, body: &SharedBody, base: FrameIndex) -> Result<Sent, SendError> {
+    pub fn send_update(&mut self, body: &SharedBody, base: FrameIndex) -> Result<bool, SendError> {
         if body.kind != FrameKind::Delta {
             return Err(SendError::Kind);
         }
-        let wanted = [Wants::Update { base }, Wants::Patch { base }].contains(&self.wants());
+        let wanted = [Demand::Update { base }, Demand::Patch { base }].contains(&self.demand());
         if !self.check_body(body)? || !wanted {
             self.stats.dropped += 1;
-            return Ok(Sent::Dropped);
+            return Ok(false);
         }
         let waits = !self.outbox.is_empty() && !self.fits(HEADER_BYTES + body.bytes.len());
         if waits || self.flight.len() >= self.limits.max_unacked as usize {
             self.lag();
             self.stats.dropped += 1;
-            return Ok(Sent::Dropped);
+            return Ok(false);
         }
         let before = self.position;
         let head = self.position.numbering.update_head(&body.bytes)?;
         self.push_state(&head, body, before);
         self.stats.updates += 1;
-        Ok(Sent::Queued)
+        Ok(true)
     }
 
-    /// Sends a report, unless the client is behind.
+    /// Sends a report, unless the client is behind. Returns whether it was queued.
     ///
     /// # Errors
     /// [`SendError::NotOpen`], or [`SendError::Message`] when the report makes no sense.
-    pub fn send_report(&mut self, report: &Report) -> Result<Sent, SendError> {
+    pub fn send_report(&mut self, report: &Report) -> Result<bool, SendError> {
         self.send_note(report)
     }
 
-    /// Sends what a frame did with its byte budget, unless the client is behind.
+    /// Sends what a frame did with its byte budget, unless the client is behind. Returns whether it was queued.
     ///
     /// # Errors
     /// As [`send_report`](Self::send_report).
-    pub fn send_budget(&mut self, budget: &Budget) -> Result<Sent, SendError> {
+    pub fn send_budget(&mut self, budget: &Budget) -> Result<bool, SendError> {
         self.send_note(budget)
     }
 
-    /// Tells the client of an edit that is part of every frame sent from here on.
+    /// Tells the client of an edit that is part of every frame sent from here on. Returns whether it was queued.
     ///
     /// # Errors
     /// As [`send_report`](Self::send_report).
-    pub fn send_edit(&mut self, edit: &Edit) -> Result<Sent, SendError> {
+    pub fn send_edit(&mut self, edit: &Edit) -> Result<bool, SendError> {
         self.check_open()?;
         let frame = self.position.numbering.message(edit)?;
         if !self.is_joined() {
-            return Ok(Sent::Dropped);
+            return Ok(false);
         }
         self.push(frame, None, DropPolicy::Keep);
-        Ok(Sent::Queued)
+        Ok(true)
     }
 
     /// Ends the session: what waits is still sent, then a CLOSE. A client that has not joined gets a REJECT instead,
@@ -328,15 +330,15 @@ impl ServerSession {
         self.stats
     }
 
-    fn send_note<M: Message>(&mut self, message: &M) -> Result<Sent, SendError> {
+    fn send_note<M: Message>(&mut self, message: &M) -> Result<bool, SendError> {
         self.check_open()?;
         let frame = self.position.numbering.message(message)?;
         if !self.is_joined() || self.lagging || self.position.holds.is_none() || !self.fits(frame.len()) {
             self.stats.dropped += 1;
-            return Ok(Sent::Dropped);
+            return Ok(false);
         }
         self.push(frame, None, DropPolicy::Droppable);
-        Ok(Sent::Queued)
+        Ok(true)
     }
 
     const fn check_open(&self) -> Result<(), SendError> {

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use psao_codec::frame::EncodedFrame;
 use psao_proto::message::CloseCode;
 use psao_proto::session::{ServerSession, SessionError};
-use psao_proto::{Fanout, FanoutError, Micros, Offer, StateHash};
+use psao_proto::{Delivery, Fanout, FanoutError, Micros, StateHash};
 
 use crate::conditions::{ConditionsError, Fault, Schedule};
 use crate::connection::Connection;
@@ -251,7 +251,7 @@ impl<S: Source> Lab<S> {
             let Some(connection) = &mut client.connection else { continue };
             let report = &mut client.measures.report;
             match self.fanout.give(&mut connection.server, state) {
-                Ok(offer) => report.patches += u64::from(offer == Offer::Patch),
+                Ok(offer) => report.patches += u64::from(offer == Delivery::Patch),
                 Err(FanoutError::Send(error)) => {
                     connection.server.close(CloseCode::FAILED, &error.to_string());
                 }

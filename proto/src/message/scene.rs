@@ -4,12 +4,10 @@
 //! own: [`InstanceBatch`]es in profile `paper`; [`SetBatch`]es, then [`MemberBatch`]es in profile `surface`. A client
 //! needs nothing else to build the codec's layout; meshes and animation are its own.
 
-use std::ops::{BitOr, BitOrAssign};
-
 use bincode::{Decode, Encode};
 
 use super::sealed::Payload;
-use super::{FieldError, MemberBatch, Message, PointSource, SetBatch, Text, finite, require};
+use super::{FieldError, MemberBatch, Message, Needs, PointSource, SetBatch, Text, finite, require};
 use crate::{CoderId, FrameType, Profile};
 
 /// Most entries in one SCENE frame.
@@ -23,65 +21,6 @@ wire_enum! {
         OBSCURANCE = 0 => "obscurance",
         /// Share of the rays that hit nothing within the radius.
         BINARY = 1 => "binary",
-    }
-}
-
-/// What an instance needs of a server or client, as a set of bits. Unknown bits survive.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Encode, Decode)]
-pub struct Needs(pub u32);
-
-impl Needs {
-    /// Its vertices follow joints.
-    pub const SKIN: Self = Self(1);
-    /// Its vertices follow morph targets.
-    pub const MORPH: Self = Self(1 << 1);
-    /// It moves as a rigid body (a deforming one may move as well).
-    pub const RIGID_MOTION: Self = Self(1 << 2);
-    /// Its scale or shear changes over time.
-    pub const ANIMATED_SCALE: Self = Self(1 << 3);
-    /// A texture decides where its surface is.
-    pub const MASKED: Self = Self(1 << 4);
-    /// Both of its sides are seen.
-    pub const DOUBLE_SIDED: Self = Self(1 << 5);
-    /// A normal map bends its normals.
-    pub const NORMAL_MAP: Self = Self(1 << 6);
-
-    /// Nothing: a still, opaque, one-sided surface.
-    pub const NONE: Self = Self(0);
-
-    const NAMES: [(Self, &'static str); 7] = [
-        (Self::SKIN, "skin"),
-        (Self::MORPH, "morph"),
-        (Self::RIGID_MOTION, "rigid motion"),
-        (Self::ANIMATED_SCALE, "animated scale"),
-        (Self::MASKED, "mask"),
-        (Self::DOUBLE_SIDED, "double-sided"),
-        (Self::NORMAL_MAP, "normal map"),
-    ];
-
-    /// Whether every bit of `other` is in it.
-    #[must_use]
-    pub const fn contains(self, other: Self) -> bool {
-        self.0 & other.0 == other.0
-    }
-
-    /// Names of the needs in the set that this version knows, for people.
-    pub fn names(self) -> impl Iterator<Item = &'static str> {
-        Self::NAMES.iter().filter(move |(need, _)| self.contains(*need)).map(|(_, name)| *name)
-    }
-}
-
-impl BitOr for Needs {
-    type Output = Self;
-
-    fn bitor(self, other: Self) -> Self {
-        Self(self.0 | other.0)
-    }
-}
-
-impl BitOrAssign for Needs {
-    fn bitor_assign(&mut self, other: Self) {
-        *self = *self | other;
     }
 }
 
@@ -290,7 +229,7 @@ mod tests {
         bucket_count: 8,
         kernel_radius: 0.25,
         points: 9,
-        needs: Needs(Needs::SKIN.0 | Needs::MASKED.0),
+        needs: Needs::SKIN.union(Needs::MASKED),
     };
 
     #[test]

@@ -124,7 +124,7 @@ mod tests {
         kernel_radius: 0.25,
         digest: 0x0102_0304_0506_0708,
     };
-    const MEMBER: MemberEntry = MemberEntry { set: 7, needs: Needs(Needs::SKIN.0 | Needs::MASKED.0) };
+    const MEMBER: MemberEntry = MemberEntry { set: 7, needs: Needs::SKIN.union(Needs::MASKED) };
 
     #[test]
     fn golden_bytes_of_sets() {

@@ -47,7 +47,7 @@ prop_compose! {
                first_bucket in any::<u32>(), shift in 0u32..32, kernel_radius in positive(), points in any::<u32>(),
                needs in any::<u32>()) -> InstanceEntry {
         let bucket_count = 1 << shift;
-        InstanceEntry { origin, edge, dims, first_bucket, bucket_count, kernel_radius, points, needs: Needs(needs) }
+        InstanceEntry { origin, edge, dims, first_bucket, bucket_count, kernel_radius, points, needs: Needs::from_bits_retain(needs) }
     }
 }
 
@@ -63,7 +63,8 @@ prop_compose! {
 fn scene() -> impl Strategy<Value = Scene> {
     let batch = (any::<u32>(), prop::collection::vec(entry(), 1..20));
     let sets = (any::<u32>(), prop::collection::vec(set(), 1..20));
-    let member = any::<(u32, u32)>().prop_map(|(set, needs)| MemberEntry { set, needs: Needs(needs) });
+    let member = any::<(u32, u32)>()
+        .prop_map(|(set, needs)| MemberEntry { set, needs: Needs::from_bits_retain(needs) });
     let members = (any::<u32>(), prop::collection::vec(member, 1..20));
     prop_oneof![
         info().prop_map(Scene::Info),

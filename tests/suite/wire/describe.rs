@@ -217,7 +217,7 @@ fn instance(entry: &InstanceEntry) -> String {
     let grid = Object::default().with("origin", floats(&entry.origin)).float("edge", entry.edge);
     let buckets = grid.with("dims", list(entry.dims)).with("first_bucket", entry.first_bucket);
     let radius = buckets.with("buckets", entry.bucket_count).float("kernel_radius", entry.kernel_radius);
-    radius.with("points", entry.points).with("needs", entry.needs.0).line()
+    radius.with("points", entry.points).with("needs", entry.needs.bits()).line()
 }
 
 fn set(entry: &SetEntry) -> String {
@@ -228,7 +228,7 @@ fn set(entry: &SetEntry) -> String {
 }
 
 fn member(entry: &MemberEntry) -> String {
-    Object::default().with("set", entry.set).with("needs", entry.needs.0).line()
+    Object::default().with("set", entry.set).with("needs", entry.needs.bits()).line()
 }
 
 fn edit(edit: &Edit) -> Object {

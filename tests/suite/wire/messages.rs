@@ -158,7 +158,7 @@ pub(super) const INSTANCE: InstanceEntry = InstanceEntry {
     bucket_count: 16,
     kernel_radius: 0.125,
     points: 9,
-    needs: Needs(Needs::SKIN.0 | Needs::MASKED.0),
+    needs: Needs::SKIN.union(Needs::MASKED),
 };
 
 pub(super) const SET: SetEntry = SetEntry {
@@ -172,7 +172,7 @@ pub(super) const SET: SetEntry = SetEntry {
 };
 
 pub(super) const MEMBER: MemberEntry =
-    MemberEntry { set: 1, needs: Needs(Needs::RIGID_MOTION.0 | Needs::NORMAL_MAP.0) };
+    MemberEntry { set: 1, needs: Needs::RIGID_MOTION.union(Needs::NORMAL_MAP) };
 
 pub(super) fn instances(first: u32, entries: &[InstanceEntry]) -> Scene {
     Scene::Instances(InstanceBatch { first, entries: entries.to_vec() })
@@ -188,7 +188,7 @@ pub(super) fn members(first: u32, entries: &[MemberEntry]) -> Scene {
 
 /// As many members as a message may have, each another.
 pub(super) fn most_members() -> Scene {
-    let member = |number: u32| MemberEntry { set: number / 3, needs: Needs(number % 128) };
+    let member = |number: u32| MemberEntry { set: number / 3, needs: Needs::from_bits_retain(number % 128) };
     members(512, &(0..MAX_BATCH as u32).map(member).collect::<Vec<_>>())
 }
 

@@ -1,4 +1,4 @@
-//! One stream for many clients: what is encoded once is sent to all who stand in the same place.
+//! One stream for many clients: a body is encoded once and sent to every client at the same position.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
@@ -11,16 +11,16 @@ use crate::message::{Edit, EditAction};
 use crate::session::{Demand, SendError, ServerSession, SharedBody};
 use crate::{FrameIndex, Micros};
 
-/// What became of the newest frame for one client.
+/// Result of giving one client the newest frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Delivery {
     /// It gets the stream's own update.
     Update,
-    /// It gets a keyframe, and what has changed since that was made.
+    /// It gets a keyframe, followed by a patch if the keyframe is of an earlier frame.
     Keyframe,
     /// It gets the newest values of what it missed.
     Patch,
-    /// It gets nothing: it has not joined, has left, or is behind and has to take what waits first.
+    /// It gets nothing. It did not join yet, has left, or must first take the bytes that wait for it.
     Nothing,
     /// It has the newest frame already.
     Current,
@@ -46,19 +46,19 @@ struct Newest {
     previous: Option<FrameIndex>,
 }
 
-/// Gives each client what brings it to the newest frame: the stream's own update to all who follow, a patch to whoever
-/// fell behind, a keyframe to whoever joins. Every body is made at most once a frame, whatever the number of clients.
+/// Brings each client to the newest frame. Clients in sync get the stream's own update, clients that fell behind get a
+/// patch, and joining clients get a keyframe. Every body is made at most once per frame, whatever the number of clients.
 ///
-/// What clients missed is known from one ledger for all of them, 5 bytes a point; nothing is kept for a client that takes
-/// nothing. A keyframe that was made for one joiner serves later ones too, with a patch behind it, until the patch
-/// grows to half of it.
+/// One change log for all clients, of 5 bytes per point, tells what a patch must contain. Nothing is kept for a client
+/// that takes no bytes. A keyframe that was made for one joiner serves later ones too, followed by a patch. It is
+/// replaced once that patch is larger than half of it.
 ///
 /// ```
 /// use psao_proto::sample::SampleServer;
 /// use psao_proto::session::{Access, ClientEvent, ClientSession, ServerSession, SharedBody};
 /// use psao_proto::{Delivery, Fanout, Limits, Micros, Profile};
 ///
-/// let mut source = SampleServer::of(Profile::SURFACE)?; // stands for the thing that traces
+/// let mut source = SampleServer::of(Profile::SURFACE)?; // in place of a tracer
 /// let mut fanout = Fanout::new(source.coder());
 /// let mut server = ServerSession::new(source.scene().clone(), Access::Open, Limits::default());
 /// let mut client = ClientSession::new(Limits::default());
@@ -108,7 +108,7 @@ pub enum FanoutError {
 }
 
 impl Fanout {
-    /// Of a stream before its first frame. `coder` is the stream's, for keyframes and patches.
+    /// Creates a fan-out for a stream before its first frame. `coder` is the stream's, for keyframes and patches.
     #[must_use]
     pub fn new(coder: BlockCoder) -> Self {
         Self {
@@ -123,8 +123,8 @@ impl Fanout {
         }
     }
 
-    /// Takes the next frame: its header, its body and the server's state after it. `captured` is when the scene was as
-    /// the frame has it, by the clock that the sessions are told.
+    /// Takes the next frame: its header, its body and the server's state after it. `captured` is the time that the frame
+    /// shows, by the clock of the sessions.
     pub fn advance(
         &mut self,
         info: &FrameInfo,
@@ -151,12 +151,12 @@ impl Fanout {
         self.newest = Some(Newest { info: info.clone(), body, previous });
     }
 
-    /// Takes an edit that is part of the frames from the next on; every client hears of it before the first of them.
+    /// Takes an edit that is part of all frames from the next one on. Every client is told before it gets one of them.
     pub fn edit(&mut self, edit: &Edit) {
         self.edits.push(edit);
     }
 
-    /// Gives a client the newest frame, and makes what that takes. `state` is the one of the last
+    /// Gives a client the newest frame, and makes the bodies that this needs. `state` is the one of the last
     /// [`advance`](Self::advance).
     ///
     /// # Errors
@@ -175,8 +175,8 @@ impl Fanout {
         }
     }
 
-    /// Gives a client the newest frame if what that takes is there, or says what has to be made: for whoever holds a
-    /// lock over the sessions and makes nothing under it.
+    /// Gives a client the newest frame, or returns [`Delivery::Missing`] when a body must be made first. A caller that
+    /// holds a lock over the sessions can so make bodies outside of the lock.
     ///
     /// # Errors
     /// [`SendError`] when the session is over or does not take the frame.
@@ -244,10 +244,11 @@ impl Fanout {
         }
     }
 
-    /// Makes a body for the newest frame; `state` is the one of the last [`advance`](Self::advance).
+    /// Makes the body of the newest frame that a demand needs. `state` is the one of the last
+    /// [`advance`](Self::advance).
     ///
     /// # Errors
-    /// [`EncodeError`] as of the codec's `keyframe` and `patch`.
+    /// [`EncodeError`] of the codec's `keyframe` and `patch`.
     pub fn make(&mut self, demand: Demand, state: StateRef<'_>) -> Result<(), EncodeError> {
         let (Some(newest), Some(ledger)) = (&self.newest, &self.ledger) else { return Ok(()) };
         let FrameInfo { frame, time, changed_points, .. } = newest.info;

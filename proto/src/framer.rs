@@ -211,7 +211,7 @@ pub(crate) fn frame_head(
 pub(crate) enum Split<'a> {
     /// A whole frame and its length in `bytes`.
     Whole(FrameHeader, &'a [u8]),
-    /// The start of a frame; at least so many bytes are needed in all.
+    /// The start of a frame, and the number of bytes needed in all.
     Partial(usize),
 }
 

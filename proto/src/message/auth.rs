@@ -79,7 +79,7 @@ impl<C> Decode<C> for Auth {
 impl Payload for Auth {
     fn check(&self) -> Result<(), FieldError> {
         let length = self.token.0.len();
-        require((MIN_TOKEN_BYTES..=MAX_TOKEN_BYTES).contains(&length), "token", "has not 16 to 256 bytes")
+        require((MIN_TOKEN_BYTES..=MAX_TOKEN_BYTES).contains(&length), "token", "must have 16 to 256 bytes")
     }
 }
 

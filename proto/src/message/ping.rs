@@ -7,7 +7,7 @@ use crate::{FrameType, Micros};
 /// Asks the other end to answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Ping {
-    /// When it was sent, by the clock of whoever sent it.
+    /// When it was sent, by the clock of its sender.
     pub sent: Micros,
 }
 
@@ -16,7 +16,7 @@ pub struct Ping {
 pub struct Pong {
     /// That of the PING.
     pub sent: Micros,
-    /// When the PING came, by the clock of whoever answers.
+    /// When the PING came, by the clock of the answering end.
     pub received: Micros,
     /// When the answer went out, by the same clock.
     pub replied: Micros,

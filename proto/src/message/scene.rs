@@ -149,7 +149,7 @@ fn positive(value: f32, field: &'static str) -> Result<(), FieldError> {
 
 impl SceneHeader {
     fn check(&self) -> Result<(), FieldError> {
-        require(matches!(self.point_bits, 16 | 24 | 32), "point_bits", "is none of 16, 24, 32")?;
+        require(matches!(self.point_bits, 16 | 24 | 32), "point_bits", "must be 16, 24 or 32")?;
         positive(self.fps, "fps")?;
         positive(self.radius_m, "radius_m")?;
         positive(self.points_per_m2, "points_per_m2")?;
@@ -175,7 +175,7 @@ impl Payload for Scene {
             Self::Info(info) => info.check(),
             Self::Instances(batch) => {
                 let count = batch.entries.len();
-                require((1..=MAX_BATCH).contains(&count), "entries", "has not 1 to 512 instances")?;
+                require((1..=MAX_BATCH).contains(&count), "entries", "must have 1 to 512 instances")?;
                 batch.entries.iter().try_for_each(InstanceEntry::check)
             }
             Self::Sets(batch) => batch.check(),

@@ -88,14 +88,14 @@ impl From<&SetEntry> for SetLayout {
 
 impl SetBatch {
     pub(super) fn check(&self) -> Result<(), FieldError> {
-        require((1..=MAX_BATCH).contains(&self.entries.len()), "entries", "has not 1 to 512 sets")?;
+        require((1..=MAX_BATCH).contains(&self.entries.len()), "entries", "must have 1 to 512 sets")?;
         self.entries.iter().try_for_each(SetEntry::check)
     }
 }
 
 impl MemberBatch {
     pub(super) fn check(&self) -> Result<(), FieldError> {
-        require((1..=MAX_BATCH).contains(&self.entries.len()), "entries", "has not 1 to 512 instances")
+        require((1..=MAX_BATCH).contains(&self.entries.len()), "entries", "must have 1 to 512 instances")
     }
 }
 

@@ -72,8 +72,8 @@ pub enum NetError {
         /// The path.
         path: std::path::PathBuf,
     },
-    /// The server takes nothing of what this client says.
-    #[error("{address} took nothing of what this client had to say for {:.1} s", waited.as_secs_f64())]
+    /// The server takes none of this client's bytes.
+    #[error("{address} took none of this client's bytes for {:.1} s", waited.as_secs_f64())]
     Stalled {
         /// The other end.
         address: String,

@@ -15,7 +15,7 @@ use crate::message::{Budget, CameraPose, CloseCode, Edit, Report, Token};
 use crate::session::{Access, SendError, ServerEvent, ServerSession, SessionError};
 use crate::{Delivery, Fanout, FrameIndex, Limits, Micros, SceneTable};
 
-/// Most events that wait for the frame loop; beyond it the oldest are forgotten, and counted.
+/// Most events that wait for the frame loop. Beyond that the oldest are dropped and counted.
 const MAX_EVENTS: usize = 1024;
 /// How many rejected connections may be told `BUSY` at a time. Beyond that, new ones are closed without a reply.
 const MAX_REJECTING: usize = 64;
@@ -24,7 +24,7 @@ const MAX_REJECTING: usize = 64;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct ClientId(pub u64);
 
-/// What happened at a hub, for the frame loop and for people.
+/// Event at a hub, for the frame loop and for people.
 #[derive(Clone, Debug, PartialEq)]
 pub enum HubEvent {
     /// A client was accepted.
@@ -43,7 +43,7 @@ pub enum HubEvent {
         /// What it wants.
         edit: Edit,
     },
-    /// A client, or something that was none, is gone.
+    /// A connection is gone, whether or not it had become a client.
     Left {
         /// The client.
         client: ClientId,
@@ -57,7 +57,7 @@ pub enum HubEvent {
         /// What the system says.
         what: String,
     },
-    /// Connections that were dropped without a word, since so many were being turned away already.
+    /// Connections that were closed without a reply, because too many were being rejected already.
     Dropped {
         /// How many since this was told last.
         connections: u64,
@@ -69,7 +69,7 @@ pub enum HubEvent {
     },
 }
 
-/// What became of a frame.
+/// Numbers of clients by what they get of a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Broadcast {
     /// Clients that get it as an update.
@@ -161,8 +161,8 @@ impl Hub {
         Self { shared: Arc::new(shared) }
     }
 
-    /// Gives a frame to every client: `body` to those that follow, and to the others what brings them to it, made once
-    /// for all who stand in the same place. `state` is the server's after the frame, `captured` when the scene was as the
+    /// Gives a frame to every client. Clients in sync get `body`; the others get what brings them to it, made once for
+    /// all clients at the same position. `state` is the server's after the frame, `captured` when the scene was as the
     /// frame has it, as [`now`](Self::now) had it then.
     ///
     /// # Errors

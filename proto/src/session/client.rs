@@ -49,7 +49,7 @@ pub struct AppliedFrame {
     pub stamp: Option<Stamp>,
 }
 
-/// What a client is, wants and gives when it connects.
+/// Options of a client when it connects.
 #[derive(Clone, Debug, Default)]
 #[non_exhaustive]
 pub struct ClientOptions {
@@ -61,7 +61,7 @@ pub struct ClientOptions {
     pub scene: Option<[u8; 32]>,
     /// Ask for a STAMP before every frame.
     pub stamps: bool,
-    /// Ask for updates as datagrams of at most so many bytes; what carries the session must carry them.
+    /// Largest datagram in bytes, to ask for updates as datagrams; what carries the session must carry them.
     pub datagrams: Option<u16>,
 }
 

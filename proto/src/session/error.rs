@@ -63,8 +63,8 @@ pub enum SessionError {
         /// For how long.
         waited: Micros,
     },
-    /// The client takes nothing of what waits for it.
-    #[error("the client took nothing of what was sent for {:.1} s: it hangs, or the network between is gone", waited.as_secs_f64())]
+    /// The client takes none of the bytes that wait for it.
+    #[error("the client took none of the bytes that wait for it for {:.1} s: it hangs, or the network between is gone", waited.as_secs_f64())]
     Stalled {
         /// For how long.
         waited: Micros,

@@ -1,33 +1,33 @@
-//! What is on its way to a client and not acknowledged, and how much of it may go as datagrams.
+//! Frames in flight to a client, and congestion control of those that go as datagrams.
 //!
-//! Datagrams have nothing beneath them that slows them down when a network carries less than it is given, and each frame
-//! that is lost makes the next one larger. So there is a window, as in TCP, but one that loss alone does not shrink: it
-//! grows with what is acknowledged, shrinks when acknowledgements take much longer than they could, since then a queue has
-//! built up (LEDBAT, RFC 6817, whose target it has), and shrinks when several frames in a row or all are lost. Frames of
-//! many datagrams, of which one is soon lost, go over the connection.
+//! Nothing below datagrams slows them down when a network carries less than it is given, and each lost frame makes the
+//! next one larger. So there is a window, as in TCP, but loss alone does not shrink it. It grows with every
+//! acknowledgement. It shrinks when acknowledgements take much longer than the fastest one, because a queue has built up
+//! (LEDBAT, RFC 6817, with its target). It also shrinks when several frames in a row are lost. Frames of many datagrams
+//! go over the connection, because one of their datagrams is likely to be lost.
 
 use std::collections::VecDeque;
 
 use crate::message::Ack;
 use crate::{FrameIndex, Micros, StateHash};
 
-/// Most frames whose hashes are kept for acknowledgements, where the client sends none.
+/// Most frames whose hashes are kept for acknowledgements that do not come.
 const MAX_FRAMES_KEPT: usize = 256;
-/// Acknowledgements may come so many microseconds later than the fastest (RFC 6817, section 2.5).
+/// Queueing delay of acknowledgements, in microseconds, that the window aims at (RFC 6817, section 2.5).
 const QUEUE_TARGET_US: u64 = 100_000;
-/// Beyond two round trips, how many microseconds an acknowledgement is waited for.
+/// Microseconds beyond two round trips after which an acknowledgement is overdue.
 const ACK_PATIENCE_US: u64 = 100_000;
-/// Frames in a row that may be lost to chance.
+/// Most frames in a row whose loss counts as chance.
 const MAX_CONSECUTIVE_LOSSES: u32 = 6;
-/// The round trip, in microseconds, before one was measured.
+/// Round-trip time, in microseconds, until one is measured.
 const INITIAL_RTT_US: u64 = 150_000;
-/// Most datagrams of a frame: of eight, all come in two of three frames when a twentieth is lost, in one of six when a fifth is.
+/// Most datagrams of a frame. At a loss of 5 %, two of three frames of eight datagrams arrive whole; at 20 %, one of six.
 const MAX_DATAGRAMS_PER_FRAME: usize = 8;
 /// How long updates go over the connection before datagrams are tried again.
 const CONNECTION_PERIOD: Micros = Micros::from_secs(5);
-/// Frames that may be on their way however small the window: some of them will come.
+/// Frames that may be in flight however small the window is.
 const MIN_FRAMES_IN_FLIGHT: usize = 4;
-/// Bytes that the window never exceeds.
+/// Largest size of the window in bytes.
 const MAX_WINDOW_BYTES: u64 = 16 << 20;
 
 /// A frame that is on its way or waits.
@@ -36,7 +36,7 @@ struct SentFrame {
     frame: FrameIndex,
     hash: StateHash,
     at: Micros,
-    /// Bytes of it, if how long it takes says something of the network.
+    /// Its bytes; 0 if its delay does not tell about the network.
     bytes: u64,
     /// Whether they went as datagrams.
     datagrams: bool,
@@ -94,19 +94,19 @@ impl Flight {
         self.acked
     }
 
-    /// Nothing that was sent counts any more.
+    /// Forgets all frames in flight.
     pub(super) fn clear(&mut self) {
         self.sent.clear();
         (self.acked, self.carried, self.outstanding) = (None, None, 0);
     }
 
-    /// Frames after `last` were not sent after all.
+    /// Forgets the frames after `last`, which were not sent after all.
     pub(super) fn forget_after(&mut self, last: Option<FrameIndex>) {
         self.sent.retain(|sent| last.is_some_and(|last| sent.frame <= last));
         self.outstanding = self.sent.iter().map(SentFrame::in_datagrams).sum();
     }
 
-    /// A frame is on its way, of so many bytes, as `datagrams` or over the connection.
+    /// Records a frame of `bytes` bytes that was sent at `at`, as `datagrams` or over the connection.
     pub(super) fn expect(
         &mut self,
         (frame, hash): (FrameIndex, StateHash),
@@ -127,7 +127,7 @@ impl Flight {
         self.sent.push_back(sent);
     }
 
-    /// Takes an acknowledgement; whether its hash is the frame's.
+    /// Takes an acknowledgement. Returns whether its hash is the frame's.
     pub(super) fn acknowledge(&mut self, ack: &Ack, now: Micros) -> bool {
         let mut passed = 0;
         while let Some(&sent) = self.sent.front().filter(|sent| sent.frame <= ack.frame) {
@@ -149,18 +149,18 @@ impl Flight {
         true
     }
 
-    /// Whether another frame may go as datagrams.
+    /// Returns whether another frame may go as datagrams.
     pub(super) fn has_room(&self, now: Micros) -> bool {
         let few = || self.sent.iter().filter(|sent| sent.in_datagrams() > 0).count() < MIN_FRAMES_IN_FLIGHT;
         self.outstanding < self.window || few() || self.is_overdue(now)
     }
 
-    /// Whether updates go over the connection for a while, since the last were too large for datagrams.
+    /// Returns whether updates go over the connection for a while, because the last ones were too large for datagrams.
     pub(super) fn is_large(&self, now: Micros) -> bool {
         now < self.large_until
     }
 
-    /// How another frame of so many datagrams goes. `free` says that nothing waits to go over the connection.
+    /// Returns the route of the next frame. `free` tells that nothing waits to go over the connection.
     pub(super) fn choose(&mut self, frame: FrameIndex, datagrams: usize, free: bool, now: Micros) -> Route {
         if datagrams > MAX_DATAGRAMS_PER_FRAME {
             self.large_until = now.plus(CONNECTION_PERIOD);
@@ -203,7 +203,7 @@ impl Flight {
         let queued = lasted.saturating_sub(fastest);
         // Over the connection it may have waited for what was lost there; that it came fast says something all the same.
         if datagrams || queued < QUEUE_TARGET_US {
-            // What a stall held up says nothing of the next one.
+            // A stall tells nothing about the next frame.
             let counted = lasted.min(fastest + 2 * QUEUE_TARGET_US);
             self.round_trip = Some(((7 * smoothed + counted) / 8, fastest));
         }
@@ -216,7 +216,7 @@ impl Flight {
         }
     }
 
-    /// Takes a part off the window, at most once a round trip: what was sent before says nothing of it.
+    /// Shrinks the window by one part in `part`, at most once per round trip: earlier frames do not reflect the change.
     fn shrink(&mut self, part: u64, now: Micros) {
         let (smoothed, _) = self.round_trip.unwrap_or_default();
         if !self.careful || now.since(self.shrunk).0 > smoothed {

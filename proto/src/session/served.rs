@@ -1,9 +1,9 @@
-//! What a server learns of a client, and what it counts.
+//! Events, demands and counts of a client at its server.
 
 use crate::FrameIndex;
 use crate::message::{Ack, CameraPose, Close, Edit, Hello, KeyframeReason};
 
-/// What a client did.
+/// Event of a client at its server.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ServerEvent {
     /// It was accepted; the scene is on its way and it waits for a keyframe.
@@ -25,7 +25,7 @@ pub enum ServerEvent {
 /// What brings a client to the newest frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Demand {
-    /// Nothing now: it has not joined, has left, or is behind and has to take what waits first.
+    /// Nothing now. It did not join yet, has left, or must first take the bytes that wait for it.
     Nothing,
     /// A keyframe.
     Keyframe,
@@ -65,6 +65,6 @@ pub struct ServerStats {
     pub diverged: u64,
     /// Frames of a type that this version does not know.
     pub unknown: u64,
-    /// Datagrams that were none of this protocol.
+    /// Datagrams that do not belong to this protocol.
     pub bad_datagrams: u64,
 }

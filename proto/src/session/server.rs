@@ -54,7 +54,7 @@ pub struct ServerSession {
     frames_left: Allowance,
     bytes_left: Allowance,
     failed: Option<SessionError>,
-    /// The client fell behind: what it needs waits until the rest is gone.
+    /// The client fell behind. It gets what it missed once the bytes that wait are gone.
     lagging: bool,
     flight: Flight,
     stamps: bool,
@@ -67,7 +67,7 @@ pub struct ServerSession {
 }
 
 impl ServerSession {
-    /// A client has connected.
+    /// Creates the session of a client that has just connected.
     #[must_use]
     pub fn new(scene: Arc<SceneTable>, access: Access, limits: Limits) -> Self {
         Self {
@@ -158,8 +158,8 @@ impl ServerSession {
         }
     }
 
-    /// What brings the client to the newest frame. A client that fell behind wants nothing until it has taken what
-    /// waits.
+    /// Returns what brings the client to the newest frame. A client that fell behind demands nothing until it has taken
+    /// the bytes that wait.
     #[must_use]
     pub fn demand(&self) -> Demand {
         let caught_up =
@@ -185,8 +185,8 @@ impl ServerSession {
     /// queued; before the client has joined it is dropped.
     ///
     /// # Errors
-    /// [`SendError::NotOpen`] after the session ended; [`SendError::OverPeerLimit`] when it does not take so long
-    /// a frame, which it then can never follow: close it. [`SendError::Kind`] for an update.
+    /// [`SendError::NotOpen`] after the session ended; [`SendError::OverPeerLimit`] when the frame is longer than
+    /// the client takes: it can never follow, so close it. [`SendError::Kind`] for an update.
     pub fn send_keyframe(&mut self, body: &SharedBody) -> Result<bool, SendError> {
         if body.kind != FrameKind::Key {
             return Err(SendError::Kind);
@@ -318,7 +318,7 @@ impl ServerSession {
         matches!(self.phase, Phase::Closed)
     }
 
-    /// Whether the client fell behind and has not got what it missed yet.
+    /// Returns whether the client fell behind and still lacks what it missed.
     #[must_use]
     pub const fn is_lagging(&self) -> bool {
         self.lagging
@@ -423,7 +423,7 @@ impl ServerSession {
         match (&self.phase, &error) {
             (Phase::Closed, _) => {}
             (_, SessionError::BadHello(reject)) => self.queue(&reject.clone()),
-            // Whoever has not said HELLO in time or in order is told why in the words of the handshake.
+            // A client that failed the handshake is told why by a message of the handshake.
             (Phase::Waiting(_), SessionError::NotPsao { .. }) => {}
             (Phase::Waiting(_), _) => self.queue(&Reject::new(RejectCode::BAD_HELLO, &error.to_string())),
             (Phase::Joined(_), _) => {
@@ -462,7 +462,7 @@ impl ServerSession {
             (FrameType::PING, _) => {
                 let Ping { sent } = read(payload)?;
                 let now = self.timers.now();
-                // Whoever asks and takes no answers gets no more of them.
+                // A client that takes no answers gets no more of them.
                 if self.fits(0) {
                     self.queue(&Pong { sent, received: now, replied: now });
                 }
@@ -490,12 +490,12 @@ impl ServerSession {
         None
     }
 
-    /// Tells the time of what is sent next.
+    /// Sets the time of what is sent next.
     pub(crate) fn set_now(&mut self, now: Micros) {
         self.timers.set_now(now);
     }
 
-    /// What the client holds is of no use to it any more.
+    /// Makes the client need a keyframe, whatever it holds.
     pub(crate) fn need_keyframe(&mut self) {
         self.drop_stale(false);
         self.position.holds = None;

@@ -29,7 +29,7 @@ pub enum TlsError {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum TlsCertificateError {
-    /// Its time is over, or has not begun.
+    /// It has expired or is not valid yet.
     #[error("has expired or is not valid yet: check the clocks of both ends, or make a new one")]
     Expired,
     /// It is of another host.

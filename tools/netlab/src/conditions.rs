@@ -3,7 +3,7 @@
 use psao_proto::Micros;
 use serde::Serialize;
 
-use crate::chance::MILLION;
+use crate::random::MILLION;
 
 /// What one direction of a network does to packets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]

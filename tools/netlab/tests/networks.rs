@@ -197,10 +197,10 @@ fn datagrams_are_the_fresher_the_more_is_lost() {
 
 #[test]
 fn a_client_that_lagged_before_it_took_datagrams_goes_on_after_they_are_lost() {
-    let line = Conditions { loss: 71_234, ..Conditions::default() };
+    let link = Conditions { loss: 71_234, ..Conditions::default() };
     let plan = ClientPlan {
         mode: Mode::Datagram,
-        up: line,
+        up: link,
         faults: vec![Fault::Blackhole { from: 3_158_371, to: 4_184_049 }],
         joins: Micros(2_957_639),
         limits: Limits::default().with_max_unacked(2),

@@ -1,4 +1,5 @@
-//! Writes the seeds of the fuzz corpora of this crate: `cargo run -p psao-proto --example corpus -- fuzz/corpus`.
+//! Writes the seeds of the fuzz corpora of this crate:
+//! `cargo run -p psao-proto --features testing --example corpus -- fuzz/corpus`.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,4 @@
-//! One stream for many clients: what is encoded once is sent to all who stand in the same place.
+//! One stream for many clients: a body is encoded once and sent to every client at the same position.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
@@ -8,38 +8,33 @@ use psao_codec::frame::{EncodeError, FrameInfo, FrameKind, FrameMeta};
 use psao_codec::stream::{Ledger, StateRef, keyframe, patch};
 
 use crate::message::{Edit, EditAction};
-use crate::session::{SendError, Sent, ServerSession, SharedBody, Wants};
+use crate::session::{Demand, SendError, ServerSession, SharedBody};
 use crate::{FrameIndex, Micros};
 
-/// What became of the newest frame for one client.
+/// Result of giving one client the newest frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Offer {
+pub enum Delivery {
     /// It gets the stream's own update.
     Update,
-    /// It gets a keyframe, and what has changed since that was made.
+    /// It gets a keyframe, followed by a patch if the keyframe is of an earlier frame.
     Keyframe,
     /// It gets the newest values of what it missed.
     Patch,
-    /// It gets nothing: it has not joined, has left, or is behind and has to take what waits first.
+    /// It gets nothing. It did not join yet, has left, or must first take the bytes that wait for it.
     Nothing,
     /// It has the newest frame already.
     Current,
-    /// A body has to be made first, by [`Fanout::make`].
-    Needs(Need),
+    /// The body for this demand is missing; [`Fanout::make`] makes it.
+    Missing(Demand),
 }
 
-/// A body that some clients need beside the stream's own.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Need {
-    /// A keyframe of the newest frame.
-    Keyframe,
-    /// What has changed since a frame.
-    Patch {
-        /// The frame.
-        base: FrameIndex,
-        /// Whether the stream's own updates are to follow it.
-        context: bool,
-    },
+/// How far a [`Fanout`] has served one client. Its session carries it.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct ClientCursor {
+    /// Number of the last edit that the client was told of.
+    edits: u64,
+    /// Epoch of the frames that the client holds.
+    epoch: u32,
 }
 
 /// The newest frame.
@@ -51,23 +46,23 @@ struct Newest {
     previous: Option<FrameIndex>,
 }
 
-/// Gives each client what brings it to the newest frame: the stream's own update to all who follow, a patch to whoever
-/// fell behind, a keyframe to whoever joins. Every body is made at most once a frame, whatever the number of clients.
+/// Brings each client to the newest frame. Clients in sync get the stream's own update, clients that fell behind get a
+/// patch, and joining clients get a keyframe. Every body is made at most once per frame, whatever the number of clients.
 ///
-/// What clients missed is known from one ledger for all of them, 5 bytes a point; nothing is kept for a client that takes
-/// nothing. A keyframe that was made for one joiner serves later ones too, with a patch behind it, until the patch
-/// grows to half of it.
+/// One change log for all clients, of 5 bytes per point, tells what a patch must contain. Nothing is kept for a client
+/// that takes no bytes. A keyframe that was made for one joiner serves later ones too, followed by a patch. It is
+/// replaced once that patch is larger than half of it.
 ///
 /// ```
 /// use psao_proto::sample::SampleServer;
 /// use psao_proto::session::{Access, ClientEvent, ClientSession, ServerSession, SharedBody};
-/// use psao_proto::{Fanout, Limits, Micros, Offer, Profile};
+/// use psao_proto::{Delivery, Fanout, Limits, Micros, Profile};
 ///
-/// let mut source = SampleServer::of(Profile::SURFACE)?; // stands for the thing that traces
+/// let mut source = SampleServer::of(Profile::SURFACE)?; // in place of a tracer
 /// let mut fanout = Fanout::new(source.coder());
 /// let mut server = ServerSession::new(source.scene().clone(), Access::Open, Limits::default());
 /// let mut client = ClientSession::new(Limits::default());
-/// let mut offers = Vec::new();
+/// let mut deliveries = Vec::new();
 /// for turn in 0..8 {
 ///     let now = Micros(turn * 16_667);
 ///     let frame = source.step()?;
@@ -75,11 +70,11 @@ struct Newest {
 ///     // The client hangs for three frames; what it missed comes in one.
 ///     if !(3..6).contains(&turn) {
 ///         server.handle(&client.take_output(), now)?;
-///         offers.push(fanout.give(&mut server, source.state().into())?);
+///         deliveries.push(fanout.give(&mut server, source.state().into())?);
 ///         client.handle(&server.take_output(), now)?;
 ///     }
 /// }
-/// assert_eq!(offers, [Offer::Keyframe, Offer::Update, Offer::Update, Offer::Patch, Offer::Update]);
+/// assert_eq!(deliveries, [Delivery::Keyframe, Delivery::Update, Delivery::Update, Delivery::Patch, Delivery::Update]);
 /// assert_eq!(client.state().map(|state| state.hash()), Some(source.state().hash()));
 /// # Ok::<(), Box<dyn std::error::Error + Send + Sync>>(())
 /// ```
@@ -88,20 +83,21 @@ pub struct Fanout {
     coder: BlockCoder,
     ledger: Option<Ledger>,
     newest: Option<Newest>,
-    /// A keyframe for whoever joins: of the newest frame, or of one from which a patch leads to it.
-    joining: Option<SharedBody>,
-    /// The patch from it has grown: the next frame's joiners get a new one.
-    joining_is_worn: bool,
-    /// What was made for the newest frame; nothing where only a keyframe helps.
-    patches: BTreeMap<Need, Option<SharedBody>>,
-    /// How often frame numbers began again, as in a recording that is played over and over: what a client holds of an
-    /// earlier round is of no use.
-    round: u32,
+    /// The keyframe for clients that join: of the newest frame, or of one from which a patch leads to it.
+    join_keyframe: Option<SharedBody>,
+    /// The patch on top of the cached keyframe has become too large; the next joiner gets a new keyframe.
+    join_keyframe_stale: bool,
+    /// Patches to the newest frame, by their base and whether they have coder context. `None` if only a keyframe helps.
+    patches: BTreeMap<(FrameIndex, bool), Option<SharedBody>>,
+    /// How often frame numbers began again, as in a recording that is played in a loop. A client cannot use a frame of
+    /// an earlier epoch.
+    epoch: u32,
     edits: EditLog,
 }
 
 /// Why a client could not be given a frame.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum FanoutError {
     /// The session does not take it.
     #[error(transparent)]
@@ -112,23 +108,23 @@ pub enum FanoutError {
 }
 
 impl Fanout {
-    /// Of a stream before its first frame. `coder` is the stream's, for keyframes and patches.
+    /// Creates a fan-out for a stream before its first frame. `coder` is the stream's, for keyframes and patches.
     #[must_use]
     pub fn new(coder: BlockCoder) -> Self {
         Self {
             coder,
             ledger: None,
             newest: None,
-            joining: None,
-            joining_is_worn: false,
+            join_keyframe: None,
+            join_keyframe_stale: false,
             patches: BTreeMap::new(),
-            round: 0,
+            epoch: 0,
             edits: EditLog::default(),
         }
     }
 
-    /// Takes the next frame: its header, its body and the server's state after it. `captured` is when the scene was as
-    /// the frame has it, by the clock that the sessions are told.
+    /// Takes the next frame: its header, its body and the server's state after it. `captured` is the time that the frame
+    /// shows, by the clock of the sessions.
     pub fn advance(
         &mut self,
         info: &FrameInfo,
@@ -143,111 +139,117 @@ impl Fanout {
             None => self.ledger = Some(Ledger::new(state)),
         }
         self.patches.clear();
-        self.round += u32::from(previous.is_some_and(|previous| info.frame <= previous));
+        self.epoch += u32::from(previous.is_some_and(|previous| info.frame <= previous));
         if info.kind == FrameKind::Key {
-            self.joining = Some(body.clone());
-        } else if let (Some(ledger), Some(joining)) = (&self.ledger, &self.joining)
-            && (self.joining_is_worn || !ledger.reaches(joining.frame))
+            self.join_keyframe = Some(body.clone());
+        } else if let (Some(ledger), Some(joining)) = (&self.ledger, &self.join_keyframe)
+            && (self.join_keyframe_stale || !ledger.reaches(joining.frame))
         {
-            self.joining = None;
+            self.join_keyframe = None;
         }
-        self.joining_is_worn = false;
+        self.join_keyframe_stale = false;
         self.newest = Some(Newest { info: info.clone(), body, previous });
     }
 
-    /// Takes an edit that is part of the frames from the next on; every client hears of it before the first of them.
+    /// Takes an edit that is part of all frames from the next one on. Every client is told before it gets one of them.
     pub fn edit(&mut self, edit: &Edit) {
         self.edits.push(edit);
     }
 
-    /// Gives a client the newest frame, and makes what that takes. `state` is the one of the last
+    /// Gives a client the newest frame, and makes the bodies that this needs. `state` is the one of the last
     /// [`advance`](Self::advance).
     ///
     /// # Errors
     /// [`FanoutError::Send`] when the session is over or does not take the frame, [`FanoutError::Encode`] when a body
     /// cannot be made.
-    pub fn give(&mut self, session: &mut ServerSession, state: StateRef<'_>) -> Result<Offer, FanoutError> {
+    pub fn give(
+        &mut self,
+        session: &mut ServerSession,
+        state: StateRef<'_>,
+    ) -> Result<Delivery, FanoutError> {
         loop {
-            match self.offer(session)? {
-                Offer::Needs(need) => self.make(need, state)?,
-                offer => return Ok(offer),
+            match self.deliver(session)? {
+                Delivery::Missing(demand) => self.make(demand, state)?,
+                delivery => return Ok(delivery),
             }
         }
     }
 
-    /// Gives a client the newest frame if what that takes is there, or says what has to be made: for whoever holds a
-    /// lock over the sessions and makes nothing under it.
+    /// Gives a client the newest frame, or returns [`Delivery::Missing`] when a body must be made first. A caller that
+    /// holds a lock over the sessions can so make bodies outside of the lock.
     ///
     /// # Errors
     /// [`SendError`] when the session is over or does not take the frame.
-    pub fn offer(&mut self, session: &mut ServerSession) -> Result<Offer, SendError> {
-        let Some(newest) = &self.newest else { return Ok(Offer::Nothing) };
-        if std::mem::replace(&mut session.round, self.round) != self.round {
+    pub fn deliver(&mut self, session: &mut ServerSession) -> Result<Delivery, SendError> {
+        let Some(newest) = &self.newest else { return Ok(Delivery::Nothing) };
+        if std::mem::replace(&mut session.cursor.epoch, self.epoch) != self.epoch {
             session.need_keyframe();
         }
-        session.tell(newest.body.captured);
+        session.set_now(newest.body.captured);
         let mut joined = false;
         loop {
-            let wants = session.wants();
-            let (need, base) = match wants {
-                Wants::Nothing => return Ok(Offer::Nothing),
-                Wants::Keyframe => {
-                    let Some(joining) = &self.joining else { return Ok(Offer::Needs(Need::Keyframe)) };
-                    let rest = Need::Patch { base: joining.frame, context: true };
+            let demand = session.demand();
+            let (missing, base, context) = match demand {
+                Demand::Nothing => return Ok(Delivery::Nothing),
+                Demand::Keyframe => {
+                    let Some(joining) = &self.join_keyframe else { return Ok(Delivery::Missing(demand)) };
                     let whole = joining.frame == newest.info.frame || session.takes_datagrams();
-                    if !whole && !self.patches.contains_key(&rest) {
-                        return Ok(Offer::Needs(rest));
+                    if !whole && !self.patches.contains_key(&(joining.frame, true)) {
+                        return Ok(Delivery::Missing(Demand::Patch { base: joining.frame }));
                     }
-                    self.edits.tell(session)?;
-                    if session.send_keyframe(joining)? == Sent::Dropped {
-                        return Ok(Offer::Nothing);
+                    self.edits.send_new(session)?;
+                    if !session.send_keyframe(joining)? {
+                        return Ok(Delivery::Nothing);
                     }
                     joined = true;
                     continue;
                 }
-                Wants::Update { base } | Wants::Patch { base } | Wants::Datagrams { base }
+                Demand::Update { base } | Demand::Patch { base } | Demand::Datagrams { base }
                     if base >= newest.info.frame =>
                 {
-                    return Ok(if joined { Offer::Keyframe } else { Offer::Current });
+                    return Ok(if joined { Delivery::Keyframe } else { Delivery::Current });
                 }
-                Wants::Update { base } if Some(base) == newest.previous => {
-                    self.edits.tell(session)?;
+                Demand::Update { base } if Some(base) == newest.previous => {
+                    self.edits.send_new(session)?;
                     if newest.body.kind == FrameKind::Key {
                         session.send_keyframe(&newest.body)?;
-                        return Ok(Offer::Keyframe);
+                        return Ok(Delivery::Keyframe);
                     }
                     let sent = session.send_update(&newest.body, base)?;
-                    return Ok(if sent == Sent::Queued { Offer::Update } else { Offer::Nothing });
+                    return Ok(if sent { Delivery::Update } else { Delivery::Nothing });
                 }
-                Wants::Update { base } | Wants::Patch { base } => (Need::Patch { base, context: true }, base),
-                Wants::Datagrams { base } => (Need::Patch { base, context: false }, base),
+                Demand::Update { base } | Demand::Patch { base } => (Demand::Patch { base }, base, true),
+                Demand::Datagrams { base } => (demand, base, false),
             };
-            let Some(made) = self.patches.get(&need) else { return Ok(Offer::Needs(need)) };
-            self.edits.tell(session)?;
+            let Some(made) = self.patches.get(&(base, context)) else {
+                return Ok(Delivery::Missing(missing));
+            };
+            self.edits.send_new(session)?;
             let Some(patch) = made else {
                 // No patch leads from what the client holds to the newest frame.
                 session.need_keyframe();
                 continue;
             };
-            let sent = match wants {
-                Wants::Datagrams { .. } => session.send_datagrams(patch, base)?,
+            let sent = match demand {
+                Demand::Datagrams { .. } => session.send_datagrams(patch, base)?,
                 _ => session.send_update(patch, base)?,
             };
             return Ok(match sent {
                 // It may have turned out too large for datagrams.
-                Sent::Dropped if session.wants() != wants => continue,
-                Sent::Dropped => Offer::Nothing,
-                Sent::Queued if joined => Offer::Keyframe,
-                Sent::Queued => Offer::Patch,
+                false if session.demand() != demand => continue,
+                false => Delivery::Nothing,
+                true if joined => Delivery::Keyframe,
+                true => Delivery::Patch,
             });
         }
     }
 
-    /// Makes a body for the newest frame; `state` is the one of the last [`advance`](Self::advance).
+    /// Makes the body of the newest frame that a demand needs. `state` is the one of the last
+    /// [`advance`](Self::advance).
     ///
     /// # Errors
-    /// [`EncodeError`] as of the codec's `keyframe` and `patch`.
-    pub fn make(&mut self, need: Need, state: StateRef<'_>) -> Result<(), EncodeError> {
+    /// [`EncodeError`] of the codec's `keyframe` and `patch`.
+    pub fn make(&mut self, demand: Demand, state: StateRef<'_>) -> Result<(), EncodeError> {
         let (Some(newest), Some(ledger)) = (&self.newest, &self.ledger) else { return Ok(()) };
         let FrameInfo { frame, time, changed_points, .. } = newest.info;
         let meta = |kind| FrameMeta { kind, frame, time, changed_points };
@@ -255,23 +257,25 @@ impl Fanout {
             let (hash, captured) = (newest.info.hash, newest.body.captured);
             SharedBody { kind, frame, hash, captured, bytes: bytes.into() }
         };
-        match need {
-            Need::Keyframe => {
+        let (base, context) = match demand {
+            Demand::Nothing => return Ok(()),
+            Demand::Keyframe => {
                 let bytes = keyframe(state, meta(FrameKind::Key), self.coder, &[])?;
-                self.joining = Some(shared(FrameKind::Key, bytes));
+                self.join_keyframe = Some(shared(FrameKind::Key, bytes));
+                return Ok(());
             }
-            Need::Patch { base, context } => {
-                let bytes = patch(state, ledger, base, meta(FrameKind::Delta), self.coder, context)?;
-                let made = bytes.map(|bytes| shared(FrameKind::Delta, bytes));
-                let old = self.joining.as_ref().filter(|joining| joining.frame == base);
-                if let (Some(made), Some(joining)) = (&made, old)
-                    && made.bytes.len() > joining.bytes.len() / 2
-                {
-                    self.joining_is_worn = true;
-                }
-                self.patches.insert(need, made);
-            }
+            Demand::Update { base } | Demand::Patch { base } => (base, true),
+            Demand::Datagrams { base } => (base, false),
+        };
+        let bytes = patch(state, ledger, base, meta(FrameKind::Delta), self.coder, context)?;
+        let made = bytes.map(|bytes| shared(FrameKind::Delta, bytes));
+        let old = self.join_keyframe.as_ref().filter(|joining| joining.frame == base);
+        if let (Some(made), Some(joining)) = (&made, old)
+            && made.bytes.len() > joining.bytes.len() / 2
+        {
+            self.join_keyframe_stale = true;
         }
+        self.patches.insert((base, context), made);
         Ok(())
     }
 }
@@ -292,14 +296,14 @@ impl EditLog {
         self.entries.push_back((self.count, *edit));
     }
 
-    /// Tells a client what it has not heard.
-    fn tell(&self, session: &mut ServerSession) -> Result<(), SendError> {
+    /// Sends a client the edits that it was not told of yet.
+    fn send_new(&self, session: &mut ServerSession) -> Result<(), SendError> {
         for (number, edit) in &self.entries {
-            if *number > session.edits_heard {
+            if *number > session.cursor.edits {
                 session.send_edit(edit)?;
             }
         }
-        session.edits_heard = self.count;
+        session.cursor.edits = self.count;
         Ok(())
     }
 }

@@ -9,7 +9,8 @@ use crate::{FrameHeader, FrameType, Group, Limits, Sequence};
 
 /// Why a keyframe or update was not applied. The state is as it was before, and stays so until the next keyframe.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum Unusable {
+#[non_exhaustive]
+pub enum FollowError {
     /// Frames between the last one and this one are missing.
     #[error(
         "frames are missing: expected {expected_sequence} of group {expected_group}, found {found_sequence} of group {found_group}"
@@ -75,7 +76,7 @@ impl Follower {
         header: FrameHeader,
         body: &[u8],
         limits: &Limits,
-    ) -> Result<FrameInfo, Unusable> {
+    ) -> Result<FrameInfo, FollowError> {
         let keyframe = header.kind == FrameType::KEYFRAME;
         if !keyframe {
             self.check_place(header)?;
@@ -85,7 +86,7 @@ impl Follower {
         let kind = if keyframe { FrameKind::Key } else { FrameKind::Delta };
         let found = psao_codec::frame::inspect(body, &limits.codec)?.kind;
         if found != kind {
-            return Err(Unusable::Kind { frame: header.kind });
+            return Err(FollowError::Kind { frame: header.kind });
         }
         let info = self.applier.apply(&mut self.state, body, &limits.codec)?;
         self.place = Some((header.group, header.sequence));
@@ -98,11 +99,11 @@ impl Follower {
         &mut self,
         body: &[u8],
         limits: &Limits,
-    ) -> Result<(FrameInfo, (Group, Sequence)), Unusable> {
-        let place = self.place.ok_or(Unusable::Waiting)?;
+    ) -> Result<(FrameInfo, (Group, Sequence)), FollowError> {
+        let place = self.place.ok_or(FollowError::Waiting)?;
         let kind = psao_codec::frame::inspect(body, &limits.codec)?.kind;
         if kind != FrameKind::Delta {
-            return Err(Unusable::Kind { frame: FrameType::UPDATE });
+            return Err(FollowError::Kind { frame: FrameType::UPDATE });
         }
         Ok((self.applier.apply(&mut self.state, body, &limits.codec)?, place))
     }
@@ -122,15 +123,15 @@ impl Follower {
         old
     }
 
-    fn check_place(&mut self, header: FrameHeader) -> Result<(), Unusable> {
+    fn check_place(&mut self, header: FrameHeader) -> Result<(), FollowError> {
         let Some((expected_group, last)) = self.place else {
-            return Err(Unusable::Waiting);
+            return Err(FollowError::Waiting);
         };
         let (expected_sequence, found_group, found_sequence) = (last.next(), header.group, header.sequence);
         if (expected_group, expected_sequence) == (found_group, found_sequence) {
             return Ok(());
         }
         self.place = None;
-        Err(Unusable::Gap { expected_group, expected_sequence, found_group, found_sequence })
+        Err(FollowError::Gap { expected_group, expected_sequence, found_group, found_sequence })
     }
 }

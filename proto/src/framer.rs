@@ -20,96 +20,55 @@ pub const HEADER_BYTES: usize = 20;
 /// First two bytes of every frame, as a little endian `u16`.
 pub const FRAME_MAGIC: u16 = 0xA050;
 
-/// Type of a frame. A newtype, not an enum: a value that this version does not know survives reading and writing.
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct FrameType(pub u8);
+wire_enum! {
+    /// Type of a frame. A newtype, not an enum: a value that this version does not know survives reading and writing.
+    pub struct FrameType(u8), unknown "type" {
+        /// Client to server: [`Hello`](crate::message::Hello), the first frame of a connection.
+        HELLO = 1 => "HELLO",
+        /// Server to client: [`Accept`](crate::message::Accept), the answer to a hello.
+        ACCEPT = 2 => "ACCEPT",
+        /// Server to client: [`Reject`](crate::message::Reject), the other answer to a hello.
+        REJECT = 3 => "REJECT",
+        /// Server to client: [`Scene`](crate::message::Scene).
+        SCENE = 4 => "SCENE",
+        /// Client to server: [`View`](crate::message::View).
+        VIEW = 5 => "VIEW",
+        /// Both ways: [`Edit`](crate::message::Edit); from a server it says what is done.
+        EDIT = 6 => "EDIT",
+        /// Server to client: a frame body of `psao-codec` that replaces the whole state.
+        KEYFRAME = 7 => "KEYFRAME",
+        /// Server to client: a frame body of `psao-codec` that changes the state.
+        UPDATE = 8 => "UPDATE",
+        /// Client to server: [`Request`](crate::message::Request).
+        REQUEST = 9 => "REQUEST",
+        /// Server to client: [`Report`](crate::message::Report).
+        REPORT = 10 => "REPORT",
+        /// Both ways: [`Close`](crate::message::Close), the last frame.
+        CLOSE = 11 => "CLOSE",
+        /// Client to server: [`Ack`](crate::message::Ack).
+        ACK = 12 => "ACK",
+        /// Client to server: [`Auth`](crate::message::Auth), before the hello.
+        AUTH = 13 => "AUTH",
+        /// Both ways: [`Ping`](crate::message::Ping).
+        PING = 14 => "PING",
+        /// Both ways: [`Pong`](crate::message::Pong).
+        PONG = 15 => "PONG",
+        /// Server to client: [`Stamp`](crate::message::Stamp).
+        STAMP = 16 => "STAMP",
+        /// Server to client: [`Budget`](crate::message::Budget).
+        BUDGET = 17 => "BUDGET",
+        /// In files only: the index of a recording.
+        INDEX = 0x40 => "INDEX",
+        /// In files only: [`Gap`](crate::message::Gap), frames that were not recorded.
+        GAP = 0x41 => "GAP",
+    }
+}
 
 impl FrameType {
-    /// Client to server: [`Hello`](crate::message::Hello), the first frame of a connection.
-    pub const HELLO: Self = Self(1);
-    /// Server to client: [`Accept`](crate::message::Accept), the answer to a hello.
-    pub const ACCEPT: Self = Self(2);
-    /// Server to client: [`Reject`](crate::message::Reject), the other answer to a hello.
-    pub const REJECT: Self = Self(3);
-    /// Server to client: [`Scene`](crate::message::Scene).
-    pub const SCENE: Self = Self(4);
-    /// Client to server: [`View`](crate::message::View).
-    pub const VIEW: Self = Self(5);
-    /// Both ways: [`Edit`](crate::message::Edit); from a server it says what is done.
-    pub const EDIT: Self = Self(6);
-    /// Server to client: a frame body of `psao-codec` that replaces the whole state.
-    pub const KEYFRAME: Self = Self(7);
-    /// Server to client: a frame body of `psao-codec` that changes the state.
-    pub const UPDATE: Self = Self(8);
-    /// Client to server: [`Request`](crate::message::Request).
-    pub const REQUEST: Self = Self(9);
-    /// Server to client: [`Report`](crate::message::Report).
-    pub const REPORT: Self = Self(10);
-    /// Both ways: [`Close`](crate::message::Close), the last frame.
-    pub const CLOSE: Self = Self(11);
-    /// Client to server: [`Ack`](crate::message::Ack).
-    pub const ACK: Self = Self(12);
-    /// Client to server: [`Auth`](crate::message::Auth), before the hello.
-    pub const AUTH: Self = Self(13);
-    /// Both ways: [`Ping`](crate::message::Ping).
-    pub const PING: Self = Self(14);
-    /// Both ways: [`Pong`](crate::message::Pong).
-    pub const PONG: Self = Self(15);
-    /// Server to client: [`Stamp`](crate::message::Stamp).
-    pub const STAMP: Self = Self(16);
-    /// Server to client: [`Budget`](crate::message::Budget).
-    pub const BUDGET: Self = Self(17);
-    /// In files only: the index of a recording.
-    pub const INDEX: Self = Self(0x40);
-    /// In files only: [`Gap`](crate::message::Gap), frames that were not recorded.
-    pub const GAP: Self = Self(0x41);
-
-    /// The name in the specification, or `None` for a type that this version does not know.
-    #[must_use]
-    pub const fn name(self) -> Option<&'static str> {
-        Some(match self {
-            Self::HELLO => "HELLO",
-            Self::ACCEPT => "ACCEPT",
-            Self::REJECT => "REJECT",
-            Self::SCENE => "SCENE",
-            Self::VIEW => "VIEW",
-            Self::EDIT => "EDIT",
-            Self::KEYFRAME => "KEYFRAME",
-            Self::UPDATE => "UPDATE",
-            Self::REQUEST => "REQUEST",
-            Self::REPORT => "REPORT",
-            Self::CLOSE => "CLOSE",
-            Self::ACK => "ACK",
-            Self::AUTH => "AUTH",
-            Self::PING => "PING",
-            Self::PONG => "PONG",
-            Self::STAMP => "STAMP",
-            Self::BUDGET => "BUDGET",
-            Self::INDEX => "INDEX",
-            Self::GAP => "GAP",
-            _ => return None,
-        })
-    }
-
     /// Whether frames of this type carry the state: KEYFRAME and UPDATE.
     #[must_use]
     pub const fn carries_state(self) -> bool {
         matches!(self, Self::KEYFRAME | Self::UPDATE)
-    }
-}
-
-impl std::fmt::Display for FrameType {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self.name() {
-            Some(name) => f.pad(name),
-            None => f.pad(&format!("type {}", self.0)),
-        }
-    }
-}
-
-impl std::fmt::Debug for FrameType {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        std::fmt::Display::fmt(self, f)
     }
 }
 
@@ -136,7 +95,8 @@ impl FrameHeader {
 
 /// Why bytes are not a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum FrameFault {
+#[non_exhaustive]
+pub enum WireFrameError {
     /// The first two bytes are not the magic.
     #[error(
         "expected the frame magic 0xA050, found {found:#06x}: the peer does not speak this protocol, or bytes were lost"
@@ -175,14 +135,14 @@ pub enum FrameFault {
     },
 }
 
-/// A [`FrameFault`] with the place where it was met.
+/// A [`WireFrameError`] with the place where it was met.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("at byte {offset} of the stream: {fault}")]
+#[error("at byte {offset} of the stream: {error}")]
 pub struct FramerError {
     /// Bytes from the start of the stream to the start of the bad frame.
     pub offset: u64,
     /// What is wrong with it.
-    pub fault: FrameFault,
+    pub error: WireFrameError,
 }
 
 /// One whole frame, borrowed from where it lies.
@@ -207,7 +167,7 @@ impl<'a> WireFrame<'a> {
 /// Appends one frame to `out`.
 ///
 /// # Errors
-/// [`FrameFault::TooLong`] when the payload does not fit the 32-bit length; `out` is then unchanged. Whether the peer
+/// [`WireFrameError::TooLong`] when the payload does not fit the 32-bit length; `out` is then unchanged. Whether the peer
 /// takes a frame of this length is its limits' business.
 pub fn write_frame(
     out: &mut Vec<u8>,
@@ -215,7 +175,7 @@ pub fn write_frame(
     group: Group,
     sequence: Sequence,
     payload: &[u8],
-) -> Result<(), FrameFault> {
+) -> Result<(), WireFrameError> {
     let head = frame_head(kind, group, sequence, payload)?;
     out.reserve(HEADER_BYTES + payload.len());
     out.extend_from_slice(&head);
@@ -229,8 +189,8 @@ pub(crate) fn frame_head(
     group: Group,
     sequence: Sequence,
     payload: &[u8],
-) -> Result<[u8; HEADER_BYTES], FrameFault> {
-    let length = u32::try_from(payload.len()).map_err(|_| FrameFault::TooLong {
+) -> Result<[u8; HEADER_BYTES], WireFrameError> {
+    let length = u32::try_from(payload.len()).map_err(|_| WireFrameError::TooLong {
         kind,
         length: u32::MAX,
         limit: u32::MAX,
@@ -251,17 +211,17 @@ pub(crate) fn frame_head(
 pub(crate) enum Split<'a> {
     /// A whole frame and its length in `bytes`.
     Whole(FrameHeader, &'a [u8]),
-    /// The start of a frame; at least so many bytes are needed in all.
+    /// The start of a frame, and the number of bytes needed in all.
     Partial(usize),
 }
 
 /// Takes the first frame off `bytes`. Faults are found as early as the bytes allow: a wrong magic after two bytes, a
 /// payload over the limit after the header, so nothing is ever waited for or stored because of them.
-pub(crate) fn split_frame<'a>(bytes: &'a [u8], limits: &Limits) -> Result<Split<'a>, FrameFault> {
+pub(crate) fn split_frame<'a>(bytes: &'a [u8], limits: &Limits) -> Result<Split<'a>, WireFrameError> {
     if let Some(magic) = bytes.first_chunk() {
         let found = u16::from_le_bytes(*magic);
         if found != FRAME_MAGIC {
-            return Err(FrameFault::Magic { found });
+            return Err(WireFrameError::Magic { found });
         }
     }
     let Some(&[_, _, kind, flags, l0, l1, l2, l3, g0, g1, g2, g3, s0, s1, s2, s3, c0, c1, c2, c3]) =
@@ -276,11 +236,11 @@ pub(crate) fn split_frame<'a>(bytes: &'a [u8], limits: &Limits) -> Result<Split<
         length: u32::from_le_bytes([l0, l1, l2, l3]),
     };
     if flags != 0 {
-        return Err(FrameFault::Flags { found: flags });
+        return Err(WireFrameError::Flags { found: flags });
     }
     let limit = limits.payload_limit(header.kind);
     if header.length > limit {
-        return Err(FrameFault::TooLong { kind: header.kind, length: header.length, limit });
+        return Err(WireFrameError::TooLong { kind: header.kind, length: header.length, limit });
     }
     let whole = HEADER_BYTES.saturating_add(header.length as usize);
     let Some(frame) = bytes.get(..whole) else {
@@ -290,7 +250,7 @@ pub(crate) fn split_frame<'a>(bytes: &'a [u8], limits: &Limits) -> Result<Split<
     let found = crc32c::crc32c_append(crc32c::crc32c(&head[..16]), payload);
     let expected = u32::from_le_bytes([c0, c1, c2, c3]);
     if found != expected {
-        return Err(FrameFault::Checksum { kind: header.kind, found, expected });
+        return Err(WireFrameError::Checksum { kind: header.kind, found, expected });
     }
     Ok(Split::Whole(header, frame))
 }
@@ -324,10 +284,37 @@ pub struct Framer {
 }
 
 impl Framer {
-    /// A framer at the start of a stream.
+    /// Creates a framer at the start of a stream.
     #[must_use]
     pub fn new(limits: Limits) -> Self {
         Self { limits, buffer: Vec::new(), start: 0, offset: 0, failed: None }
+    }
+
+    /// Pushes bytes and hands every whole frame to `use_frame`, up to the first error.
+    ///
+    /// The framer is taken out of its owner meanwhile, because the owner uses frames that borrow from it.
+    pub(crate) fn drain<O, E: From<FramerError>>(
+        owner: &mut O,
+        framer: fn(&mut O) -> &mut Self,
+        bytes: &[u8],
+        mut use_frame: impl FnMut(&mut O, &WireFrame<'_>) -> Result<(), E>,
+    ) -> Result<(), E> {
+        let limits = framer(owner).limits;
+        let mut lent = std::mem::replace(framer(owner), Self::new(limits));
+        lent.push(bytes);
+        let result = loop {
+            match lent.next_frame() {
+                Ok(None) => break Ok(()),
+                Err(error) => break Err(error.into()),
+                Ok(Some(frame)) => {
+                    if let Err(error) = use_frame(owner, &frame) {
+                        break Err(error);
+                    }
+                }
+            }
+        };
+        *framer(owner) = lent;
+        result
     }
 
     /// Adds bytes. Call [`next_frame`](Self::next_frame) until it gives `None` before the next push: then at most one
@@ -363,7 +350,7 @@ impl Framer {
                 Ok(Some(WireFrame { header, offset, bytes }))
             }
             Err(fault) => {
-                let error = FramerError { offset: self.offset, fault };
+                let error = FramerError { offset: self.offset, error: fault };
                 self.failed = Some(error);
                 Err(error)
             }
@@ -442,7 +429,7 @@ mod tests {
         let mut framer = Framer::new(Limits::default());
         framer.push(b"GE");
         let error = framer.next_frame().unwrap_err();
-        assert_eq!(error, FramerError { offset: 0, fault: FrameFault::Magic { found: 0x4547 } });
+        assert_eq!(error, FramerError { offset: 0, error: WireFrameError::Magic { found: 0x4547 } });
         framer.push(&frame(FrameType::UPDATE, b""));
         assert_eq!(framer.next_frame(), Err(error), "a framer does not go on after a fault");
 
@@ -457,7 +444,7 @@ mod tests {
             let mut framer = Framer::new(limits);
             framer.push(&head);
             let error = framer.next_frame().unwrap_err();
-            assert_eq!(error.fault, FrameFault::TooLong { kind, length, limit });
+            assert_eq!(error.error, WireFrameError::TooLong { kind, length, limit });
         }
     }
 

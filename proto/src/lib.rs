@@ -6,29 +6,29 @@
 //!
 //! | where | what |
 //! |---|---|
-//! | [`Framer`], [`write_frame`] | the one framing of sockets and files |
+//! | [`Framer`], [`write_frame`] | the framing that sockets and files share |
 //! | [`message`] | the control messages, one type each |
 //! | [`session`] | [`ClientSession`](session::ClientSession) and [`ServerSession`](session::ServerSession), without I/O |
-//! | [`Fanout`] | one stream for many sessions: shared updates, patches for whoever fell behind |
+//! | [`Fanout`] | one stream for many sessions: shared updates, patches for clients that fell behind |
 //! | [`recording`] | a file of the same frames: writer, reader, index, player |
 //! | `net` | TCP around the sessions, behind the feature `tokio` |
 //! | `recording::file` | recordings on a disk, behind the feature `fs` |
-//! | [`sample`], [`fuzzing`] | a tiny stream to try things with; bodies of the fuzz targets |
+//! | `sample`, `fuzzing` | a tiny stream for tests and these examples, and bodies of fuzz targets, behind the feature `testing` |
 //!
 //! Outside `net` and `recording::file` nothing here does I/O, reads a clock or draws a random number: bytes and a time go in, events and bytes
 //! come out. The protocol is written down in `docs/spec/protocol.md`, the file format in `docs/spec/recording.md`.
 //!
 //! # Connect a client and a server
 //!
-//! The whole drive loop, with two byte vectors for a network. Time goes in with every call; what each end has to do by
-//! itself, it says with `next_deadline`:
+//! This is the whole drive loop, with two byte vectors in place of a network. Every call takes the time. Each end tells
+//! with `next_deadline` when it must be called without bytes:
 //!
 //! ```
 //! use psao_proto::sample::SampleServer;
 //! use psao_proto::session::{Access, ClientEvent, ClientSession, ServerEvent, ServerSession};
 //! use psao_proto::{Fanout, Limits, Micros, Profile};
 //!
-//! let mut source = SampleServer::of(Profile::SURFACE)?; // stands for the thing that traces
+//! let mut source = SampleServer::of(Profile::SURFACE)?; // in place of a tracer
 //! let mut fanout = Fanout::new(source.coder());
 //! let mut server = ServerSession::new(source.scene().clone(), Access::Open, Limits::default());
 //! let mut client = ClientSession::new(Limits::default());
@@ -45,7 +45,7 @@
 //!             _ => {}
 //!         }
 //!     }
-//!     // The server's frame. Whoever joins gets a keyframe, whoever fell behind what it missed.
+//!     // The server's frame. A client that joins gets a keyframe, one that fell behind what it missed.
 //!     let frame = source.step()?;
 //!     fanout.advance(&frame.info, frame.body, source.state().into(), now);
 //!     fanout.give(&mut server, source.state().into())?;
@@ -56,7 +56,7 @@
 //!             frames.push(frame.info.frame.0);
 //!         }
 //!     }
-//!     // Without bytes for a while: keep-alives, and the end of a peer that says nothing.
+//!     // Keep-alives are due when no bytes come for a while, and a silent peer is given up.
 //!     for deadline in [server.next_deadline(), client.next_deadline()].into_iter().flatten() {
 //!         assert!(deadline > now);
 //!     }
@@ -102,9 +102,16 @@
 //! # Ok::<(), Box<dyn std::error::Error + Send + Sync>>(())
 //! ```
 
+#[macro_use]
+mod setters;
+#[macro_use]
+mod wire_enum;
+
 mod fanout;
 mod follow;
 mod framer;
+#[cfg(any(test, feature = "testing"))]
+#[doc(hidden)]
 pub mod fuzzing;
 mod limits;
 pub mod message;
@@ -112,15 +119,17 @@ pub mod message;
 pub mod net;
 mod numbering;
 pub mod recording;
+#[cfg(any(test, feature = "testing"))]
+#[doc(hidden)]
 pub mod sample;
 mod scene;
 pub mod session;
 mod units;
 
-pub use fanout::{Fanout, FanoutError, Need, Offer};
-pub use follow::Unusable;
+pub use fanout::{Delivery, Fanout, FanoutError};
+pub use follow::FollowError;
 pub use framer::{
-    FRAME_MAGIC, FrameFault, FrameHeader, FrameType, Framer, FramerError, HEADER_BYTES, WireFrame,
+    FRAME_MAGIC, FrameHeader, FrameType, Framer, FramerError, HEADER_BYTES, WireFrame, WireFrameError,
     write_frame,
 };
 pub use limits::Limits;
@@ -128,5 +137,5 @@ pub use numbering::Numbering;
 pub use psao_codec::StateHash;
 pub use psao_codec::block::CoderId;
 pub use psao_codec::frame::{FrameIndex, Profile, StreamTime};
-pub use scene::{SceneEntries, SceneError, SceneTable};
+pub use scene::{PaperInfo, SceneEntries, SceneError, SceneInfo, SceneTable, TraceInfo};
 pub use units::{Group, Micros, Sequence};

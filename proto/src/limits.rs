@@ -1,4 +1,4 @@
-//! What an end is willing to hold: checked before every allocation whose size comes from the other end.
+//! Limits of what an end holds. They are checked before every allocation whose size comes from the other end.
 
 use crate::message::MAX_MESSAGE_BYTES;
 use crate::{FrameType, Micros};
@@ -14,6 +14,7 @@ use crate::{FrameType, Micros};
 /// assert_eq!(limits.payload_limit(FrameType::HELLO), 65_536);
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Limits {
     /// Bounds of frame bodies and of the state.
     pub codec: psao_codec::Limits,
@@ -24,11 +25,11 @@ pub struct Limits {
     /// Server: frames that one client may have been sent and not acknowledged (default 64, a second at 60 Hz). Beyond
     /// it the client counts as behind, until it has caught up with half of them. Above 256 it never does.
     pub max_unacked: u32,
-    /// Server: clients at a time (default 256).
+    /// Server: most clients at the same time (default 256).
     pub max_clients: u32,
-    /// Server: frames that one client may send a second (default 2,000; four times as many at once).
+    /// Server: frames per second that one client may send (default 2,000), in bursts of at most four times as many.
     pub max_frames_per_s: u32,
-    /// Server: bytes that one client may send a second (default 1 MiB; four times as many at once).
+    /// Server: bytes per second that one client may send (default 1 MiB), in bursts of at most four times as many.
     pub max_bytes_per_s: u32,
     /// Largest frame body that goes as datagrams (default 1 MiB); a larger one goes over the connection.
     pub max_datagram_body: u32,
@@ -36,9 +37,9 @@ pub struct Limits {
     pub handshake: Micros,
     /// How often a PING goes out, unless bytes wait then (default 2 s).
     pub keep_alive: Micros,
-    /// The other end is given up when nothing came from it for so long (default 30 s).
+    /// Time without a byte from the other end after which it is given up (default 30 s).
     pub silence: Micros,
-    /// Server: a client is given up when it takes no byte of what waits for it for so long (default 60 s).
+    /// Server: time in which a client takes no byte of what waits for it, after which it is given up (default 60 s).
     pub stall: Micros,
 }
 
@@ -61,6 +62,20 @@ impl Default for Limits {
 }
 
 impl Limits {
+    setters! {
+        with_codec: codec as psao_codec::Limits,
+        with_max_queue_bytes: max_queue_bytes as u32,
+        with_max_unacked: max_unacked as u32,
+        with_max_clients: max_clients as u32,
+        with_max_frames_per_s: max_frames_per_s as u32,
+        with_max_bytes_per_s: max_bytes_per_s as u32,
+        with_max_datagram_body: max_datagram_body as u32,
+        with_handshake: handshake as Micros,
+        with_keep_alive: keep_alive as Micros,
+        with_silence: silence as Micros,
+        with_stall: stall as Micros,
+    }
+
     /// Longest payload of a frame of type `kind`, in bytes. Types that this version does not know have the bound of a
     /// control message, so that skipping them costs little.
     #[must_use]

@@ -2,7 +2,7 @@
 
 use crate::framer::frame_head;
 use crate::message::{Message, MessageError};
-use crate::{FrameFault, FrameType, Group, HEADER_BYTES, SceneTable, Sequence, write_frame};
+use crate::{FrameType, Group, HEADER_BYTES, SceneTable, Sequence, WireFrameError, write_frame};
 
 /// Turns frame bodies and messages into the frames of one stream, numbered.
 ///
@@ -34,8 +34,8 @@ impl Numbering {
     /// The KEYFRAME frame of a body. It opens the next group.
     ///
     /// # Errors
-    /// [`FrameFault::TooLong`] over 2^32 - 1 bytes.
-    pub fn keyframe(&mut self, body: &[u8]) -> Result<Vec<u8>, FrameFault> {
+    /// [`WireFrameError::TooLong`] over 2^32 - 1 bytes.
+    pub fn keyframe(&mut self, body: &[u8]) -> Result<Vec<u8>, WireFrameError> {
         self.open_group();
         self.frame(FrameType::KEYFRAME, body)
     }
@@ -44,19 +44,19 @@ impl Numbering {
     ///
     /// # Errors
     /// As [`keyframe`](Self::keyframe).
-    pub fn update(&mut self, body: &[u8]) -> Result<Vec<u8>, FrameFault> {
+    pub fn update(&mut self, body: &[u8]) -> Result<Vec<u8>, WireFrameError> {
         self.next_place();
         self.frame(FrameType::UPDATE, body)
     }
 
     /// The header of a KEYFRAME frame, for a body that is not copied.
-    pub(crate) fn keyframe_head(&mut self, body: &[u8]) -> Result<[u8; HEADER_BYTES], FrameFault> {
+    pub(crate) fn keyframe_head(&mut self, body: &[u8]) -> Result<[u8; HEADER_BYTES], WireFrameError> {
         self.open_group();
         frame_head(FrameType::KEYFRAME, self.group, self.sequence, body)
     }
 
     /// The header of an UPDATE frame, likewise.
-    pub(crate) fn update_head(&mut self, body: &[u8]) -> Result<[u8; HEADER_BYTES], FrameFault> {
+    pub(crate) fn update_head(&mut self, body: &[u8]) -> Result<[u8; HEADER_BYTES], WireFrameError> {
         self.next_place();
         frame_head(FrameType::UPDATE, self.group, self.sequence, body)
     }
@@ -86,7 +86,7 @@ impl Numbering {
         self.sequence = self.sequence.next();
     }
 
-    fn frame(self, kind: FrameType, payload: &[u8]) -> Result<Vec<u8>, FrameFault> {
+    fn frame(self, kind: FrameType, payload: &[u8]) -> Result<Vec<u8>, WireFrameError> {
         let mut out = Vec::new();
         write_frame(&mut out, kind, self.group, self.sequence, payload)?;
         Ok(out)

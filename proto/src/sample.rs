@@ -14,11 +14,14 @@ use psao_codec::surface::{
 };
 
 use crate::message::{
-    Close, CloseCode, InstanceEntry, MemberEntry, Needs, Occlusion, PointSource, Report, SceneInfo, SetEntry,
-    StageId, StageTime, Text,
+    Close, CloseCode, InstanceEntry, MemberEntry, Needs, PointSource, Report, SetEntry, StageId, StageTime,
+    Text,
 };
 use crate::recording::Writer;
-use crate::{CoderId, FrameIndex, Limits, Micros, Numbering, Profile, SceneEntries, SceneTable, StreamTime};
+use crate::{
+    CoderId, FrameIndex, Limits, Micros, Numbering, PaperInfo, Profile, SceneEntries, SceneInfo, SceneTable,
+    StreamTime, TraceInfo,
+};
 
 /// Points of each instance.
 const POINTS: u32 = 12;
@@ -211,32 +214,21 @@ fn geometry() -> Geometry {
     Geometry::round(SetLayout { digest, ..plain }, &points).geometry
 }
 
+/// Facts of a scene without the paper's, for examples and tests.
+#[must_use]
+pub fn info() -> SceneInfo {
+    let trace = TraceInfo::new(64, 0.6).with_seed(1).with_density(12.0, POINTS).with_view_margin(1.3);
+    SceneInfo::new("sample", [7; 32], 60.0, THRESHOLD, CoderId::ZSTD, PointSource::SENT)
+        .with_source(Text::cut("sample"))
+        .with_trace(trace)
+}
+
 fn scene(profile: Profile, geometry: &Geometry) -> Result<SceneTable, Error> {
     let surface = profile == Profile::SURFACE;
-    let info = SceneInfo {
-        name: Text::new("sample")?,
-        source: Text::new("sample")?,
-        digest: [7; 32],
-        profile,
-        point_bits: 32,
-        coder: CoderId::ZSTD,
-        geometry: PointSource::SENT,
-        fps: 60.0,
-        frames_hint: 0,
-        radius_m: 0.6,
-        rays: 64,
-        occlusion: Occlusion::OBSCURANCE,
-        threshold: THRESHOLD,
-        seed: 1,
-        points_per_m2: 12.0,
-        min_points: POINTS,
-        cell_capacity: if surface { 0 } else { 16 },
-        set_count: surface.into(),
-        instance_count: 2,
-        point_count: 2 * POINTS,
-        paper_table_slots: 4.0,
-        view_margin: 1.3,
-    };
+    let mut info = info();
+    if !surface {
+        info = info.with_paper(PaperInfo::new(16));
+    }
     let entry = |first_bucket, needs| InstanceEntry {
         origin: [0.0; 3],
         edge: 0.6,

@@ -8,12 +8,18 @@ use psao_codec::{cells, stream, surface};
 
 use crate::message::{
     InstanceBatch, InstanceEntry, MAX_BATCH, MemberBatch, MemberEntry, Message, MessageError, Needs, Scene,
-    SceneInfo, SetBatch, SetEntry,
+    SceneHeader, SetBatch, SetEntry,
 };
 use crate::{Limits, Profile};
 
+mod info;
+
+use info::Counts;
+pub use info::{PaperInfo, SceneInfo, TraceInfo};
+
 /// Why SCENE messages do not make a scene table.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum SceneError {
     /// Entries came before the stream was described, or of a kind that does not come next.
     #[error("SCENE frames are out of order: expected {expected}")]
@@ -55,6 +61,9 @@ pub enum SceneError {
         /// The profile announced.
         found: Profile,
     },
+    /// The facts of a `paper` stream lack those about its tables.
+    #[error("a stream of profile paper needs SceneInfo::paper")]
+    NoPaperInfo,
     /// There is no packing of this width.
     #[error("points of {found} bits: this version knows 32, 24 and 16")]
     PointBits {
@@ -104,6 +113,15 @@ impl SceneEntries {
         }
     }
 
+    /// The profile that has these entries.
+    #[must_use]
+    pub const fn profile(&self) -> Profile {
+        match self {
+            Self::Cells(_) => Profile::PAPER,
+            Self::Surface { .. } => Profile::SURFACE,
+        }
+    }
+
     /// Instances and sets.
     fn counts(&self) -> (usize, usize) {
         match self {
@@ -124,15 +142,14 @@ impl SceneEntries {
     }
 
     fn layout(&self, info: &SceneInfo, limits: &Limits) -> Result<stream::Layout, SceneError> {
-        match (self, info.profile) {
-            (Self::Cells(instances), Profile::PAPER) => cells_layout(instances, info, limits),
-            (Self::Surface { sets, members }, Profile::SURFACE) => {
+        match self {
+            Self::Cells(instances) => cells_layout(instances, info, limits),
+            Self::Surface { sets, members } => {
                 let sets = sets.iter().map(SetLayout::from).collect();
                 let members = members.iter().map(|member| Member { set: member.set }).collect();
                 let layout = surface::Layout::new(sets, members, &limits.codec)?;
                 Ok(stream::Layout::Surface(Arc::new(layout)))
             }
-            (_, found) => Err(SceneError::Profile { found }),
         }
     }
 }
@@ -142,6 +159,7 @@ fn cells_layout(
     info: &SceneInfo,
     limits: &Limits,
 ) -> Result<stream::Layout, SceneError> {
+    let PaperInfo { cell_capacity, .. } = info.paper.ok_or(SceneError::NoPaperInfo)?;
     let format =
         PointFormat::from_bits(info.point_bits).ok_or(SceneError::PointBits { found: info.point_bits })?;
     let grid = |(instance, entry): (u32, &InstanceEntry)| {
@@ -151,48 +169,90 @@ fn cells_layout(
         Ok(cells::InstanceLayout { grid, first_bucket, bucket_count, kernel_radius })
     };
     let layouts = (0u32..).zip(instances).map(grid).collect::<Result<Vec<_>, SceneError>>()?;
-    Ok(stream::Layout::Cells(Arc::new(cells::Layout::new(
-        format,
-        layouts,
-        info.cell_capacity,
-        &limits.codec,
-    )?)))
+    Ok(stream::Layout::Cells(Arc::new(cells::Layout::new(format, layouts, cell_capacity, &limits.codec)?)))
 }
 
 /// A checked scene table and the codec's layout made from it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SceneTable {
     info: SceneInfo,
+    counts: Counts,
     entries: SceneEntries,
     layout: stream::Layout,
 }
 
 impl SceneTable {
-    /// Checks a scene and works out its layout.
+    /// Creates a table from its facts and entries, which give it its profile and its counts.
     ///
     /// # Errors
-    /// [`SceneError`] when profile, counts, grids, buckets or sets do not fit each other or `limits`.
+    /// [`SceneError`] when grids, buckets or sets do not fit each other, the facts or `limits`.
     pub fn new(info: SceneInfo, entries: SceneEntries, limits: &Limits) -> Result<Self, SceneError> {
+        let layout = entries.layout(&info, limits)?;
+        let found = entries.points();
+        let points = u32::try_from(found).map_err(|_| SceneError::Points { expected: u32::MAX, found })?;
+        let (instances, sets) = entries.counts();
+        let (instances, sets) = (instances as u32, sets as u32);
+        let counts = Counts { profile: entries.profile(), sets, instances, points };
+        // What only repeats the neutral values is absent, as it is for a client.
+        let info = info.header(counts).into();
+        Ok(Self { info, counts, entries, layout })
+    }
+
+    /// Creates a table from its messages, and checks the counts that the first one announced.
+    fn announced(header: SceneHeader, entries: SceneEntries, limits: &Limits) -> Result<Self, SceneError> {
         let (instances, sets) = entries.counts();
         for (what, expected, found) in
-            [("instances", info.instance_count, instances), ("point sets", info.set_count, sets)]
+            [("instances", header.instance_count, instances), ("point sets", header.set_count, sets)]
         {
             if found as u64 != u64::from(expected) {
                 return Err(SceneError::Count { what, expected, found: found as u64 });
             }
         }
-        let layout = entries.layout(&info, limits)?;
-        let points = entries.points();
-        if points != u64::from(info.point_count) {
-            return Err(SceneError::Points { expected: info.point_count, found: points });
+        if header.profile != entries.profile() {
+            return Err(SceneError::Profile { found: header.profile });
         }
-        Ok(Self { info, entries, layout })
+        let expected = header.point_count;
+        let table = Self::new(header.into(), entries, limits)?;
+        if table.point_count() != expected {
+            return Err(SceneError::Points { expected, found: table.point_count().into() });
+        }
+        Ok(table)
     }
 
-    /// The stream as a whole.
+    /// The facts about the stream as a whole.
     #[must_use]
     pub const fn info(&self) -> &SceneInfo {
         &self.info
+    }
+
+    /// The stream's profile.
+    #[must_use]
+    pub const fn profile(&self) -> Profile {
+        self.counts.profile
+    }
+
+    /// Number of instances.
+    #[must_use]
+    pub const fn instance_count(&self) -> u32 {
+        self.counts.instances
+    }
+
+    /// Number of point sets; 0 in profile `paper`.
+    #[must_use]
+    pub const fn set_count(&self) -> u32 {
+        self.counts.sets
+    }
+
+    /// Number of points of all instances.
+    #[must_use]
+    pub const fn point_count(&self) -> u32 {
+        self.counts.points
+    }
+
+    /// Returns the first SCENE message: facts and counts as they are on the wire.
+    #[must_use]
+    pub fn header(&self) -> SceneHeader {
+        self.info.header(self.counts)
     }
 
     /// What follows the info.
@@ -221,7 +281,7 @@ impl SceneTable {
     /// # Errors
     /// [`MessageError::Invalid`] when a value makes no sense.
     pub fn payloads(&self) -> Result<Vec<Vec<u8>>, MessageError> {
-        let mut scenes = vec![Scene::Info(self.info.clone())];
+        let mut scenes = vec![Scene::Info(self.header())];
         match &self.entries {
             SceneEntries::Cells(instances) => scenes.extend(batches(instances, |first, entries| {
                 Scene::Instances(InstanceBatch { first, entries })
@@ -246,7 +306,7 @@ fn batches<T: Copy>(entries: &[T], batch: impl Fn(u32, Vec<T>) -> Scene) -> Vec<
 /// Puts a scene table together from SCENE messages.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct SceneAssembler {
-    begun: Option<(SceneInfo, SceneEntries)>,
+    begun: Option<(SceneHeader, SceneEntries)>,
 }
 
 impl SceneAssembler {
@@ -266,30 +326,30 @@ impl SceneAssembler {
     /// Takes the next message; gives the table once it is whole.
     pub(crate) fn push(&mut self, scene: Scene, limits: &Limits) -> Result<Option<SceneTable>, SceneError> {
         match (scene, &mut self.begun) {
-            (Scene::Info(info), None) => {
-                check_counts(&info, limits)?;
-                let entries = SceneEntries::none(info.profile)?;
-                self.begun = Some((info, entries));
+            (Scene::Info(header), None) => {
+                check_counts(&header, limits)?;
+                let entries = SceneEntries::none(header.profile)?;
+                self.begun = Some((header, entries));
             }
             (_, None) => return Err(SceneError::Order { expected: "the scene's info" }),
-            (scene, Some((info, entries))) => add(scene, info, entries)?,
+            (scene, Some((header, entries))) => add(scene, header, entries)?,
         }
-        let whole = |(info, entries): &mut (SceneInfo, SceneEntries)| {
-            entries.counts() == (info.instance_count as usize, info.set_count as usize)
+        let whole = |(header, entries): &mut (SceneHeader, SceneEntries)| {
+            entries.counts() == (header.instance_count as usize, header.set_count as usize)
         };
         match self.begun.take_if(whole) {
-            Some((info, entries)) => SceneTable::new(info, entries, limits).map(Some),
+            Some((header, entries)) => SceneTable::announced(header, entries, limits).map(Some),
             None => Ok(None),
         }
     }
 }
 
 /// Checks what the info announces before anything is kept of it.
-fn check_counts(info: &SceneInfo, limits: &Limits) -> Result<(), SceneError> {
+fn check_counts(header: &SceneHeader, limits: &Limits) -> Result<(), SceneError> {
     let most = limits.codec.max_instances;
     for (what, found, expected) in [
-        ("instances", info.instance_count, most),
-        ("point sets", info.set_count, if info.profile == Profile::SURFACE { most } else { 0 }),
+        ("instances", header.instance_count, most),
+        ("point sets", header.set_count, if header.profile == Profile::SURFACE { most } else { 0 }),
     ] {
         if found > expected {
             return Err(SceneError::Count { what, expected, found: found.into() });
@@ -299,18 +359,18 @@ fn check_counts(info: &SceneInfo, limits: &Limits) -> Result<(), SceneError> {
 }
 
 /// Adds a batch to the entries that came before it.
-fn add(scene: Scene, info: &SceneInfo, entries: &mut SceneEntries) -> Result<(), SceneError> {
+fn add(scene: Scene, header: &SceneHeader, entries: &mut SceneEntries) -> Result<(), SceneError> {
     match (scene, entries) {
         (Scene::Instances(batch), SceneEntries::Cells(instances)) => {
-            extend("instances", instances, batch.first, &batch.entries, info.instance_count)
+            extend("instances", instances, batch.first, &batch.entries, header.instance_count)
         }
         (Scene::Sets(batch), SceneEntries::Surface { sets, members }) if members.is_empty() => {
-            extend("point sets", sets, batch.first, &batch.entries, info.set_count)
+            extend("point sets", sets, batch.first, &batch.entries, header.set_count)
         }
         (Scene::Members(batch), SceneEntries::Surface { sets, members })
-            if sets.len() == info.set_count as usize =>
+            if sets.len() == header.set_count as usize =>
         {
-            extend("instances", members, batch.first, &batch.entries, info.instance_count)
+            extend("instances", members, batch.first, &batch.entries, header.instance_count)
         }
         (_, SceneEntries::Cells(_)) => Err(SceneError::Order { expected: "instances" }),
         (_, SceneEntries::Surface { .. }) => {
@@ -350,22 +410,19 @@ mod tests {
         let mut tables = Vec::new();
         for profile in [Profile::PAPER, Profile::SURFACE] {
             let sample = SampleServer::of(profile).unwrap().scene().as_ref().clone();
-            let (mut info, mut entries) = (sample.info.clone(), sample.entries);
+            let mut entries = sample.entries;
             match &mut entries {
                 SceneEntries::Cells(instances) => {
                     let entry = instances[0];
                     let at = |first_bucket| InstanceEntry { first_bucket, bucket_count: 1, ..entry };
                     *instances = (0..count).map(at).collect();
-                    info.point_count = count * entry.points;
                 }
                 SceneEntries::Surface { sets, members } => {
                     *members = (0..count).map(|set| MemberEntry { set, ..members[0] }).collect();
                     *sets = vec![sets[0]; count as usize];
-                    (info.set_count, info.point_count) = (count, count * sets[0].points);
                 }
             }
-            info.instance_count = count;
-            tables.push(SceneTable::new(info, entries, &Limits::default()).unwrap());
+            tables.push(SceneTable::new(sample.info, entries, &Limits::default()).unwrap());
         }
         tables.try_into().unwrap()
     }
@@ -405,13 +462,13 @@ mod tests {
     fn counts_are_checked_against_the_limits_before_anything_is_kept() {
         for table in tables() {
             let mut limits = Limits::default();
-            limits.codec.max_instances = table.info.instance_count - 1;
+            limits.codec.max_instances = table.instance_count() - 1;
             let refused = SceneAssembler::default().push(scenes(&table)[0].clone(), &limits);
             assert!(matches!(refused, Err(SceneError::Count { .. })), "{refused:?}");
         }
         let [_, surface] = tables();
         let mut limits = Limits::default();
-        limits.codec.max_points = surface.info.point_count - 1;
+        limits.codec.max_points = surface.point_count() - 1;
         let refused = SceneTable::new(surface.info, surface.entries, &limits);
         assert!(matches!(refused, Err(SceneError::Surface(surface::LayoutError::Points { .. }))));
     }
@@ -435,19 +492,25 @@ mod tests {
     #[test]
     fn entries_must_be_those_of_the_profile_and_add_up() {
         let [paper, surface] = tables();
-        let new = |info, entries: &SceneEntries| SceneTable::new(info, entries.clone(), &Limits::default());
-        let other = SceneInfo { set_count: 0, ..surface.info.clone() };
+        let new = |header, entries: &SceneEntries| {
+            SceneTable::announced(header, entries.clone(), &Limits::default())
+        };
+        let other = SceneHeader { set_count: 0, ..surface.header() };
         assert!(matches!(new(other, &paper.entries), Err(SceneError::Profile { .. })));
-        let unknown = SceneInfo { profile: Profile(9), ..paper.info.clone() };
+        let unknown = SceneHeader { profile: Profile(9), ..paper.header() };
         let refused = SceneAssembler::default().push(Scene::Info(unknown), &Limits::default());
         assert_eq!(refused, Err(SceneError::Profile { found: Profile(9) }));
         for table in [&paper, &surface] {
-            let info = SceneInfo { point_count: table.info.point_count + 1, ..table.info.clone() };
-            assert!(matches!(new(info, &table.entries), Err(SceneError::Points { .. })));
-            let info = SceneInfo { instance_count: 1, ..table.info.clone() };
-            assert!(matches!(new(info, &table.entries), Err(SceneError::Count { what: "instances", .. })));
+            assert_eq!(new(table.header(), &table.entries).as_ref(), Ok(table));
+            let header = SceneHeader { point_count: table.point_count() + 1, ..table.header() };
+            assert!(matches!(new(header, &table.entries), Err(SceneError::Points { .. })));
+            let header = SceneHeader { instance_count: 1, ..table.header() };
+            assert!(matches!(new(header, &table.entries), Err(SceneError::Count { what: "instances", .. })));
         }
-        let info = SceneInfo { set_count: 1, ..surface.info.clone() };
-        assert!(matches!(new(info, &surface.entries), Err(SceneError::Count { what: "point sets", .. })));
+        let header = SceneHeader { set_count: 1, ..surface.header() };
+        assert!(matches!(new(header, &surface.entries), Err(SceneError::Count { what: "point sets", .. })));
+        let info = SceneInfo { paper: None, ..paper.info };
+        let refused = SceneTable::new(info, paper.entries, &Limits::default());
+        assert_eq!(refused, Err(SceneError::NoPaperInfo));
     }
 }

@@ -52,7 +52,8 @@ fn every_target_has_a_corpus_and_is_replayed() {
     assert_eq!(names("fuzz_targets"), sources);
 }
 
-/// The seeds are what `cargo run -p psao-proto --example corpus -- fuzz/corpus` writes today.
+/// The seeds are what `cargo run -p psao-proto --features testing --example corpus -- fuzz/corpus` writes
+/// today.
 #[test]
 fn the_seeds_are_up_to_date() {
     for seed in psao_proto::fuzzing::seeds().unwrap() {

@@ -55,8 +55,8 @@ pub(crate) struct Followed {
 /// Listens at a port of the loopback, and gives the hub and the address.
 pub(crate) async fn listen(source: &Source, coder: psao_codec::block::BlockCoder) -> Result<(Hub, Address)> {
     // Those that take nothing are not given up: what they cost is what is looked at.
-    let (silence, stall) = (Micros::from_secs(3_600), Micros::from_secs(3_600));
-    let limits = Limits { max_clients: 10_000, silence, stall, ..Limits::default() };
+    let hour = Micros::from_secs(3_600);
+    let limits = Limits::default().with_max_clients(10_000).with_silence(hour).with_stall(hour);
     let hub = Hub::new(source.scene().clone(), coder, Access::Open, limits);
     let listener = Listener::bind(&hub, &"127.0.0.1:0".parse()?, &ListenOptions::default()).await?;
     let address = listener.address().clone();

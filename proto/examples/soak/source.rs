@@ -9,8 +9,8 @@ use psao_codec::stream::{Layout, StateRef};
 use psao_codec::surface::{
     Encoder, EncoderSettings, Geometry, GeometryDigest, GeometrySource, RestPoint, SetLayout,
 };
-use psao_proto::message::{MemberEntry, Needs, Occlusion, PointSource, SceneInfo, SetEntry, Text};
-use psao_proto::{Limits, Profile, SceneEntries, SceneTable};
+use psao_proto::message::{MemberEntry, Needs, PointSource, SetEntry};
+use psao_proto::{Limits, SceneEntries, SceneInfo, SceneTable};
 
 /// Points in a row of the square that the points lie on.
 const ROW: u32 = 256;
@@ -93,31 +93,7 @@ fn scene(
     coder: BlockCoder,
     fps: f32,
 ) -> Result<SceneTable, Box<dyn Error + Send + Sync>> {
-    let points = geometry.len() as u32;
-    let info = SceneInfo {
-        name: Text::new("soak")?,
-        source: Text::new("soak")?,
-        digest: [0; 32],
-        profile: Profile::SURFACE,
-        point_bits: 32,
-        coder: coder.id(),
-        geometry: PointSource::SENT,
-        fps,
-        frames_hint: 0,
-        radius_m: 0.6,
-        rays: 1,
-        occlusion: Occlusion::OBSCURANCE,
-        threshold: 2,
-        seed: 1,
-        points_per_m2: 400.0,
-        min_points: points,
-        cell_capacity: 0,
-        set_count: 1,
-        instance_count: 1,
-        point_count: points,
-        paper_table_slots: 4.0,
-        view_margin: 1.3,
-    };
+    let info = SceneInfo::new("soak", [0; 32], fps, 2, coder.id(), PointSource::SENT);
     let entries = SceneEntries::Surface {
         sets: vec![SetEntry::from(geometry.layout())],
         members: vec![MemberEntry { set: 0, needs: Needs::NONE }],

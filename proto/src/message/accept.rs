@@ -1,7 +1,7 @@
 //! ACCEPT: the server takes a client.
 
-use super::body::Body;
-use super::{Invalid, Message, PeerLimits, Text, require};
+use super::sealed::Payload;
+use super::{FieldError, Message, PeerLimits, Text, require};
 use crate::{FrameType, Profile};
 
 /// The answer to a hello that the server can serve. SCENE frames follow.
@@ -19,8 +19,8 @@ pub struct Accept {
 
 fields!(Accept { version, profile as Profile, limits, name });
 
-impl Body for Accept {
-    fn check(&self) -> Result<(), Invalid> {
+impl Payload for Accept {
+    fn check(&self) -> Result<(), FieldError> {
         require(self.version >= 1, "version", "is 0")
     }
 }

@@ -1,7 +1,7 @@
 //! ACK: a client holds a frame.
 
-use super::body::Body;
-use super::{Invalid, Message};
+use super::sealed::Payload;
+use super::{FieldError, Message};
 use crate::{FrameIndex, FrameType, StateHash};
 
 /// Sent after each frame that the client applied.
@@ -15,8 +15,8 @@ pub struct Ack {
 
 fields!(Ack { frame as FrameIndex, hash as StateHash });
 
-impl Body for Ack {
-    fn check(&self) -> Result<(), Invalid> {
+impl Payload for Ack {
+    fn check(&self) -> Result<(), FieldError> {
         Ok(())
     }
 }

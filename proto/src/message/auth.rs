@@ -3,8 +3,8 @@
 use bincode::{Decode, Encode};
 use subtle::ConstantTimeEq as _;
 
-use super::body::Body;
-use super::{Invalid, Message, require};
+use super::sealed::Payload;
+use super::{FieldError, Message, require};
 use crate::FrameType;
 
 /// Fewest bytes of a token: what cannot be guessed.
@@ -21,7 +21,7 @@ pub struct Token(Vec<u8>);
 #[error(
     "a token of {length} bytes: it must have {MIN_TOKEN_BYTES} to {MAX_TOKEN_BYTES}; `psao keys` makes one"
 )]
-pub struct BadToken {
+pub struct TokenError {
     /// Bytes given.
     pub length: usize,
 }
@@ -30,12 +30,12 @@ impl Token {
     /// A token of 16 to 256 bytes.
     ///
     /// # Errors
-    /// [`BadToken`] when it is shorter or longer.
-    pub fn new(secret: impl Into<Vec<u8>>) -> Result<Self, BadToken> {
+    /// [`TokenError`] when it is shorter or longer.
+    pub fn new(secret: impl Into<Vec<u8>>) -> Result<Self, TokenError> {
         let secret = secret.into();
         match secret.len() {
             MIN_TOKEN_BYTES..=MAX_TOKEN_BYTES => Ok(Self(secret)),
-            length => Err(BadToken { length }),
+            length => Err(TokenError { length }),
         }
     }
 }
@@ -76,10 +76,10 @@ impl<C> Decode<C> for Auth {
     }
 }
 
-impl Body for Auth {
-    fn check(&self) -> Result<(), Invalid> {
+impl Payload for Auth {
+    fn check(&self) -> Result<(), FieldError> {
         let length = self.token.0.len();
-        require((MIN_TOKEN_BYTES..=MAX_TOKEN_BYTES).contains(&length), "token", "has not 16 to 256 bytes")
+        require((MIN_TOKEN_BYTES..=MAX_TOKEN_BYTES).contains(&length), "token", "must have 16 to 256 bytes")
     }
 }
 
@@ -109,7 +109,7 @@ mod tests {
         );
         assert!(token == token.clone() && token != Token::new(*b"a very secret secreT").unwrap());
         for length in [0, 15, 257] {
-            assert_eq!(Token::new(vec![7; length]), Err(BadToken { length }));
+            assert_eq!(Token::new(vec![7; length]), Err(TokenError { length }));
         }
     }
 }

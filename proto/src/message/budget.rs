@@ -1,7 +1,7 @@
 //! BUDGET: what a frame had to leave for later.
 
-use super::body::Body;
-use super::{Invalid, Message, require};
+use super::sealed::Payload;
+use super::{FieldError, Message, require};
 use crate::{FrameIndex, FrameType};
 
 /// What a server that has a byte budget did with it in a frame. For people and tables; nothing depends on it.
@@ -23,8 +23,8 @@ pub struct Budget {
 
 fields!(Budget { frame as FrameIndex, budget, used, postponed, oldest, forced });
 
-impl Body for Budget {
-    fn check(&self) -> Result<(), Invalid> {
+impl Payload for Budget {
+    fn check(&self) -> Result<(), FieldError> {
         require(self.postponed > 0 || self.oldest == 0, "oldest", "is the age of nothing")
     }
 }

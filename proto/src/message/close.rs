@@ -2,43 +2,28 @@
 
 use bincode::{Decode, Encode};
 
-use super::body::Body;
-use super::{Invalid, Message, Text};
+use super::sealed::Payload;
+use super::{FieldError, Message, Text};
 use crate::FrameType;
 
-/// Why a connection or a recording ends. Unknown values survive and mean "some other reason; read the text".
-#[derive(Clone, Copy, PartialEq, Eq, Encode, Decode)]
-pub struct CloseCode(pub u16);
-
-impl CloseCode {
-    /// The stream is complete.
-    pub const DONE: Self = Self(0);
-    /// This end was told to stop.
-    pub const STOPPED: Self = Self(1);
-    /// The other end broke the protocol; the text says how.
-    pub const PROTOCOL: Self = Self(2);
-    /// The other end took too long.
-    pub const TIMEOUT: Self = Self(3);
-    /// This end failed; the text says how.
-    pub const FAILED: Self = Self(4);
-    /// The stream is of another scene than the one that this client draws.
-    pub const SCENE: Self = Self(5);
-    /// The other end said more than it may in the time.
-    pub const FLOOD: Self = Self(6);
-}
-
-impl std::fmt::Debug for CloseCode {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match *self {
-            Self::DONE => "DONE",
-            Self::STOPPED => "STOPPED",
-            Self::PROTOCOL => "PROTOCOL",
-            Self::TIMEOUT => "TIMEOUT",
-            Self::FAILED => "FAILED",
-            Self::SCENE => "SCENE",
-            Self::FLOOD => "FLOOD",
-            Self(other) => return write!(f, "code {other}"),
-        })
+wire_enum! {
+    /// Why a connection or a recording ends. Unknown values survive and mean "some other reason; read the text".
+    #[derive(Encode, Decode)]
+    pub struct CloseCode(u16), unknown "code" {
+        /// The stream is complete.
+        DONE = 0 => "DONE",
+        /// This end was told to stop.
+        STOPPED = 1 => "STOPPED",
+        /// The other end broke the protocol; the text says how.
+        PROTOCOL = 2 => "PROTOCOL",
+        /// The other end took too long.
+        TIMEOUT = 3 => "TIMEOUT",
+        /// This end failed; the text says how.
+        FAILED = 4 => "FAILED",
+        /// The stream is of another scene than the one that this client draws.
+        SCENE = 5 => "SCENE",
+        /// The other end said more than it may in the time.
+        FLOOD = 6 => "FLOOD",
     }
 }
 
@@ -59,8 +44,8 @@ impl Close {
     }
 }
 
-impl Body for Close {
-    fn check(&self) -> Result<(), Invalid> {
+impl Payload for Close {
+    fn check(&self) -> Result<(), FieldError> {
         Ok(())
     }
 }

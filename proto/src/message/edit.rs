@@ -2,8 +2,8 @@
 
 use bincode::{Decode, Encode};
 
-use super::body::Body;
-use super::{Invalid, Message, finite, require};
+use super::sealed::Payload;
+use super::{FieldError, Message, finite, require};
 use crate::FrameType;
 
 /// What happens to an instance.
@@ -33,8 +33,8 @@ pub struct Edit {
     pub action: EditAction,
 }
 
-impl Body for Edit {
-    fn check(&self) -> Result<(), Invalid> {
+impl Payload for Edit {
+    fn check(&self) -> Result<(), FieldError> {
         let EditAction::Move { translation, rotation } = &self.action else {
             return Ok(());
         };

@@ -2,37 +2,20 @@
 
 use bincode::{Decode, Encode};
 
-use super::body::Body;
-use super::{Invalid, Message};
+use super::sealed::Payload;
+use super::{FieldError, Message};
 use crate::{FrameIndex, FrameType};
 
-/// Why frames are not in a recording. Unknown values survive and mean "some other reason".
-#[derive(Clone, Copy, PartialEq, Eq, Encode, Decode)]
-pub struct GapReason(pub u8);
-
-impl GapReason {
-    /// They came faster than they could be written.
-    pub const SLOW: Self = Self(1);
-    /// They could not be written: the disk was full, or the file went away.
-    pub const FAILED: Self = Self(2);
-    /// They were damaged in the recording that this one was made from.
-    pub const DAMAGE: Self = Self(3);
-}
-
-impl std::fmt::Display for GapReason {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match *self {
-            Self::SLOW => "the disk was too slow",
-            Self::FAILED => "the disk failed",
-            Self::DAMAGE => "damaged where this was copied from",
-            Self(other) => return write!(f, "reason {other}"),
-        })
-    }
-}
-
-impl std::fmt::Debug for GapReason {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        std::fmt::Display::fmt(self, f)
+wire_enum! {
+    /// Why frames are not in a recording. Unknown values survive and mean "some other reason".
+    #[derive(Encode, Decode)]
+    pub struct GapReason(u8), unknown "reason" {
+        /// They came faster than they could be written.
+        SLOW = 1 => "the disk was too slow",
+        /// They could not be written: the disk was full, or the file went away.
+        FAILED = 2 => "the disk failed",
+        /// They were damaged in the recording that this one was made from.
+        DAMAGE = 3 => "damaged where this was copied from",
     }
 }
 
@@ -68,8 +51,8 @@ impl std::fmt::Display for Gap {
     }
 }
 
-impl Body for Gap {
-    fn check(&self) -> Result<(), Invalid> {
+impl Payload for Gap {
+    fn check(&self) -> Result<(), FieldError> {
         Ok(())
     }
 }

@@ -2,8 +2,8 @@
 
 use bincode::{Decode, Encode};
 
-use super::body::Body;
-use super::{Invalid, Message, Text, require};
+use super::sealed::Payload;
+use super::{FieldError, Message, Text, require};
 use crate::{CoderId, FrameType, Limits, Profile};
 
 /// A set of profiles, one bit each: bit `n` stands for the profile with wire id `n`.
@@ -91,8 +91,8 @@ impl From<&Limits> for PeerLimits {
     }
 }
 
-impl Body for Hello {
-    fn check(&self) -> Result<(), Invalid> {
+impl Payload for Hello {
+    fn check(&self) -> Result<(), FieldError> {
         require(self.oldest >= 1 && self.oldest <= self.newest, "oldest", "is 0 or above `newest`")
     }
 }

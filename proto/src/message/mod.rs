@@ -40,6 +40,7 @@ mod close;
 mod edit;
 mod gap;
 mod hello;
+mod needs;
 mod ping;
 mod reject;
 mod report;
@@ -54,20 +55,21 @@ mod view;
 
 pub use accept::Accept;
 pub use ack::Ack;
-pub use auth::{Auth, BadToken, MAX_TOKEN_BYTES, MIN_TOKEN_BYTES, Token};
+pub use auth::{Auth, MAX_TOKEN_BYTES, MIN_TOKEN_BYTES, Token, TokenError};
 pub use budget::Budget;
 pub use close::{Close, CloseCode};
 pub use edit::{Edit, EditAction};
 pub use gap::{Gap, GapReason};
 pub use hello::{CoderSet, Hello, PeerLimits, ProfileSet};
+pub use needs::Needs;
 pub use ping::{Ping, Pong};
 pub use reject::{Reject, RejectCode};
 pub use report::{MAX_STAGES, Report, StageId, StageTime};
 pub use request::{KeyframeReason, Request};
-pub use scene::{InstanceBatch, InstanceEntry, MAX_BATCH, Needs, Occlusion, Scene, SceneInfo};
+pub use scene::{InstanceBatch, InstanceEntry, MAX_BATCH, Occlusion, Scene, SceneHeader};
 pub use stamp::Stamp;
 pub use surface::{MemberBatch, MemberEntry, PointSource, SetBatch, SetEntry};
-pub use text::{Text, TextTooLong};
+pub use text::{Text, TextError};
 pub use view::{CameraPose, View};
 
 use crate::FrameType;
@@ -77,6 +79,7 @@ pub const MAX_MESSAGE_BYTES: usize = 65_536;
 
 /// Why a payload is not the message that its frame's type says, or a message cannot be sent.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum MessageError {
     /// The bytes cannot be read as this message.
     #[error("{message}: cannot read its {length} bytes: {reason}")]
@@ -86,7 +89,7 @@ pub enum MessageError {
         /// Bytes of the payload.
         length: usize,
         /// What went wrong.
-        reason: Malformed,
+        reason: PayloadError,
     },
     /// The message ended before its payload did.
     #[error("{message}: {used} bytes make up the message, but its payload has {length}")]
@@ -112,7 +115,8 @@ pub enum MessageError {
 
 /// How a payload fails to be a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum Malformed {
+#[non_exhaustive]
+pub enum PayloadError {
     /// The payload ends inside a field.
     #[error("they end inside a field")]
     Ended,
@@ -131,21 +135,21 @@ pub enum Malformed {
 }
 
 /// The part of a message that the outside does not see: how it is read and written, and its checks.
-pub(crate) mod body {
+pub(crate) mod sealed {
     /// A field and what is wrong with it.
     #[derive(Debug)]
-    pub struct Invalid {
+    pub struct FieldError {
         pub(super) field: &'static str,
         pub(super) problem: &'static str,
     }
 
     /// Layout plus checks.
-    pub trait Body: bincode::Encode + bincode::Decode<()> {
+    pub trait Payload: bincode::Encode + bincode::Decode<()> {
         /// Whether every field makes sense.
-        fn check(&self) -> Result<(), Invalid>;
+        fn check(&self) -> Result<(), FieldError>;
     }
 }
-use body::{Body, Invalid};
+use sealed::{FieldError, Payload};
 
 /// A control message: the payload of one type of frame.
 ///
@@ -160,7 +164,7 @@ use body::{Body, Invalid};
 /// ```
 ///
 /// Sealed: the set of messages is the protocol's.
-pub trait Message: Body + Sized {
+pub trait Message: Payload + Sized {
     /// Type of the frames that carry it.
     const KIND: FrameType;
     /// Its name in errors and in the specification.
@@ -175,10 +179,10 @@ pub trait Message: Body + Sized {
         let bytes = bincode::encode_to_vec(self, CONFIG).map_err(|_| MessageError::Malformed {
             message: Self::NAME,
             length: 0,
-            reason: Malformed::Value,
+            reason: PayloadError::Value,
         })?;
         if bytes.len() > MAX_MESSAGE_BYTES {
-            let (length, reason) = (bytes.len(), Malformed::TooLong);
+            let (length, reason) = (bytes.len(), PayloadError::TooLong);
             return Err(MessageError::Malformed { message: Self::NAME, length, reason });
         }
         Ok(bytes)
@@ -210,29 +214,29 @@ const CONFIG: bincode::config::Configuration<
     .with_fixed_int_encoding()
     .with_limit::<MAX_MESSAGE_BYTES>();
 
-const fn invalid<M: Message>(invalid: &Invalid) -> MessageError {
+const fn invalid<M: Message>(invalid: &FieldError) -> MessageError {
     MessageError::Invalid { message: M::NAME, field: invalid.field, problem: invalid.problem }
 }
 
-fn malformed(error: &bincode::error::DecodeError) -> Malformed {
+fn malformed(error: &bincode::error::DecodeError) -> PayloadError {
     use bincode::error::DecodeError as E;
     match error {
-        E::UnexpectedEnd { .. } => Malformed::Ended,
-        E::LimitExceeded | E::OutsideUsizeRange(_) | E::ArrayLengthMismatch { .. } => Malformed::TooLong,
-        E::UnexpectedVariant { found, .. } => Malformed::Variant(*found),
-        E::Utf8 { .. } => Malformed::Utf8,
-        E::Other(text::TOO_LONG) => Malformed::TooLong,
-        _ => Malformed::Value,
+        E::UnexpectedEnd { .. } => PayloadError::Ended,
+        E::LimitExceeded | E::OutsideUsizeRange(_) | E::ArrayLengthMismatch { .. } => PayloadError::TooLong,
+        E::UnexpectedVariant { found, .. } => PayloadError::Variant(*found),
+        E::Utf8 { .. } => PayloadError::Utf8,
+        E::Other(text::TOO_LONG) => PayloadError::TooLong,
+        _ => PayloadError::Value,
     }
 }
 
 /// Passes when `ok`.
-const fn require(ok: bool, field: &'static str, problem: &'static str) -> Result<(), Invalid> {
-    if ok { Ok(()) } else { Err(Invalid { field, problem }) }
+const fn require(ok: bool, field: &'static str, problem: &'static str) -> Result<(), FieldError> {
+    if ok { Ok(()) } else { Err(FieldError { field, problem }) }
 }
 
 /// Passes when every value is finite.
-fn finite(values: &[f32], field: &'static str) -> Result<(), Invalid> {
+fn finite(values: &[f32], field: &'static str) -> Result<(), FieldError> {
     require(values.iter().all(|v| v.is_finite()), field, "is not finite")
 }
 

@@ -1,13 +1,13 @@
 //! PING and PONG: whether the other end is there, and what its clock says.
 
-use super::body::Body;
-use super::{Invalid, Message};
+use super::sealed::Payload;
+use super::{FieldError, Message};
 use crate::{FrameType, Micros};
 
 /// Asks the other end to answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Ping {
-    /// When it was sent, by the clock of whoever sent it.
+    /// When it was sent, by the clock of its sender.
     pub sent: Micros,
 }
 
@@ -16,7 +16,7 @@ pub struct Ping {
 pub struct Pong {
     /// That of the PING.
     pub sent: Micros,
-    /// When the PING came, by the clock of whoever answers.
+    /// When the PING came, by the clock of the answering end.
     pub received: Micros,
     /// When the answer went out, by the same clock.
     pub replied: Micros,
@@ -25,8 +25,8 @@ pub struct Pong {
 fields!(Ping { sent as Micros });
 fields!(Pong { sent as Micros, received as Micros, replied as Micros });
 
-impl Body for Ping {
-    fn check(&self) -> Result<(), Invalid> {
+impl Payload for Ping {
+    fn check(&self) -> Result<(), FieldError> {
         Ok(())
     }
 }
@@ -36,8 +36,8 @@ impl Message for Ping {
     const NAME: &'static str = "PING";
 }
 
-impl Body for Pong {
-    fn check(&self) -> Result<(), Invalid> {
+impl Payload for Pong {
+    fn check(&self) -> Result<(), FieldError> {
         Ok(())
     }
 }

@@ -2,43 +2,28 @@
 
 use bincode::{Decode, Encode};
 
-use super::body::Body;
-use super::{Invalid, Message, Text};
+use super::sealed::Payload;
+use super::{FieldError, Message, Text};
 use crate::FrameType;
 
-/// Why a server turns a client away. Unknown values survive and mean "some other reason; read the text".
-#[derive(Clone, Copy, PartialEq, Eq, Encode, Decode)]
-pub struct RejectCode(pub u16);
-
-impl RejectCode {
-    /// The ends have no protocol version in common.
-    pub const VERSION: Self = Self(1);
-    /// The client cannot apply the stream's profile.
-    pub const PROFILE: Self = Self(2);
-    /// The client cannot undo the stream's block coder.
-    pub const CODER: Self = Self(3);
-    /// The scene is over the client's limits.
-    pub const LIMITS: Self = Self(4);
-    /// The server has as many clients as it takes.
-    pub const BUSY: Self = Self(5);
-    /// The first frame was not a HELLO that can be read.
-    pub const BAD_HELLO: Self = Self(6);
-    /// The server wants a token, and none or a wrong one came before the HELLO.
-    pub const CREDENTIAL: Self = Self(7);
-}
-
-impl std::fmt::Debug for RejectCode {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match *self {
-            Self::VERSION => "VERSION",
-            Self::PROFILE => "PROFILE",
-            Self::CODER => "CODER",
-            Self::LIMITS => "LIMITS",
-            Self::BUSY => "BUSY",
-            Self::BAD_HELLO => "BAD_HELLO",
-            Self::CREDENTIAL => "CREDENTIAL",
-            Self(other) => return write!(f, "code {other}"),
-        })
+wire_enum! {
+    /// Why a server turns a client away. Unknown values survive and mean "some other reason; read the text".
+    #[derive(Encode, Decode)]
+    pub struct RejectCode(u16), unknown "code" {
+        /// The ends have no protocol version in common.
+        VERSION = 1 => "VERSION",
+        /// The client cannot apply the stream's profile.
+        PROFILE = 2 => "PROFILE",
+        /// The client cannot undo the stream's block coder.
+        CODER = 3 => "CODER",
+        /// The scene is over the client's limits.
+        LIMITS = 4 => "LIMITS",
+        /// The server has as many clients as it takes.
+        BUSY = 5 => "BUSY",
+        /// The first frame was not a HELLO that can be read.
+        BAD_HELLO = 6 => "BAD_HELLO",
+        /// The server wants a token, and none or a wrong one came before the HELLO.
+        CREDENTIAL = 7 => "CREDENTIAL",
     }
 }
 
@@ -59,8 +44,8 @@ impl Reject {
     }
 }
 
-impl Body for Reject {
-    fn check(&self) -> Result<(), Invalid> {
+impl Payload for Reject {
+    fn check(&self) -> Result<(), FieldError> {
         Ok(())
     }
 }

@@ -2,58 +2,29 @@
 
 use bincode::{Decode, Encode};
 
-use super::body::Body;
-use super::{Invalid, Message, require};
+use super::sealed::Payload;
+use super::{FieldError, Message, require};
 use crate::{FrameIndex, FrameType, Micros};
 
 /// Most stages in one report.
 pub const MAX_STAGES: usize = 32;
 
-/// A stage of the server's frame loop. Unknown values survive.
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Encode, Decode)]
-pub struct StageId(pub u8);
-
-impl StageId {
-    /// Animation: poses of the instances.
-    pub const POSE: Self = Self(1);
-    /// Update of the acceleration structures.
-    pub const BVH: Self = Self(2);
-    /// Positions and normals of the points, and which are visible.
-    pub const PLACE: Self = Self(3);
-    /// AO rays.
-    pub const TRACE: Self = Self(4);
-    /// What changed enough to be sent.
-    pub const DECIDE: Self = Self(5);
-    /// Cells, buckets and block coding.
-    pub const ENCODE: Self = Self(6);
-
-    /// The name in tables, or `None` for a stage that this version does not know.
-    #[must_use]
-    pub const fn name(self) -> Option<&'static str> {
-        Some(match self {
-            Self::POSE => "pose",
-            Self::BVH => "bvh",
-            Self::PLACE => "place",
-            Self::TRACE => "trace",
-            Self::DECIDE => "decide",
-            Self::ENCODE => "encode",
-            _ => return None,
-        })
-    }
-}
-
-impl std::fmt::Display for StageId {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self.name() {
-            Some(name) => f.pad(name),
-            None => f.pad(&format!("stage {}", self.0)),
-        }
-    }
-}
-
-impl std::fmt::Debug for StageId {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        std::fmt::Display::fmt(self, f)
+wire_enum! {
+    /// A stage of the server's frame loop. Unknown values survive.
+    #[derive(Encode, Decode)]
+    pub struct StageId(u8), unknown "stage" {
+        /// Animation: poses of the instances.
+        POSE = 1 => "pose",
+        /// Update of the acceleration structures.
+        BVH = 2 => "bvh",
+        /// Positions and normals of the points, and which are visible.
+        PLACE = 3 => "place",
+        /// AO rays.
+        TRACE = 4 => "trace",
+        /// What changed enough to be sent.
+        DECIDE = 5 => "decide",
+        /// Cells, buckets and block coding.
+        ENCODE = 6 => "encode",
     }
 }
 
@@ -121,8 +92,8 @@ fields!(Report {
     stages,
 });
 
-impl Body for Report {
-    fn check(&self) -> Result<(), Invalid> {
+impl Payload for Report {
+    fn check(&self) -> Result<(), FieldError> {
         require(self.stages.len() <= MAX_STAGES, "stages", "has more than 32 entries")
     }
 }

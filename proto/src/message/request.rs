@@ -2,35 +2,23 @@
 
 use bincode::{Decode, Encode};
 
-use super::body::Body;
-use super::{Invalid, Message, require};
+use super::sealed::Payload;
+use super::{FieldError, Message, require};
 use crate::FrameType;
 use crate::session::MIN_DATAGRAM_BYTES;
 
-/// Why a client needs a keyframe. Unknown values survive and are served all the same.
-#[derive(Clone, Copy, PartialEq, Eq, Encode, Decode)]
-pub struct KeyframeReason(pub u8);
-
-impl KeyframeReason {
-    /// The state hash after an update was not the one in its header.
-    pub const HASH: Self = Self(1);
-    /// A group or sequence number was skipped.
-    pub const GAP: Self = Self(2);
-    /// A frame body could not be read.
-    pub const BODY: Self = Self(3);
-    /// The person or program at the client asked.
-    pub const ASKED: Self = Self(4);
-}
-
-impl std::fmt::Debug for KeyframeReason {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match *self {
-            Self::HASH => "HASH",
-            Self::GAP => "GAP",
-            Self::BODY => "BODY",
-            Self::ASKED => "ASKED",
-            Self(other) => return write!(f, "reason {other}"),
-        })
+wire_enum! {
+    /// Why a client needs a keyframe. Unknown values survive and are served all the same.
+    #[derive(Encode, Decode)]
+    pub struct KeyframeReason(u8), unknown "reason" {
+        /// The state hash after an update was not the one in its header.
+        HASH = 1 => "HASH",
+        /// A group or sequence number was skipped.
+        GAP = 2 => "GAP",
+        /// A frame body could not be read.
+        BODY = 3 => "BODY",
+        /// The person or program at the client asked.
+        ASKED = 4 => "ASKED",
     }
 }
 
@@ -51,8 +39,8 @@ pub enum Request {
     },
 }
 
-impl Body for Request {
-    fn check(&self) -> Result<(), Invalid> {
+impl Payload for Request {
+    fn check(&self) -> Result<(), FieldError> {
         let Self::Datagrams { bytes } = self else { return Ok(()) };
         require(*bytes >= MIN_DATAGRAM_BYTES, "bytes", "is less than a datagram has")
     }
@@ -66,7 +54,7 @@ impl Message for Request {
 #[cfg(test)]
 mod tests {
     use super::super::testing::golden;
-    use super::super::{Malformed, MessageError};
+    use super::super::{MessageError, PayloadError};
     use super::*;
 
     #[test]
@@ -76,7 +64,7 @@ mod tests {
         golden(&Request::Datagrams { bytes: 1200 }, "02000000 b004");
         assert!(Request::Datagrams { bytes: MIN_DATAGRAM_BYTES - 1 }.to_payload().is_err());
         let unknown = Request::from_payload(&[3, 0, 0, 0, 2]);
-        let reason = Malformed::Variant(3);
+        let reason = PayloadError::Variant(3);
         assert_eq!(unknown, Err(MessageError::Malformed { message: "REQUEST", length: 5, reason }));
     }
 }

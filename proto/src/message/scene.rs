@@ -1,109 +1,33 @@
 //! SCENE: what the stream is about: how the AO was made, and where every instance's points are.
 //!
-//! The scene table is one [`SceneInfo`] followed by as many batches as it takes, in order, each in a SCENE frame of its
+//! The scene table is one [`SceneHeader`] followed by as many batches as it takes, in order, each in a SCENE frame of its
 //! own: [`InstanceBatch`]es in profile `paper`; [`SetBatch`]es, then [`MemberBatch`]es in profile `surface`. A client
 //! needs nothing else to build the codec's layout; meshes and animation are its own.
 
-use std::ops::{BitOr, BitOrAssign};
-
 use bincode::{Decode, Encode};
 
-use super::body::Body;
-use super::{Invalid, MemberBatch, Message, PointSource, SetBatch, Text, finite, require};
+use super::sealed::Payload;
+use super::{FieldError, MemberBatch, Message, Needs, PointSource, SetBatch, Text, finite, require};
 use crate::{CoderId, FrameType, Profile};
 
 /// Most entries in one SCENE frame.
 pub const MAX_BATCH: usize = 512;
 
-/// How the AO of a point is made from its rays. Unknown values survive.
-#[derive(Clone, Copy, PartialEq, Eq, Encode, Decode)]
-pub struct Occlusion(pub u8);
-
-impl Occlusion {
-    /// Mean of `min(hit distance, radius) / radius`: near occluders darken more.
-    pub const OBSCURANCE: Self = Self(0);
-    /// Share of the rays that hit nothing within the radius.
-    pub const BINARY: Self = Self(1);
-}
-
-impl std::fmt::Display for Occlusion {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match *self {
-            Self::OBSCURANCE => f.pad("obscurance"),
-            Self::BINARY => f.pad("binary"),
-            Self(other) => f.pad(&format!("occlusion {other}")),
-        }
+wire_enum! {
+    /// How the AO of a point is made from its rays. Unknown values survive.
+    #[derive(Encode, Decode)]
+    pub struct Occlusion(u8), unknown "occlusion" {
+        /// Mean of `min(hit distance, radius) / radius`: near occluders darken more.
+        OBSCURANCE = 0 => "obscurance",
+        /// Share of the rays that hit nothing within the radius.
+        BINARY = 1 => "binary",
     }
 }
 
-impl std::fmt::Debug for Occlusion {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        std::fmt::Display::fmt(self, f)
-    }
-}
-
-/// What an instance needs of a server or client, as a set of bits. Unknown bits survive.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Encode, Decode)]
-pub struct Needs(pub u32);
-
-impl Needs {
-    /// Its vertices follow joints.
-    pub const SKIN: Self = Self(1);
-    /// Its vertices follow morph targets.
-    pub const MORPH: Self = Self(1 << 1);
-    /// It moves as a rigid body (a deforming one may move as well).
-    pub const RIGID_MOTION: Self = Self(1 << 2);
-    /// Its scale or shear changes over time.
-    pub const ANIMATED_SCALE: Self = Self(1 << 3);
-    /// A texture decides where its surface is.
-    pub const MASKED: Self = Self(1 << 4);
-    /// Both of its sides are seen.
-    pub const DOUBLE_SIDED: Self = Self(1 << 5);
-    /// A normal map bends its normals.
-    pub const NORMAL_MAP: Self = Self(1 << 6);
-
-    /// Nothing: a still, opaque, one-sided surface.
-    pub const NONE: Self = Self(0);
-
-    const NAMES: [(Self, &'static str); 7] = [
-        (Self::SKIN, "skin"),
-        (Self::MORPH, "morph"),
-        (Self::RIGID_MOTION, "rigid motion"),
-        (Self::ANIMATED_SCALE, "animated scale"),
-        (Self::MASKED, "mask"),
-        (Self::DOUBLE_SIDED, "double-sided"),
-        (Self::NORMAL_MAP, "normal map"),
-    ];
-
-    /// Whether every bit of `other` is in it.
-    #[must_use]
-    pub const fn contains(self, other: Self) -> bool {
-        self.0 & other.0 == other.0
-    }
-
-    /// Names of the needs in the set that this version knows, for people.
-    pub fn names(self) -> impl Iterator<Item = &'static str> {
-        Self::NAMES.iter().filter(move |(need, _)| self.contains(*need)).map(|(_, name)| *name)
-    }
-}
-
-impl BitOr for Needs {
-    type Output = Self;
-
-    fn bitor(self, other: Self) -> Self {
-        Self(self.0 | other.0)
-    }
-}
-
-impl BitOrAssign for Needs {
-    fn bitor_assign(&mut self, other: Self) {
-        *self = *self | other;
-    }
-}
-
-/// First SCENE frame: the stream as a whole.
+/// Content of the first SCENE frame: the stream as a whole, field by field. Programs use
+/// [`SceneInfo`](crate::SceneInfo), which has what of this a table does not say itself.
 #[derive(Clone, Debug, PartialEq)]
-pub struct SceneInfo {
+pub struct SceneHeader {
     /// Name of the scene, for people.
     pub name: Text<64>,
     /// Path or built-in name as it was typed at the server, so that a person can open the same scene.
@@ -151,7 +75,7 @@ pub struct SceneInfo {
     pub view_margin: f32,
 }
 
-fields!(SceneInfo {
+fields!(SceneHeader {
     name,
     source,
     digest,
@@ -210,7 +134,7 @@ pub struct InstanceBatch {
 #[derive(Clone, Debug, PartialEq, Encode, Decode)]
 pub enum Scene {
     /// The first one.
-    Info(SceneInfo),
+    Info(SceneHeader),
     /// The ones after it in profile `paper`.
     Instances(InstanceBatch),
     /// The ones after it in profile `surface`.
@@ -219,13 +143,13 @@ pub enum Scene {
     Members(MemberBatch),
 }
 
-fn positive(value: f32, field: &'static str) -> Result<(), Invalid> {
+fn positive(value: f32, field: &'static str) -> Result<(), FieldError> {
     require(value > 0.0 && value.is_finite(), field, "is not a positive number")
 }
 
-impl SceneInfo {
-    fn check(&self) -> Result<(), Invalid> {
-        require(matches!(self.point_bits, 16 | 24 | 32), "point_bits", "is none of 16, 24, 32")?;
+impl SceneHeader {
+    fn check(&self) -> Result<(), FieldError> {
+        require(matches!(self.point_bits, 16 | 24 | 32), "point_bits", "must be 16, 24 or 32")?;
         positive(self.fps, "fps")?;
         positive(self.radius_m, "radius_m")?;
         positive(self.points_per_m2, "points_per_m2")?;
@@ -236,7 +160,7 @@ impl SceneInfo {
 }
 
 impl InstanceEntry {
-    fn check(&self) -> Result<(), Invalid> {
+    fn check(&self) -> Result<(), FieldError> {
         finite(&self.origin, "origin")?;
         positive(self.edge, "edge")?;
         require(!self.dims.contains(&0), "dims", "has an axis without cells")?;
@@ -245,13 +169,13 @@ impl InstanceEntry {
     }
 }
 
-impl Body for Scene {
-    fn check(&self) -> Result<(), Invalid> {
+impl Payload for Scene {
+    fn check(&self) -> Result<(), FieldError> {
         match self {
             Self::Info(info) => info.check(),
             Self::Instances(batch) => {
                 let count = batch.entries.len();
-                require((1..=MAX_BATCH).contains(&count), "entries", "has not 1 to 512 instances")?;
+                require((1..=MAX_BATCH).contains(&count), "entries", "must have 1 to 512 instances")?;
                 batch.entries.iter().try_for_each(InstanceEntry::check)
             }
             Self::Sets(batch) => batch.check(),
@@ -270,8 +194,8 @@ mod tests {
     use super::super::testing::golden;
     use super::*;
 
-    fn info() -> SceneInfo {
-        SceneInfo {
+    fn info() -> SceneHeader {
+        SceneHeader {
             name: Text::new("hall").unwrap(),
             source: Text::new("a/hall.glb").unwrap(),
             digest: [0xab; 32],
@@ -305,7 +229,7 @@ mod tests {
         bucket_count: 8,
         kernel_radius: 0.25,
         points: 9,
-        needs: Needs(Needs::SKIN.0 | Needs::MASKED.0),
+        needs: Needs::SKIN.union(Needs::MASKED),
     };
 
     #[test]
@@ -344,12 +268,12 @@ mod tests {
     #[test]
     fn values_that_make_no_sense_are_refused() {
         for bad in [
-            SceneInfo { fps: 0.0, ..info() },
-            SceneInfo { radius_m: f32::NAN, ..info() },
-            SceneInfo { points_per_m2: -1.0, ..info() },
-            SceneInfo { paper_table_slots: f32::INFINITY, ..info() },
-            SceneInfo { view_margin: 0.5, ..info() },
-            SceneInfo { point_bits: 31, ..info() },
+            SceneHeader { fps: 0.0, ..info() },
+            SceneHeader { radius_m: f32::NAN, ..info() },
+            SceneHeader { points_per_m2: -1.0, ..info() },
+            SceneHeader { paper_table_slots: f32::INFINITY, ..info() },
+            SceneHeader { view_margin: 0.5, ..info() },
+            SceneHeader { point_bits: 31, ..info() },
         ] {
             assert!(Scene::Info(bad).to_payload().is_err());
         }

@@ -1,7 +1,7 @@
 //! STAMP: when a frame was made and sent.
 
-use super::body::Body;
-use super::{Invalid, Message, require};
+use super::sealed::Payload;
+use super::{FieldError, Message, require};
 use crate::{FrameIndex, FrameType, Micros};
 
 /// Goes before the KEYFRAME or UPDATE of its frame, to clients that asked for it. Times are those of the server's clock,
@@ -18,8 +18,8 @@ pub struct Stamp {
 
 fields!(Stamp { frame as FrameIndex, captured as Micros, sent as Micros });
 
-impl Body for Stamp {
-    fn check(&self) -> Result<(), Invalid> {
+impl Payload for Stamp {
+    fn check(&self) -> Result<(), FieldError> {
         require(self.captured <= self.sent, "sent", "is before `captured`")
     }
 }

@@ -3,17 +3,17 @@
 use bincode::{Decode, Encode};
 use psao_codec::surface::{GeometryDigest, GeometrySource, SetLayout};
 
-use super::{Invalid, MAX_BATCH, Needs, finite, require};
+use super::{FieldError, MAX_BATCH, Needs, finite, require};
 
-/// Where clients of a `surface` stream have the points from. Unknown values survive.
-#[derive(Clone, Copy, Default, PartialEq, Eq, Encode, Decode)]
-pub struct PointSource(pub u8);
-
-impl PointSource {
-    /// Keyframes carry them; also the value of streams of other profiles.
-    pub const SENT: Self = Self(0);
-    /// Clients spread them over the scene themselves, by the density, minimum and seed of the stream.
-    pub const SHARED: Self = Self(1);
+wire_enum! {
+    /// Where clients of a `surface` stream have the points from. Unknown values survive.
+    #[derive(Default, Encode, Decode)]
+    pub struct PointSource(u8), unknown "geometry" {
+        /// Keyframes carry them; also the value of streams of other profiles.
+        SENT = 0 => "sent",
+        /// Clients spread them over the scene themselves, by the density, minimum and seed of the stream.
+        SHARED = 1 => "shared",
+    }
 }
 
 impl From<GeometrySource> for PointSource {
@@ -22,22 +22,6 @@ impl From<GeometrySource> for PointSource {
             GeometrySource::Sent => Self::SENT,
             GeometrySource::Shared => Self::SHARED,
         }
-    }
-}
-
-impl std::fmt::Display for PointSource {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match *self {
-            Self::SENT => f.pad("sent"),
-            Self::SHARED => f.pad("shared"),
-            Self(other) => f.pad(&format!("geometry {other}")),
-        }
-    }
-}
-
-impl std::fmt::Debug for PointSource {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        std::fmt::Display::fmt(self, f)
     }
 }
 
@@ -103,20 +87,20 @@ impl From<&SetEntry> for SetLayout {
 }
 
 impl SetBatch {
-    pub(super) fn check(&self) -> Result<(), Invalid> {
-        require((1..=MAX_BATCH).contains(&self.entries.len()), "entries", "has not 1 to 512 sets")?;
+    pub(super) fn check(&self) -> Result<(), FieldError> {
+        require((1..=MAX_BATCH).contains(&self.entries.len()), "entries", "must have 1 to 512 sets")?;
         self.entries.iter().try_for_each(SetEntry::check)
     }
 }
 
 impl MemberBatch {
-    pub(super) fn check(&self) -> Result<(), Invalid> {
-        require((1..=MAX_BATCH).contains(&self.entries.len()), "entries", "has not 1 to 512 instances")
+    pub(super) fn check(&self) -> Result<(), FieldError> {
+        require((1..=MAX_BATCH).contains(&self.entries.len()), "entries", "must have 1 to 512 instances")
     }
 }
 
 impl SetEntry {
-    fn check(&self) -> Result<(), Invalid> {
+    fn check(&self) -> Result<(), FieldError> {
         let positive = |value: f32| value > 0.0 && value.is_finite();
         finite(&self.origin, "origin")?;
         require(positive(self.step), "step", "is not a positive number")?;
@@ -140,7 +124,7 @@ mod tests {
         kernel_radius: 0.25,
         digest: 0x0102_0304_0506_0708,
     };
-    const MEMBER: MemberEntry = MemberEntry { set: 7, needs: Needs(Needs::SKIN.0 | Needs::MASKED.0) };
+    const MEMBER: MemberEntry = MemberEntry { set: 7, needs: Needs::SKIN.union(Needs::MASKED) };
 
     #[test]
     fn golden_bytes_of_sets() {

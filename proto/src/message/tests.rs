@@ -30,11 +30,11 @@ fn peer_limits() -> impl Strategy<Value = PeerLimits> {
 prop_compose! {
     fn info()(name in text(), source in text(), digest in any::<[u8; 32]>(), ids in any::<[u8; 5]>(),
               point_bits in prop::sample::select(vec![16u8, 24, 32]), positives in prop::array::uniform4(positive()),
-              counts in any::<[u32; 7]>(), seed in any::<u64>(), margin in 1.0f32..9.0) -> SceneInfo {
+              counts in any::<[u32; 7]>(), seed in any::<u64>(), margin in 1.0f32..9.0) -> SceneHeader {
         let [profile, coder, geometry, occlusion, threshold] = ids;
         let [fps, radius_m, points_per_m2, paper_table_slots] = positives;
         let [frames_hint, rays, min_points, cell_capacity, set_count, instance_count, point_count] = counts;
-        SceneInfo {
+        SceneHeader {
             name, source, digest, profile: Profile(profile), point_bits, coder: CoderId(coder),
             geometry: PointSource(geometry), fps, frames_hint, radius_m, rays, occlusion: Occlusion(occlusion),
             threshold, seed, points_per_m2, min_points, cell_capacity, set_count, instance_count, point_count, paper_table_slots, view_margin: margin,
@@ -47,7 +47,7 @@ prop_compose! {
                first_bucket in any::<u32>(), shift in 0u32..32, kernel_radius in positive(), points in any::<u32>(),
                needs in any::<u32>()) -> InstanceEntry {
         let bucket_count = 1 << shift;
-        InstanceEntry { origin, edge, dims, first_bucket, bucket_count, kernel_radius, points, needs: Needs(needs) }
+        InstanceEntry { origin, edge, dims, first_bucket, bucket_count, kernel_radius, points, needs: Needs::from_bits_retain(needs) }
     }
 }
 
@@ -63,7 +63,8 @@ prop_compose! {
 fn scene() -> impl Strategy<Value = Scene> {
     let batch = (any::<u32>(), prop::collection::vec(entry(), 1..20));
     let sets = (any::<u32>(), prop::collection::vec(set(), 1..20));
-    let member = any::<(u32, u32)>().prop_map(|(set, needs)| MemberEntry { set, needs: Needs(needs) });
+    let member = any::<(u32, u32)>()
+        .prop_map(|(set, needs)| MemberEntry { set, needs: Needs::from_bits_retain(needs) });
     let members = (any::<u32>(), prop::collection::vec(member, 1..20));
     prop_oneof![
         info().prop_map(Scene::Info),

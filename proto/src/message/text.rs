@@ -15,7 +15,7 @@ pub struct Text<const MAX: usize>(String);
 /// A text is longer than its field allows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("the text has {length} bytes, over its bound of {limit}: shorten it")]
-pub struct TextTooLong {
+pub struct TextError {
     /// Bytes of the text.
     pub length: usize,
     /// Bytes allowed.
@@ -26,10 +26,10 @@ impl<const MAX: usize> Text<MAX> {
     /// `text` as it is.
     ///
     /// # Errors
-    /// [`TextTooLong`] when it has more than `MAX` bytes.
-    pub fn new(text: impl Into<String>) -> Result<Self, TextTooLong> {
+    /// [`TextError`] when it has more than `MAX` bytes.
+    pub fn new(text: impl Into<String>) -> Result<Self, TextError> {
         let text = text.into();
-        if text.len() > MAX { Err(TextTooLong { length: text.len(), limit: MAX }) } else { Ok(Self(text)) }
+        if text.len() > MAX { Err(TextError { length: text.len(), limit: MAX }) } else { Ok(Self(text)) }
     }
 
     /// The first characters of `text` that fit, for texts that are only read by people.
@@ -88,7 +88,7 @@ mod tests {
 
     #[test]
     fn the_bound_is_in_bytes_and_cutting_keeps_characters_whole() {
-        assert_eq!(Text::<4>::new("abcde"), Err(TextTooLong { length: 5, limit: 4 }));
+        assert_eq!(Text::<4>::new("abcde"), Err(TextError { length: 5, limit: 4 }));
         assert_eq!(Text::<4>::new("abcd").unwrap().as_str(), "abcd");
         assert_eq!(Text::<4>::cut("abcé").as_str(), "abc");
         assert_eq!(Text::<5>::cut("abcé!").as_str(), "abcé");

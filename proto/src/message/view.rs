@@ -2,8 +2,8 @@
 
 use bincode::{Decode, Encode};
 
-use super::body::Body;
-use super::{Invalid, Message, finite, require};
+use super::sealed::Payload;
+use super::{FieldError, Message, finite, require};
 use crate::FrameType;
 
 /// A pinhole camera. World space, metres, Y up, right-handed; the picture's right is `(target - eye) x up`.
@@ -30,7 +30,7 @@ impl CameraPose {
     }
 }
 
-fn check(pose: &CameraPose) -> Result<(), Invalid> {
+fn check(pose: &CameraPose) -> Result<(), FieldError> {
     finite(&pose.eye, "eye")?;
     finite(&pose.target, "target")?;
     finite(&pose.up, "up")?;
@@ -54,8 +54,8 @@ pub struct View {
     pub camera: CameraPose,
 }
 
-impl Body for View {
-    fn check(&self) -> Result<(), Invalid> {
+impl Payload for View {
+    fn check(&self) -> Result<(), FieldError> {
         check(&self.camera)
     }
 }

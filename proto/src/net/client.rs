@@ -13,7 +13,7 @@ use super::serve::serve;
 use super::stream::{Stream, is_local, resolve};
 use super::{Address, CHUNK, HostPort, Hub, NetError, Peer, since};
 #[cfg(feature = "tls")]
-use super::{ClientTls, TlsFault};
+use super::{ClientTls, TlsError};
 use crate::session::{ClientEvent, ClientOptions, ClientSession, SessionError};
 use crate::{Limits, Micros, WireFrame};
 
@@ -132,7 +132,7 @@ async fn open_tls(address: &Address, place: &HostPort, options: &ConnectOptions)
     let stream = open_tcp(address, place).await?;
     match tls.connector().connect(name, stream).await {
         Ok(stream) => Ok(Box::new(stream)),
-        Err(error) => Err(match TlsFault::of_handshake(&error) {
+        Err(error) => Err(match TlsError::of_handshake(&error) {
             Some(source) => NetError::Tls { address: address.to_string(), source },
             None => failed(error),
         }),
@@ -315,7 +315,7 @@ impl Connection {
     fn broken(&self, source: std::io::Error) -> NetError {
         let address = self.address.clone();
         #[cfg(feature = "tls")]
-        if let Some(source) = TlsFault::of(&source) {
+        if let Some(source) = TlsError::of(&source) {
             return NetError::Tls { address, source };
         }
         NetError::Broken { address, source }

@@ -3,7 +3,7 @@
 use std::io;
 
 #[cfg(feature = "tls")]
-use super::TlsFault;
+use super::TlsError;
 use super::{Address, AddressError};
 use crate::Micros;
 use crate::session::SessionError;
@@ -48,7 +48,7 @@ pub enum NetError {
         /// The other end.
         address: String,
         /// What was wrong.
-        source: TlsFault,
+        source: TlsError,
     },
     /// The server speaks TLS, and the address does not say so.
     #[error(
@@ -72,8 +72,8 @@ pub enum NetError {
         /// The path.
         path: std::path::PathBuf,
     },
-    /// The server takes nothing of what this client says.
-    #[error("{address} took nothing of what this client had to say for {:.1} s", waited.as_secs_f64())]
+    /// The server takes none of this client's bytes.
+    #[error("{address} took none of this client's bytes for {:.1} s", waited.as_secs_f64())]
     Stalled {
         /// The other end.
         address: String,

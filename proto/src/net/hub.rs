@@ -10,21 +10,21 @@ use psao_codec::stream::StateRef;
 use tokio::sync::Notify;
 use tokio::time::{Instant, timeout};
 
-use super::{Peer, PeerFault, since};
+use super::{Peer, PeerError, since};
 use crate::message::{Budget, CameraPose, CloseCode, Edit, Report, Token};
-use crate::session::{Access, SendError, Sent, ServerEvent, ServerSession, SessionError};
-use crate::{Fanout, FrameIndex, Limits, Micros, Offer, SceneTable};
+use crate::session::{Access, SendError, ServerEvent, ServerSession, SessionError};
+use crate::{Delivery, Fanout, FrameIndex, Limits, Micros, SceneTable};
 
-/// Most events that wait for the frame loop; beyond it the oldest are forgotten, and counted.
+/// Most events that wait for the frame loop. Beyond that the oldest are dropped and counted.
 const MAX_EVENTS: usize = 1024;
-/// Connections over the limit of clients that are told so; further ones are dropped without a word.
-const MAX_TOLD: usize = 64;
+/// How many rejected connections may be told `BUSY` at a time. Beyond that, new ones are closed without a reply.
+const MAX_REJECTING: usize = 64;
 
 /// Number of a client: 1 for the first that connected, never used again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct ClientId(pub u64);
 
-/// What happened at a hub, for the frame loop and for people.
+/// Event at a hub, for the frame loop and for people.
 #[derive(Clone, Debug, PartialEq)]
 pub enum HubEvent {
     /// A client was accepted.
@@ -43,21 +43,21 @@ pub enum HubEvent {
         /// What it wants.
         edit: Edit,
     },
-    /// A client, or something that was none, is gone.
+    /// A connection is gone, whether or not it had become a client.
     Left {
         /// The client.
         client: ClientId,
         /// Where it was.
         peer: Peer,
         /// Why, when it was not by a CLOSE of either end.
-        error: Option<PeerFault>,
+        error: Option<PeerError>,
     },
     /// Connections cannot be accepted, as when the process has no file descriptor left. Told once until one can again.
     AcceptFailed {
         /// What the system says.
         what: String,
     },
-    /// Connections that were dropped without a word, since so many were being turned away already.
+    /// Connections that were closed without a reply, because too many were being rejected already.
     Dropped {
         /// How many since this was told last.
         connections: u64,
@@ -69,7 +69,7 @@ pub enum HubEvent {
     },
 }
 
-/// What became of a frame.
+/// Numbers of clients by what they get of a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Broadcast {
     /// Clients that get it as an update.
@@ -122,30 +122,27 @@ struct Slot {
     wake: Arc<Notify>,
     view: Option<CameraPose>,
     /// The newest frame that was sent and not acknowledged.
-    owes: Option<FrameIndex>,
-    error: Option<PeerFault>,
+    unacked: Option<FrameIndex>,
+    error: Option<PeerError>,
 }
 
 impl Slot {
-    fn heard(&mut self, event: ServerEvent) -> Option<HubEventKind> {
+    /// Takes an event of the session of `client`; returns what the frame loop learns of it.
+    fn heard(&mut self, client: ClientId, event: ServerEvent) -> Option<HubEvent> {
         match event {
-            ServerEvent::Joined(hello) => return Some(HubEventKind::Joined(hello.name.to_string())),
-            ServerEvent::Edit(edit) => return Some(HubEventKind::Edit(edit)),
+            ServerEvent::Joined(hello) => {
+                return Some(HubEvent::Joined { client, peer: self.peer, name: hello.name.to_string() });
+            }
+            ServerEvent::Edit(edit) => return Some(HubEvent::Edit { client, edit }),
             ServerEvent::View(view) => self.view = Some(view),
-            ServerEvent::Acked(ack) => self.owes = self.owes.filter(|&frame| frame > ack.frame),
+            ServerEvent::Acked(ack) => self.unacked = self.unacked.filter(|&frame| frame > ack.frame),
             // It will acknowledge the keyframe instead.
             ServerEvent::KeyframeWanted(_) | ServerEvent::Diverged(_) | ServerEvent::Closed(_) => {
-                self.owes = None;
+                self.unacked = None;
             }
         }
         None
     }
-}
-
-/// An event that lacks its client.
-enum HubEventKind {
-    Joined(String),
-    Edit(Edit),
 }
 
 impl Hub {
@@ -164,8 +161,8 @@ impl Hub {
         Self { shared: Arc::new(shared) }
     }
 
-    /// Gives a frame to every client: `body` to those that follow, and to the others what brings them to it, made once
-    /// for all who stand in the same place. `state` is the server's after the frame, `captured` when the scene was as the
+    /// Gives a frame to every client. Clients in sync get `body`; the others get what brings them to it, made once for
+    /// all clients at the same position. `state` is the server's after the frame, `captured` when the scene was as the
     /// frame has it, as [`now`](Self::now) had it then.
     ///
     /// # Errors
@@ -182,24 +179,22 @@ impl Hub {
         let mut counts = Broadcast::default();
         let mut waiting: Vec<ClientId> = self.lock().clients.keys().copied().collect();
         while !waiting.is_empty() {
-            let mut needs = BTreeSet::new();
+            let mut missing = BTreeSet::new();
             let now = self.now();
             let mut inner = self.lock();
             waiting.retain(|id| {
                 let Some(slot) = inner.clients.get_mut(id) else { return false };
                 slot.tick(now);
-                let offer = slot.offer(&mut fanout, info.frame);
-                counts.count(offer, slot.session.is_joined());
-                needs.extend(match offer {
-                    Offer::Needs(need) => Some(need),
-                    _ => None,
-                });
-                matches!(offer, Offer::Needs(_))
+                let delivery = slot.deliver(&mut fanout, info.frame);
+                counts.count(delivery, slot.session.is_joined());
+                let Delivery::Missing(demand) = delivery else { return false };
+                missing.insert(demand);
+                true
             });
             // Made without the lock: it takes a while, and the connections go on meanwhile.
             drop(inner);
-            for need in needs {
-                fanout.make(need, state)?;
+            for demand in missing {
+                fanout.make(demand, state)?;
             }
         }
         Ok(counts)
@@ -226,7 +221,7 @@ impl Hub {
         self.note(|session| session.send_budget(budget));
     }
 
-    fn note(&self, send: impl Fn(&mut ServerSession) -> Result<Sent, SendError>) {
+    fn note(&self, send: impl Fn(&mut ServerSession) -> Result<bool, SendError>) {
         for slot in self.lock().clients.values_mut() {
             // A note that a client does not get is nobody's loss.
             let _ = send(&mut slot.session);
@@ -267,10 +262,10 @@ impl Hub {
         self.wait_until(|_| self.joined() >= count, patience).await
     }
 
-    /// Waits until no client owes an acknowledgement of `frame` or an earlier one; gives whether that is so. A client
-    /// that fell behind, asked for a keyframe or left owes none.
+    /// Waits until no client unacked an acknowledgement of `frame` or an earlier one; gives whether that is so. A client
+    /// that fell behind, asked for a keyframe or left unacked none.
     pub async fn wait_acked(&self, frame: FrameIndex, patience: Duration) -> bool {
-        let acked = |slot: &Slot| !slot.session.is_joined() || slot.owes.is_none_or(|owed| owed > frame);
+        let acked = |slot: &Slot| !slot.session.is_joined() || slot.unacked.is_none_or(|owed| owed > frame);
         self.wait_until(|hub| hub.lock().clients.values().all(acked), patience).await
     }
 
@@ -317,7 +312,7 @@ impl Hub {
     pub(super) fn add(&self, peer: Peer) -> Option<(ClientId, Arc<Notify>)> {
         let mut inner = self.lock();
         let limit = self.shared.limits.max_clients as usize;
-        if inner.clients.len() >= limit.saturating_add(MAX_TOLD) {
+        if inner.clients.len() >= limit.saturating_add(MAX_REJECTING) {
             inner.dropped += 1;
             return None;
         }
@@ -334,9 +329,9 @@ impl Hub {
         if let Some(text) = turned_away {
             session.close(CloseCode::STOPPED, text);
         }
-        let error = full.then_some(PeerFault::TurnedAway { limit: self.shared.limits.max_clients });
+        let error = full.then_some(PeerError::TurnedAway { limit: self.shared.limits.max_clients });
         let wake = Arc::new(Notify::new());
-        let slot = Slot { peer, session, wake: wake.clone(), view: None, owes: None, error };
+        let slot = Slot { peer, session, wake: wake.clone(), view: None, unacked: None, error };
         inner.clients.insert(id, slot);
         Some((id, wake))
     }
@@ -346,21 +341,17 @@ impl Hub {
         let now = self.now();
         let mut inner = self.lock();
         let Some(slot) = inner.clients.get_mut(&id) else { return false };
-        let peer = slot.peer;
-        let heard = match slot.session.handle(bytes, now) {
-            Ok(events) => events.into_iter().filter_map(|event| slot.heard(event)).collect(),
+        let heard: Vec<HubEvent> = match slot.session.handle(bytes, now) {
+            Ok(events) => events.into_iter().filter_map(|event| slot.heard(id, event)).collect(),
             Err(error) => {
-                slot.error.get_or_insert(PeerFault::session(error));
+                slot.error.get_or_insert(PeerError::session(error));
                 Vec::new()
             }
         };
         slot.wake.notify_one();
         let goes_on = !slot.session.is_closed();
-        for kind in heard {
-            inner.tell(match kind {
-                HubEventKind::Joined(name) => HubEvent::Joined { client: id, peer, name },
-                HubEventKind::Edit(edit) => HubEvent::Edit { client: id, edit },
-            });
+        for event in heard {
+            inner.push_event(event);
         }
         drop(inner);
         self.shared.changed.notify_waiters();
@@ -399,7 +390,7 @@ impl Hub {
     }
 
     /// The connection ended or broke. Nothing goes on after it.
-    pub(super) fn fault(&self, id: ClientId, fault: PeerFault) {
+    pub(super) fn fault(&self, id: ClientId, fault: PeerError) {
         if let Some(slot) = self.lock().clients.get_mut(&id) {
             slot.session.close(CloseCode::FAILED, "the connection broke");
             slot.error.get_or_insert(fault);
@@ -413,7 +404,7 @@ impl Hub {
         if !slot.session.is_closed() {
             let unfinished = slot.session.unfinished_bytes();
             drop(inner);
-            self.fault(id, PeerFault::Disconnected { unfinished });
+            self.fault(id, PeerError::Disconnected { unfinished });
         }
     }
 
@@ -422,20 +413,20 @@ impl Hub {
         if let Some(slot) = self.lock().clients.get_mut(&id) {
             let error = SessionError::Stalled { waited: self.shared.limits.stall };
             slot.session.close(CloseCode::TIMEOUT, &error.to_string());
-            slot.error.get_or_insert(PeerFault::Session(error));
+            slot.error.get_or_insert(PeerError::Session(error));
         }
     }
 
     /// A connection could not be accepted.
     pub(super) fn accept_failed(&self, error: &std::io::Error) {
-        self.lock().tell(HubEvent::AcceptFailed { what: error.to_string() });
+        self.lock().push_event(HubEvent::AcceptFailed { what: error.to_string() });
     }
 
     /// The connection is gone.
     pub(super) fn remove(&self, id: ClientId) {
         let mut inner = self.lock();
         if let Some(slot) = inner.clients.remove(&id) {
-            inner.tell(HubEvent::Left { client: id, peer: slot.peer, error: slot.error });
+            inner.push_event(HubEvent::Left { client: id, peer: slot.peer, error: slot.error });
         }
         drop(inner);
         self.shared.changed.notify_waiters();
@@ -463,46 +454,46 @@ impl Slot {
     /// Tells the session the time.
     fn tick(&mut self, now: Micros) {
         if let Err(error) = self.session.tick(now) {
-            self.error.get_or_insert(PeerFault::session(error));
+            self.error.get_or_insert(PeerError::session(error));
         }
     }
 
     /// Gives the client the newest frame. One that cannot take it at all is closed.
-    fn offer(&mut self, fanout: &mut Fanout, frame: FrameIndex) -> Offer {
-        let offer = match fanout.offer(&mut self.session) {
-            Ok(offer) => offer,
+    fn deliver(&mut self, fanout: &mut Fanout, frame: FrameIndex) -> Delivery {
+        let delivery = match fanout.deliver(&mut self.session) {
+            Ok(delivery) => delivery,
             Err(error) => {
                 if !self.session.is_closed() {
                     self.session.close(CloseCode::FAILED, &error.to_string());
-                    self.error.get_or_insert(PeerFault::Unservable(error));
+                    self.error.get_or_insert(PeerError::Unservable(error));
                 }
-                Offer::Nothing
+                Delivery::Nothing
             }
         };
-        match offer {
-            Offer::Update | Offer::Keyframe | Offer::Patch => self.owes = Some(frame),
-            Offer::Nothing => self.owes = None,
-            Offer::Current | Offer::Needs(_) => {}
+        match delivery {
+            Delivery::Update | Delivery::Keyframe | Delivery::Patch => self.unacked = Some(frame),
+            Delivery::Nothing => self.unacked = None,
+            Delivery::Current | Delivery::Missing(_) => {}
         }
         self.wake.notify_one();
-        offer
+        delivery
     }
 }
 
 impl Broadcast {
-    fn count(&mut self, offer: Offer, joined: bool) {
-        match offer {
-            Offer::Update => self.updates += 1,
-            Offer::Keyframe => self.keyframes += 1,
-            Offer::Patch => self.patches += 1,
-            Offer::Nothing => self.behind += u32::from(joined),
-            Offer::Current | Offer::Needs(_) => {}
+    fn count(&mut self, delivery: Delivery, joined: bool) {
+        match delivery {
+            Delivery::Update => self.updates += 1,
+            Delivery::Keyframe => self.keyframes += 1,
+            Delivery::Patch => self.patches += 1,
+            Delivery::Nothing => self.behind += u32::from(joined),
+            Delivery::Current | Delivery::Missing(_) => {}
         }
     }
 }
 
 impl Inner {
-    fn tell(&mut self, event: HubEvent) {
+    fn push_event(&mut self, event: HubEvent) {
         if self.events.len() >= MAX_EVENTS {
             self.events.pop_front();
             self.missed += 1;

@@ -23,7 +23,7 @@ pub enum Exposure {
     /// An address that other machines can reach needs TLS and a credential: a token, or certificates of clients.
     #[default]
     Guarded,
-    /// Any address will do, and whoever reaches it is served. For networks that are closed in themselves.
+    /// Any address will do, and every client that reaches it is served. For networks that are closed in themselves.
     OpenToEveryone,
 }
 

@@ -6,7 +6,7 @@
 //!
 //! An address that other machines can reach must have TLS and ask for a credential, or be opened to everyone on purpose
 //! ([`Exposure`]). What a bad peer does ends its own connection and is told once, as [`HubEvent::Left`] with a
-//! [`PeerFault`].
+//! [`PeerError`].
 //!
 //! ```
 //! use std::time::Duration;
@@ -73,9 +73,9 @@ pub use client::{ConnectOptions, Connection, connect, connect_in_process};
 pub use error::NetError;
 pub use hub::{Broadcast, ClientId, Hub, HubEvent};
 pub use listener::{Exposure, ListenOptions, Listener};
-pub use peer::{Peer, PeerFault};
+pub use peer::{Peer, PeerError};
 #[cfg(feature = "tls")]
-pub use tls::{CertificateProblem, ClientTls, ServerTls, TlsConfigError, TlsFault};
+pub use tls::{ClientTls, ServerTls, TlsCertificateError, TlsConfigError, TlsError};
 
 use tokio::time::Instant;
 

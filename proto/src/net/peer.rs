@@ -4,7 +4,7 @@ use std::fmt;
 use std::net::SocketAddr;
 
 #[cfg(feature = "tls")]
-use super::TlsFault;
+use super::TlsError;
 use crate::session::{SendError, SessionError};
 
 /// Where a client is.
@@ -38,7 +38,7 @@ impl fmt::Display for Peer {
 /// Why a client, or something that was none, is gone although nobody said goodbye in order.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
-pub enum PeerFault {
+pub enum PeerError {
     /// It broke the protocol, was turned away, or hung.
     #[error(transparent)]
     Session(#[from] SessionError),
@@ -51,7 +51,7 @@ pub enum PeerFault {
     /// TLS was not set up, or broke.
     #[cfg(feature = "tls")]
     #[error(transparent)]
-    Tls(#[from] TlsFault),
+    Tls(#[from] TlsError),
     /// The server was full.
     #[error("turned away: {limit} clients are connected, as many as the server takes")]
     TurnedAway {
@@ -72,7 +72,7 @@ pub enum PeerFault {
     },
 }
 
-impl PeerFault {
+impl PeerError {
     /// Tells a TLS client at a plain port from other strangers: its first bytes are a handshake record of TLS 1.x.
     pub(super) fn session(error: SessionError) -> Self {
         match error {
@@ -83,7 +83,7 @@ impl PeerFault {
 
     pub(super) fn broken(error: &std::io::Error) -> Self {
         #[cfg(feature = "tls")]
-        if let Some(fault) = TlsFault::of(error) {
+        if let Some(fault) = TlsError::of(error) {
             return Self::Tls(fault);
         }
         Self::Broken { what: error.to_string() }

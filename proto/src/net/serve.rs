@@ -7,7 +7,7 @@ use tokio::sync::Notify;
 use tokio::time::timeout;
 
 use super::stream::Stream;
-use super::{CHUNK, ClientId, Hub, Peer, PeerFault};
+use super::{CHUNK, ClientId, Hub, Peer, PeerError};
 
 /// How long the last frames of a session may take to leave, and the other end to take them.
 const LINGER: Duration = Duration::from_secs(2);
@@ -40,8 +40,8 @@ pub(super) async fn serve_tls(
         result = accepting => match result {
             Ok(Ok(stream)) => carry(&hub, id, &wake, Box::new(stream)).await,
             Ok(Err((error, stream))) => {
-                let fault = super::TlsFault::of_handshake(&error).map(PeerFault::Tls);
-                hub.fault(id, fault.unwrap_or_else(|| PeerFault::broken(&error)));
+                let fault = super::TlsError::of_handshake(&error).map(PeerError::Tls);
+                hub.fault(id, fault.unwrap_or_else(|| PeerError::broken(&error)));
                 let (mut from, mut to) = stream.into_split();
                 farewell(&mut from, &mut to).await;
             }
@@ -92,7 +92,7 @@ async fn read_all(hub: &Hub, id: ClientId, from: &mut ReadHalf<Stream>) {
         };
         match result {
             Ok(0) => return hub.disconnected(id),
-            Err(error) => return hub.fault(id, PeerFault::broken(&error)),
+            Err(error) => return hub.fault(id, PeerError::broken(&error)),
             Ok(count) => {
                 if !hub.received(id, buffer.get(..count).unwrap_or_default()) {
                     return;
@@ -126,7 +126,7 @@ async fn write_all(hub: &Hub, id: ClientId, wake: &Notify, outgoing: &mut Outgoi
                 }
                 (outgoing.bytes, outgoing.sent) = (bytes, 0);
             }
-            Ok(Err(error)) => return hub.fault(id, PeerFault::broken(&error)),
+            Ok(Err(error)) => return hub.fault(id, PeerError::broken(&error)),
             Err(_) => return hub.stalled(id),
         }
     }

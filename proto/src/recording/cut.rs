@@ -1,6 +1,6 @@
 //! A piece of a recording that stands alone.
 
-use super::rewrite::{Loss, Rewriter};
+use super::rewrite::{LossError, Rewriter};
 use super::{IndexEntry, Player, PlayerEvent, RewriteError, Rewritten, Summary};
 use crate::{FrameIndex, Limits, StreamTime};
 
@@ -62,6 +62,7 @@ fn seconds(time: StreamTime) -> f64 {
 
 /// Why there is nothing to cut out or to seek to.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum RangeError {
     /// No frame is in the bounds.
     #[error(
@@ -173,8 +174,8 @@ pub fn cut<E>(
             }
             // An edit after the last frame is part of none.
             (Some(PlayerEvent::Edit(_)), _) if offset > last_entry.offset => {}
-            _ if offset >= end && Loss::of(&step).is_some() => {}
-            _ if Loss::of(&step).is_some() => out.copy(&step, &player)?,
+            _ if offset >= end && LossError::of(&step).is_some() => {}
+            _ if LossError::of(&step).is_some() => out.copy(&step, &player)?,
             _ if begun => out.copy(&step, &player)?,
             _ => {}
         }

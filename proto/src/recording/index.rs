@@ -72,7 +72,7 @@ pub(crate) fn write_index(entries: &[IndexEntry]) -> Vec<u8> {
     entries.iter().flat_map(|entry| entry.to_bytes()).collect()
 }
 
-/// The entries of an INDEX frame; `None` when it is not one. An index is only ever a short cut: whoever gets `None`
+/// The entries of an INDEX frame; `None` when it is not one. An index is only ever a short cut: a reader that gets `None`
 /// scans.
 pub(crate) fn read_index(payload: &[u8]) -> Option<Vec<IndexEntry>> {
     let (entries, rest) = payload.as_chunks::<INDEX_ENTRY_BYTES>();

@@ -36,11 +36,11 @@ pub use index::{INDEX_ENTRY_BYTES, IndexEntry};
 pub use player::{PlayedFrame, Player, PlayerError, PlayerEvent, PlayerStats};
 pub use reader::{Damage, DamageKind, Reader, ReaderError, Record};
 pub use recover::recover;
-pub use rewrite::{Loss, RewriteError, Rewritten};
+pub use rewrite::{LossError, RewriteError, Rewritten};
 pub use summary::{StoredIndex, Summary, TypeCount, load_index};
 pub use writer::{Writer, WriterError};
 
-use crate::FrameFault;
+use crate::WireFrameError;
 
 /// First bytes of a recording.
 pub const FILE_MAGIC: [u8; 8] = *b"\x89PSAO\r\n\x1a";
@@ -95,5 +95,5 @@ pub(crate) enum RecordFault {
     /// The arrival time does not fit its checksum.
     Arrival,
     /// The frame is not one.
-    Frame(FrameFault),
+    Frame(WireFrameError),
 }

@@ -7,7 +7,7 @@ use psao_codec::frame::{EncodeError, FrameInfo, FrameKind, FrameMeta, inspect};
 use psao_codec::stream::{State, keyframe};
 
 use super::{Damage, EditsInForce, IndexEntry, RECORD_HEAD_BYTES, Reader, ReaderError, Record, Summary};
-use crate::follow::{Follower, Unusable};
+use crate::follow::{FollowError, Follower};
 use crate::message::{Budget, Close, Edit, Gap, Message, MessageError, Report, Scene};
 use crate::scene::SceneAssembler;
 use crate::{
@@ -59,7 +59,7 @@ pub enum PlayerEvent {
         /// Number of the frame, when its body says so.
         frame: Option<FrameIndex>,
         /// Why.
-        reason: Unusable,
+        reason: FollowError,
     },
     /// A whole frame whose message is bad, which damage does not do: a faulty program wrote it.
     BadMessage {
@@ -84,6 +84,7 @@ pub enum PlayerEvent {
 
 /// Why a message of a recording is bad.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum PlayerError {
     /// In itself.
     #[error(transparent)]
@@ -253,7 +254,7 @@ impl<'a> Player<'a> {
     }
 
     /// Goes to a keyframe of an index; the next frame applied is that one. The scene must have been played before, or
-    /// the keyframe will be [`Unusable::NoScene`]; [`jump`](Self::jump) sees to that.
+    /// the keyframe will be [`FollowError::NoScene`]; [`jump`](Self::jump) sees to that.
     pub fn seek(&mut self, keyframe: &IndexEntry) {
         self.reader.seek(keyframe.offset);
         self.last = None;
@@ -358,7 +359,7 @@ impl<'a> Player<'a> {
         }
         let result = match &mut self.follower {
             Some(follower) => follower.follow(header, body, &self.limits),
-            None => Err(Unusable::NoScene),
+            None => Err(FollowError::NoScene),
         };
         let offset = record.offset();
         match result {

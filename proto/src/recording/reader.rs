@@ -5,7 +5,7 @@ use super::{
     sealed,
 };
 use crate::framer::{Split, split_frame};
-use crate::{FRAME_MAGIC, FrameFault, HEADER_BYTES, Limits, Micros, WireFrame};
+use crate::{FRAME_MAGIC, HEADER_BYTES, Limits, Micros, WireFrame, WireFrameError};
 
 /// Least bytes of a record: its head and a frame without payload.
 const LEAST_RECORD: usize = RECORD_HEAD_BYTES + HEADER_BYTES;
@@ -45,6 +45,7 @@ impl Record<'_> {
 
 /// Why bytes are not a recording at all.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum ReaderError {
     /// There is neither a file header nor a single record in it.
     #[error("not a psao recording: no file header and no whole record in its {length} bytes")]
@@ -70,6 +71,7 @@ pub enum ReaderError {
 
 /// What a damaged place looks like.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum DamageKind {
     /// The file header is damaged; the records say that this is a recording all the same.
     #[error("the file header is damaged")]
@@ -85,7 +87,7 @@ pub enum DamageKind {
     Arrival,
     /// The frame of a record is damaged.
     #[error("{0}")]
-    Frame(FrameFault),
+    Frame(WireFrameError),
     /// So many false records that looking further would take too long; the rest of the file is given up.
     #[error("too many false records; the rest of the file is given up")]
     Hopeless,
@@ -209,7 +211,7 @@ impl<'a> Reader<'a> {
             }
             Ok(Split::Partial(_)) => Err(RecordFault::Ends),
             Err(fault) => {
-                if matches!(fault, FrameFault::Checksum { .. }) {
+                if matches!(fault, WireFrameError::Checksum { .. }) {
                     // Its length is in the header that was just read.
                     let length =
                         rest.get(4..8).and_then(|l| l.first_chunk()).map_or(0, |l| u32::from_le_bytes(*l));
@@ -381,7 +383,7 @@ mod tests {
         assert_eq!(kinds(starts[1] + 3, 1).kind, DamageKind::Arrival);
         assert_eq!(
             kinds(starts[2] + 12 + 4, 1).kind,
-            DamageKind::Frame(FrameFault::Checksum {
+            DamageKind::Frame(WireFrameError::Checksum {
                 kind: FrameType::REPORT,
                 found: crc32c::crc32c_append(
                     crc32c::crc32c(&{
@@ -396,7 +398,7 @@ mod tests {
         );
         assert_eq!(kinds(starts[2] + 12 + 5, 1).kind, DamageKind::Length);
         let damage = kinds(starts[2] + 12 + 3, 0x80);
-        assert_eq!(damage.kind, DamageKind::Frame(FrameFault::Flags { found: 0x80 }));
+        assert_eq!(damage.kind, DamageKind::Frame(WireFrameError::Flags { found: 0x80 }));
         assert_eq!((damage.offset, damage.lost_bytes), (starts[2], starts[3] - starts[2]));
     }
 

@@ -1,6 +1,6 @@
 //! What is whole of a damaged recording.
 
-use super::rewrite::{Loss, Toll};
+use super::rewrite::{LossError, Toll};
 use super::{Player, PlayerEvent, RewriteError, Rewritten, Writer};
 use crate::{FrameIndex, FrameType, Limits, Micros, Numbering};
 
@@ -23,7 +23,7 @@ pub fn recover<E>(
     put(&head).map_err(RewriteError::Put)?;
     let mut copy = Recovery { writer, put, toll: Toll::default(), arrival: Micros(0) };
     while let Some(step) = player.next_step() {
-        let loss = Loss::of(&step);
+        let loss = LossError::of(&step);
         let record = match (loss, step.record) {
             (None, Some(record)) => record,
             (Some(_), Some(record)) if keep_all => record,

@@ -11,10 +11,11 @@ use super::{
     ReaderError, Record, Writer, WriterError,
 };
 use crate::message::{Gap, GapReason, Message, MessageError};
-use crate::{FrameFault, FrameIndex, FrameType, Limits, Micros, Numbering, SceneTable, Unusable};
+use crate::{FollowError, FrameIndex, FrameType, Limits, Micros, Numbering, SceneTable, WireFrameError};
 
 /// Why no recording came of it. What was written until then is to be thrown away.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum RewriteError<E> {
     /// The bytes are not a recording.
     #[error(transparent)]
@@ -30,7 +31,7 @@ pub enum RewriteError<E> {
     Message(#[from] MessageError),
     /// A frame cannot be written.
     #[error(transparent)]
-    Frame(#[from] FrameFault),
+    Frame(#[from] WireFrameError),
     /// A record cannot be written.
     #[error(transparent)]
     Writer(#[from] WriterError),
@@ -41,7 +42,8 @@ pub enum RewriteError<E> {
 
 /// Something of a recording that is not in the new one.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum Loss {
+#[non_exhaustive]
+pub enum LossError {
     /// It could not be read.
     #[error("{0}")]
     Damage(Damage),
@@ -55,7 +57,7 @@ pub enum Loss {
         /// Its number, when its body says so.
         frame: Option<FrameIndex>,
         /// Why.
-        reason: Unusable,
+        reason: FollowError,
     },
     /// A whole frame whose message is bad.
     #[error("message at offset {offset} left out, {bytes} bytes: {error}")]
@@ -73,7 +75,7 @@ fn name(frame: Option<FrameIndex>) -> String {
     frame.map_or_else(|| "a frame".to_owned(), |frame| format!("frame {frame}"))
 }
 
-impl Loss {
+impl LossError {
     /// What an event of the player loses, if it is about a loss.
     pub(super) fn of(step: &Step<'_>) -> Option<Self> {
         let bytes = step.record.map_or(0, |record| record.record_bytes());
@@ -113,7 +115,7 @@ pub struct Rewritten {
     /// Bytes of the old one that are not in the new one because of damage.
     pub lost_bytes: u64,
     /// Where and why, in the order of the file.
-    pub losses: Vec<Loss>,
+    pub losses: Vec<LossError>,
 }
 
 /// Adds up what is lost, and makes the GAP mark for each place.
@@ -138,9 +140,9 @@ impl Toll {
     }
 
     /// Something is lost.
-    pub(super) fn add(&mut self, loss: Loss) {
+    pub(super) fn add(&mut self, loss: LossError) {
         let bytes = loss.bytes();
-        let frames = u64::from(matches!(loss, Loss::Frame { .. }));
+        let frames = u64::from(matches!(loss, LossError::Frame { .. }));
         self.sum.lost_bytes += bytes;
         self.sum.lost_frames += frames;
         if !loss.spares_the_stream() {
@@ -148,7 +150,7 @@ impl Toll {
             *all_bytes += bytes;
             *all_frames += frames;
         }
-        if let Loss::Frame { frame: Some(frame), .. } = &loss {
+        if let LossError::Frame { frame: Some(frame), .. } = &loss {
             self.last_lost = Some(*frame);
         }
         self.sum.losses.push(loss);
@@ -252,7 +254,7 @@ impl<E, P: FnMut(&[u8]) -> Result<(), E>> Rewriter<P> {
 
     /// Takes over what the player has just read, as far as it plays.
     pub(super) fn copy(&mut self, step: &Step<'_>, player: &Player<'_>) -> Result<(), RewriteError<E>> {
-        if let Some(loss) = Loss::of(step) {
+        if let Some(loss) = LossError::of(step) {
             self.toll.add(loss);
             return Ok(());
         }

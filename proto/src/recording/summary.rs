@@ -45,7 +45,7 @@ pub struct Summary {
     marks: Vec<Mark>,
 }
 
-/// A record that whoever jumps over it needs all the same: part of a scene table, or an edit.
+/// A record that a reader needs even if it jumps over it: part of a scene table, or an edit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Mark {
     offset: u64,

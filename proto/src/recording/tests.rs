@@ -3,7 +3,7 @@
 use super::*;
 use crate::message::{Close, CloseCode, Edit, EditAction};
 use crate::sample::{SampleServer, recording};
-use crate::{FrameIndex, FrameType, Limits, Micros, Numbering, StateHash, Unusable};
+use crate::{FollowError, FrameIndex, FrameType, Limits, Micros, Numbering, StateHash};
 
 /// What playing a file gave: applied frames and their hashes, and the player's counts.
 fn play(file: &[u8]) -> (Vec<(u32, StateHash)>, PlayerStats) {
@@ -149,8 +149,10 @@ fn any_flipped_byte_is_reported_and_never_gives_a_wrong_state() {
             match event {
                 PlayerEvent::Frame(f) => frames.push((f.info.frame.0, f.info.hash)),
                 PlayerEvent::Unusable { reason, .. } => {
-                    let known =
-                        matches!(reason, Unusable::Gap { .. } | Unusable::Waiting | Unusable::NoScene);
+                    let known = matches!(
+                        reason,
+                        FollowError::Gap { .. } | FollowError::Waiting | FollowError::NoScene
+                    );
                     assert!(known, "byte {place}: {reason}");
                 }
                 _ => {}
@@ -231,7 +233,7 @@ fn a_recording_without_its_scene_says_so() {
     let cut = [&file[..FILE_HEADER_BYTES], &file[first..]].concat();
     let mut player = Player::new(&cut, Limits::default()).unwrap();
     let event = player.next_event();
-    assert!(matches!(event, Some(PlayerEvent::Unusable { reason: Unusable::NoScene, .. })), "{event:?}");
+    assert!(matches!(event, Some(PlayerEvent::Unusable { reason: FollowError::NoScene, .. })), "{event:?}");
     while player.next_event().is_some() {}
     assert_eq!((player.stats().applied, player.stats().unusable), (0, 3));
 }

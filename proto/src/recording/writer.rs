@@ -3,14 +3,15 @@
 use super::index::{IndexEntry, write_index};
 use super::{file_header, footer};
 use crate::framer::{Split, split_frame};
-use crate::{FrameFault, FrameType, Group, HEADER_BYTES, Limits, Micros, Sequence, write_frame};
+use crate::{FrameType, Group, HEADER_BYTES, Limits, Micros, Sequence, WireFrameError, write_frame};
 
 /// Why nothing was appended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum WriterError {
     /// The bytes are not exactly one whole frame.
     #[error("not one whole frame: {0}")]
-    NotAFrame(FrameFault),
+    NotAFrame(WireFrameError),
     /// The bytes end inside a frame, or go on after it.
     #[error("not one whole frame: {given} bytes given, the frame has {frame}")]
     Length {

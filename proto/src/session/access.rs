@@ -23,11 +23,9 @@ impl Access {
             (Self::Open, _) => Ok(()),
             (Self::Token(wanted), Some(auth)) if *wanted == auth.token => Ok(()),
             (Self::Token(_), Some(_)) => {
-                refuse("the token is not the server's: ask whoever runs it for theirs")
+                refuse("the token is not the server's: ask its operator for the right one")
             }
-            (Self::Token(_), None) => {
-                refuse("the server wants a token: give the one that whoever runs it has")
-            }
+            (Self::Token(_), None) => refuse("the server requires a token: ask its operator for it"),
         }
     }
 }

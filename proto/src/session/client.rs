@@ -8,14 +8,14 @@ use psao_codec::frame::{FrameError, FrameInfo};
 use psao_codec::stream::State;
 
 use super::clock::Clock;
-use super::datagram::Joiner;
-use super::outbox::{Fate, Outbox};
+use super::datagram::Reassembler;
+use super::outbox::{DropPolicy, Outbox};
 use super::timers::{Due, Timers};
 use super::{
     ClockEstimate, MIN_DATAGRAM_BYTES, NEWEST_VERSION, OLDEST_VERSION, PEER_NAME, SendError, SessionError,
     farewell, read,
 };
-use crate::follow::{Follower, Unusable};
+use crate::follow::{FollowError, Follower};
 use crate::message::{
     Accept, Ack, Auth, Budget, CameraPose, Close, CloseCode, CoderSet, Edit, Hello, KeyframeReason, Message,
     Ping, Pong, ProfileSet, Reject, Report, Request, Scene, Stamp, Text, Token, View,
@@ -49,8 +49,9 @@ pub struct AppliedFrame {
     pub stamp: Option<Stamp>,
 }
 
-/// What a client is, wants and gives when it connects.
+/// Options of a client when it connects.
 #[derive(Clone, Debug, Default)]
+#[non_exhaustive]
 pub struct ClientOptions {
     /// What it calls itself (cut to 64 bytes); this crate's name and version by default.
     pub name: Option<String>,
@@ -60,8 +61,18 @@ pub struct ClientOptions {
     pub scene: Option<[u8; 32]>,
     /// Ask for a STAMP before every frame.
     pub stamps: bool,
-    /// Ask for updates as datagrams of at most so many bytes; what carries the session must carry them.
+    /// Largest datagram in bytes, to ask for updates as datagrams; what carries the session must carry them.
     pub datagrams: Option<u16>,
+}
+
+impl ClientOptions {
+    setters! {
+        with_name: name as Option<String>,
+        with_token: token as Option<Token>,
+        with_scene: scene as Option<[u8; 32]>,
+        with_stamps: stamps as bool,
+        with_datagrams: datagrams as Option<u16>,
+    }
 }
 
 /// What happened at a client.
@@ -88,7 +99,7 @@ pub enum ClientEvent {
         /// Header of its wire frame.
         header: FrameHeader,
         /// Why.
-        reason: Unusable,
+        reason: FollowError,
     },
     /// What a frame cost the server.
     Report(Report),
@@ -152,7 +163,7 @@ pub struct ClientSession {
     failed: Option<SessionError>,
     /// The STAMP of the frame that follows.
     stamp: Option<Stamp>,
-    joiner: Joiner,
+    reassembler: Reassembler,
     datagrams: Vec<Vec<u8>>,
     /// A keyframe was asked for and did not come yet.
     asked: bool,
@@ -188,7 +199,7 @@ impl ClientSession {
             options,
             failed: None,
             stamp: None,
-            joiner: Joiner::default(),
+            reassembler: Reassembler::default(),
             datagrams: Vec::new(),
             asked: false,
             stats: ClientStats::default(),
@@ -225,24 +236,19 @@ impl ClientSession {
             self.timers.heard();
         }
         self.stats.wire_bytes += bytes.len() as u64;
-        // The framer is lent out, since its frames are borrowed from it while the session uses them.
-        let mut framer = std::mem::replace(&mut self.framer, Framer::new(self.limits));
-        framer.push(bytes);
         let mut events = Vec::new();
-        let result = loop {
-            match framer.next_frame() {
-                Ok(None) => break Ok(()),
-                Err(error) => break Err(error.into()),
-                Ok(Some(_)) if matches!(self.phase, Phase::Closed(_)) => {}
-                Ok(Some(frame)) => {
-                    tap(&frame);
-                    if let Err(error) = self.frame(&frame, &mut events) {
-                        break Err(error);
-                    }
+        let result = Framer::drain(
+            self,
+            |session| &mut session.framer,
+            bytes,
+            |session, frame| {
+                if session.is_closed() {
+                    return Ok(());
                 }
-            }
-        };
-        self.framer = framer;
+                tap(frame);
+                session.frame(frame, &mut events)
+            },
+        );
         match result {
             // What a peer sends behind its CLOSE is of no interest, broken or not.
             Err(_) if matches!(self.phase, Phase::Closed(_)) => Ok(events),
@@ -260,7 +266,7 @@ impl ClientSession {
         if let Some(error) = &self.failed {
             return Err(error.clone());
         }
-        self.timers.tell(now);
+        self.timers.set_now(now);
         let due = match &self.phase {
             Phase::Greeting | Phase::Loading(..) => {
                 self.timers.handshake(&self.limits).map(|()| Due::Nothing)
@@ -396,7 +402,7 @@ impl ClientSession {
         if let Ok(payload) = message.to_payload()
             && write_frame(&mut out, M::KIND, Group(0), Sequence(0), &payload).is_ok()
         {
-            self.outbox.push(out, None, Fate::Sure);
+            self.outbox.push(out, None, DropPolicy::Keep);
         }
     }
 
@@ -407,7 +413,7 @@ impl ClientSession {
         if let Ok(payload) = ack.to_payload()
             && write_frame(&mut out, FrameType::ACK, Group(0), Sequence(0), &payload).is_ok()
         {
-            self.outbox.push(out, None, Fate::Droppable);
+            self.outbox.push(out, None, DropPolicy::Droppable);
         }
     }
 
@@ -488,7 +494,7 @@ impl ClientSession {
     }
 
     fn scene_ready(&mut self, table: SceneTable, accepted: Profile) -> Result<ClientEvent, SessionError> {
-        let found = table.info().profile;
+        let found = table.profile();
         if found != accepted {
             return Err(SceneError::Profile { found }.into());
         }
@@ -527,15 +533,15 @@ impl ClientSession {
             }
             Err(reason) => reason,
         };
-        if let Unusable::Body(FrameError::Hash { stored, computed, .. }) = reason {
+        if let FollowError::Body(FrameError::Hash { stored, computed, .. }) = reason {
             let frame = psao_codec::frame::inspect(frame.payload(), &self.limits.codec)
                 .map_or_else(|_| FrameIndex::default(), |info| info.frame);
             return self.mismatch(frame, stored, computed, events);
         }
         self.stats.unusable += 1;
         self.request_keyframe(match &reason {
-            Unusable::Gap { .. } | Unusable::Waiting | Unusable::NoScene => KeyframeReason::GAP,
-            Unusable::Body(_) | Unusable::Kind { .. } => KeyframeReason::BODY,
+            FollowError::Gap { .. } | FollowError::Waiting | FollowError::NoScene => KeyframeReason::GAP,
+            FollowError::Body(_) | FollowError::Kind { .. } => KeyframeReason::BODY,
         });
         events.push(ClientEvent::Unusable { header, reason });
     }

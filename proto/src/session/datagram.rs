@@ -100,7 +100,7 @@ pub(super) fn read_ack(bytes: &[u8]) -> Option<Ack> {
 
 /// Puts bodies together from their pieces: that of the newest frame, since it makes all older ones superfluous.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Joiner {
+pub(super) struct Reassembler {
     head: Option<Head>,
     bytes: Vec<u8>,
     here: Vec<bool>,
@@ -109,7 +109,7 @@ pub(super) struct Joiner {
 
 /// What a datagram was good for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Joined<'a> {
+pub(super) enum Reassembly<'a> {
     /// It is not a piece, or not one of the body that it claims to be of.
     Bad,
     /// It is of an older frame, came before, or does not complete its body.
@@ -118,11 +118,16 @@ pub(super) enum Joined<'a> {
     Whole(FrameIndex, &'a [u8]),
 }
 
-impl Joiner {
+impl Reassembler {
     /// Takes a datagram. `after` is the frame that is here already: older ones are of no use.
-    pub(super) fn take(&mut self, bytes: &[u8], after: Option<FrameIndex>, limits: &Limits) -> Joined<'_> {
+    pub(super) fn take(
+        &mut self,
+        bytes: &[u8],
+        after: Option<FrameIndex>,
+        limits: &Limits,
+    ) -> Reassembly<'_> {
         let Some((head, content)) = Head::read(bytes).filter(|(head, _)| head.kind == PIECE) else {
-            return Joined::Bad;
+            return Reassembly::Bad;
         };
         let Head { frame, piece, pieces, total, .. } = head;
         let size = (total as usize).div_ceil(usize::from(pieces.max(1))).max(1);
@@ -130,26 +135,26 @@ impl Joiner {
         let fits = piece < pieces && content.len() == (total as usize).saturating_sub(start).min(size);
         let empty = total as usize <= size * usize::from(pieces).saturating_sub(1);
         if !fits || total > limits.max_datagram_body || (empty && pieces > 1) {
-            return Joined::Bad;
+            return Reassembly::Bad;
         }
         let old = after.is_some_and(|after| frame <= after);
         if old || self.head.is_some_and(|held| frame < held.frame) {
-            return Joined::Waiting;
+            return Reassembly::Waiting;
         }
         match self.head {
             Some(held) if held.frame == frame => {
                 if (held.pieces, held.total) != (pieces, total) {
-                    return Joined::Bad;
+                    return Reassembly::Bad;
                 }
             }
             _ => self.begin(head),
         }
         if std::mem::replace(&mut self.here[usize::from(piece)], true) {
-            return Joined::Waiting;
+            return Reassembly::Waiting;
         }
         self.bytes[start..start + content.len()].copy_from_slice(content);
         self.missing -= 1;
-        if self.missing > 0 { Joined::Waiting } else { Joined::Whole(frame, &self.bytes) }
+        if self.missing > 0 { Reassembly::Waiting } else { Reassembly::Whole(frame, &self.bytes) }
     }
 
     fn begin(&mut self, head: Head) {
@@ -195,16 +200,16 @@ mod tests {
         ) {
             let sent = pieces(3, &body, bytes);
             prop_assert!(sent.iter().all(|piece| piece.len() <= bytes.into()));
-            let mut joiner = Joiner::default();
+            let mut reassembler = Reassembler::default();
             let mut whole = 0;
             let all = order.iter().map(|index| index.get(&sent)).chain(&sent);
             for piece in all {
-                match joiner.take(piece, None, &LIMITS()) {
-                    Joined::Whole(frame, bytes) => {
+                match reassembler.take(piece, None, &LIMITS()) {
+                    Reassembly::Whole(frame, bytes) => {
                         prop_assert_eq!((frame.0, bytes), (3, &body[..]));
                         whole += 1;
                     }
-                    other => prop_assert_eq!(other, Joined::Waiting),
+                    other => prop_assert_eq!(other, Reassembly::Waiting),
                 }
             }
             prop_assert_eq!(whole, 1);
@@ -214,12 +219,12 @@ mod tests {
         fn no_datagram_does_harm(datagrams in prop::collection::vec(
             (prop::collection::vec(any::<u8>(), 0..40), 0_u32..4, any::<u16>(), any::<u16>(), any::<u32>()), 1..20)
         ) {
-            let mut joiner = Joiner::default();
+            let mut reassembler = Reassembler::default();
             for (content, frame, piece, count, total) in datagrams {
                 let (pieces, total) = (count % 5, total % 200);
                 let head = Head { kind: PIECE, frame: FrameIndex(frame), piece: piece % 5, pieces, total };
-                let _ = joiner.take(&head.write(&content), None, &LIMITS());
-                let _ = joiner.take(&content, None, &LIMITS());
+                let _ = reassembler.take(&head.write(&content), None, &LIMITS());
+                let _ = reassembler.take(&content, None, &LIMITS());
             }
         }
     }
@@ -227,15 +232,15 @@ mod tests {
     #[test]
     fn the_newest_frame_wins_and_older_ones_never_come_back() {
         let (old, new) = (pieces(3, &[1; 100], 64), pieces(4, &[2; 100], 64));
-        let mut joiner = Joiner::default();
-        assert_eq!(joiner.take(&old[0], None, &LIMITS()), Joined::Waiting);
-        assert_eq!(joiner.take(&new[1], None, &LIMITS()), Joined::Waiting);
+        let mut reassembler = Reassembler::default();
+        assert_eq!(reassembler.take(&old[0], None, &LIMITS()), Reassembly::Waiting);
+        assert_eq!(reassembler.take(&new[1], None, &LIMITS()), Reassembly::Waiting);
         for piece in &old {
-            assert_eq!(joiner.take(piece, None, &LIMITS()), Joined::Waiting);
+            assert_eq!(reassembler.take(piece, None, &LIMITS()), Reassembly::Waiting);
         }
-        assert_eq!(joiner.take(&new[0], None, &LIMITS()), Joined::Waiting);
-        assert_eq!(joiner.take(&new[2], None, &LIMITS()), Joined::Whole(FrameIndex(4), &[2; 100]));
-        assert_eq!(Joiner::default().take(&new[0], Some(FrameIndex(4)), &LIMITS()), Joined::Waiting);
+        assert_eq!(reassembler.take(&new[0], None, &LIMITS()), Reassembly::Waiting);
+        assert_eq!(reassembler.take(&new[2], None, &LIMITS()), Reassembly::Whole(FrameIndex(4), &[2; 100]));
+        assert_eq!(Reassembler::default().take(&new[0], Some(FrameIndex(4)), &LIMITS()), Reassembly::Waiting);
     }
 
     #[test]
@@ -244,17 +249,17 @@ mod tests {
         for bit in 0..sent.len() * 8 {
             let mut bad = sent.clone();
             bad[bit / 8] ^= 1 << (bit % 8);
-            assert_eq!(Joiner::default().take(&bad, None, &LIMITS()), Joined::Bad, "bit {bit}");
+            assert_eq!(Reassembler::default().take(&bad, None, &LIMITS()), Reassembly::Bad, "bit {bit}");
         }
         for end in 0..sent.len() {
-            assert_eq!(Joiner::default().take(&sent[..end], None, &LIMITS()), Joined::Bad);
+            assert_eq!(Reassembler::default().take(&sent[..end], None, &LIMITS()), Reassembly::Bad);
         }
         let limits = Limits { max_datagram_body: 49, ..Limits::default() };
-        assert_eq!(Joiner::default().take(sent, None, &limits), Joined::Bad);
+        assert_eq!(Reassembler::default().take(sent, None, &limits), Reassembly::Bad);
         let ack = Ack { frame: FrameIndex(2), hash: StateHash(5) };
         assert_eq!(read_ack(&write_ack(&ack)), Some(ack));
         assert_eq!((read_ack(sent), read_ack(b"")), (None, None));
-        assert_eq!(Joiner::default().take(&write_ack(&ack), None, &LIMITS()), Joined::Bad);
+        assert_eq!(Reassembler::default().take(&write_ack(&ack), None, &LIMITS()), Reassembly::Bad);
         assert_eq!(split(FrameIndex(0), &[0; 44 * 65_536], 64), None);
     }
 }

@@ -1,10 +1,11 @@
 //! Why a session ended, or refused to send.
 
 use crate::message::{MessageError, Reject};
-use crate::{FrameFault, FrameType, FramerError, Micros, SceneError};
+use crate::{FrameType, FramerError, Micros, SceneError, WireFrameError};
 
 /// Why a session cannot go on. Nothing of the state that a client has received is lost by it.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum SessionError {
     /// The first bytes are not of this protocol.
     #[error(
@@ -62,8 +63,8 @@ pub enum SessionError {
         /// For how long.
         waited: Micros,
     },
-    /// The client takes nothing of what waits for it.
-    #[error("the client took nothing of what was sent for {:.1} s: it hangs, or the network between is gone", waited.as_secs_f64())]
+    /// The client takes none of the bytes that wait for it.
+    #[error("the client took none of the bytes that wait for it for {:.1} s: it hangs, or the network between is gone", waited.as_secs_f64())]
     Stalled {
         /// For how long.
         waited: Micros,
@@ -113,7 +114,7 @@ fn own_versions() -> String {
 impl From<FramerError> for SessionError {
     fn from(error: FramerError) -> Self {
         match error {
-            FramerError { offset: 0, fault: FrameFault::Magic { found } } => Self::NotPsao { found },
+            FramerError { offset: 0, error: WireFrameError::Magic { found } } => Self::NotPsao { found },
             other => Self::Framer(other),
         }
     }
@@ -121,6 +122,7 @@ impl From<FramerError> for SessionError {
 
 /// Why something cannot be sent.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum SendError {
     /// The session is not, or no longer, open.
     #[error("the session is not open")]
@@ -140,7 +142,7 @@ pub enum SendError {
     Kind,
     /// The frame does not fit the wire's 32-bit length.
     #[error(transparent)]
-    Frame(#[from] FrameFault),
+    Frame(#[from] WireFrameError),
     /// The message makes no sense.
     #[error(transparent)]
     Message(#[from] MessageError),

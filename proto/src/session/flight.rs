@@ -1,48 +1,48 @@
-//! What is on its way to a client and not acknowledged, and how much of it may go as datagrams.
+//! Frames in flight to a client, and congestion control of those that go as datagrams.
 //!
-//! Datagrams have nothing beneath them that slows them down when a network carries less than it is given, and each frame
-//! that is lost makes the next one larger. So there is a window, as in TCP, but one that loss alone does not shrink: it
-//! grows with what is acknowledged, shrinks when acknowledgements take much longer than they could, since then a queue has
-//! built up (LEDBAT, RFC 6817, whose target it has), and shrinks when several frames in a row or all are lost. Frames of
-//! many datagrams, of which one is soon lost, go over the connection.
+//! Nothing below datagrams slows them down when a network carries less than it is given, and each lost frame makes the
+//! next one larger. So there is a window, as in TCP, but loss alone does not shrink it. It grows with every
+//! acknowledgement. It shrinks when acknowledgements take much longer than the fastest one, because a queue has built up
+//! (LEDBAT, RFC 6817, with its target). It also shrinks when several frames in a row are lost. Frames of many datagrams
+//! go over the connection, because one of their datagrams is likely to be lost.
 
 use std::collections::VecDeque;
 
 use crate::message::Ack;
 use crate::{FrameIndex, Micros, StateHash};
 
-/// Most frames whose hashes are kept for acknowledgements, where the client sends none.
-const KEPT: usize = 256;
-/// Acknowledgements may come so many microseconds later than the fastest (RFC 6817, section 2.5).
-const TARGET: u64 = 100_000;
-/// Beyond two round trips, how many microseconds an acknowledgement is waited for.
-const PATIENCE: u64 = 100_000;
-/// Frames in a row that may be lost to chance.
-const LOST: u32 = 6;
-/// The round trip, in microseconds, before one was measured.
-const UNKNOWN: u64 = 150_000;
-/// Most datagrams of a frame: of eight, all come in two of three frames when a twentieth is lost, in one of six when a fifth is.
-const MANY: usize = 8;
+/// Most frames whose hashes are kept for acknowledgements that do not come.
+const MAX_FRAMES_KEPT: usize = 256;
+/// Queueing delay of acknowledgements, in microseconds, that the window aims at (RFC 6817, section 2.5).
+const QUEUE_TARGET_US: u64 = 100_000;
+/// Microseconds beyond two round trips after which an acknowledgement is overdue.
+const ACK_PATIENCE_US: u64 = 100_000;
+/// Most frames in a row whose loss counts as chance.
+const MAX_CONSECUTIVE_LOSSES: u32 = 6;
+/// Round-trip time, in microseconds, until one is measured.
+const INITIAL_RTT_US: u64 = 150_000;
+/// Most datagrams of a frame. At a loss of 5 %, two of three frames of eight datagrams arrive whole; at 20 %, one of six.
+const MAX_DATAGRAMS_PER_FRAME: usize = 8;
 /// How long updates go over the connection before datagrams are tried again.
-const LARGE_FOR: Micros = Micros::from_secs(5);
-/// Frames that may be on their way however small the window: some of them will come.
-const LEAST: usize = 4;
-/// Bytes that the window never exceeds.
-const MOST: u64 = 16 << 20;
+const CONNECTION_PERIOD: Micros = Micros::from_secs(5);
+/// Frames that may be in flight however small the window is.
+const MIN_FRAMES_IN_FLIGHT: usize = 4;
+/// Largest size of the window in bytes.
+const MAX_WINDOW_BYTES: u64 = 16 << 20;
 
 /// A frame that is on its way or waits.
 #[derive(Clone, Copy, Debug)]
-struct Sent {
+struct SentFrame {
     frame: FrameIndex,
     hash: StateHash,
     at: Micros,
-    /// Bytes of it, if how long it takes says something of the network.
+    /// Its bytes; 0 if its delay does not tell about the network.
     bytes: u64,
     /// Whether they went as datagrams.
     datagrams: bool,
 }
 
-impl Sent {
+impl SentFrame {
     const fn in_datagrams(&self) -> u64 {
         if self.datagrams { self.bytes } else { 0 }
     }
@@ -50,7 +50,7 @@ impl Sent {
 
 /// How a frame goes to a client that takes datagrams.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Way {
+pub(super) enum Route {
     /// As datagrams.
     Datagrams,
     /// As datagrams, and over the connection as well: acknowledgements are overdue.
@@ -62,7 +62,7 @@ pub(super) enum Way {
 /// The frames that are on their way to one client.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Flight {
-    sent: VecDeque<Sent>,
+    sent: VecDeque<SentFrame>,
     /// Newest frame that the client is known to hold.
     acked: Option<FrameIndex>,
     /// Newest frame that went both ways.
@@ -71,7 +71,7 @@ pub(super) struct Flight {
     large_until: Micros,
     /// Bytes in datagrams that are on their way.
     outstanding: u64,
-    /// How many they may be before another frame goes; [`LEAST`] frames may always.
+    /// How many they may be before another frame goes; [`MIN_FRAMES_IN_FLIGHT`] frames may always.
     window: u64,
     /// The window has shrunk before: it grows by a frame a round trip only.
     careful: bool,
@@ -94,19 +94,19 @@ impl Flight {
         self.acked
     }
 
-    /// Nothing that was sent counts any more.
+    /// Forgets all frames in flight.
     pub(super) fn clear(&mut self) {
         self.sent.clear();
         (self.acked, self.carried, self.outstanding) = (None, None, 0);
     }
 
-    /// Frames after `last` were not sent after all.
+    /// Forgets the frames after `last`, which were not sent after all.
     pub(super) fn forget_after(&mut self, last: Option<FrameIndex>) {
         self.sent.retain(|sent| last.is_some_and(|last| sent.frame <= last));
-        self.outstanding = self.sent.iter().map(Sent::in_datagrams).sum();
+        self.outstanding = self.sent.iter().map(SentFrame::in_datagrams).sum();
     }
 
-    /// A frame is on its way, of so many bytes, as `datagrams` or over the connection.
+    /// Records a frame of `bytes` bytes that was sent at `at`, as `datagrams` or over the connection.
     pub(super) fn expect(
         &mut self,
         (frame, hash): (FrameIndex, StateHash),
@@ -117,17 +117,17 @@ impl Flight {
         if self.sent.is_empty() {
             self.news = at;
         }
-        if self.sent.len() >= KEPT
+        if self.sent.len() >= MAX_FRAMES_KEPT
             && let Some(oldest) = self.sent.pop_front()
         {
             self.outstanding = self.outstanding.saturating_sub(oldest.in_datagrams());
         }
-        let sent = Sent { frame, hash, at, bytes, datagrams };
+        let sent = SentFrame { frame, hash, at, bytes, datagrams };
         self.outstanding += sent.in_datagrams();
         self.sent.push_back(sent);
     }
 
-    /// Takes an acknowledgement; whether its hash is the frame's.
+    /// Takes an acknowledgement. Returns whether its hash is the frame's.
     pub(super) fn acknowledge(&mut self, ack: &Ack, now: Micros) -> bool {
         let mut passed = 0;
         while let Some(&sent) = self.sent.front().filter(|sent| sent.frame <= ack.frame) {
@@ -140,7 +140,7 @@ impl Flight {
                 }
                 self.acked = self.acked.max(Some(sent.frame));
                 self.news = now;
-                if passed > LOST {
+                if passed > MAX_CONSECUTIVE_LOSSES {
                     self.shrink(2, now);
                 }
                 self.took(&sent, now);
@@ -149,35 +149,35 @@ impl Flight {
         true
     }
 
-    /// Whether another frame may go as datagrams.
+    /// Returns whether another frame may go as datagrams.
     pub(super) fn has_room(&self, now: Micros) -> bool {
-        let few = || self.sent.iter().filter(|sent| sent.in_datagrams() > 0).count() < LEAST;
+        let few = || self.sent.iter().filter(|sent| sent.in_datagrams() > 0).count() < MIN_FRAMES_IN_FLIGHT;
         self.outstanding < self.window || few() || self.is_overdue(now)
     }
 
-    /// Whether updates go over the connection for a while, since the last were too large for datagrams.
+    /// Returns whether updates go over the connection for a while, because the last ones were too large for datagrams.
     pub(super) fn is_large(&self, now: Micros) -> bool {
         now < self.large_until
     }
 
-    /// How another frame of so many datagrams goes. `free` says that nothing waits to go over the connection.
-    pub(super) fn choose(&mut self, frame: FrameIndex, datagrams: usize, free: bool, now: Micros) -> Way {
-        if datagrams > MANY {
-            self.large_until = now.plus(LARGE_FOR);
-            return Way::Connection;
+    /// Returns the route of the next frame. `free` tells that nothing waits to go over the connection.
+    pub(super) fn choose(&mut self, frame: FrameIndex, datagrams: usize, free: bool, now: Micros) -> Route {
+        if datagrams > MAX_DATAGRAMS_PER_FRAME {
+            self.large_until = now.plus(CONNECTION_PERIOD);
+            return Route::Connection;
         }
         if !self.is_overdue(now) {
-            return Way::Datagrams;
+            return Route::Datagrams;
         }
         self.news = now;
         self.outstanding = 0;
         self.sent.iter_mut().for_each(|sent| sent.bytes = 0);
         self.shrink(2, now);
         if !free || self.waits() {
-            return Way::Datagrams;
+            return Route::Datagrams;
         }
         self.carried = Some(frame);
-        Way::Both
+        Route::Both
     }
 
     /// Whether a frame that went both ways is not acknowledged.
@@ -186,13 +186,13 @@ impl Flight {
     }
 
     fn is_overdue(&self, now: Micros) -> bool {
-        let (smoothed, _) = self.round_trip.unwrap_or((UNKNOWN, UNKNOWN));
-        !self.sent.is_empty() && now.since(self.news).0 > PATIENCE + 2 * smoothed
+        let (smoothed, _) = self.round_trip.unwrap_or((INITIAL_RTT_US, INITIAL_RTT_US));
+        !self.sent.is_empty() && now.since(self.news).0 > ACK_PATIENCE_US + 2 * smoothed
     }
 
     /// A frame was acknowledged now.
-    fn took(&mut self, sent: &Sent, now: Micros) {
-        let Sent { at, bytes, datagrams, .. } = *sent;
+    fn took(&mut self, sent: &SentFrame, now: Micros) {
+        let SentFrame { at, bytes, datagrams, .. } = *sent;
         if bytes == 0 {
             return;
         }
@@ -202,21 +202,21 @@ impl Flight {
         let fastest = lasted.min(fastest + lasted.saturating_sub(fastest) / 1024);
         let queued = lasted.saturating_sub(fastest);
         // Over the connection it may have waited for what was lost there; that it came fast says something all the same.
-        if datagrams || queued < TARGET {
-            // What a stall held up says nothing of the next one.
-            let counted = lasted.min(fastest + 2 * TARGET);
+        if datagrams || queued < QUEUE_TARGET_US {
+            // A stall tells nothing about the next frame.
+            let counted = lasted.min(fastest + 2 * QUEUE_TARGET_US);
             self.round_trip = Some(((7 * smoothed + counted) / 8, fastest));
         }
-        if queued > TARGET && datagrams {
+        if queued > QUEUE_TARGET_US && datagrams {
             self.shrink(4, now);
-        } else if queued < TARGET / 2 {
+        } else if queued < QUEUE_TARGET_US / 2 {
             let growth =
                 if self.careful { bytes.saturating_mul(bytes) / self.window.max(bytes) } else { bytes };
-            self.window = (self.window + growth).min(MOST);
+            self.window = (self.window + growth).min(MAX_WINDOW_BYTES);
         }
     }
 
-    /// Takes a part off the window, at most once a round trip: what was sent before says nothing of it.
+    /// Shrinks the window by one part in `part`, at most once per round trip: earlier frames do not reflect the change.
     fn shrink(&mut self, part: u64, now: Micros) {
         let (smoothed, _) = self.round_trip.unwrap_or_default();
         if !self.careful || now.since(self.shrunk).0 > smoothed {
@@ -253,7 +253,7 @@ mod tests {
                 continue;
             }
             let way = flight.choose(FrameIndex(frame), 1, true, Micros(now));
-            (went, both) = (went + 1, both + u32::from(way == Way::Both));
+            (went, both) = (went + 1, both + u32::from(way == Route::Both));
             let sent = (FrameIndex(frame), StateHash(frame.into()));
             flight.expect(sent, Micros(now), 1000, true);
             coming.extend(trip(frame).map(|trip| (now + trip, frame)));
@@ -309,10 +309,13 @@ mod tests {
     #[test]
     fn frames_of_many_datagrams_leave_the_way_to_the_connection_for_a_while() {
         let mut flight = Flight::default();
-        assert_eq!(flight.choose(FrameIndex(1), MANY, true, Micros(7)), Way::Datagrams);
+        assert_eq!(flight.choose(FrameIndex(1), MAX_DATAGRAMS_PER_FRAME, true, Micros(7)), Route::Datagrams);
         assert!(!flight.is_large(Micros(7)));
-        assert_eq!(flight.choose(FrameIndex(1), MANY + 1, true, Micros(7)), Way::Connection);
-        assert!(flight.is_large(Micros(7)) && !flight.is_large(Micros(7).plus(LARGE_FOR)));
+        assert_eq!(
+            flight.choose(FrameIndex(1), MAX_DATAGRAMS_PER_FRAME + 1, true, Micros(7)),
+            Route::Connection
+        );
+        assert!(flight.is_large(Micros(7)) && !flight.is_large(Micros(7).plus(CONNECTION_PERIOD)));
     }
 
     #[test]

@@ -26,11 +26,11 @@ pub use client::{AppliedFrame, ClientEvent, ClientOptions, ClientSession, Client
 pub use clock::ClockEstimate;
 pub use datagram::MIN_DATAGRAM_BYTES;
 pub use error::{SendError, SessionError};
-pub use served::{Sent, ServerEvent, ServerStats, Wants};
+pub use served::{Demand, ServerEvent, ServerStats};
 pub use server::ServerSession;
 
 use crate::message::{Close, CloseCode, Message, MessageError};
-use crate::{FrameFault, FramerError};
+use crate::{FramerError, WireFrameError};
 
 /// Oldest protocol version that this crate speaks.
 pub const OLDEST_VERSION: u16 = 1;
@@ -43,7 +43,7 @@ pub(crate) const PEER_NAME: &str = concat!("psao-proto ", env!("CARGO_PKG_VERSIO
 /// What a session that met `error` says to the other end; `None` when the other end knows, or would not understand.
 fn farewell(error: &SessionError) -> Option<Close> {
     let code = match error {
-        SessionError::Framer(FramerError { offset: 0, fault: FrameFault::Magic { .. } })
+        SessionError::Framer(FramerError { offset: 0, error: WireFrameError::Magic { .. } })
         | SessionError::NotPsao { .. }
         | SessionError::Rejected(_)
         | SessionError::BadHello(_) => return None,

@@ -5,15 +5,15 @@ use std::sync::Arc;
 
 use crate::{FrameIndex, Numbering};
 
-/// Where a client stands once everything queued so far has arrived: what the next frame may build on.
+/// Position of a client in the stream once everything queued so far has arrived: what the next frame may build on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Place {
+pub(super) struct StreamPosition {
     /// Group and sequence of its last keyframe or update.
     pub(super) numbering: Numbering,
-    /// That frame; nothing while it needs a keyframe.
+    /// That frame, or `None` while it needs a keyframe.
     pub(super) holds: Option<FrameIndex>,
-    /// Whether frames without context came after it, so that the stream's own updates cannot be read.
-    pub(super) strayed: bool,
+    /// Set once a frame without coder context was sent: the client can no longer decode the shared updates.
+    pub(super) context_lost: bool,
 }
 
 /// Frames that wait, oldest first.
@@ -26,15 +26,15 @@ pub(super) struct Outbox {
     bytes: usize,
 }
 
-/// What may become of a frame that waits.
+/// Whether a frame that waits may be dropped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Fate {
-    /// It goes out in any case.
-    Sure,
+pub(super) enum DropPolicy {
+    /// It is always sent.
+    Keep,
     /// A later one makes it superfluous.
     Droppable,
-    /// Likewise; it is a keyframe or update, and without it the client stands where it stood before.
-    State(Place),
+    /// Likewise. It is a keyframe or update; without it the client stays at the position before it.
+    State(StreamPosition),
 }
 
 #[derive(Clone, Debug)]
@@ -42,7 +42,7 @@ struct Frame {
     head: Vec<u8>,
     /// The payload, where it is shared and not part of `head`.
     body: Option<Arc<[u8]>>,
-    fate: Fate,
+    policy: DropPolicy,
 }
 
 impl Frame {
@@ -52,8 +52,8 @@ impl Frame {
 }
 
 impl Outbox {
-    pub(super) fn push(&mut self, head: Vec<u8>, body: Option<Arc<[u8]>>, fate: Fate) {
-        let frame = Frame { head, body, fate };
+    pub(super) fn push(&mut self, head: Vec<u8>, body: Option<Arc<[u8]>>, policy: DropPolicy) {
+        let frame = Frame { head, body, policy };
         self.bytes += frame.len();
         self.frames.push_back(frame);
     }
@@ -103,17 +103,17 @@ impl Outbox {
     /// Drops the droppable frames of which nothing was sent yet. Says how many, and where the client stands without
     /// them when a keyframe or update was among them. With `keep_first` the first frame stays in any case: that it is
     /// taken later shows that the other end takes bytes again.
-    pub(super) fn drop_stale(&mut self, keep_first: bool) -> (u64, Option<Place>) {
+    pub(super) fn drop_stale(&mut self, keep_first: bool) -> (u64, Option<StreamPosition>) {
         let before = self.frames.len();
         let begun = usize::from(keep_first || self.taken > 0);
         let mut back_to = None;
         let mut number = 0;
         self.frames.retain(|frame| {
             number += 1;
-            if number <= begun || frame.fate == Fate::Sure {
+            if number <= begun || frame.policy == DropPolicy::Keep {
                 return true;
             }
-            if let Fate::State(before) = frame.fate {
+            if let DropPolicy::State(before) = frame.policy {
                 back_to.get_or_insert(before);
             }
             false
@@ -130,20 +130,20 @@ mod tests {
     #[test]
     fn stale_frames_go_but_never_one_that_was_begun() {
         let mut outbox = Outbox::default();
-        let place = |frame| Place { holds: Some(FrameIndex(frame)), ..Place::default() };
-        outbox.push(vec![1; 4], None, Fate::State(place(1)));
-        outbox.push(vec![2; 3], None, Fate::Sure);
-        outbox.push(vec![3; 1], Some([3].into()), Fate::State(place(2)));
-        outbox.push(vec![4; 1], None, Fate::State(place(3)));
-        outbox.push(vec![5; 1], None, Fate::Droppable);
+        let position = |frame| StreamPosition { holds: Some(FrameIndex(frame)), ..StreamPosition::default() };
+        outbox.push(vec![1; 4], None, DropPolicy::State(position(1)));
+        outbox.push(vec![2; 3], None, DropPolicy::Keep);
+        outbox.push(vec![3; 1], Some([3].into()), DropPolicy::State(position(2)));
+        outbox.push(vec![4; 1], None, DropPolicy::State(position(3)));
+        outbox.push(vec![5; 1], None, DropPolicy::Droppable);
         outbox.advance(1);
         assert_eq!(outbox.len(), 10);
-        assert_eq!(outbox.drop_stale(false), (3, Some(place(2))), "the first of those that went tells");
+        assert_eq!(outbox.drop_stale(false), (3, Some(position(2))), "the first of those that went tells");
         assert_eq!(outbox.len(), 6);
         assert_eq!(outbox.take(), [1, 1, 1, 2, 2, 2]);
         assert_eq!((outbox.len(), outbox.is_empty()), (0, true));
-        outbox.push(vec![4; 2], None, Fate::Droppable);
-        outbox.push(vec![5; 2], None, Fate::Droppable);
+        outbox.push(vec![4; 2], None, DropPolicy::Droppable);
+        outbox.push(vec![5; 2], None, DropPolicy::Droppable);
         assert_eq!((outbox.drop_stale(true), outbox.len()), ((1, None), 2));
         assert_eq!((outbox.drop_stale(false), outbox.len()), ((1, None), 0));
         outbox.advance(5);
@@ -154,8 +154,8 @@ mod tests {
     fn a_shared_body_follows_its_head_in_any_pieces() {
         for step in 1..6 {
             let mut outbox = Outbox::default();
-            outbox.push(vec![1, 2], Some([3, 4, 5].into()), Fate::Sure);
-            outbox.push(vec![6], Some([].into()), Fate::Sure);
+            outbox.push(vec![1, 2], Some([3, 4, 5].into()), DropPolicy::Keep);
+            outbox.push(vec![6], Some([].into()), DropPolicy::Keep);
             let mut out = Vec::new();
             while !outbox.is_empty() {
                 let count = outbox.front().len().min(step);

@@ -1,9 +1,9 @@
-//! What a server learns of a client, and what it counts.
+//! Events, demands and counts of a client at its server.
 
 use crate::FrameIndex;
 use crate::message::{Ack, CameraPose, Close, Edit, Hello, KeyframeReason};
 
-/// What a client did.
+/// Event of a client at its server.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ServerEvent {
     /// It was accepted; the scene is on its way and it waits for a keyframe.
@@ -16,26 +16,16 @@ pub enum ServerEvent {
     Acked(Ack),
     /// It says that it holds a frame, but with another hash than the frame's: it gets a keyframe.
     Diverged(Ack),
-    /// It cannot go on without a keyframe; [`ServerSession::wants`](super::ServerSession::wants) says so until it got one.
+    /// It cannot go on without a keyframe; [`ServerSession::demand`](super::ServerSession::demand) says so until it got one.
     KeyframeWanted(KeyframeReason),
     /// It left. Nothing follows.
     Closed(Close),
 }
 
-/// What became of a frame that was given to a session.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Sent {
-    /// It waits in the output.
-    Queued,
-    /// It was dropped: the client has not joined, is behind, or stands elsewhere. Nothing is owed for it; what the client
-    /// [`wants`](super::ServerSession::wants) next will hold what it held.
-    Dropped,
-}
-
 /// What brings a client to the newest frame.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Wants {
-    /// Nothing now: it has not joined, has left, or is behind and has to take what waits first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Demand {
+    /// Nothing now. It did not join yet, has left, or must first take the bytes that wait for it.
     Nothing,
     /// A keyframe.
     Keyframe,
@@ -75,6 +65,6 @@ pub struct ServerStats {
     pub diverged: u64,
     /// Frames of a type that this version does not know.
     pub unknown: u64,
-    /// Datagrams that were none of this protocol.
+    /// Datagrams that do not belong to this protocol.
     pub bad_datagrams: u64,
 }

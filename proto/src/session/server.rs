@@ -8,13 +8,14 @@ use std::sync::Arc;
 use psao_codec::frame::FrameKind;
 
 use super::flight::Flight;
-use super::outbox::{Fate, Outbox, Place};
+use super::outbox::{DropPolicy, Outbox, StreamPosition};
 use super::timers::{Allowance, Due, Timers};
 use super::welcome::welcome;
 use super::{
-    Access, NEWEST_VERSION, PEER_NAME, SendError, Sent, ServerEvent, ServerStats, SessionError, SharedBody,
-    Wants, farewell, read,
+    Access, Demand, NEWEST_VERSION, PEER_NAME, SendError, ServerEvent, ServerStats, SessionError, SharedBody,
+    farewell, read,
 };
+use crate::fanout::ClientCursor;
 use crate::message::{
     Accept, Ack, Auth, Budget, Close, CloseCode, Edit, Hello, Message, PeerLimits, Ping, Pong, Reject,
     RejectCode, Report, Request, Stamp, Text, View,
@@ -36,7 +37,7 @@ enum Phase {
 /// Give it what comes from the client with [`handle`](Self::handle) and, at the time that
 /// [`next_deadline`](Self::next_deadline) says, the time alone with [`tick`](Self::tick); send what
 /// [`output`](Self::output) gives and say how much of it went with [`advance`](Self::advance). Before each frame look at
-/// what it [`wants`](Self::wants): that depends on what it holds, whether it takes what is sent, and what it asked for.
+/// its [`demand`](Self::demand): that depends on what it holds, whether it takes what is sent, and what it asked for.
 /// [`Fanout`](crate::Fanout) does that for many clients. What waits for a client is bounded by
 /// [`Limits::max_queue_bytes`].
 #[derive(Debug)]
@@ -47,28 +48,26 @@ pub struct ServerSession {
     name: Text<64>,
     framer: Framer,
     outbox: Outbox,
-    place: Place,
+    position: StreamPosition,
     phase: Phase,
     timers: Timers,
     frames_left: Allowance,
     bytes_left: Allowance,
     failed: Option<SessionError>,
-    /// The client fell behind: what it needs waits until the rest is gone.
+    /// The client fell behind. It gets what it missed once the bytes that wait are gone.
     lagging: bool,
     flight: Flight,
     stamps: bool,
     /// Most bytes of a datagram, when the client wants updates as such.
     datagram_bytes: Option<u16>,
     datagrams: VecDeque<Vec<u8>>,
-    /// Number of the last edit that it was told of; [`Fanout`](crate::Fanout) counts them.
-    pub(crate) edits_heard: u64,
-    /// Round of frame numbers that what it holds is of; [`Fanout`](crate::Fanout) counts them.
-    pub(crate) round: u32,
+    /// Read and written by [`Fanout`](crate::Fanout) alone.
+    pub(crate) cursor: ClientCursor,
     stats: ServerStats,
 }
 
 impl ServerSession {
-    /// A client has connected.
+    /// Creates the session of a client that has just connected.
     #[must_use]
     pub fn new(scene: Arc<SceneTable>, access: Access, limits: Limits) -> Self {
         Self {
@@ -78,7 +77,7 @@ impl ServerSession {
             name: Text::cut(PEER_NAME),
             framer: Framer::new(limits),
             outbox: Outbox::default(),
-            place: Place::default(),
+            position: StreamPosition::default(),
             phase: Phase::Waiting(None),
             timers: Timers::default(),
             frames_left: Allowance::new(limits.max_frames_per_s),
@@ -89,8 +88,7 @@ impl ServerSession {
             stamps: false,
             datagram_bytes: None,
             datagrams: VecDeque::new(),
-            edits_heard: 0,
-            round: 0,
+            cursor: ClientCursor::default(),
             stats: ServerStats::default(),
         }
     }
@@ -109,22 +107,15 @@ impl ServerSession {
             let limit = self.bytes_left.rate();
             return Err(self.fail(SessionError::Flood { what: "bytes", limit }));
         }
-        let mut framer = std::mem::replace(&mut self.framer, Framer::new(self.limits));
-        framer.push(bytes);
         let mut events = Vec::new();
-        let result = loop {
-            match framer.next_frame() {
-                Ok(None) => break Ok(()),
-                Err(error) => break Err(error.into()),
-                Ok(Some(_)) if matches!(self.phase, Phase::Closed) => {}
-                Ok(Some(frame)) => {
-                    if let Err(error) = self.frame(&frame, &mut events) {
-                        break Err(error);
-                    }
-                }
-            }
-        };
-        self.framer = framer;
+        let result = Framer::drain(
+            self,
+            |session| &mut session.framer,
+            bytes,
+            |session, frame| {
+                if session.is_closed() { Ok(()) } else { session.frame(frame, &mut events) }
+            },
+        );
         match result {
             Err(_) if matches!(self.phase, Phase::Closed) => Ok(events),
             Err(error) => Err(self.fail(error)),
@@ -142,7 +133,7 @@ impl ServerSession {
         if let Some(error) = &self.failed {
             return Err(error.clone());
         }
-        self.timers.tell(now);
+        self.timers.set_now(now);
         let due = match self.phase {
             Phase::Waiting(_) => self.timers.handshake(&self.limits).map(|()| Due::Nothing),
             Phase::Joined(_) => self.timers.open(&self.limits, !self.outbox.is_empty(), true),
@@ -167,106 +158,108 @@ impl ServerSession {
         }
     }
 
-    /// What brings the client to the newest frame. A client that fell behind wants nothing until it has taken what
-    /// waits.
+    /// Returns what brings the client to the newest frame. A client that fell behind demands nothing until it has taken
+    /// the bytes that wait.
     #[must_use]
-    pub fn wants(&self) -> Wants {
+    pub fn demand(&self) -> Demand {
         let caught_up =
             || self.outbox.is_empty() && self.flight.len() <= self.limits.max_unacked as usize / 2;
         if !self.is_joined() || (self.lagging && !caught_up()) {
-            return Wants::Nothing;
+            return Demand::Nothing;
         }
         let now = self.timers.now();
-        match (self.place.holds, self.datagram_bytes, self.flight.acked()) {
-            (None, _, _) => Wants::Keyframe,
+        match (self.position.holds, self.datagram_bytes, self.flight.acked()) {
+            (None, _, _) => Demand::Keyframe,
             (Some(holds), Some(_), acked) if self.flight.is_large(now) => {
                 let base = acked.map_or(holds, |acked| holds.max(acked));
-                if self.place.strayed { Wants::Patch { base } } else { Wants::Update { base } }
+                if self.position.context_lost { Demand::Patch { base } } else { Demand::Update { base } }
             }
-            (Some(_), Some(_), Some(base)) if self.flight.has_room(now) => Wants::Datagrams { base },
+            (Some(_), Some(_), Some(base)) if self.flight.has_room(now) => Demand::Datagrams { base },
             // The keyframe that datagrams build on is on its way, or the network is full.
-            (Some(_), Some(_), _) => Wants::Nothing,
-            (Some(base), None, _) => Wants::Update { base },
+            (Some(_), Some(_), _) => Demand::Nothing,
+            (Some(base), None, _) => Demand::Update { base },
         }
     }
 
-    /// Sends a keyframe. Updates that still wait are dropped: the keyframe holds them.
+    /// Sends a keyframe. Updates that still wait are dropped: the keyframe holds them. Returns whether the keyframe was
+    /// queued; before the client has joined it is dropped.
     ///
     /// # Errors
-    /// [`SendError::NotOpen`] after the session ended; [`SendError::OverPeerLimit`] when it does not take so long
-    /// a frame, which it then can never follow: close it. [`SendError::Kind`] for an update.
-    pub fn send_keyframe(&mut self, body: &SharedBody) -> Result<Sent, SendError> {
+    /// [`SendError::NotOpen`] after the session ended; [`SendError::OverPeerLimit`] when the frame is longer than
+    /// the client takes: it can never follow, so close it. [`SendError::Kind`] for an update.
+    pub fn send_keyframe(&mut self, body: &SharedBody) -> Result<bool, SendError> {
         if body.kind != FrameKind::Key {
             return Err(SendError::Kind);
         }
         if !self.check_body(body)? {
-            return Ok(Sent::Dropped);
+            return Ok(false);
         }
         self.drop_stale(false);
         self.flight.clear();
-        let before = self.place;
-        let head = self.place.numbering.keyframe_head(&body.bytes)?;
+        let before = self.position;
+        let head = self.position.numbering.keyframe_head(&body.bytes)?;
         self.push_state(&head, body, before);
         self.stats.keyframes += 1;
-        Ok(Sent::Queued)
+        Ok(true)
     }
 
-    /// Sends an update that builds on the frame `base`. It is dropped unless that is what the client
-    /// [`wants`](Self::wants). One that does not fit the queue, or comes on top of too many that were not acknowledged,
-    /// makes the client lag: all updates that wait are dropped with it.
+    /// Sends an update that builds on the frame `base`. It is dropped unless that is the client's
+    /// [`demand`](Self::demand). One that does not fit the queue, or comes on top of too many that were not acknowledged,
+    /// makes the client lag: all updates that wait are dropped with it. Returns whether it was queued. What was dropped
+    /// need not be sent again, because the next body that the client demands holds it.
     ///
     /// # Errors
     /// As [`send_keyframe`](Self::send_keyframe); [`SendError::Kind`] for a keyframe.
-    pub fn send_update(&mut self, body: &SharedBody, base: FrameIndex) -> Result<Sent, SendError> {
+    pub fn send_update(&mut self, body: &SharedBody, base: FrameIndex) -> Result<bool, SendError> {
         if body.kind != FrameKind::Delta {
             return Err(SendError::Kind);
         }
-        let wanted = [Wants::Update { base }, Wants::Patch { base }].contains(&self.wants());
+        let wanted = [Demand::Update { base }, Demand::Patch { base }].contains(&self.demand());
         if !self.check_body(body)? || !wanted {
             self.stats.dropped += 1;
-            return Ok(Sent::Dropped);
+            return Ok(false);
         }
         let waits = !self.outbox.is_empty() && !self.fits(HEADER_BYTES + body.bytes.len());
         if waits || self.flight.len() >= self.limits.max_unacked as usize {
             self.lag();
             self.stats.dropped += 1;
-            return Ok(Sent::Dropped);
+            return Ok(false);
         }
-        let before = self.place;
-        let head = self.place.numbering.update_head(&body.bytes)?;
+        let before = self.position;
+        let head = self.position.numbering.update_head(&body.bytes)?;
         self.push_state(&head, body, before);
         self.stats.updates += 1;
-        Ok(Sent::Queued)
+        Ok(true)
     }
 
-    /// Sends a report, unless the client is behind.
+    /// Sends a report, unless the client is behind. Returns whether it was queued.
     ///
     /// # Errors
     /// [`SendError::NotOpen`], or [`SendError::Message`] when the report makes no sense.
-    pub fn send_report(&mut self, report: &Report) -> Result<Sent, SendError> {
+    pub fn send_report(&mut self, report: &Report) -> Result<bool, SendError> {
         self.send_note(report)
     }
 
-    /// Sends what a frame did with its byte budget, unless the client is behind.
+    /// Sends what a frame did with its byte budget, unless the client is behind. Returns whether it was queued.
     ///
     /// # Errors
     /// As [`send_report`](Self::send_report).
-    pub fn send_budget(&mut self, budget: &Budget) -> Result<Sent, SendError> {
+    pub fn send_budget(&mut self, budget: &Budget) -> Result<bool, SendError> {
         self.send_note(budget)
     }
 
-    /// Tells the client of an edit that is part of every frame sent from here on.
+    /// Tells the client of an edit that is part of every frame sent from here on. Returns whether it was queued.
     ///
     /// # Errors
     /// As [`send_report`](Self::send_report).
-    pub fn send_edit(&mut self, edit: &Edit) -> Result<Sent, SendError> {
+    pub fn send_edit(&mut self, edit: &Edit) -> Result<bool, SendError> {
         self.check_open()?;
-        let frame = self.place.numbering.message(edit)?;
+        let frame = self.position.numbering.message(edit)?;
         if !self.is_joined() {
-            return Ok(Sent::Dropped);
+            return Ok(false);
         }
-        self.push(frame, None, Fate::Sure);
-        Ok(Sent::Queued)
+        self.push(frame, None, DropPolicy::Keep);
+        Ok(true)
     }
 
     /// Ends the session: what waits is still sent, then a CLOSE. A client that has not joined gets a REJECT instead,
@@ -325,7 +318,7 @@ impl ServerSession {
         matches!(self.phase, Phase::Closed)
     }
 
-    /// Whether the client fell behind and has not got what it missed yet.
+    /// Returns whether the client fell behind and still lacks what it missed.
     #[must_use]
     pub const fn is_lagging(&self) -> bool {
         self.lagging
@@ -337,15 +330,15 @@ impl ServerSession {
         self.stats
     }
 
-    fn send_note<M: Message>(&mut self, message: &M) -> Result<Sent, SendError> {
+    fn send_note<M: Message>(&mut self, message: &M) -> Result<bool, SendError> {
         self.check_open()?;
-        let frame = self.place.numbering.message(message)?;
-        if !self.is_joined() || self.lagging || self.place.holds.is_none() || !self.fits(frame.len()) {
+        let frame = self.position.numbering.message(message)?;
+        if !self.is_joined() || self.lagging || self.position.holds.is_none() || !self.fits(frame.len()) {
             self.stats.dropped += 1;
-            return Ok(Sent::Dropped);
+            return Ok(false);
         }
-        self.push(frame, None, Fate::Droppable);
-        Ok(Sent::Queued)
+        self.push(frame, None, DropPolicy::Droppable);
+        Ok(true)
     }
 
     const fn check_open(&self) -> Result<(), SendError> {
@@ -379,45 +372,48 @@ impl ServerSession {
     /// Drops what waits and can be dropped; the client then stands where it stood before that.
     fn drop_stale(&mut self, keep_first: bool) {
         let before = self.outbox.len();
-        let (dropped, place) = self.outbox.drop_stale(keep_first);
+        let (dropped, position) = self.outbox.drop_stale(keep_first);
         self.stats.dropped += dropped;
         self.stats.wire_bytes -= (before - self.outbox.len()) as u64;
-        if let Some(place) = place {
+        if let Some(position) = position {
             // Datagrams that went since then went all the same.
-            self.place = Place { strayed: place.strayed || self.place.strayed, ..place };
-            self.flight.forget_after(place.holds);
+            self.position = StreamPosition {
+                context_lost: position.context_lost || self.position.context_lost,
+                ..position
+            };
+            self.flight.forget_after(position.holds);
         }
     }
 
     /// Queues a keyframe or update, its STAMP before it.
-    fn push_state(&mut self, head: &[u8], body: &SharedBody, before: Place) {
+    fn push_state(&mut self, head: &[u8], body: &SharedBody, before: StreamPosition) {
         if self.stamps {
             let sent = self.timers.now();
             let stamp = Stamp { frame: body.frame, captured: body.captured.min(sent), sent };
             if let Ok(stamp) = before.numbering.message(&stamp) {
-                self.push(stamp, None, Fate::Droppable);
+                self.push(stamp, None, DropPolicy::Droppable);
             }
         }
-        self.push(head.to_vec(), Some(Arc::clone(&body.bytes)), Fate::State(before));
-        (self.place.holds, self.place.strayed) = (Some(body.frame), false);
+        self.push(head.to_vec(), Some(Arc::clone(&body.bytes)), DropPolicy::State(before));
+        (self.position.holds, self.position.context_lost) = (Some(body.frame), false);
         self.lagging = false;
         // How long a keyframe takes says how large it is.
         let bytes = if body.kind == FrameKind::Key { 0 } else { body.bytes.len() as u64 };
         self.flight.expect((body.frame, body.hash), self.timers.now(), bytes, false);
     }
 
-    fn push(&mut self, head: Vec<u8>, body: Option<Arc<[u8]>>, fate: Fate) {
+    fn push(&mut self, head: Vec<u8>, body: Option<Arc<[u8]>>, policy: DropPolicy) {
         if self.outbox.is_empty() {
             self.timers.moved();
         }
         self.stats.wire_bytes += (head.len() + body.as_ref().map_or(0, |body| body.len())) as u64;
-        self.outbox.push(head, body, fate);
+        self.outbox.push(head, body, policy);
     }
 
     /// Queues a message that is known to be good.
     fn queue<M: Message>(&mut self, message: &M) {
-        if let Ok(frame) = self.place.numbering.message(message) {
-            self.push(frame, None, Fate::Sure);
+        if let Ok(frame) = self.position.numbering.message(message) {
+            self.push(frame, None, DropPolicy::Keep);
         }
     }
 
@@ -427,7 +423,7 @@ impl ServerSession {
         match (&self.phase, &error) {
             (Phase::Closed, _) => {}
             (_, SessionError::BadHello(reject)) => self.queue(&reject.clone()),
-            // Whoever has not said HELLO in time or in order is told why in the words of the handshake.
+            // A client that failed the handshake is told why by a message of the handshake.
             (Phase::Waiting(_), SessionError::NotPsao { .. }) => {}
             (Phase::Waiting(_), _) => self.queue(&Reject::new(RejectCode::BAD_HELLO, &error.to_string())),
             (Phase::Joined(_), _) => {
@@ -466,7 +462,7 @@ impl ServerSession {
             (FrameType::PING, _) => {
                 let Ping { sent } = read(payload)?;
                 let now = self.timers.now();
-                // Whoever asks and takes no answers gets no more of them.
+                // A client that takes no answers gets no more of them.
                 if self.fits(0) {
                     self.queue(&Pong { sent, received: now, replied: now });
                 }
@@ -494,15 +490,15 @@ impl ServerSession {
         None
     }
 
-    /// Tells the time of what is sent next.
-    pub(crate) fn tell(&mut self, now: Micros) {
-        self.timers.tell(now);
+    /// Sets the time of what is sent next.
+    pub(crate) fn set_now(&mut self, now: Micros) {
+        self.timers.set_now(now);
     }
 
-    /// What the client holds is of no use to it any more.
+    /// Makes the client need a keyframe, whatever it holds.
     pub(crate) fn need_keyframe(&mut self) {
         self.drop_stale(false);
-        self.place.holds = None;
+        self.position.holds = None;
         self.lagging = false;
         self.flight.clear();
         self.datagrams.clear();
@@ -527,15 +523,15 @@ impl ServerSession {
         };
         self.access.check(auth.as_ref()).map_err(SessionError::BadHello)?;
         let hello = welcome(payload, &self.scene)?;
-        let scene = self.place.numbering.scene(&self.scene)?;
+        let scene = self.position.numbering.scene(&self.scene)?;
         self.queue(&Accept {
             version: hello.newest.min(NEWEST_VERSION),
-            profile: self.scene.info().profile,
+            profile: self.scene.profile(),
             limits: PeerLimits::from(&self.limits),
             name: self.name.clone(),
         });
         for frame in scene {
-            self.push(frame, None, Fate::Sure);
+            self.push(frame, None, DropPolicy::Keep);
         }
         self.phase = Phase::Joined(hello.clone());
         Ok(ServerEvent::Joined(hello))

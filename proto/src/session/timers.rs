@@ -31,7 +31,7 @@ impl Timers {
     }
 
     /// Takes a time; one before the last is taken as the last.
-    pub(super) fn tell(&mut self, now: Micros) {
+    pub(super) fn set_now(&mut self, now: Micros) {
         self.now = self.now.max(now);
         if self.started.is_none() {
             (self.started, self.heard, self.moved, self.pinged) =
@@ -153,24 +153,24 @@ mod tests {
         let limits = Limits::default();
         let mut timers = Timers::default();
         assert_eq!(timers.next_in_handshake(&limits), None);
-        timers.tell(Micros(100));
+        timers.set_now(Micros(100));
         let next = timers.next_in_handshake(&limits).unwrap();
-        timers.tell(Micros(next.0 - 1));
+        timers.set_now(Micros(next.0 - 1));
         assert_eq!(timers.handshake(&limits), Ok(()));
-        timers.tell(next);
+        timers.set_now(next);
         assert!(timers.handshake(&limits).is_err());
 
         for (waiting, expected) in [(false, "silent"), (true, "stalled")] {
             // A session that hears enough, or waits in vain.
             let limits = Limits { stall: Micros::from_secs(5), ..limits };
             let mut timers = Timers::default();
-            timers.tell(Micros(7));
+            timers.set_now(Micros(7));
             let (mut pings, mut last) = (0, Micros(7));
             let error = loop {
                 let next = timers.next_when_open(&limits, waiting, true).unwrap();
                 assert!(next > last, "time goes on");
                 last = next;
-                timers.tell(next);
+                timers.set_now(next);
                 match timers.open(&limits, waiting, true) {
                     Ok(Due::Ping) => pings += 1,
                     Ok(Due::Nothing) => {}

@@ -20,7 +20,7 @@ pub(super) fn welcome(payload: &[u8], scene: &SceneTable) -> Result<Hello, Sessi
         _ => read(payload).map_err(|e: MessageError| reject(RejectCode::BAD_HELLO, &e.to_string()))?,
     };
     let info = scene.info();
-    if !hello.profiles.has(info.profile) {
+    if !hello.profiles.has(scene.profile()) {
         return Err(reject(RejectCode::PROFILE, "the client cannot apply the stream's profile"));
     }
     if !hello.coders.has(info.coder) || !hello.coders.has(CoderId::STORED) {

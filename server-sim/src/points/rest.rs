@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use psao_codec::cells::MAX_GRID_DIM;
 use psao_codec::surface::{Geometry, GeometryDigest, GeometryError, RestPoint, Rounded, SetLayout, State};
-use psao_proto::message::SceneInfo;
+use psao_proto::SceneInfo;
 use rayon::prelude::*;
 use thiserror::Error;
 
@@ -87,6 +87,9 @@ pub enum SharedGeometryError {
         /// Sets of the stream.
         sets: usize,
     },
+    /// The stream does not say how its points were spread.
+    #[error("the stream does not say how its points were spread, so they cannot be made from the scene")]
+    NoTrace,
     /// The points are not the stream's.
     #[error(transparent)]
     Geometry(#[from] GeometryError),
@@ -108,7 +111,8 @@ pub fn make_shared_geometry(
     if meshes != sets {
         return Err(SharedGeometryError::Sets { meshes, sets });
     }
-    let settings = PointSettings { per_m2: info.points_per_m2, minimum: info.min_points, seed: info.seed };
+    let trace = info.trace.ok_or(ShareError::NoTrace)?;
+    let settings = PointSettings { per_m2: trace.points_per_m2, minimum: trace.min_points, seed: trace.seed };
     let points = generate(scene, &settings, &|_, _| {})?;
     let geometry: Vec<Geometry> = layout
         .sets()

@@ -35,7 +35,7 @@ mod tests {
     #[test]
     fn union_holds_what_any_instance_needs() {
         let needs = SceneNeeds::new(vec![Needs::SKIN, Needs::MASKED | Needs::DOUBLE_SIDED, Needs::NONE]);
-        assert_eq!(needs.all().0, 0b11_0001);
+        assert_eq!(needs.all().bits(), 0b11_0001);
         assert!(needs.all().contains(Needs::SKIN | Needs::MASKED));
         assert!(!needs.all().contains(Needs::MORPH));
         assert_eq!(needs.all().names().collect::<Vec<_>>(), ["skin", "mask", "double-sided"]);

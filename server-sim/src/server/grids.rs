@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use psao_codec::cells::bucket_count;
-use psao_proto::message::{InstanceEntry, Needs, Occlusion as WireOcclusion, PointSource, SceneInfo, Text};
-use psao_proto::{Limits, SceneEntries, SceneTable};
+use psao_proto::message::{InstanceEntry, Needs, Occlusion as WireOcclusion, PointSource, Text};
+use psao_proto::{Limits, PaperInfo, SceneEntries, SceneInfo, SceneTable, TraceInfo};
 use rayon::prelude::*;
 
 use super::ServerError;
@@ -42,8 +42,8 @@ pub(super) fn table(
         first_bucket = first_bucket.checked_add(entry.bucket_count).ok_or(ServerError::Buckets)?;
         entries.push(entry);
     }
-    let mut info = info(scene, points, settings)?;
-    info.cell_capacity = cells.min(MOST_CELLS) as u32;
+    let paper = PaperInfo::new(cells.min(MOST_CELLS) as u32).with_table_slots(settings.table_slots);
+    let info = info(scene, settings)?.with_paper(paper);
     Ok(SceneTable::new(info, SceneEntries::Cells(entries), limits)?)
 }
 
@@ -73,40 +73,28 @@ fn entry(
 }
 
 /// The stream as a whole, but for what only one of the profiles has.
-pub(super) fn info(
-    scene: &Scene,
-    points: &ScenePoints,
-    settings: &ServerSettings,
-) -> Result<SceneInfo, ServerError> {
-    Ok(SceneInfo {
-        name: Text::cut(scene.name()),
-        source: Text::new(scene.source())
-            .map_err(|_| ServerError::Source { length: scene.source().len() })?,
-        digest: *scene.digest(),
-        profile: settings.profile,
-        point_bits: settings.bits,
-        coder: settings.coder.id(),
-        geometry: PointSource::SENT,
-        fps: settings.fps,
-        frames_hint: settings.frames_hint,
-        radius_m: settings.ao.radius,
-        rays: settings.ao.rays,
-        occlusion: match settings.ao.kind {
-            Occlusion::Obscurance => WireOcclusion::OBSCURANCE,
-            Occlusion::Binary => WireOcclusion::BINARY,
-        },
-        threshold: settings.threshold,
-        seed: settings.points.seed,
-        // A stream may have its minimum of points only; the wire wants a positive density.
-        points_per_m2: settings.points.per_m2.max(f32::MIN_POSITIVE),
-        min_points: settings.points.minimum,
-        cell_capacity: 0,
-        set_count: 0,
-        instance_count: scene.instances().len() as u32,
-        point_count: points.total(),
-        paper_table_slots: settings.table_slots,
-        view_margin: settings.view_margin,
-    })
+pub(super) fn info(scene: &Scene, settings: &ServerSettings) -> Result<SceneInfo, ServerError> {
+    let source =
+        Text::new(scene.source()).map_err(|_| ServerError::Source { length: scene.source().len() })?;
+    let occlusion = match settings.ao.kind {
+        Occlusion::Obscurance => WireOcclusion::OBSCURANCE,
+        Occlusion::Binary => WireOcclusion::BINARY,
+    };
+    // A stream may have its minimum of points only; the wire wants a positive density.
+    let per_m2 = settings.points.per_m2.max(f32::MIN_POSITIVE);
+    let trace = TraceInfo::new(settings.ao.rays, settings.ao.radius)
+        .with_occlusion(occlusion)
+        .with_seed(settings.points.seed)
+        .with_density(per_m2, settings.points.minimum)
+        .with_view_margin(settings.view_margin);
+    let ServerSettings { fps, threshold, coder, .. } = *settings;
+    let info = SceneInfo::new(scene.name(), *scene.digest(), fps, threshold, coder.id(), PointSource::SENT);
+    Ok(info
+        .with_source(source)
+        .with_point_bits(settings.bits)
+        .with_frames_hint(settings.frames_hint)
+        .with_trace(trace)
+        .with_paper(PaperInfo::new(0).with_table_slots(settings.table_slots)))
 }
 
 /// Local bounds of every instance over the whole clip.

@@ -125,7 +125,7 @@ impl fmt::Debug for Server {
         f.debug_struct("Server")
             .field("scene", &self.tracing.scene.name())
             .field("points", &self.tracing.points.total())
-            .field("profile", &self.table.info().profile)
+            .field("profile", &self.table.profile())
             .finish_non_exhaustive()
     }
 }
@@ -174,7 +174,7 @@ impl Server {
         let mut geometry = Vec::new();
         let table = if settings.profile == Profile::SURFACE {
             geometry = order_at_rest(&scene, &mut points, settings.precision()?, settings.kernel);
-            surface::table(&scene, &points, &geometry, &settings, &limits)?
+            surface::table(&scene, &geometry, &settings, &limits)?
         } else {
             grids::table(&scene, &points, &settings, &limits)?
         };

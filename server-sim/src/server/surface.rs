@@ -16,7 +16,6 @@ use super::stats::{Lap, TraceTotals};
 use super::stream::{Decided, Frame};
 use super::tracing::Tracing;
 use super::{FrameStats, ServerError, ServerSettings, StageMicros, StepOutput};
-use crate::points::ScenePoints;
 use crate::scene::{InstanceId, Scene};
 use crate::visibility::Overlap;
 
@@ -32,7 +31,6 @@ pub(super) struct SurfaceStream {
 /// The scene table of a stream whose points are in the order of `geometry`, one for every set.
 pub(super) fn table(
     scene: &Scene,
-    points: &ScenePoints,
     geometry: &[Arc<Geometry>],
     settings: &ServerSettings,
     limits: &Limits,
@@ -43,8 +41,7 @@ pub(super) fn table(
         needs: instance.needs(),
     };
     let members = scene.instances().iter().map(member).collect();
-    let mut info = info(scene, points, settings)?;
-    info.set_count = sets.len() as u32;
+    let mut info = info(scene, settings)?;
     info.geometry = settings.geometry.into();
     Ok(SceneTable::new(info, SceneEntries::Surface { sets, members }, limits)?)
 }

@@ -120,7 +120,7 @@ fn scenes(frames: &mut Frames) {
         bucket_count: 1 << 31,
         kernel_radius: f32::from_bits(1),
         points: most,
-        needs: Needs(most),
+        needs: Needs::from_bits_retain(most),
     };
     frames.message("scene-instances", &instances(0, &[INSTANCE, largest]));
     frames
@@ -136,7 +136,7 @@ fn scenes(frames: &mut Frames) {
     };
     frames.message("scene-sets", &sets(0, &[SET, largest]));
     frames.message("scene-sets-last", &sets(most, &[SetEntry { normal_bits: 2, points: 0, ..SET }]));
-    let largest = MemberEntry { set: most, needs: Needs(most) };
+    let largest = MemberEntry { set: most, needs: Needs::from_bits_retain(most) };
     frames.message("scene-members", &members(0, &[MEMBER, largest]));
     frames.message("scene-members-most", &most_members());
 }

@@ -39,7 +39,7 @@ fn ends() -> (ClientSession, ServerSession) {
     let now = Micros(0);
     let scene = SampleServer::of(Profile::SURFACE).unwrap().scene().clone();
     let mut server = ServerSession::new(scene, Access::Open, Limits::default());
-    let options = ClientOptions { datagrams: Some(MOST), ..ClientOptions::default() };
+    let options = ClientOptions::default().with_datagrams(Some(MOST));
     let mut client = ClientSession::with(Limits::default(), options);
     for _ in 0..2 {
         server.handle(&client.take_output(), now).unwrap();

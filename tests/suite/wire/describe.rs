@@ -1,12 +1,12 @@
 //! What the json of a frame or a recording says.
 
 use psao_proto::message::{
-    Accept, Ack, Auth, Budget, Close, Edit, EditAction, Gap, Hello, InstanceEntry, Malformed, MemberEntry,
-    Message, MessageError, PeerLimits, Ping, Pong, Reject, Report, Request, Scene, SceneInfo, SetEntry,
-    StageTime, Stamp, View,
+    Accept, Ack, Auth, Budget, Close, Edit, EditAction, Gap, Hello, InstanceEntry, MemberEntry, Message,
+    MessageError, PayloadError, PeerLimits, Ping, Pong, Reject, Report, Request, Scene, SceneHeader,
+    SetEntry, StageTime, Stamp, View,
 };
 use psao_proto::recording::{DamageKind, Reader, ReaderError, StoredIndex, Summary};
-use psao_proto::{FrameFault, FrameHeader, FrameType, Framer, Limits};
+use psao_proto::{FrameHeader, FrameType, Framer, Limits, WireFrameError};
 
 use super::object::{Object, hex};
 use crate::vectors::json::{floats, lines, list};
@@ -38,11 +38,12 @@ fn split(bytes: &[u8], size: usize) -> Result<(FrameHeader, Vec<u8>), &'static s
                 return Ok((frame.header, frame.payload().to_vec()));
             }
             Err(error) => {
-                return Err(match error.fault {
-                    FrameFault::Magic { .. } => "magic",
-                    FrameFault::Flags { .. } => "flags",
-                    FrameFault::TooLong { .. } => "length",
-                    FrameFault::Checksum { .. } => "checksum",
+                return Err(match error.error {
+                    WireFrameError::Magic { .. } => "magic",
+                    WireFrameError::Flags { .. } => "flags",
+                    WireFrameError::TooLong { .. } => "length",
+                    WireFrameError::Checksum { .. } => "checksum",
+                    other => unreachable!("{other} has no word yet"),
                 });
             }
         }
@@ -82,15 +83,16 @@ pub(super) fn frame(bytes: &[u8]) -> String {
 fn reason(error: &MessageError) -> &'static str {
     match error {
         MessageError::Malformed { reason, .. } => match reason {
-            Malformed::Ended => "ended",
-            Malformed::TooLong => "bound",
-            Malformed::Variant(_) => "choice",
-            Malformed::Utf8 => "utf-8",
-            Malformed::Value => unreachable!("{error} has no word yet"),
+            PayloadError::Ended => "ended",
+            PayloadError::TooLong => "bound",
+            PayloadError::Variant(_) => "choice",
+            PayloadError::Utf8 => "utf-8",
+            _ => unreachable!("{error} has no word yet"),
         },
         MessageError::Extra { .. } => "extra",
         MessageError::Invalid { field: "entries" | "stages" | "token", .. } => "bound",
         MessageError::Invalid { .. } => "value",
+        other => unreachable!("{other} has no word yet"),
     }
 }
 
@@ -185,7 +187,7 @@ fn scene(scene: &Scene) -> Object {
     }
 }
 
-fn scene_info(info: &SceneInfo) -> Object {
+fn scene_info(info: &SceneHeader) -> Object {
     let names = Object::default().with("choice", 0).text("name", info.name.as_str());
     names
         .text("source", info.source.as_str())
@@ -215,7 +217,7 @@ fn instance(entry: &InstanceEntry) -> String {
     let grid = Object::default().with("origin", floats(&entry.origin)).float("edge", entry.edge);
     let buckets = grid.with("dims", list(entry.dims)).with("first_bucket", entry.first_bucket);
     let radius = buckets.with("buckets", entry.bucket_count).float("kernel_radius", entry.kernel_radius);
-    radius.with("points", entry.points).with("needs", entry.needs.0).line()
+    radius.with("points", entry.points).with("needs", entry.needs.bits()).line()
 }
 
 fn set(entry: &SetEntry) -> String {
@@ -226,7 +228,7 @@ fn set(entry: &SetEntry) -> String {
 }
 
 fn member(entry: &MemberEntry) -> String {
-    Object::default().with("set", entry.set).with("needs", entry.needs.0).line()
+    Object::default().with("set", entry.set).with("needs", entry.needs.bits()).line()
 }
 
 fn edit(edit: &Edit) -> Object {
@@ -269,6 +271,7 @@ pub(super) fn recording(bytes: &[u8]) -> String {
                 ReaderError::NotARecording { .. } => "recording",
                 ReaderError::Version { .. } => "version",
                 ReaderError::Flags { .. } => "flags",
+                other => unreachable!("{other} has no word yet"),
             };
             return Object::default().text("error", word).file();
         }
@@ -320,5 +323,6 @@ fn damaged(kind: &DamageKind) -> &'static str {
         DamageKind::Arrival => "arrival",
         DamageKind::Frame(_) => "frame",
         DamageKind::Hopeless => "hopeless",
+        other => unreachable!("{other} has no word yet"),
     }
 }

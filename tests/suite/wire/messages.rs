@@ -2,7 +2,7 @@
 
 use psao_proto::message::{
     CameraPose, CloseCode, GapReason, InstanceBatch, InstanceEntry, KeyframeReason, MAX_BATCH, MemberBatch,
-    MemberEntry, Needs, Occlusion, PeerLimits, PointSource, RejectCode, Report, Scene, SceneInfo, SetBatch,
+    MemberEntry, Needs, Occlusion, PeerLimits, PointSource, RejectCode, Report, Scene, SceneHeader, SetBatch,
     SetEntry, StageId, StageTime, Text,
 };
 use psao_proto::{CoderId, FrameIndex, Micros, Profile};
@@ -53,8 +53,8 @@ pub(super) fn longest<const MAX: usize>() -> Text<MAX> {
     Text::new(text).unwrap()
 }
 
-pub(super) fn paper_info() -> SceneInfo {
-    SceneInfo {
+pub(super) fn paper_info() -> SceneHeader {
+    SceneHeader {
         name: Text::new("hall").unwrap(),
         source: Text::new("scenes/hall.glb").unwrap(),
         digest: [0xab; 32],
@@ -80,8 +80,8 @@ pub(super) fn paper_info() -> SceneInfo {
     }
 }
 
-pub(super) fn surface_info() -> SceneInfo {
-    SceneInfo {
+pub(super) fn surface_info() -> SceneHeader {
+    SceneHeader {
         profile: Profile::SURFACE,
         point_bits: 32,
         coder: CoderId::RANGE,
@@ -94,8 +94,8 @@ pub(super) fn surface_info() -> SceneInfo {
 }
 
 /// Everything as large as it goes; ids and bits that no version knows.
-pub(super) fn largest_info() -> SceneInfo {
-    SceneInfo {
+pub(super) fn largest_info() -> SceneHeader {
+    SceneHeader {
         name: longest(),
         source: longest(),
         digest: [0xff; 32],
@@ -122,9 +122,9 @@ pub(super) fn largest_info() -> SceneInfo {
 }
 
 /// Everything as small as it goes.
-pub(super) fn least_info() -> SceneInfo {
+pub(super) fn least_info() -> SceneHeader {
     let least = f32::from_bits(1);
-    SceneInfo {
+    SceneHeader {
         name: Text::default(),
         source: Text::default(),
         digest: [0; 32],
@@ -158,7 +158,7 @@ pub(super) const INSTANCE: InstanceEntry = InstanceEntry {
     bucket_count: 16,
     kernel_radius: 0.125,
     points: 9,
-    needs: Needs(Needs::SKIN.0 | Needs::MASKED.0),
+    needs: Needs::SKIN.union(Needs::MASKED),
 };
 
 pub(super) const SET: SetEntry = SetEntry {
@@ -172,7 +172,7 @@ pub(super) const SET: SetEntry = SetEntry {
 };
 
 pub(super) const MEMBER: MemberEntry =
-    MemberEntry { set: 1, needs: Needs(Needs::RIGID_MOTION.0 | Needs::NORMAL_MAP.0) };
+    MemberEntry { set: 1, needs: Needs::RIGID_MOTION.union(Needs::NORMAL_MAP) };
 
 pub(super) fn instances(first: u32, entries: &[InstanceEntry]) -> Scene {
     Scene::Instances(InstanceBatch { first, entries: entries.to_vec() })
@@ -188,7 +188,7 @@ pub(super) fn members(first: u32, entries: &[MemberEntry]) -> Scene {
 
 /// As many members as a message may have, each another.
 pub(super) fn most_members() -> Scene {
-    let member = |number: u32| MemberEntry { set: number / 3, needs: Needs(number % 128) };
+    let member = |number: u32| MemberEntry { set: number / 3, needs: Needs::from_bits_retain(number % 128) };
     members(512, &(0..MAX_BATCH as u32).map(member).collect::<Vec<_>>())
 }
 

@@ -15,8 +15,8 @@ use std::fs;
 use std::path::PathBuf;
 
 use psao_proto::message::{
-    Close, Edit, Gap, Malformed, Message, MessageError, Occlusion, PointSource, Reject, Report, Request,
-    Scene, SceneInfo, StageId,
+    Close, Edit, Gap, Message, MessageError, Occlusion, PayloadError, PointSource, Reject, Report, Request,
+    Scene, SceneHeader, StageId,
 };
 use psao_proto::{FrameType, Framer, Limits};
 
@@ -119,7 +119,7 @@ fn choices<M: Message>(at: usize) -> Vec<u8> {
         let mut payload = [0; 12];
         payload[at] = *choice;
         let error = M::from_payload(&payload).err();
-        !matches!(error, Some(MessageError::Malformed { reason: Malformed::Variant(_), .. }))
+        !matches!(error, Some(MessageError::Malformed { reason: PayloadError::Variant(_), .. }))
     };
     (0..=u8::MAX).filter(known).collect()
 }
@@ -163,7 +163,7 @@ fn the_wire_vectors_cover_every_code() {
     let reports = read::<Report>(&cases);
     let timed = |id| reports.iter().any(|report| report.stages.iter().any(|time| time.stage == id));
     assert!((0..=u8::MAX).map(StageId).filter(|id| id.name().is_some()).all(timed));
-    let infos: Vec<SceneInfo> = read::<Scene>(&cases)
+    let infos: Vec<SceneHeader> = read::<Scene>(&cases)
         .into_iter()
         .filter_map(|scene| if let Scene::Info(info) = scene { Some(info) } else { None })
         .collect();

@@ -1,7 +1,7 @@
 //! SCENE frames one after the other, and the scene table that they make, or why they make none.
 
 use psao_proto::message::{
-    Accept, InstanceEntry, MemberEntry, Message, PeerLimits, Scene, SceneInfo, SetEntry, Text,
+    Accept, InstanceEntry, MemberEntry, Message, PeerLimits, Scene, SceneHeader, SetEntry, Text,
 };
 use psao_proto::session::{ClientEvent, ClientSession, SessionError};
 use psao_proto::{FrameType, Framer, Limits, Micros, Profile, SceneEntries, SceneError};
@@ -35,7 +35,7 @@ pub(super) fn outcome(bytes: &[u8]) -> Result<Option<Object>, &'static str> {
             SceneEntries::Cells(instances) => (instances.len(), 0),
             SceneEntries::Surface { sets, members } => (members.len(), sets.len()),
         };
-        let points = table.info().point_count;
+        let points = table.point_count();
         Object::default().with("instances", instances).with("sets", sets).with("points", points)
     }))
 }
@@ -79,13 +79,13 @@ fn case(name: &str, scenes: &[Scene]) -> Case {
 }
 
 /// Two instances of nine points.
-fn paper() -> SceneInfo {
-    SceneInfo { point_count: 18, ..paper_info() }
+fn paper() -> SceneHeader {
+    SceneHeader { point_count: 18, ..paper_info() }
 }
 
 /// Two sets of nine and four points, three instances of them.
-fn surface() -> SceneInfo {
-    SceneInfo { set_count: 2, instance_count: 3, point_count: 22, ..surface_info() }
+fn surface() -> SceneHeader {
+    SceneHeader { set_count: 2, instance_count: 3, point_count: 22, ..surface_info() }
 }
 
 const FIRST: InstanceEntry = InstanceEntry { first_bucket: 0, ..INSTANCE };
@@ -97,8 +97,8 @@ const MEMBERS: [MemberEntry; 3] =
 pub(super) fn cases() -> Vec<Case> {
     let (paper, surface) = (Scene::Info(paper()), Scene::Info(surface()));
     let (both, points) = (instances(0, &[FIRST, SECOND]), sets(0, &[SET, SMALL]));
-    let nothing = SceneInfo { instance_count: 0, point_count: 0, cell_capacity: 0, ..paper_info() };
-    let pointless = SceneInfo { point_count: 0, set_count: 2, instance_count: 0, ..surface_info() };
+    let nothing = SceneHeader { instance_count: 0, point_count: 0, cell_capacity: 0, ..paper_info() };
+    let pointless = SceneHeader { point_count: 0, set_count: 2, instance_count: 0, ..surface_info() };
     let mut all = vec![
         case("paper", &[paper.clone(), both.clone()]),
         case("paper-batches", &[paper.clone(), instances(0, &[FIRST]), instances(1, &[SECOND])]),
@@ -119,7 +119,7 @@ pub(super) fn cases() -> Vec<Case> {
             "grid-longest",
             &[paper.clone(), instances(0, &[FIRST, InstanceEntry { dims: [1 << 21, 1, 1], ..SECOND }])],
         ),
-        case("unfinished-most", &[Scene::Info(SceneInfo { instance_count: 65_536, ..paper_info() })]),
+        case("unfinished-most", &[Scene::Info(SceneHeader { instance_count: 65_536, ..paper_info() })]),
         case("unfinished-paper", &[paper.clone(), instances(0, &[FIRST])]),
         case("unfinished-surface", &[surface.clone(), points.clone()]),
     ];
@@ -151,12 +151,12 @@ fn out_of_order(paper: &Scene, surface: &Scene, both: &Scene, points: &Scene) ->
 
 fn counts(paper: &Scene, surface: &Scene, points: &Scene) -> Vec<Case> {
     let third = InstanceEntry { first_bucket: 17, ..SECOND };
-    let paper_of = |change: fn(&mut SceneInfo)| {
+    let paper_of = |change: fn(&mut SceneHeader)| {
         let mut info = self::paper();
         change(&mut info);
         Scene::Info(info)
     };
-    let unknown = Scene::Info(SceneInfo { profile: Profile(3), set_count: 0, ..self::surface() });
+    let unknown = Scene::Info(SceneHeader { profile: Profile(3), set_count: 0, ..self::surface() });
     vec![
         case("refused-instances-more", &[paper.clone(), instances(0, &[FIRST, SECOND, third])]),
         case("refused-sets-more", &[surface.clone(), sets(0, &[SET, SMALL, SMALL])]),
@@ -183,10 +183,10 @@ fn layouts(points: &Scene) -> Vec<Case> {
         let info = Scene::Info(surface());
         case(&format!("refused-{name}"), &[info, sets(0, &[SET, second]), members])
     };
-    let crowded = SceneInfo { cell_capacity: (1 << 22) + 1, ..paper() };
-    let many = SceneInfo { point_count: u32::MAX, ..surface() };
+    let crowded = SceneHeader { cell_capacity: (1 << 22) + 1, ..paper() };
+    let many = SceneHeader { point_count: u32::MAX, ..surface() };
     let one = members(0, &MEMBERS[..1]);
-    let single = SceneInfo { instance_count: 1, ..many.clone() };
+    let single = SceneHeader { instance_count: 1, ..many.clone() };
     let half = SetEntry { points: (1 << 25) + 1, ..SET };
     vec![
         of("grid-long", InstanceEntry { dims: [1, 1, (1 << 21) + 1], ..SECOND }),
@@ -204,7 +204,11 @@ fn layouts(points: &Scene) -> Vec<Case> {
         ),
         case(
             "refused-points-more",
-            &[Scene::Info(SceneInfo { point_count: 21, ..surface() }), points.clone(), members(0, &MEMBERS)],
+            &[
+                Scene::Info(SceneHeader { point_count: 21, ..surface() }),
+                points.clone(),
+                members(0, &MEMBERS),
+            ],
         ),
     ]
 }

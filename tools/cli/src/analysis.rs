@@ -9,7 +9,7 @@ use std::ops::Range;
 use std::path::Path;
 
 use psao_codec::frame::{FrameInfo, FrameKind, SectionTag};
-use psao_proto::message::{Budget, Gap, Message, Report, Scene, SceneInfo};
+use psao_proto::message::{Budget, Gap, Message, Report, Scene, SceneHeader};
 use psao_proto::recording::{Damage, FILE_HEADER_BYTES, FOOTER_BYTES, RECORD_HEAD_BYTES, Reader, Record};
 use psao_proto::{FrameType, HEADER_BYTES, Limits, Profile};
 
@@ -84,7 +84,7 @@ impl FrameLine {
 #[derive(Clone, Debug)]
 pub(crate) struct Analysis {
     pub(crate) file_bytes: u64,
-    pub(crate) stream: Option<SceneInfo>,
+    pub(crate) stream: Option<SceneHeader>,
     pub(crate) frames: Vec<FrameLine>,
     /// Bytes by part, in the order of [`OVERHEAD`].
     pub(crate) overhead: [u64; OVERHEAD.len()],

@@ -102,7 +102,7 @@ impl ListenArgs {
 impl ConnectArgs {
     /// Connects to a server with the options of `session`, except that the token is the command line's.
     pub(crate) async fn connect(&self, address: &Address, session: ClientOptions) -> Outcome<Connection> {
-        let session = ClientOptions { token: self.token.read()?, ..session };
+        let session = session.with_token(self.token.read()?);
         let mut options = ConnectOptions::default().session(session).token_in_clear(self.token_in_clear);
         if let Some(ca) = &self.ca {
             let ca = read(ca)?;

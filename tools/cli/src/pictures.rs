@@ -10,7 +10,8 @@ use psao_eval::adapter::SceneView;
 use psao_eval::metric::{Comparison, Lpips, MetricError, Perceived};
 use psao_eval::reference::reference;
 use psao_eval::sweep::Figures;
-use psao_proto::message::{self, CameraPose, PointSource, SceneInfo};
+use psao_proto::SceneInfo;
+use psao_proto::message::{self, CameraPose, PointSource};
 use psao_reconstruct::picture::Picture;
 use psao_reconstruct::reconstruct::{self, Reconstruction};
 use psao_reconstruct::{AoImage, GBuffer, Size, Statistics, cast_view};
@@ -158,7 +159,12 @@ impl Shot<'_> {
 
     /// Returns the stream's radius and falloff with another number of rays.
     fn settings(&self, rays: u32) -> Outcome<AoSettings> {
-        let kind = match self.info.occlusion {
+        let Some(trace) = self.info.trace else {
+            return Err(Failure::input(
+                "the stream does not say how its AO was traced: there is no reference for it",
+            ));
+        };
+        let kind = match trace.occlusion {
             message::Occlusion::OBSCURANCE => Occlusion::Obscurance,
             message::Occlusion::BINARY => Occlusion::Binary,
             other => {
@@ -167,7 +173,7 @@ impl Shot<'_> {
                 )));
             }
         };
-        Ok(AoSettings { rays, radius: self.info.radius_m, kind, seed: self.info.seed })
+        Ok(AoSettings { rays, radius: trace.radius_m, kind, seed: trace.seed })
     }
 }
 

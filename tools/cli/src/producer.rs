@@ -7,7 +7,7 @@ use psao_codec::block::BlockCoder;
 use psao_codec::frame::{FrameIndex, FrameInfo, StreamTime};
 use psao_codec::stream::StateRef;
 use psao_codec::surface;
-use psao_proto::message::{Budget, CameraPose, Edit, Report, SceneInfo, StageId, StageTime};
+use psao_proto::message::{Budget, CameraPose, Edit, Report, SceneHeader, StageId, StageTime};
 use psao_proto::{Micros, SceneTable};
 use psao_server::Shortcuts;
 use psao_server::ao::AoSettings;
@@ -110,8 +110,8 @@ impl Producer {
     }
 
     /// The stream as a whole.
-    pub(crate) fn info(&self) -> &SceneInfo {
-        self.table.info()
+    pub(crate) fn info(&self) -> SceneHeader {
+        self.table.header()
     }
 
     /// The scene that is streamed.

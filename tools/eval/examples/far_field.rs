@@ -11,8 +11,8 @@ use psao_eval::screen::{
     Falloff, FarField, FarFieldSettings, Mipmap, MipmapSettings, NearField, Screen, ScreenMethod, Separate,
     Traced,
 };
-use psao_server::bvh::World;
 use psao_server::scene::Scene;
+use psao_server::world::SceneBvh;
 use stopwatch::Stopwatch;
 
 /// Radius in metres at which the falloff ends, and its rate: a far field worth the name.

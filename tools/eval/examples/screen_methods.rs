@@ -12,8 +12,8 @@ use psao_eval::reference::{PAPER_RAYS, reference};
 use psao_eval::screen::Screen;
 use psao_eval::sweep::screen_methods;
 use psao_server::ao::AoSettings;
-use psao_server::bvh::World;
 use psao_server::scene::Scene;
+use psao_server::world::SceneBvh;
 use stopwatch::Stopwatch;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {

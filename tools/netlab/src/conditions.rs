@@ -3,7 +3,7 @@
 use psao_proto::Micros;
 use serde::Serialize;
 
-use crate::chance::MILLION;
+use crate::random::MILLION;
 
 /// What one direction of a network does to packets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -41,6 +41,7 @@ impl Default for Conditions {
 
 /// Conditions that make no sense.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum ConditionsError {
     /// A share is above one.
     #[error("{what} of {ppm} in a million packets: a share is at most all of them, 1000000")]

@@ -5,19 +5,19 @@ use std::sync::Arc;
 use psao_proto::session::{Access, ClientEvent, ClientOptions, ClientSession, ServerSession, SessionError};
 use psao_proto::{Limits, Micros, SceneTable};
 
-use crate::chance::Chance;
 use crate::conditions::Schedule;
-use crate::line::{Line, Traffic};
+use crate::direction::Direction;
+use crate::link::{Link, Traffic};
 use crate::plan::{ClientPlan, Mode};
-use crate::way::Way;
+use crate::random::Random;
 
 /// A connection that is open.
 #[derive(Debug)]
 pub(crate) struct Connection {
     pub(crate) server: ServerSession,
     pub(crate) client: ClientSession,
-    down: Way,
-    up: Way,
+    down: Direction,
+    up: Direction,
 }
 
 impl Connection {
@@ -29,21 +29,21 @@ impl Connection {
         (seed, name): (u64, [u32; 2]),
         now: Micros,
     ) -> Result<Self, SessionError> {
-        let way = |there, back: Micros, number: u32| {
+        let direction = |there, back: Micros, number: u32| {
             let [client, connection] = name;
-            let chance = Chance::new(seed, &[client, connection, number]);
-            Way::new(Line::new(there, Arc::clone(schedule), chance), back)
+            let random = Random::new(seed, &[client, connection, number]);
+            Direction::new(Link::new(there, Arc::clone(schedule), random), back)
         };
         let datagrams = match plan.mode {
             Mode::Stream => None,
             Mode::Datagram => Some(plan.down.mtu),
         };
-        let options = ClientOptions { datagrams, ..ClientOptions::default() };
+        let options = ClientOptions::default().with_datagrams(datagrams);
         let mut connection = Self {
             server: ServerSession::new(scene.clone(), Access::Open, plan.limits),
             client: ClientSession::with(Limits::default(), options),
-            down: way(plan.down, plan.up.longest_delay(), 0),
-            up: way(plan.up, plan.down.longest_delay(), 1),
+            down: direction(plan.down, plan.up.longest_delay(), 0),
+            up: direction(plan.up, plan.down.longest_delay(), 1),
         };
         connection.server.tick(now)?;
         connection.client.tick(now)?;

@@ -2,7 +2,7 @@
 
 use psao_proto::Micros;
 
-use crate::line::{Line, Passage};
+use crate::link::{Link, Passage};
 use crate::queue::Queue;
 
 /// Datagrams on their way in one direction.
@@ -12,8 +12,8 @@ pub(crate) struct DatagramPipe {
 }
 
 impl DatagramPipe {
-    pub(crate) fn send(&mut self, line: &mut Line, datagram: Vec<u8>, now: Micros) {
-        if let Passage::Comes { at, again } = line.send(&datagram, now) {
+    pub(crate) fn send(&mut self, link: &mut Link, datagram: Vec<u8>, now: Micros) {
+        if let Passage::Comes { at, again } = link.send(&datagram, now) {
             if let Some(again) = again {
                 self.coming.push(again, datagram.clone());
             }

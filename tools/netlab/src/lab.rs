@@ -2,10 +2,10 @@
 
 use std::sync::Arc;
 
-use psao_codec::frame::{EncodeError, EncodedFrame};
+use psao_codec::frame::EncodedFrame;
 use psao_proto::message::CloseCode;
 use psao_proto::session::{ServerSession, SessionError};
-use psao_proto::{Fanout, FanoutError, Micros, Offer, StateHash};
+use psao_proto::{Delivery, Fanout, FanoutError, Micros, StateHash};
 
 use crate::conditions::{ConditionsError, Fault, Schedule};
 use crate::connection::Connection;
@@ -16,6 +16,7 @@ use crate::source::Source;
 
 /// Why a lab cannot go on. What clients and networks do is never among it.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum LabError {
     /// Conditions or faults that make no sense.
     #[error(transparent)]
@@ -25,7 +26,7 @@ pub enum LabError {
     Source(String),
     /// A keyframe or patch cannot be made.
     #[error("a body for a client: {0}")]
-    Encode(#[from] EncodeError),
+    Fanout(FanoutError),
 }
 
 /// What the whole lab is.
@@ -250,11 +251,11 @@ impl<S: Source> Lab<S> {
             let Some(connection) = &mut client.connection else { continue };
             let report = &mut client.measures.report;
             match self.fanout.give(&mut connection.server, state) {
-                Ok(offer) => report.patches += u64::from(offer == Offer::Patch),
-                Err(FanoutError::Encode(error)) => return Err(error.into()),
+                Ok(offer) => report.patches += u64::from(offer == Delivery::Patch),
                 Err(FanoutError::Send(error)) => {
                     connection.server.close(CloseCode::FAILED, &error.to_string());
                 }
+                Err(error) => return Err(LabError::Fanout(error)),
             }
             report.most_queued_bytes = report.most_queued_bytes.max(connection.server.queued_bytes());
         }

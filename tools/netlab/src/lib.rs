@@ -13,24 +13,24 @@
 //! | frames to stream | [`Source`], [`SampleSource`], [`RecordingSource`] |
 //! | clients | [`ClientPlan`], [`Mode`] |
 
-mod chance;
 mod conditions;
 mod connection;
 mod datagram;
+mod direction;
 mod lab;
-mod line;
+mod link;
 mod measure;
 mod plan;
 mod queue;
+mod random;
 mod source;
 mod stream;
-mod way;
 
-pub use chance::MILLION;
 pub use conditions::{Conditions, ConditionsError, Fault, HELD_BACK, MIN_MTU};
 pub use lab::{Lab, LabError, Settings};
-pub use line::Traffic;
+pub use link::Traffic;
 pub use measure::{ClientReport, Report, Staleness};
 pub use plan::{ClientPlan, Mode};
+pub use random::MILLION;
 pub use source::{RecordingSource, SampleSource, Source};
 pub use stream::{LEAST_TIMEOUT, MOST_TIMEOUT, SEND_BUFFER, timeout};

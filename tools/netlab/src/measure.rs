@@ -7,7 +7,7 @@ use psao_proto::{Micros, StateHash};
 use serde::Serialize;
 
 use crate::connection::Connection;
-use crate::line::Traffic;
+use crate::link::Traffic;
 use crate::plan::ClientPlan;
 
 /// A hash computed from scratch is compared every so many frames: it takes as long as many of them.

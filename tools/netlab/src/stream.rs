@@ -12,7 +12,7 @@ use std::collections::{BTreeMap, VecDeque};
 use psao_proto::Micros;
 
 use crate::conditions::Schedule;
-use crate::line::{Line, Passage};
+use crate::link::{Link, Passage};
 use crate::queue::Queue;
 
 /// Bytes that a sender's buffer holds.
@@ -97,27 +97,27 @@ impl StreamPipe {
     }
 
     /// Lets everything happen up to now; the bytes that came, in order.
-    pub(crate) fn receive(&mut self, line: &mut Line, now: Micros) -> Vec<u8> {
+    pub(crate) fn receive(&mut self, link: &mut Link, now: Micros) -> Vec<u8> {
         let mut out = Vec::new();
         while let Some((at, event)) = self.events.pop(now) {
             // What should have gone before goes before.
-            self.send(line, at);
+            self.send(link, at);
             match event {
-                Event::Comes(first) => self.comes(line.schedule(), first, at, &mut out),
-                Event::Again(first, again) => self.again(line, first, again, at),
+                Event::Comes(first) => self.comes(link.schedule(), first, at, &mut out),
+                Event::Again(first, again) => self.again(link, first, again, at),
                 Event::Acknowledged(end) => {
                     self.acknowledged = end;
                     self.sent = self.sent.split_off(&end);
                 }
             }
         }
-        self.send(line, now);
+        self.send(link, now);
         out
     }
 
     /// When something happens next.
-    pub(crate) fn next(&self, line: &Line) -> Option<Micros> {
-        let room = line.next_room().filter(|_| !self.unsent.is_empty());
+    pub(crate) fn next(&self, link: &Link) -> Option<Micros> {
+        let room = link.next_room().filter(|_| !self.unsent.is_empty());
         [self.events.next(), room].into_iter().flatten().min()
     }
 
@@ -127,25 +127,25 @@ impl StreamPipe {
     }
 
     /// Sends what the line's queue takes.
-    fn send(&mut self, line: &mut Line, now: Micros) {
-        let most = usize::from(line.conditions().mtu);
+    fn send(&mut self, link: &mut Link, now: Micros) {
+        let most = usize::from(link.conditions().mtu);
         while !self.unsent.is_empty() {
             let count = self.unsent.len().min(most);
-            if !line.has_room(count, now) {
+            if !link.has_room(count, now) {
                 return;
             }
             let bytes = self.unsent.drain(..count).collect();
             let first = self.next_byte;
             self.next_byte += count as u64;
             self.sent.insert(first, Segment { bytes, again: 0, lost: false, overtaken: 0 });
-            self.transmit(line, first, now);
+            self.transmit(link, first, now);
         }
     }
 
-    fn transmit(&mut self, line: &mut Line, first: u64, now: Micros) {
-        let round_trip = line.conditions().longest_delay().plus(self.back);
+    fn transmit(&mut self, link: &mut Link, first: u64, now: Micros) {
+        let round_trip = link.conditions().longest_delay().plus(self.back);
         let Some(segment) = self.sent.get_mut(&first) else { return };
-        let passage = line.send(&segment.bytes, now);
+        let passage = link.send(&segment.bytes, now);
         segment.lost = matches!(passage, Passage::Lost { .. });
         segment.overtaken = 0;
         match passage {
@@ -162,17 +162,17 @@ impl StreamPipe {
     }
 
     /// Sends a segment again, if it is not here and was not sent again since.
-    fn again(&mut self, line: &mut Line, first: u64, again: u32, now: Micros) {
+    fn again(&mut self, link: &mut Link, first: u64, again: u32, now: Micros) {
         let Some(segment) = self.sent.get_mut(&first).filter(|segment| segment.again == again) else {
             return;
         };
-        if let Some(room) = line.next_room().filter(|_| !line.has_room(segment.bytes.len(), now)) {
+        if let Some(room) = link.next_room().filter(|_| !link.has_room(segment.bytes.len(), now)) {
             self.events.push(room, Event::Again(first, again));
             return;
         }
         segment.again += 1;
         self.resent += 1;
-        self.transmit(line, first, now);
+        self.transmit(link, first, now);
     }
 
     fn comes(&mut self, schedule: &Schedule, first: u64, now: Micros, out: &mut Vec<u8>) {
@@ -209,18 +209,18 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::chance::Chance;
     use crate::conditions::{Conditions, Fault};
-    use crate::way::Way;
+    use crate::direction::Direction;
+    use crate::random::Random;
 
-    fn pipe(conditions: Conditions, faults: &[Fault], seed: u64) -> Way {
-        let line =
-            Line::new(conditions.checked().unwrap(), Arc::new(Schedule::new(faults)), Chance::new(seed, &[]));
-        Way::new(line, Micros(conditions.delay))
+    fn pipe(conditions: Conditions, faults: &[Fault], seed: u64) -> Direction {
+        let link =
+            Link::new(conditions.checked().unwrap(), Arc::new(Schedule::new(faults)), Random::new(seed, &[]));
+        Direction::new(link, Micros(conditions.delay))
     }
 
     /// Writes all of it as the pipe takes it; what came, and when the last of it did.
-    fn carry(pipe: &mut Way, bytes: &[u8]) -> (Vec<u8>, Micros) {
+    fn carry(pipe: &mut Direction, bytes: &[u8]) -> (Vec<u8>, Micros) {
         let (mut written, mut came, mut now) = (0, Vec::new(), Micros(0));
         loop {
             written += pipe.write(&bytes[written..]);

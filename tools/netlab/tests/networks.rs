@@ -165,7 +165,7 @@ fn a_narrow_line_makes_frames_rarer_but_never_wrong() {
 
 #[test]
 fn a_client_that_stalls_costs_bounded_memory_and_nobody_else_notices() {
-    let limits = Limits { max_queue_bytes: 2_000, ..Limits::default() };
+    let limits = Limits::default().with_max_queue_bytes(2_000);
     for (profile, mode) in STREAMS {
         let fine = ClientPlan { limits, ..ClientPlan::symmetric(mode, far()) };
         let stalled =
@@ -197,13 +197,13 @@ fn datagrams_are_the_fresher_the_more_is_lost() {
 
 #[test]
 fn a_client_that_lagged_before_it_took_datagrams_goes_on_after_they_are_lost() {
-    let line = Conditions { loss: 71_234, ..Conditions::default() };
+    let link = Conditions { loss: 71_234, ..Conditions::default() };
     let plan = ClientPlan {
         mode: Mode::Datagram,
-        up: line,
+        up: link,
         faults: vec![Fault::Blackhole { from: 3_158_371, to: 4_184_049 }],
         joins: Micros(2_957_639),
-        limits: Limits { max_unacked: 2, ..Limits::default() },
+        limits: Limits::default().with_max_unacked(2),
         ..ClientPlan::default()
     };
     for seed in 0..20 {
@@ -287,7 +287,7 @@ proptest! {
         joins in 0..3 * SECOND, (max_queue_bytes, max_unacked) in (500_u32..100_000, 2_u32..100),
     ) {
         let (profile, mode) = STREAMS[stream];
-        let limits = Limits { max_queue_bytes, max_unacked, ..Limits::default() };
+        let limits = Limits::default().with_max_queue_bytes(max_queue_bytes).with_max_unacked(max_unacked);
         let plan = ClientPlan { mode, down, up, faults, joins: Micros(joins), reconnect: Micros(300_000), limits };
         let report = run(profile, seed, vec![plan.clone()], 60 * SECOND);
         let client = &report.clients[0];

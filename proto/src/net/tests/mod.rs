@@ -192,7 +192,7 @@ async fn peers_that_speak_something_else_are_told_apart() {
     assert!(
         matches!(
             &left[..],
-            [HubEvent::Left { error: Some(PeerFault::Session(SessionError::NotPsao { found: 0x4547 })), .. }]
+            [HubEvent::Left { error: Some(PeerError::Session(SessionError::NotPsao { found: 0x4547 })), .. }]
         ),
         "{left:?}"
     );

@@ -10,7 +10,7 @@ use tokio::sync::watch;
 use super::*;
 use crate::message::{Close, Message as _, Reject, Token};
 use crate::session::{ClientOptions, ClientSession};
-use crate::{FrameFault, Framer, FramerError, Group, Micros, Sequence, write_frame};
+use crate::{Framer, FramerError, Group, Micros, Sequence, WireFrameError, write_frame};
 
 fn token() -> Token {
     Token::new(*b"a token for tests").unwrap()
@@ -100,17 +100,18 @@ async fn attack(address: String, words: Vec<u8>, times: u32, hangs_up: bool) -> 
 }
 
 /// The kind of a fault, which is what the peers differ in.
-fn kind(fault: &PeerFault) -> &'static str {
+fn kind(fault: &PeerError) -> &'static str {
     match fault {
-        PeerFault::TlsAtPlainPort => "tls",
-        PeerFault::Disconnected { unfinished } if *unfinished > 0 => "inside a frame",
-        PeerFault::Session(SessionError::HandshakeTimeout { .. }) => "timeout",
-        PeerFault::Session(SessionError::NotPsao { .. }) => "not psao",
-        PeerFault::Session(SessionError::BadHello(_)) => "rejected",
-        PeerFault::Session(SessionError::Unexpected { .. }) => "order",
-        PeerFault::Session(SessionError::Flood { .. }) => "flood",
-        PeerFault::Session(SessionError::Framer(FramerError {
-            fault: FrameFault::TooLong { .. }, ..
+        PeerError::TlsAtPlainPort => "tls",
+        PeerError::Disconnected { unfinished } if *unfinished > 0 => "inside a frame",
+        PeerError::Session(SessionError::HandshakeTimeout { .. }) => "timeout",
+        PeerError::Session(SessionError::NotPsao { .. }) => "not psao",
+        PeerError::Session(SessionError::BadHello(_)) => "rejected",
+        PeerError::Session(SessionError::Unexpected { .. }) => "order",
+        PeerError::Session(SessionError::Flood { .. }) => "flood",
+        PeerError::Session(SessionError::Framer(FramerError {
+            error: WireFrameError::TooLong { .. },
+            ..
         })) => "too long",
         other => panic!("{other}"),
     }
@@ -228,7 +229,7 @@ async fn a_client_that_falls_silent_is_given_up() {
         left.retain(|event| matches!(event, HubEvent::Left { .. }));
         tokio::time::sleep(Duration::from_millis(1)).await;
     }
-    let fault = PeerFault::Session(SessionError::Silent { waited: Micros(0) });
+    let fault = PeerError::Session(SessionError::Silent { waited: Micros(0) });
     let HubEvent::Left { error: Some(error), .. } = &left[0] else { panic!("{left:?}") };
     assert_eq!(std::mem::discriminant(error), std::mem::discriminant(&fault), "{error}");
     assert!(error.to_string().starts_with("nothing came from the other end for 30."), "{error}");
@@ -276,7 +277,7 @@ async fn a_client_that_takes_nothing_is_given_up() {
             break error;
         }
     };
-    assert!(matches!(error, PeerFault::Session(SessionError::Stalled { .. })), "{error}");
+    assert!(matches!(error, PeerError::Session(SessionError::Stalled { .. })), "{error}");
 }
 
 /// Connections over the limit hear that the server is full; many more at once are dropped, and counted.
@@ -298,8 +299,8 @@ async fn what_is_turned_away_or_dropped_is_counted() {
         for event in hub.take_events() {
             match event {
                 HubEvent::Dropped { connections } => dropped += connections,
-                HubEvent::Left { error: Some(PeerFault::TurnedAway { limit: 1 }), .. } => turned_away += 1,
-                HubEvent::Left { error: Some(PeerFault::Disconnected { unfinished: 0 }), .. } => {}
+                HubEvent::Left { error: Some(PeerError::TurnedAway { limit: 1 }), .. } => turned_away += 1,
+                HubEvent::Left { error: Some(PeerError::Disconnected { unfinished: 0 }), .. } => {}
                 other => panic!("{other:?}"),
             }
         }
@@ -330,6 +331,6 @@ async fn a_client_that_cannot_take_the_frames_is_told_of() {
     assert_eq!(following.await.unwrap(), CloseCode::FAILED);
     hub.close(CloseCode::DONE, "enough", PATIENCE).await;
     let events = hub.take_events();
-    let left = matches!(events[..], [_, HubEvent::Left { error: Some(PeerFault::Unservable(_)), .. }]);
+    let left = matches!(events[..], [_, HubEvent::Left { error: Some(PeerError::Unservable(_)), .. }]);
     assert!(left, "{events:?}");
 }

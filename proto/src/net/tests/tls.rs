@@ -84,7 +84,7 @@ async fn attempt(address: &Address, tls: ClientTls) -> Result<(), NetError> {
 }
 
 /// Why the next client left.
-async fn left(hub: &Hub) -> Option<PeerFault> {
+async fn left(hub: &Hub) -> Option<PeerError> {
     loop {
         for event in hub.take_events() {
             if let HubEvent::Left { error, .. } = event {
@@ -127,7 +127,7 @@ async fn frames_go_over_tls_to_clients_with_a_certificate() {
 /// Each failure has its own type at both ends, and leaves the server as it was.
 #[tokio::test]
 async fn certificates_that_do_not_hold_are_told_at_both_ends() {
-    type Problem = CertificateProblem;
+    type Problem = TlsCertificateError;
     let (made, other) = (Certificates::new("trial"), Certificates::new("another"));
     let namesake = Certificates::new("trial");
     let told = |error: NetError| match error {
@@ -137,37 +137,37 @@ async fn certificates_that_do_not_hold_are_told_at_both_ends() {
 
     let (hub, address, _) = start_tls(made.expired.server_tls(None)).await;
     let error = told(attempt(&address, made.client_tls(None)).await.unwrap_err());
-    assert_eq!(error, TlsFault::PeerCertificate(Problem::Expired));
-    assert_eq!(left(&hub).await, Some(PeerFault::Tls(TlsFault::OwnCertificate(Problem::Expired))));
+    assert_eq!(error, TlsError::PeerCertificate(Problem::Expired));
+    assert_eq!(left(&hub).await, Some(PeerError::Tls(TlsError::OwnCertificate(Problem::Expired))));
 
     let (hub, address, _) = start_tls(made.server.server_tls(Some(&made.authority))).await;
     for stranger in [&other, &namesake] {
         let error = told(attempt(&address, stranger.client_tls(None)).await.unwrap_err());
-        assert_eq!(error, TlsFault::PeerCertificate(Problem::UnknownAuthority));
-        let expected = TlsFault::OwnCertificate(Problem::UnknownAuthority);
-        assert_eq!(left(&hub).await, Some(PeerFault::Tls(expected)));
+        assert_eq!(error, TlsError::PeerCertificate(Problem::UnknownAuthority));
+        let expected = TlsError::OwnCertificate(Problem::UnknownAuthority);
+        assert_eq!(left(&hub).await, Some(PeerError::Tls(expected)));
     }
 
     let Address::Tls(place) = &address else { panic!("{address}") };
     let by_number = Address::Tls(HostPort { host: "127.0.0.1".to_owned(), ..place.clone() });
     let error = told(attempt(&by_number, made.client_tls(None)).await.unwrap_err());
-    let TlsFault::PeerCertificate(Problem::WrongName { expected, presented }) = &error else {
+    let TlsError::PeerCertificate(Problem::WrongName { expected, presented }) = &error else {
         panic!("{error}")
     };
     assert_eq!((expected.as_str(), presented.contains("localhost")), ("127.0.0.1", true), "{presented}");
     let fault = left(&hub).await;
-    assert!(matches!(fault, Some(PeerFault::Tls(TlsFault::OwnCertificate(Problem::Other(_))))), "{fault:?}");
+    assert!(matches!(fault, Some(PeerError::Tls(TlsError::OwnCertificate(Problem::Other(_))))), "{fault:?}");
 
     let error = told(attempt(&address, made.client_tls(None)).await.unwrap_err());
-    assert_eq!(error, TlsFault::OwnCertificate(Problem::Missing));
-    assert_eq!(left(&hub).await, Some(PeerFault::Tls(TlsFault::PeerCertificate(Problem::Missing))));
+    assert_eq!(error, TlsError::OwnCertificate(Problem::Missing));
+    assert_eq!(left(&hub).await, Some(PeerError::Tls(TlsError::PeerCertificate(Problem::Missing))));
 
     // Signed by another authority than the server asks for; the client itself trusts the server.
     for stranger in [&other, &namesake] {
         let error = told(attempt(&address, made.client_tls(Some(&stranger.client))).await.unwrap_err());
-        assert_eq!(error, TlsFault::OwnCertificate(Problem::UnknownAuthority));
-        let expected = TlsFault::PeerCertificate(Problem::UnknownAuthority);
-        assert_eq!(left(&hub).await, Some(PeerFault::Tls(expected)));
+        assert_eq!(error, TlsError::OwnCertificate(Problem::UnknownAuthority));
+        let expected = TlsError::PeerCertificate(Problem::UnknownAuthority);
+        assert_eq!(left(&hub).await, Some(PeerError::Tls(expected)));
     }
 
     attempt(&address, made.client_tls(Some(&made.client))).await.unwrap();
@@ -180,8 +180,8 @@ async fn tls_and_plain_ends_are_told_apart() {
     let (hub, plain, _) = start(Limits::default()).await;
     let Address::Tcp(place) = &plain else { panic!("{plain}") };
     let error = attempt(&Address::Tls(place.clone()), made.client_tls(None)).await.unwrap_err();
-    assert!(matches!(error, NetError::Tls { source: TlsFault::Closed, .. }), "{error}");
-    assert_eq!(left(&hub).await, Some(PeerFault::TlsAtPlainPort));
+    assert!(matches!(error, NetError::Tls { source: TlsError::Closed, .. }), "{error}");
+    assert_eq!(left(&hub).await, Some(PeerError::TlsAtPlainPort));
 
     let (hub, address, _) = start_tls(made.server.server_tls(None)).await;
     let Address::Tls(place) = &address else { panic!("{address}") };
@@ -189,7 +189,7 @@ async fn tls_and_plain_ends_are_told_apart() {
     let error = connection.next_events().await.unwrap_err();
     assert!(matches!(error, NetError::SpeaksTls { .. }), "{error}");
     drop(connection);
-    assert_eq!(left(&hub).await, Some(PeerFault::Tls(TlsFault::NotTls)));
+    assert_eq!(left(&hub).await, Some(PeerError::Tls(TlsError::NotTls)));
 
     // A mail server answers a TLS client.
     let (mail, address) = stranger().await;
@@ -200,7 +200,7 @@ async fn tls_and_plain_ends_are_told_apart() {
     });
     let Address::Tcp(place) = address else { panic!("{address}") };
     let error = attempt(&Address::Tls(place), made.client_tls(None)).await.unwrap_err();
-    assert!(matches!(error, NetError::Tls { source: TlsFault::NotTls, .. }), "{error}");
+    assert!(matches!(error, NetError::Tls { source: TlsError::NotTls, .. }), "{error}");
 }
 
 /// The clock is tokio's, and paused.
@@ -214,7 +214,7 @@ async fn a_silent_tls_handshake_runs_into_the_deadline() {
     silent.read_to_end(&mut answer).await.unwrap();
     assert!(answer.is_empty());
     let fault = left(&hub).await;
-    let expected = matches!(fault, Some(PeerFault::Session(SessionError::HandshakeTimeout { .. })));
+    let expected = matches!(fault, Some(PeerError::Session(SessionError::HandshakeTimeout { .. })));
     assert!(expected, "{fault:?}");
 
     let (_mute, address) = stranger().await;

@@ -4,7 +4,7 @@
 //! a client trusts those that it is given and no others.
 
 mod config;
-mod fault;
+mod error;
 
 pub use config::{ClientTls, ServerTls, TlsConfigError};
-pub use fault::{CertificateProblem, TlsFault};
+pub use error::{TlsCertificateError, TlsError};

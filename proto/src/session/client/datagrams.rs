@@ -2,25 +2,25 @@
 
 use psao_codec::frame::FrameError;
 
-use super::super::datagram::{Joined, write_ack};
+use super::super::datagram::{Reassembly, write_ack};
 use super::{AppliedFrame, ClientEvent, ClientSession, Phase};
 use crate::Micros;
-use crate::follow::Unusable;
+use crate::follow::FollowError;
 use crate::message::Ack;
 
 impl ClientSession {
     /// Takes a datagram from the server: a piece of a frame body. One that is of no use is counted and dropped; a body
     /// that is whole is applied like an update, but to any state from the one that it builds on.
     pub fn handle_datagram(&mut self, bytes: &[u8], now: Micros) -> Vec<ClientEvent> {
-        self.timers.tell(now);
+        self.timers.set_now(now);
         let mut events = Vec::new();
         let Phase::Running(follower) = &mut self.phase else { return events };
         (self.stats.datagrams, self.stats.wire_bytes) =
             (self.stats.datagrams + 1, self.stats.wire_bytes + bytes.len() as u64);
-        match self.joiner.take(bytes, follower.state().frame(), &self.limits) {
-            Joined::Bad => self.stats.bad_datagrams += 1,
-            Joined::Waiting => self.timers.heard(),
-            Joined::Whole(frame, body) => {
+        match self.reassembler.take(bytes, follower.state().frame(), &self.limits) {
+            Reassembly::Bad => self.stats.bad_datagrams += 1,
+            Reassembly::Waiting => self.timers.heard(),
+            Reassembly::Whole(frame, body) => {
                 self.timers.heard();
                 let wire_bytes = body.len() as u64;
                 match follower.patch(body, &self.limits) {
@@ -33,7 +33,7 @@ impl ClientSession {
                         let frame = AppliedFrame { info, group, sequence, wire_bytes, received: now, stamp };
                         events.push(ClientEvent::Applied(frame));
                     }
-                    Err(Unusable::Body(FrameError::Hash { stored, computed, .. })) => {
+                    Err(FollowError::Body(FrameError::Hash { stored, computed, .. })) => {
                         self.mismatch(frame, stored, computed, &mut events);
                     }
                     Err(_) => self.stats.late_datagram_frames += 1,

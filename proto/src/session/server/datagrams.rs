@@ -3,15 +3,15 @@
 use psao_codec::frame::FrameKind;
 
 use super::super::datagram::{read_ack, split};
-use super::super::flight::Way;
-use super::super::{SendError, Sent, ServerEvent, SharedBody, Wants};
+use super::super::flight::Route;
+use super::super::{Demand, SendError, ServerEvent, SharedBody};
 use super::ServerSession;
 use crate::{FrameIndex, Micros};
 
 impl ServerSession {
     /// Takes a datagram from the client: an acknowledgement. Anything else is counted and dropped.
     pub fn handle_datagram(&mut self, bytes: &[u8], now: Micros) -> Option<ServerEvent> {
-        self.timers.tell(now);
+        self.timers.set_now(now);
         if !self.is_joined() {
             return None;
         }
@@ -28,45 +28,45 @@ impl ServerSession {
     /// Sends an update that builds on the frame `base`, or any later one, as datagrams; those of an older frame that were
     /// not taken are dropped. When acknowledgements are overdue it goes over the connection as well. One of many datagrams is
     /// dropped, and the client wants updates over the connection for a while; one over the limit for datagrams makes it
-    /// want a keyframe.
+    /// want a keyframe. Returns whether it was sent.
     ///
     /// # Errors
     /// As [`send_update`](Self::send_update).
-    pub fn send_datagrams(&mut self, body: &SharedBody, base: FrameIndex) -> Result<Sent, SendError> {
+    pub fn send_datagrams(&mut self, body: &SharedBody, base: FrameIndex) -> Result<bool, SendError> {
         if body.kind != FrameKind::Delta {
             return Err(SendError::Kind);
         }
-        let wanted = self.wants() == (Wants::Datagrams { base });
+        let wanted = self.demand() == (Demand::Datagrams { base });
         let (Some(bytes), true, true) = (self.datagram_bytes, wanted, self.check_body(body)?) else {
             self.stats.dropped += 1;
-            return Ok(Sent::Dropped);
+            return Ok(false);
         };
         let small = body.bytes.len() <= self.limits.max_datagram_body as usize;
         let Some(datagrams) = split(body.frame, &body.bytes, bytes).filter(|_| small) else {
-            self.place.holds = None;
+            self.position.holds = None;
             self.stats.dropped += 1;
-            return Ok(Sent::Dropped);
+            return Ok(false);
         };
         let now = self.timers.now();
         let way = self.flight.choose(body.frame, datagrams.len(), self.outbox.is_empty(), now);
-        if way == Way::Connection {
-            return Ok(Sent::Dropped);
+        if way == Route::Connection {
+            return Ok(false);
         }
         self.lagging = false;
         let bytes = datagrams.iter().map(|datagram| datagram.len() as u64).sum();
         self.stats.wire_bytes += bytes;
         self.stats.datagram_frames += 1;
         self.datagrams = datagrams;
-        if way == Way::Both {
-            let before = self.place;
-            let head = self.place.numbering.update_head(&body.bytes)?;
+        if way == Route::Both {
+            let before = self.position;
+            let head = self.position.numbering.update_head(&body.bytes)?;
             self.push_state(&head, body, before);
             self.stats.updates += 1;
         } else {
             self.flight.expect((body.frame, body.hash), now, bytes, true);
         }
-        self.place.strayed = true;
-        Ok(Sent::Queued)
+        self.position.context_lost = true;
+        Ok(true)
     }
 
     /// The next datagram to send.

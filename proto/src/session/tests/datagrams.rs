@@ -82,13 +82,13 @@ fn updates_that_follow_datagrams_on_the_connection_start_with_a_patch() {
     let mut step = |pair: &mut Pair, large: bool| {
         let made = pair.source.step().unwrap();
         fanout.advance(&made.info, made.body, pair.source.state().into(), NOW);
-        if let (true, Wants::Datagrams { base }) = (large, pair.server.wants()) {
+        if let (true, Demand::Datagrams { base }) = (large, pair.server.demand()) {
             // Bytes that make more datagrams than all of which would come.
             let body = SharedBody { frame: made.info.frame, ..update(&[0; 1000]) };
-            assert_eq!(pair.server.send_datagrams(&body, base), Ok(Sent::Dropped));
+            assert_eq!(pair.server.send_datagrams(&body, base), Ok(false));
         }
-        let wants = pair.server.wants();
-        let offer = fanout.give(&mut pair.server, pair.source.state().into()).unwrap();
+        let demand = pair.server.demand();
+        let delivery = fanout.give(&mut pair.server, pair.source.state().into()).unwrap();
         while let Some(datagram) = pair.server.take_datagram() {
             pair.client.handle_datagram(&datagram, NOW);
         }
@@ -97,15 +97,15 @@ fn updates_that_follow_datagrams_on_the_connection_start_with_a_patch() {
         while let Some(ack) = pair.client.take_datagram() {
             pair.server.handle_datagram(&ack, NOW);
         }
-        (wants, offer)
+        (demand, delivery)
     };
     pair.settle();
     step(&mut pair, false);
     pair.assert_same_state();
-    assert_eq!(step(&mut pair, false), (Wants::Datagrams { base: FrameIndex(0) }, Offer::Patch));
-    assert_eq!(step(&mut pair, true), (Wants::Patch { base: FrameIndex(1) }, Offer::Patch));
+    assert_eq!(step(&mut pair, false), (Demand::Datagrams { base: FrameIndex(0) }, Delivery::Patch));
+    assert_eq!(step(&mut pair, true), (Demand::Patch { base: FrameIndex(1) }, Delivery::Patch));
     pair.assert_same_state();
-    assert_eq!(step(&mut pair, false), (Wants::Update { base: FrameIndex(2) }, Offer::Update));
+    assert_eq!(step(&mut pair, false), (Demand::Update { base: FrameIndex(2) }, Delivery::Update));
     pair.assert_same_state();
     assert_eq!((pair.client.stats().requests, pair.server.stats().keyframes), (0, 1));
 }

@@ -7,7 +7,7 @@ struct Many {
     source: SampleServer,
     fanout: Fanout,
     clients: Vec<(ServerSession, ClientSession)>,
-    offers: Vec<Offer>,
+    offers: Vec<Delivery>,
     time: Micros,
 }
 
@@ -63,7 +63,7 @@ impl Many {
 
 #[test]
 fn whoever_falls_behind_gets_the_newest_values_of_what_it_missed() {
-    for (profile, expected) in [(Profile::SURFACE, Offer::Patch), (Profile::PAPER, Offer::Keyframe)] {
+    for (profile, expected) in [(Profile::SURFACE, Delivery::Patch), (Profile::PAPER, Delivery::Keyframe)] {
         let limits = Limits { max_unacked: 6, ..Limits::default() };
         let mut many = Many::joined(profile, 3, limits);
         for turn in 0..60 {
@@ -80,7 +80,7 @@ fn whoever_falls_behind_gets_the_newest_values_of_what_it_missed() {
             let queued = many.clients[2].0.queued_bytes();
             assert!(queued < 3_000, "{queued} bytes wait for the third");
             if turn == 51 {
-                assert_eq!(many.offers, [Offer::Update, Offer::Update, expected], "{profile:?}");
+                assert_eq!(many.offers, [Delivery::Update, Delivery::Update, expected], "{profile:?}");
             }
         }
         for client in 0..3 {
@@ -103,13 +103,13 @@ fn joiners_share_a_keyframe_and_updates_follow() {
         for _ in 0..4 {
             many.step();
             (0..client).for_each(|early| many.settle(early));
-            let early = many.offers[..client].iter().all(|offer| *offer == Offer::Update);
+            let early = many.offers[..client].iter().all(|offer| *offer == Delivery::Update);
             assert!(early, "{:?}", many.offers);
         }
         many.settle(client); // says HELLO
         many.step();
         (0..=client).for_each(|here| many.settle(here));
-        assert_eq!(many.offers[client], Offer::Keyframe);
+        assert_eq!(many.offers[client], Delivery::Keyframe);
         (0..=client).for_each(|here| many.assert_current(here));
     }
 }
@@ -124,7 +124,7 @@ fn an_acknowledgement_with_another_hash_gets_a_keyframe() {
     let ack = Ack { frame: FrameIndex(1), hash: StateHash(5) };
     let wire = frame(FrameType::ACK, 0, 0, &ack.to_payload().unwrap());
     assert_eq!(pair.server.handle(&wire, NOW), Ok(vec![ServerEvent::Diverged(ack)]));
-    assert_eq!((pair.server.wants(), pair.server.stats().diverged), (Wants::Keyframe, 1));
+    assert_eq!((pair.server.demand(), pair.server.stats().diverged), (Demand::Keyframe, 1));
     // Of frames that were never sent, or acknowledged already, nothing is known.
     for number in [0, 1, 77] {
         let ack = Ack { frame: FrameIndex(number), hash: StateHash(5) };

@@ -81,8 +81,8 @@ fn times_of_frames_are_those_of_the_servers_clock() {
         let captured = Micros(now + 15_000 + AHEAD);
         if pair.server.is_joined() && turn > 0 {
             let keyframe = SharedBody { captured, ..pair.keyframe() };
-            match pair.server.wants() {
-                Wants::Update { base } => {
+            match pair.server.demand() {
+                Demand::Update { base } => {
                     let update = SharedBody::new(&made.info, made.body, captured);
                     pair.server.send_update(&update, base).unwrap();
                 }

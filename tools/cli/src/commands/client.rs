@@ -63,7 +63,7 @@ fn view(args: &Args) -> Option<CameraPose> {
 
 /// What the client has of the scene: its digest, and when to change it.
 fn session(args: &Args) -> Outcome<(ClientOptions, EditScript)> {
-    let mut options = ClientOptions { stamps: true, ..ClientOptions::default() };
+    let mut options = ClientOptions::default().with_stamps(true);
     let mut script = EditScript::default();
     if let Some(scene) = &args.scene {
         let scene = Scene::load(scene).map_err(Failure::input)?;

@@ -77,7 +77,7 @@ pub(crate) fn run(args: &Args) -> Outcome {
     let sections = sections(&producer, &totals, &analysis, &shown, replayed);
     let report = Report {
         title: format!("psao demo: {}", producer.info().name),
-        lead: super::record::summary(producer.info(), &totals),
+        lead: super::record::summary(&producer.info(), &totals),
         sections,
         plot,
         pictures: pictures(&shown)?,

@@ -216,7 +216,7 @@ impl<'a> Playback<'a> {
         let (mut first, mut last, mut left_out) = (None, None, 0_u32);
         while let Some(event) = self.player.next_event() {
             match event {
-                PlayerEvent::Scene(table) => self.edits = Edits::new(table.info().instance_count),
+                PlayerEvent::Scene(table) => self.edits = Edits::new(table.instance_count()),
                 // Without the edit every later picture would be of another scene.
                 PlayerEvent::Edit(edit) => {
                     self.edits

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use indicatif::ProgressBar;
-use psao_proto::message::{CloseCode, KeyframeReason, SceneInfo};
+use psao_proto::message::{CloseCode, KeyframeReason, SceneHeader};
 use psao_proto::net::{Address, Connection};
 use psao_proto::recording::file::{Recorder, RecorderOptions};
 use psao_proto::session::{ClientEvent, ClientOptions};
@@ -92,7 +92,7 @@ fn trace(args: &Args, scene: &str) -> Outcome {
     let mut recorder = Recorder::create(&output, RecorderOptions::default().with_backpressure())?;
     let totals = record_frames(&mut producer, &mut recorder, frames, &edits, args.timings)?;
     let bytes = recorder.finish()?.bytes;
-    target::note(&args.output, summary(producer.info(), &totals))?;
+    target::note(&args.output, summary(&producer.info(), &totals))?;
     target::note(
         &args.output,
         format_args!("wrote {}: {} frames, {}", args.output.display(), totals.frames, number::bytes(bytes)),
@@ -157,7 +157,7 @@ pub(crate) fn record_frames(
 }
 
 /// Returns what was traced, in words.
-pub(crate) fn summary(info: &SceneInfo, totals: &Totals) -> String {
+pub(crate) fn summary(info: &SceneHeader, totals: &Totals) -> String {
     let later = totals.frames.saturating_sub(1).max(1);
     let waiting = &totals.later.waiting;
     let waited = if waiting.points > 0 {

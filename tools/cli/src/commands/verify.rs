@@ -2,7 +2,7 @@
 
 use psao_codec::frame::FrameError;
 use psao_proto::recording::{Player, PlayerEvent, StoredIndex, Summary};
-use psao_proto::{Limits, Unusable};
+use psao_proto::{FollowError, Limits};
 use serde::Serialize;
 
 use crate::analysis::load;
@@ -67,7 +67,7 @@ enum Verdict {
     Pass(String),
     /// True, and worth knowing, but nothing is wrong.
     Note(String),
-    Loss(String),
+    LossError(String),
     Wrong(String),
 }
 
@@ -82,7 +82,11 @@ pub(crate) fn run(args: &Args) -> Outcome {
         ("checksums of all records", losses(&played.damages, "every byte is accounted for")),
         (
             "scene table",
-            if played.has_scene { Verdict::Pass("whole".into()) } else { Verdict::Loss("missing".into()) },
+            if played.has_scene {
+                Verdict::Pass("whole".into())
+            } else {
+                Verdict::LossError("missing".into())
+            },
         ),
         ("frames in order", in_order(&player)),
         (
@@ -139,7 +143,7 @@ fn play(player: &mut Player<'_>, frames: u64) -> Played {
             PlayerEvent::Unusable { offset, frame, reason, .. } => {
                 let name = frame.map_or_else(|| "a frame".to_owned(), |frame| format!("frame {}", frame.0));
                 let text = format!("{name} at offset {offset}: {reason}");
-                if matches!(reason, Unusable::Body(FrameError::Hash { .. })) {
+                if matches!(reason, FollowError::Body(FrameError::Hash { .. })) {
                     played.mismatched.push(text);
                 } else {
                     played.unusable.push(text);
@@ -170,7 +174,7 @@ fn check_from_scratch(player: &Player<'_>, frame: u32, played: &mut Played) {
 }
 
 fn losses(places: &[String], fine: &str) -> Verdict {
-    if places.is_empty() { Verdict::Pass(fine.to_owned()) } else { Verdict::Loss(places.join("\n")) }
+    if places.is_empty() { Verdict::Pass(fine.to_owned()) } else { Verdict::LossError(places.join("\n")) }
 }
 
 fn wrongs(places: &[String], frames: u64) -> Verdict {
@@ -192,7 +196,7 @@ fn drift(frames: &[u32]) -> Verdict {
 fn in_order(player: &Player<'_>) -> Verdict {
     match player.stats().lost {
         0 => Verdict::Pass("none missing".to_owned()),
-        lost => Verdict::Loss(format!("{lost} missing")),
+        lost => Verdict::LossError(format!("{lost} missing")),
     }
 }
 
@@ -200,7 +204,7 @@ fn index(stored: StoredIndex) -> Verdict {
     match stored {
         StoredIndex::Agrees => Verdict::Pass("agrees with the file".to_owned()),
         StoredIndex::Missing => Verdict::Note("none; readers scan the file".to_owned()),
-        StoredIndex::Differs => Verdict::Loss("does not fit the file; readers scan the file".to_owned()),
+        StoredIndex::Differs => Verdict::LossError("does not fit the file; readers scan the file".to_owned()),
     }
 }
 
@@ -209,7 +213,7 @@ fn print(format: Format, played: &Played, checks: &[(&str, Verdict)]) -> Outcome
         let (result, found) = match verdict {
             Verdict::Pass(text) => ("ok", text),
             Verdict::Note(text) => ("note", text),
-            Verdict::Loss(text) => ("DAMAGED", text),
+            Verdict::LossError(text) => ("DAMAGED", text),
             Verdict::Wrong(text) => ("WRONG", text),
         };
         [(*check).to_owned(), result.to_owned(), found.clone()]
@@ -244,7 +248,11 @@ fn judge(path: &std::path::Path, played: &Played, checks: &[(&str, Verdict)]) ->
         checks
             .iter()
             .filter(|(_, verdict)| {
-                if wrong { matches!(verdict, Verdict::Wrong(_)) } else { matches!(verdict, Verdict::Loss(_)) }
+                if wrong {
+                    matches!(verdict, Verdict::Wrong(_))
+                } else {
+                    matches!(verdict, Verdict::LossError(_))
+                }
             })
             .map(|(name, _)| *name)
             .collect::<Vec<_>>()

@@ -103,7 +103,7 @@ impl<'a> Run<'a> {
             clip,
             clock,
             state: State::new(table.layout()),
-            points: table.info().point_count,
+            points: table.point_count(),
             server,
             applier: Applier::new(),
             fps,

@@ -310,7 +310,7 @@ fn has(needs: &[InstanceNeeds], points: &[u32]) -> Vec<Has> {
             found.fold((0, 0), |(count, sum), (_, points)| (count + 1, sum + u64::from(*points)));
         Has { need, instances, points }
     };
-    let all = Needs(u32::MAX);
+    let all = Needs::from_bits_retain(u32::MAX);
     let named = all.names().map(|name| sum(name, &|needs| needs.needs.names().any(|need| need == name)));
     let more = [
         sum("motion of any kind", &|needs| needs.motion != Motion::Static),

@@ -1,7 +1,7 @@
 //! The figures of a comparison, as tables and as JSON.
 
 use psao_codec::surface::Spent;
-use psao_proto::message::SceneInfo;
+use psao_proto::message::SceneHeader;
 use psao_server::server::{AoErrorStats, PerProfile};
 use serde::Serialize;
 
@@ -124,7 +124,7 @@ impl Serialize for Parts {
 }
 
 impl Document {
-    pub(super) fn new(args: &Args, info: &SceneInfo, sides: &PerProfile<Side>) -> Self {
+    pub(super) fn new(args: &Args, info: &SceneHeader, sides: &PerProfile<Side>) -> Self {
         let coder = |coder: &crate::args::Coder| coder.0.id().to_string();
         let paper = Figured::new(coder(&args.paper_compress), info, &sides.paper);
         let surface = Figured::new(coder(&args.surface_compress), info, &sides.surface);
@@ -275,7 +275,7 @@ impl Document {
 }
 
 impl Figured {
-    fn new(coder: String, info: &SceneInfo, side: &Side) -> Self {
+    fn new(coder: String, info: &SceneHeader, side: &Side) -> Self {
         let (first, later) = side.frames.split_at(side.frames.len().min(1));
         let sum = |lines: &[Line]| {
             let parts = |part| lines.iter().map(|line: &Line| line.parts[part]).sum();

@@ -82,6 +82,6 @@ pub(crate) fn run(args: &Args) -> Outcome {
         BothProfiles::new(Arc::clone(&scene), &settings, surface_coder, as_cache(&cache), show_progress());
     let mut both = both.map_err(refused)?;
     let measured = measure::measure(args, &scene, &settings, surface_coder, &mut both)?;
-    let document = figures::Document::new(args, both.tables().surface.info(), &measured);
+    let document = figures::Document::new(args, &both.tables().surface.header(), &measured);
     if args.format.is_json() { say_json(&document) } else { document.print() }
 }

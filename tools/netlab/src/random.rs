@@ -1,4 +1,4 @@
-//! Chance from a seed: the same draws on any machine.
+//! Random numbers from a seed: the same on any machine.
 
 use rand_pcg::Pcg64Dxsm;
 use rand_pcg::rand_core::{Rng as _, SeedableRng as _};
@@ -6,13 +6,13 @@ use rand_pcg::rand_core::{Rng as _, SeedableRng as _};
 /// What `ppm`, parts of a million, are parts of.
 pub const MILLION: u32 = 1_000_000;
 
-/// One stream of draws. Streams of the same seed and different names have nothing to do with each other, so that what
-/// happens to one client changes nothing for another.
+/// A stream of random numbers. Streams of the same seed and different names are independent, so that one client's fate
+/// does not depend on another's.
 #[derive(Clone, Debug)]
-pub(crate) struct Chance(Pcg64Dxsm);
+pub(crate) struct Random(Pcg64Dxsm);
 
-impl Chance {
-    /// The stream of a seed with this name.
+impl Random {
+    /// Creates the stream of a seed with this name.
     pub(crate) fn new(seed: u64, name: &[u32]) -> Self {
         let mut hasher = blake3::Hasher::new();
         hasher.update(&seed.to_le_bytes());
@@ -22,14 +22,14 @@ impl Chance {
         Self(Pcg64Dxsm::from_seed(*hasher.finalize().as_bytes()))
     }
 
-    /// A number from 0 to `most`, both included, each as likely.
+    /// Returns a number from 0 to `most`, both included, each as likely.
     pub(crate) fn up_to(&mut self, most: u64) -> u64 {
         // Lemire 2019: the high half of a product; what is not even about it is below 1 in 2^64 of the range.
         ((u128::from(self.0.next_u64()) * (u128::from(most) + 1)) >> 64) as u64
     }
 
-    /// True in so many cases of a million.
-    pub(crate) fn strikes(&mut self, ppm: u32) -> bool {
+    /// Returns `true` with a probability of `ppm` in a million.
+    pub(crate) fn happens(&mut self, ppm: u32) -> bool {
         self.up_to(u64::from(MILLION) - 1) < u64::from(ppm)
     }
 }
@@ -40,23 +40,23 @@ mod tests {
 
     #[test]
     fn draws_are_the_same_for_ever() {
-        let mut chance = Chance::new(1, &[2, 3]);
-        let drawn: Vec<u64> = (0..6).map(|_| chance.up_to(999)).collect();
+        let mut random = Random::new(1, &[2, 3]);
+        let drawn: Vec<u64> = (0..6).map(|_| random.up_to(999)).collect();
         assert_eq!(drawn, [995, 923, 398, 473, 895, 643], "golden");
     }
 
     #[test]
     fn draws_are_even_and_streams_apart() {
-        let mut chance = Chance::new(7, &[0]);
+        let mut random = Random::new(7, &[0]);
         let mut counts = [0_u32; 10];
         for _ in 0..100_000 {
-            counts[chance.up_to(9) as usize] += 1;
+            counts[random.up_to(9) as usize] += 1;
         }
         assert!(counts.iter().all(|count| (9_600..10_400).contains(count)), "{counts:?}");
-        let struck = (0..100_000).filter(|_| chance.strikes(50_000)).count();
+        let struck = (0..100_000).filter(|_| random.happens(50_000)).count();
         assert!((4_700..5_300).contains(&struck), "{struck}");
-        assert!(!(0..1000).any(|_| chance.strikes(0)) && (0..1000).all(|_| chance.strikes(MILLION)));
-        let (mut a, mut b) = (Chance::new(7, &[0, 1]), Chance::new(7, &[1, 0]));
+        assert!(!(0..1000).any(|_| random.happens(0)) && (0..1000).all(|_| random.happens(MILLION)));
+        let (mut a, mut b) = (Random::new(7, &[0, 1]), Random::new(7, &[1, 0]));
         let same = (0..1000).filter(|_| a.up_to(9) == b.up_to(9)).count();
         assert!((50..150).contains(&same), "{same}");
     }

@@ -7,13 +7,13 @@ use tokio_rustls::rustls::{AlertDescription, CertificateError, Error};
 /// Why TLS could not be set up, or broke.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
-pub enum TlsFault {
+pub enum TlsError {
     /// This end refuses the other's certificate.
     #[error("the other end's certificate {0}")]
-    PeerCertificate(CertificateProblem),
+    PeerCertificate(TlsCertificateError),
     /// The other end refuses this end's certificate.
     #[error("the other end refused this end's certificate: it {0}")]
-    OwnCertificate(CertificateProblem),
+    OwnCertificate(TlsCertificateError),
     /// The other end speaks something else.
     #[error("the other end does not speak TLS: it is another program, or was not told to")]
     NotTls,
@@ -28,8 +28,8 @@ pub enum TlsFault {
 /// What is wrong with a certificate.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
-pub enum CertificateProblem {
-    /// Its time is over, or has not begun.
+pub enum TlsCertificateError {
+    /// It has expired or is not valid yet.
     #[error("has expired or is not valid yet: check the clocks of both ends, or make a new one")]
     Expired,
     /// It is of another host.
@@ -55,7 +55,7 @@ pub enum CertificateProblem {
     Other(String),
 }
 
-impl TlsFault {
+impl TlsError {
     /// The TLS fault in an error of a socket, if it is one.
     pub(crate) fn of(error: &io::Error) -> Option<Self> {
         error.get_ref().and_then(|inner| inner.downcast_ref::<Error>()).map(|inner| Self::from(inner.clone()))
@@ -69,11 +69,11 @@ impl TlsFault {
     }
 }
 
-impl From<Error> for TlsFault {
+impl From<Error> for TlsError {
     fn from(error: Error) -> Self {
         match error {
             Error::InvalidCertificate(problem) => Self::PeerCertificate(problem.into()),
-            Error::NoCertificatesPresented => Self::PeerCertificate(CertificateProblem::Missing),
+            Error::NoCertificatesPresented => Self::PeerCertificate(TlsCertificateError::Missing),
             Error::InvalidMessage(_) => Self::NotTls,
             Error::AlertReceived(alert) => match told(alert) {
                 Some(problem) => Self::OwnCertificate(problem),
@@ -84,7 +84,7 @@ impl From<Error> for TlsFault {
     }
 }
 
-impl From<CertificateError> for CertificateProblem {
+impl From<CertificateError> for TlsCertificateError {
     fn from(error: CertificateError) -> Self {
         match error {
             CertificateError::Expired
@@ -103,15 +103,15 @@ impl From<CertificateError> for CertificateProblem {
 }
 
 /// What an alert says about this end's certificate (RFC 8446, 6.2).
-fn told(alert: AlertDescription) -> Option<CertificateProblem> {
+fn told(alert: AlertDescription) -> Option<TlsCertificateError> {
     Some(match alert {
-        AlertDescription::CertificateExpired => CertificateProblem::Expired,
-        AlertDescription::UnknownCA | AlertDescription::DecryptError => CertificateProblem::UnknownAuthority,
-        AlertDescription::CertificateRequired => CertificateProblem::Missing,
-        AlertDescription::BadCertificate => CertificateProblem::Other("its names may be wrong".to_owned()),
+        AlertDescription::CertificateExpired => TlsCertificateError::Expired,
+        AlertDescription::UnknownCA | AlertDescription::DecryptError => TlsCertificateError::UnknownAuthority,
+        AlertDescription::CertificateRequired => TlsCertificateError::Missing,
+        AlertDescription::BadCertificate => TlsCertificateError::Other("its names may be wrong".to_owned()),
         AlertDescription::UnsupportedCertificate
         | AlertDescription::CertificateRevoked
-        | AlertDescription::CertificateUnknown => CertificateProblem::Other(format!("{alert:?}")),
+        | AlertDescription::CertificateUnknown => TlsCertificateError::Other(format!("{alert:?}")),
         _ => return None,
     })
 }

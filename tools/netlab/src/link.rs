@@ -6,8 +6,8 @@ use std::sync::Arc;
 use psao_proto::Micros;
 use serde::Serialize;
 
-use crate::chance::Chance;
 use crate::conditions::{Conditions, HELD_BACK, Schedule};
+use crate::random::Random;
 
 /// What one direction carried, without the headers of any network.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -48,10 +48,10 @@ pub(crate) enum Passage {
 
 /// A line.
 #[derive(Clone, Debug)]
-pub(crate) struct Line {
+pub(crate) struct Link {
     conditions: Conditions,
     schedule: Arc<Schedule>,
-    chance: Chance,
+    random: Random,
     /// Packets that have not left yet: when each has, and its bytes.
     waiting: VecDeque<(Micros, usize)>,
     waiting_bytes: usize,
@@ -61,12 +61,12 @@ pub(crate) struct Line {
     digest: blake3::Hasher,
 }
 
-impl Line {
-    pub(crate) fn new(conditions: Conditions, schedule: Arc<Schedule>, chance: Chance) -> Self {
+impl Link {
+    pub(crate) fn new(conditions: Conditions, schedule: Arc<Schedule>, random: Random) -> Self {
         Self {
             conditions,
             schedule,
-            chance,
+            random,
             waiting: VecDeque::new(),
             waiting_bytes: 0,
             free: Micros(0),
@@ -115,9 +115,9 @@ impl Line {
         self.digest.update(packet);
         // All draws are made for every packet, so that what happens to one changes nothing for the next.
         let Conditions { loss, duplicate, reorder, delay, jitter, .. } = self.conditions;
-        let [lost, doubled, held] = [loss, duplicate, reorder].map(|ppm| self.chance.strikes(ppm));
-        let [first, second] = [(); 2].map(|()| delay + self.chance.up_to(jitter));
-        let held_for = self.chance.up_to(HELD_BACK.0);
+        let [lost, doubled, held] = [loss, duplicate, reorder].map(|ppm| self.random.happens(ppm));
+        let [first, second] = [(); 2].map(|()| delay + self.random.up_to(jitter));
+        let held_for = self.random.up_to(HELD_BACK.0);
         if !self.has_room(packet.len(), now) {
             self.counts.overflowed += 1;
             return Passage::Lost { left: now };
@@ -146,8 +146,8 @@ mod tests {
     use super::*;
     use crate::conditions::Fault;
 
-    fn line(conditions: Conditions, faults: &[Fault]) -> Line {
-        Line::new(conditions.checked().unwrap(), Arc::new(Schedule::new(faults)), Chance::new(1, &[]))
+    fn link(conditions: Conditions, faults: &[Fault]) -> Link {
+        Link::new(conditions.checked().unwrap(), Arc::new(Schedule::new(faults)), Random::new(1, &[]))
     }
 
     fn at(passage: Passage) -> u64 {
@@ -166,14 +166,14 @@ mod tests {
             delay: 10,
             ..Conditions::default()
         };
-        let mut line = line(conditions, &[]);
-        let times = [0, 0, 0].map(|now| at(line.send(&[0; 500], Micros(now))));
+        let mut link = link(conditions, &[]);
+        let times = [0, 0, 0].map(|now| at(link.send(&[0; 500], Micros(now))));
         assert_eq!(times, [510, 1010, 1510]);
-        assert_eq!(line.send(&[0; 1], Micros(0)), Passage::Lost { left: Micros(0) });
-        assert_eq!(line.next_room(), Some(Micros(500)));
-        assert_eq!(at(line.send(&[0; 500], Micros(500))), 2010, "the first has left");
-        assert_eq!(line.counts(), Traffic { packets: 5, bytes: 2001, overflowed: 1, ..Traffic::default() });
-        assert_eq!(at(line.send(&[0; 500], Micros(9000))), 9510, "an idle line is free at once");
+        assert_eq!(link.send(&[0; 1], Micros(0)), Passage::Lost { left: Micros(0) });
+        assert_eq!(link.next_room(), Some(Micros(500)));
+        assert_eq!(at(link.send(&[0; 500], Micros(500))), 2010, "the first has left");
+        assert_eq!(link.counts(), Traffic { packets: 5, bytes: 2001, overflowed: 1, ..Traffic::default() });
+        assert_eq!(at(link.send(&[0; 500], Micros(9000))), 9510, "an idle link is free at once");
     }
 
     #[test]
@@ -185,14 +185,14 @@ mod tests {
             jitter: 999,
             ..Conditions::default()
         };
-        let mut line = line(conditions, &[]);
+        let mut link = link(conditions, &[]);
         let mut latest = 0;
         for now in 0..10_000 {
-            if let Passage::Comes { at, .. } = line.send(&[1], Micros(now * 1_000_000)) {
+            if let Passage::Comes { at, .. } = link.send(&[1], Micros(now * 1_000_000)) {
                 latest = latest.max(at.0 - now * 1_000_000);
             }
         }
-        let Traffic { lost, duplicated, reordered, .. } = line.counts();
+        let Traffic { lost, duplicated, reordered, .. } = link.counts();
         assert!((1_850..2_150).contains(&lost), "{lost}");
         assert!(
             (700..900).contains(&duplicated) && (340..460).contains(&reordered),
@@ -204,10 +204,10 @@ mod tests {
     #[test]
     fn stalls_hold_packets_and_blackholes_swallow_them() {
         let faults = [Fault::Stall { from: 100, to: 1_100 }, Fault::Blackhole { from: 5_000, to: 6_000 }];
-        let mut line = line(Conditions { delay: 50, ..Conditions::default() }, &faults);
-        let times = [0, 60, 100, 500, 1_100].map(|now| at(line.send(&[0; 40], Micros(now))));
+        let mut link = link(Conditions { delay: 50, ..Conditions::default() }, &faults);
+        let times = [0, 60, 100, 500, 1_100].map(|now| at(link.send(&[0; 40], Micros(now))));
         assert_eq!(times, [50, 1_110, 1_150, 1_150, 1_150]);
-        assert_eq!(line.send(&[0; 40], Micros(5_500)), Passage::Lost { left: Micros(5_500) });
-        assert_eq!(at(line.send(&[0; 40], Micros(6_000))), 6_050);
+        assert_eq!(link.send(&[0; 40], Micros(5_500)), Passage::Lost { left: Micros(5_500) });
+        assert_eq!(at(link.send(&[0; 40], Micros(6_000))), 6_050);
     }
 }

@@ -1,23 +1,23 @@
-//! One direction between two ends: the bytes of a connection and datagrams, over the same line.
+//! One direction between two ends: the bytes of a connection and datagrams, over the same link.
 
 use psao_proto::Micros;
 
 use crate::datagram::DatagramPipe;
-use crate::line::{Line, Traffic};
+use crate::link::{Link, Traffic};
 use crate::stream::StreamPipe;
 
 /// One direction.
 #[derive(Clone, Debug)]
-pub(crate) struct Way {
-    line: Line,
+pub(crate) struct Direction {
+    link: Link,
     stream: StreamPipe,
     datagrams: DatagramPipe,
 }
 
-impl Way {
-    /// Over a line; acknowledgements of the bytes take `back` the other way.
-    pub(crate) fn new(line: Line, back: Micros) -> Self {
-        Self { line, stream: StreamPipe::new(back), datagrams: DatagramPipe::default() }
+impl Direction {
+    /// Over a link; acknowledgements of the bytes take `back` the other way.
+    pub(crate) fn new(link: Link, back: Micros) -> Self {
+        Self { link, stream: StreamPipe::new(back), datagrams: DatagramPipe::default() }
     }
 
     /// Takes as many bytes as fit the send buffer; they go with the next [`receive`](Self::receive).
@@ -27,11 +27,11 @@ impl Way {
 
     /// Lets everything happen up to now; the bytes that came, in order.
     pub(crate) fn receive(&mut self, now: Micros) -> Vec<u8> {
-        self.stream.receive(&mut self.line, now)
+        self.stream.receive(&mut self.link, now)
     }
 
     pub(crate) fn send_datagram(&mut self, datagram: Vec<u8>, now: Micros) {
-        self.datagrams.send(&mut self.line, datagram, now);
+        self.datagrams.send(&mut self.link, datagram, now);
     }
 
     /// The next datagram that has come.
@@ -41,11 +41,11 @@ impl Way {
 
     /// When something happens next.
     pub(crate) fn next(&self) -> Option<Micros> {
-        [self.stream.next(&self.line), self.datagrams.next()].into_iter().flatten().min()
+        [self.stream.next(&self.link), self.datagrams.next()].into_iter().flatten().min()
     }
 
     pub(crate) const fn counts(&self) -> Traffic {
-        self.line.counts()
+        self.link.counts()
     }
 
     /// Segments sent again.
@@ -55,6 +55,6 @@ impl Way {
 
     /// A digest of every packet, with its time.
     pub(crate) fn digest(&self) -> blake3::Hash {
-        self.line.digest()
+        self.link.digest()
     }
 }

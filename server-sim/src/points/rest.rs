@@ -111,7 +111,7 @@ pub fn make_shared_geometry(
     if meshes != sets {
         return Err(SharedGeometryError::Sets { meshes, sets });
     }
-    let trace = info.trace.ok_or(ShareError::NoTrace)?;
+    let trace = info.trace.ok_or(SharedGeometryError::NoTrace)?;
     let settings = PointSettings { per_m2: trace.points_per_m2, minimum: trace.min_points, seed: trace.seed };
     let points = generate(scene, &settings, &|_, _| {})?;
     let geometry: Vec<Geometry> = layout

@@ -14,6 +14,7 @@ use psao_server::ao::Occlusion;
 use crate::analysis::load;
 use crate::budget::BudgetArgs;
 use crate::error::{Failure, Outcome};
+use crate::output::number;
 use crate::quantity::Size;
 
 /// How a stream is produced: the scene, its points, their rays, and how they are packed.

@@ -16,9 +16,9 @@ use psao_reconstruct::picture::Picture;
 use psao_reconstruct::reconstruct::{self, Reconstruction};
 use psao_reconstruct::{AoImage, GBuffer, Size, Statistics, cast_view};
 use psao_server::ao::{AoSettings, Occlusion};
-use psao_server::bvh::SceneBvh;
 use psao_server::points::make_shared_geometry;
 use psao_server::scene::{Edits, Scene};
+use psao_server::world::SceneBvh;
 
 use crate::args::SizeArg;
 use crate::context::Stopwatch;

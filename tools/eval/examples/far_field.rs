@@ -11,6 +11,8 @@ use psao_eval::screen::{
     Falloff, FarField, FarFieldSettings, Mipmap, MipmapSettings, NearField, Screen, ScreenMethod, Separate,
     Traced,
 };
+use psao_reconstruct::picture::Picture;
+use psao_reconstruct::{AoImage, Size};
 use psao_server::scene::Scene;
 use psao_server::world::SceneBvh;
 use stopwatch::Stopwatch;

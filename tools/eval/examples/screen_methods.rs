@@ -11,6 +11,8 @@ use psao_eval::metric::Comparison;
 use psao_eval::reference::{PAPER_RAYS, reference};
 use psao_eval::screen::Screen;
 use psao_eval::sweep::screen_methods;
+use psao_reconstruct::picture::Picture;
+use psao_reconstruct::{Size, cast_view};
 use psao_server::ao::AoSettings;
 use psao_server::scene::Scene;
 use psao_server::world::SceneBvh;

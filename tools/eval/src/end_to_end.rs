@@ -12,11 +12,11 @@ use psao_proto::message::CameraPose;
 use psao_reconstruct::reconstruct::{self, Reconstruction};
 use psao_reconstruct::{AoImage, GBuffer, Size, cast_view};
 use psao_server::ao::{AoSettings, Occlusion};
-use psao_server::bvh::SceneBvh;
 use psao_server::clock::NoClock;
 use psao_server::points::PointSettings;
 use psao_server::scene::Scene;
 use psao_server::server::{Server, ServerSettings};
+use psao_server::world::SceneBvh;
 
 use crate::adapter::SceneView;
 use crate::metric::Comparison;

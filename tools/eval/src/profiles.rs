@@ -14,10 +14,11 @@ use psao_proto::message::CameraPose;
 use psao_reconstruct::reconstruct::{self, Reconstruction};
 use psao_reconstruct::{GBuffer, Size, cast_view};
 use psao_server::ao::{AoSettings, Scratch, Tracer};
-use psao_server::bvh::{Bounds, SceneBvh};
-use psao_server::points::{PlacedPoint, PointSettings, PosedMesh};
-use psao_server::scene::{InstanceId, Scene};
+use psao_server::bvh::Bounds;
+use psao_server::points::{PlacedPoint, PointSettings, RayKey};
+use psao_server::scene::{InstanceId, PosedMesh, Scene};
 use psao_server::server::{Server, ServerSettings};
+use psao_server::world::SceneBvh;
 use rayon::prelude::*;
 
 use crate::adapter::SceneView;

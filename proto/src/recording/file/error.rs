@@ -3,7 +3,7 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
-use crate::FrameFault;
+use crate::WireFrameError;
 use crate::message::MessageError;
 use crate::recording::WriterError;
 
@@ -33,7 +33,7 @@ pub enum FileError {
     Message(MessageError),
     /// A frame body is too long for a frame.
     #[error(transparent)]
-    Body(FrameFault),
+    Body(WireFrameError),
     /// Bytes that should be a frame are not one.
     #[error(transparent)]
     Record(WriterError),

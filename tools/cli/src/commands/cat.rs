@@ -4,7 +4,6 @@ use std::path::PathBuf;
 
 use psao_proto::Limits;
 use psao_proto::recording::Concatenation;
-use psao_proto::recording::file::AtomicFile;
 
 use super::recover::{ended, refused};
 use crate::analysis::load;

@@ -3,7 +3,6 @@
 use std::path::Path;
 
 use psao_proto::Limits;
-use psao_proto::recording::file::AtomicFile;
 use psao_proto::recording::{RewriteError, Rewritten, recover};
 
 use crate::analysis::load;

@@ -4,9 +4,10 @@ use std::fmt::Display;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
+use psao_proto::recording::file::AtomicFile;
+
 use crate::context::{broken_output, say};
 use crate::error::{Failure, Outcome};
-use crate::recorder::WholeFile;
 
 /// Returns whether a path stands for standard input or output.
 pub(crate) fn is_standard(path: &Path) -> bool {
@@ -46,20 +47,20 @@ pub(crate) fn recording(path: &Path) -> Outcome<PathBuf> {
 
 /// A result that appears whole or not at all; on standard output it appears as it is made.
 pub(crate) enum Target {
-    File(WholeFile),
+    File(AtomicFile),
     Standard,
 }
 
 impl Target {
     /// Starts the result. It must not be one of `inputs`.
     pub(crate) fn create(path: &Path, inputs: &[PathBuf]) -> Outcome<Self> {
-        if is_standard(path) { Ok(Self::Standard) } else { WholeFile::create(path, inputs).map(Self::File) }
+        if is_standard(path) { Ok(Self::Standard) } else { Ok(Self::File(AtomicFile::create(path, inputs)?)) }
     }
 
     /// Appends bytes.
     pub(crate) fn put(&mut self, bytes: &[u8]) -> Outcome {
         match self {
-            Self::File(file) => file.put(bytes),
+            Self::File(file) => Ok(file.put(bytes)?),
             Self::Standard => std::io::stdout().write_all(bytes).map_err(|error| broken_output(&error)),
         }
     }
@@ -67,7 +68,7 @@ impl Target {
     /// Ends the result.
     pub(crate) fn finish(self) -> Outcome {
         match self {
-            Self::File(file) => file.finish(),
+            Self::File(file) => Ok(file.finish()?),
             Self::Standard => std::io::stdout().flush().map_err(|error| broken_output(&error)),
         }
     }

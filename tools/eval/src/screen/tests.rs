@@ -6,9 +6,9 @@ use glam::Vec3;
 use psao_proto::message::CameraPose;
 use psao_reconstruct::{AoImage, Camera, Size, Surface, Surfaces, cast_view};
 use psao_server::ao::AoSettings;
-use psao_server::bvh::SceneBvh;
 use psao_server::clock::NoClock;
 use psao_server::scene::Scene;
+use psao_server::world::SceneBvh;
 
 use super::*;
 use crate::adapter::SceneView;

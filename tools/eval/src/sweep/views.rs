@@ -5,9 +5,9 @@ use std::sync::Arc;
 use psao_proto::message::CameraPose;
 use psao_reconstruct::{AoImage, GBuffer, Size, cast_view};
 use psao_server::ao::AoSettings;
-use psao_server::bvh::SceneBvh;
 use psao_server::clock::NoClock;
 use psao_server::scene::Scene;
+use psao_server::world::SceneBvh;
 
 use super::SweepError;
 use crate::adapter::SceneView;

@@ -7,9 +7,10 @@ use glam::Vec3;
 use psao_proto::message::CameraPose;
 use psao_reconstruct::{AoImage, AoImageError, Camera, Size};
 use psao_server::ao::{AoSettings, Scratch, Tracer};
-use psao_server::bvh::SceneBvh;
 use psao_server::clock::Clock;
+use psao_server::points::RayKey;
 use psao_server::scene::Scene;
+use psao_server::world::SceneBvh;
 use rayon::prelude::*;
 
 use super::visible::visible;

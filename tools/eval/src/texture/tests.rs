@@ -7,9 +7,9 @@ use proptest::prelude::*;
 use psao_proto::message::CameraPose;
 use psao_reconstruct::{Camera, Size, cast_view};
 use psao_server::ao::AoSettings;
-use psao_server::bvh::{Hit, SceneBvh};
 use psao_server::clock::NoClock;
 use psao_server::scene::{InstanceId, Scene};
+use psao_server::world::{Hit, SceneBvh};
 
 use super::*;
 use crate::adapter::SceneView;

@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 
 use psao_proto::message::{CloseCode, Edit};
 use psao_proto::net::{Hub, HubEvent};
+use psao_proto::recording::file::Recorder;
 use psao_proto::{Limits, Micros};
 use psao_server::server::FrameTimeController;
 
@@ -20,7 +21,6 @@ use crate::network::{self, ListenArgs};
 use crate::output::{number, target};
 use crate::producer::Producer;
 use crate::quantity::TimeSpan;
-use crate::recorder::{Recorder, check_place};
 use line::{Late, Line};
 use outlet::Outlet;
 

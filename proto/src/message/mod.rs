@@ -170,7 +170,7 @@ pub trait Message: Payload + Sized {
     /// Its name in errors and in the specification.
     const NAME: &'static str;
 
-    /// The message as a payload.
+    /// Returns the message as a payload.
     ///
     /// # Errors
     /// [`MessageError::Invalid`] when a field makes no sense, [`MessageError::Malformed`] when it is too long.
@@ -250,7 +250,7 @@ pub(crate) mod testing {
         bytes.iter().map(|b| format!("{b:02x}")).collect()
     }
 
-    /// The bytes of the one annotated dump in a specification; the offsets at its lines' start are checked.
+    /// Returns the bytes of the one annotated dump in a specification; the offsets at its lines' start are checked.
     pub(crate) fn dump(spec: &str) -> Vec<u8> {
         let (_, rest) = spec.split_once("```hex\n").expect("the specification has a dump");
         let (lines, _) = rest.split_once("```").expect("the dump ends");

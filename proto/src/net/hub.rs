@@ -438,7 +438,7 @@ impl Hub {
         self.shared.limits
     }
 
-    /// The token that clients must show, if any.
+    /// Returns the token that clients must show, if any.
     pub(super) fn token(&self) -> Option<&Token> {
         match &self.shared.access {
             Access::Token(token) => Some(token),

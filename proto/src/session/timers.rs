@@ -74,12 +74,12 @@ impl Timers {
         Ok(if waiting { Due::Nothing } else { Due::Ping })
     }
 
-    /// The next time at which [`handshake`](Self::handshake) may say something new.
+    /// Returns the next time at which [`handshake`](Self::handshake) may say something new.
     pub(super) fn next_in_handshake(&self, limits: &Limits) -> Option<Micros> {
         Some(self.started?.plus(limits.handshake).plus(Micros(1)))
     }
 
-    /// The next time at which [`open`](Self::open) may say something new.
+    /// Returns the next time at which [`open`](Self::open) may say something new.
     pub(super) fn next_when_open(&self, limits: &Limits, waiting: bool, stalls: bool) -> Option<Micros> {
         self.started?;
         let silent = self.heard.plus(limits.silence).plus(Micros(1));

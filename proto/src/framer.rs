@@ -65,7 +65,7 @@ wire_enum! {
 }
 
 impl FrameType {
-    /// Whether frames of this type carry the state: KEYFRAME and UPDATE.
+    /// Returns whether frames of this type carry the state: KEYFRAME and UPDATE.
     #[must_use]
     pub const fn carries_state(self) -> bool {
         matches!(self, Self::KEYFRAME | Self::UPDATE)
@@ -157,7 +157,7 @@ pub struct WireFrame<'a> {
 }
 
 impl<'a> WireFrame<'a> {
-    /// The payload.
+    /// Returns the payload.
     #[must_use]
     pub fn payload(&self) -> &'a [u8] {
         self.bytes.get(HEADER_BYTES..).unwrap_or_default()
@@ -183,7 +183,7 @@ pub fn write_frame(
     Ok(())
 }
 
-/// The header that goes before a payload.
+/// Returns the header that goes before a payload.
 pub(crate) fn frame_head(
     kind: FrameType,
     group: Group,
@@ -332,7 +332,7 @@ impl Framer {
         self.buffer.extend_from_slice(bytes);
     }
 
-    /// The next whole frame, or `None` until more bytes are pushed.
+    /// Returns the next whole frame, or `None` until more bytes are pushed.
     ///
     /// # Errors
     /// [`FramerError`] when the bytes are not a frame. The stream cannot go on after that: the same error comes again.

@@ -312,7 +312,7 @@ pub fn seeds() -> Result<Vec<Seed>, Error> {
     ])
 }
 
-/// The frames of a recording as [`framed`] takes them.
+/// Returns the frames of a recording as [`framed`] takes them.
 fn unframed(file: &[u8]) -> Result<Vec<u8>, Error> {
     let mut unframed = Vec::new();
     for record in Reader::new(file)?.flatten() {

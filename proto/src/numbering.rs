@@ -4,7 +4,7 @@ use crate::framer::frame_head;
 use crate::message::{Message, MessageError};
 use crate::{FrameType, Group, HEADER_BYTES, SceneTable, Sequence, WireFrameError, write_frame};
 
-/// Turns frame bodies and messages into the frames of one stream, numbered.
+/// Turns frame bodies and messages into numbered frames of one stream.
 ///
 /// A server session has one for its client; a recorder that sits at the server has its own, so that a recording starts
 /// with the scene and group 1 whatever the clients do.
@@ -31,7 +31,7 @@ pub struct Numbering {
 }
 
 impl Numbering {
-    /// The KEYFRAME frame of a body. It opens the next group.
+    /// Returns the KEYFRAME frame of a body. It opens the next group.
     ///
     /// # Errors
     /// [`WireFrameError::TooLong`] over 2^32 - 1 bytes.
@@ -40,7 +40,7 @@ impl Numbering {
         self.frame(FrameType::KEYFRAME, body)
     }
 
-    /// The UPDATE frame of a body. It is the next in the group.
+    /// Returns the UPDATE frame of a body. It is the next in the group.
     ///
     /// # Errors
     /// As [`keyframe`](Self::keyframe).
@@ -49,19 +49,19 @@ impl Numbering {
         self.frame(FrameType::UPDATE, body)
     }
 
-    /// The header of a KEYFRAME frame, for a body that is not copied.
+    /// Returns the header of a KEYFRAME frame, for a body that is not copied.
     pub(crate) fn keyframe_head(&mut self, body: &[u8]) -> Result<[u8; HEADER_BYTES], WireFrameError> {
         self.open_group();
         frame_head(FrameType::KEYFRAME, self.group, self.sequence, body)
     }
 
-    /// The header of an UPDATE frame, likewise.
+    /// Returns the header of an UPDATE frame, likewise.
     pub(crate) fn update_head(&mut self, body: &[u8]) -> Result<[u8; HEADER_BYTES], WireFrameError> {
         self.next_place();
         frame_head(FrameType::UPDATE, self.group, self.sequence, body)
     }
 
-    /// The frame of a message. It repeats the place of the keyframe or update before it.
+    /// Returns the frame of a message. It repeats the numbers of the keyframe or update before it.
     ///
     /// # Errors
     /// [`MessageError`] when the message makes no sense.
@@ -69,7 +69,7 @@ impl Numbering {
         Ok(self.control(M::KIND, &message.to_payload()?))
     }
 
-    /// The SCENE frames of a scene table.
+    /// Returns the SCENE frames of a scene table.
     ///
     /// # Errors
     /// [`MessageError`] when a value in it makes no sense.

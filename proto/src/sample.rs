@@ -50,7 +50,7 @@ enum Source {
 }
 
 impl SampleServer {
-    /// A server of profile `paper` before its first frame.
+    /// Creates a server of profile `paper` before its first frame.
     ///
     /// # Errors
     /// None is expected; see [`Error`].
@@ -58,7 +58,7 @@ impl SampleServer {
         Self::of(Profile::PAPER)
     }
 
-    /// A server of a profile before its first frame.
+    /// Creates a server of a profile before its first frame.
     ///
     /// # Errors
     /// A profile that is neither `paper` nor `surface`.
@@ -79,19 +79,19 @@ impl SampleServer {
         Ok(Self { scene, source, state, next: FrameIndex(0) })
     }
 
-    /// The scene table.
+    /// Returns the scene table.
     #[must_use]
     pub const fn scene(&self) -> &Arc<SceneTable> {
         &self.scene
     }
 
-    /// The block coder of its frames.
+    /// Returns the block coder of its frames.
     #[must_use]
     pub fn coder(&self) -> BlockCoder {
         BlockCoder::default()
     }
 
-    /// The next frame: the first is a keyframe, the others are updates.
+    /// Makes the next frame: the first is a keyframe, the others are updates.
     ///
     /// # Errors
     /// None is expected; see [`Error`].
@@ -122,7 +122,7 @@ impl SampleServer {
         Ok(encoded)
     }
 
-    /// A keyframe of the state after the last step, for a client that joins late or fell behind.
+    /// Makes a keyframe of the state after the last step, for a client that joins late or fell behind.
     ///
     /// # Errors
     /// None is expected after a step; see [`Error`].
@@ -131,13 +131,13 @@ impl SampleServer {
         Ok(keyframe(&self.state, self.meta(frame), BlockCoder::default(), &[])?)
     }
 
-    /// The state after the last step: what every client should hold.
+    /// Returns the state after the last step: what every client should hold.
     #[must_use]
     pub const fn state(&self) -> &State {
         &self.state
     }
 
-    /// A report of a frame.
+    /// Returns a report of a frame.
     #[must_use]
     pub fn report(&self, frame: FrameIndex) -> Report {
         let stages = vec![StageTime { stage: StageId::TRACE, micros: 100 + frame.0 }];
@@ -193,7 +193,7 @@ fn sample(point: u32, frame: u32) -> PointSample {
     PointSample { local: [at(1), at(3), at(9)], normal: [0.0, 1.0, 0.0], ao: ao as u8 }
 }
 
-/// The points of an instance as a set, in an order of their own.
+/// Returns the points of an instance as a set, in an order of their own.
 fn geometry() -> Geometry {
     let points: Vec<RestPoint> = (0..POINTS)
         .map(|point| {

@@ -1,4 +1,4 @@
-//! The scene table as a whole: what both ends know before the first keyframe.
+//! The scene table: what both ends know before the first keyframe.
 
 use std::sync::Arc;
 
@@ -55,7 +55,7 @@ pub enum SceneError {
         /// Sum of the instances.
         found: u64,
     },
-    /// The profile is not one that this version has a layout for, or not that of the entries.
+    /// This version does not know the profile, or the entries are of another one.
     #[error("the scene table is of profile {found}, of which this version knows no such entries")]
     Profile {
         /// The profile announced.
@@ -64,7 +64,7 @@ pub enum SceneError {
     /// The facts of a `paper` stream lack those about its tables.
     #[error("a stream of profile paper needs SceneInfo::paper")]
     NoPaperInfo,
-    /// There is no packing of this width.
+    /// This version knows no packing of this width.
     #[error("points of {found} bits: this version knows 32, 24 and 16")]
     PointBits {
         /// Announced.
@@ -84,12 +84,12 @@ pub enum SceneError {
     /// The sets and instances do not make a layout of profile `surface`, or one over the limits.
     #[error(transparent)]
     Surface(#[from] surface::LayoutError),
-    /// A message is bad in itself.
+    /// A message is invalid by itself.
     #[error(transparent)]
     Message(#[from] MessageError),
 }
 
-/// What follows the info in a scene table.
+/// The entries of a scene table.
 #[derive(Clone, Debug, PartialEq)]
 pub enum SceneEntries {
     /// Profile `paper`: the instances.
@@ -104,7 +104,7 @@ pub enum SceneEntries {
 }
 
 impl SceneEntries {
-    /// No entries yet, of the kind that a profile has.
+    /// Returns an empty list of the entries of a profile.
     fn none(profile: Profile) -> Result<Self, SceneError> {
         match profile {
             Profile::PAPER => Ok(Self::Cells(Vec::new())),
@@ -113,7 +113,7 @@ impl SceneEntries {
         }
     }
 
-    /// The profile that has these entries.
+    /// Returns the profile that has these entries.
     #[must_use]
     pub const fn profile(&self) -> Profile {
         match self {
@@ -219,31 +219,31 @@ impl SceneTable {
         Ok(table)
     }
 
-    /// The facts about the stream as a whole.
+    /// Returns the facts about the stream as a whole.
     #[must_use]
     pub const fn info(&self) -> &SceneInfo {
         &self.info
     }
 
-    /// The stream's profile.
+    /// Returns the stream's profile.
     #[must_use]
     pub const fn profile(&self) -> Profile {
         self.counts.profile
     }
 
-    /// Number of instances.
+    /// Returns the number of instances.
     #[must_use]
     pub const fn instance_count(&self) -> u32 {
         self.counts.instances
     }
 
-    /// Number of point sets; 0 in profile `paper`.
+    /// Returns the number of point sets; 0 in profile `paper`.
     #[must_use]
     pub const fn set_count(&self) -> u32 {
         self.counts.sets
     }
 
-    /// Number of points of all instances.
+    /// Returns the number of points of all instances.
     #[must_use]
     pub const fn point_count(&self) -> u32 {
         self.counts.points
@@ -255,13 +255,13 @@ impl SceneTable {
         self.info.header(self.counts)
     }
 
-    /// What follows the info.
+    /// Returns the entries.
     #[must_use]
     pub const fn entries(&self) -> &SceneEntries {
         &self.entries
     }
 
-    /// What each instance needs, in the order of their indices.
+    /// Returns what each instance needs, by index.
     #[must_use]
     pub fn needs(&self) -> Vec<Needs> {
         match &self.entries {
@@ -270,13 +270,13 @@ impl SceneTable {
         }
     }
 
-    /// The layout of the stream's state.
+    /// Returns the layout of the stream's state.
     #[must_use]
     pub const fn layout(&self) -> &stream::Layout {
         &self.layout
     }
 
-    /// The payloads of the SCENE frames that carry this table, in order.
+    /// Returns the payloads of the SCENE frames that carry this table, in order.
     ///
     /// # Errors
     /// [`MessageError::Invalid`] when a value makes no sense.
@@ -297,21 +297,21 @@ impl SceneTable {
     }
 }
 
-/// Entries in batches of what a message holds.
+/// Splits entries into batches that fit a message.
 fn batches<T: Copy>(entries: &[T], batch: impl Fn(u32, Vec<T>) -> Scene) -> Vec<Scene> {
     let firsts = (0u32..).step_by(MAX_BATCH);
     firsts.zip(entries.chunks(MAX_BATCH)).map(|(first, entries)| batch(first, entries.to_vec())).collect()
 }
 
-/// Puts a scene table together from SCENE messages.
+/// Assembles a scene table from SCENE messages.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct SceneAssembler {
     begun: Option<(SceneHeader, SceneEntries)>,
 }
 
 impl SceneAssembler {
-    /// Takes the next message, from the start again when it does not fit what came before: in a recording an earlier
-    /// table may have been cut short by damage.
+    /// Takes the next message. A first one starts again, because in a recording damage may have cut an earlier table
+    /// short.
     pub(crate) fn push_or_restart(
         &mut self,
         scene: Scene,
@@ -323,7 +323,7 @@ impl SceneAssembler {
         self.push(scene, limits)
     }
 
-    /// Takes the next message; gives the table once it is whole.
+    /// Takes the next message. Returns the table once it is whole.
     pub(crate) fn push(&mut self, scene: Scene, limits: &Limits) -> Result<Option<SceneTable>, SceneError> {
         match (scene, &mut self.begun) {
             (Scene::Info(header), None) => {
@@ -344,7 +344,7 @@ impl SceneAssembler {
     }
 }
 
-/// Checks what the info announces before anything is kept of it.
+/// Checks the announced counts before anything is kept.
 fn check_counts(header: &SceneHeader, limits: &Limits) -> Result<(), SceneError> {
     let most = limits.codec.max_instances;
     for (what, found, expected) in [

@@ -20,7 +20,7 @@ impl Micros {
         Self(self.0.saturating_add(later.0))
     }
 
-    /// The time since `earlier`; zero when `earlier` is later.
+    /// Returns the time since `earlier`; zero when `earlier` is later.
     #[must_use]
     pub const fn since(self, earlier: Self) -> Self {
         Self(self.0.saturating_sub(earlier.0))
@@ -41,7 +41,7 @@ impl Micros {
 pub struct Group(pub u32);
 
 impl Group {
-    /// The group after this one.
+    /// Returns the group after this one.
     #[must_use]
     pub const fn next(self) -> Self {
         Self(self.0.wrapping_add(1))
@@ -55,7 +55,7 @@ impl Group {
 pub struct Sequence(pub u32);
 
 impl Sequence {
-    /// The place after this one.
+    /// Returns the place after this one.
     #[must_use]
     pub const fn next(self) -> Self {
         Self(self.0.wrapping_add(1))

@@ -7,7 +7,7 @@ use super::sealed::Payload;
 use super::{FieldError, Message, require};
 use crate::FrameType;
 
-/// Fewest bytes of a token: what cannot be guessed.
+/// Least number of bytes of a token, so that it cannot be guessed.
 pub const MIN_TOKEN_BYTES: usize = 16;
 /// Most bytes of a token.
 pub const MAX_TOKEN_BYTES: usize = 256;
@@ -16,7 +16,7 @@ pub const MAX_TOKEN_BYTES: usize = 256;
 #[derive(Clone)]
 pub struct Token(Vec<u8>);
 
-/// Why bytes are no token.
+/// Bytes are too few or too many for a token.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "a token of {length} bytes: it must have {MIN_TOKEN_BYTES} to {MAX_TOKEN_BYTES}; `psao keys` makes one"
@@ -27,7 +27,7 @@ pub struct TokenError {
 }
 
 impl Token {
-    /// A token of 16 to 256 bytes.
+    /// Creates a token of 16 to 256 bytes.
     ///
     /// # Errors
     /// [`TokenError`] when it is shorter or longer.
@@ -55,7 +55,7 @@ impl std::fmt::Debug for Token {
     }
 }
 
-/// Sent before HELLO to a server that wants a token.
+/// The token of a client. It goes before HELLO, to a server that requires one.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Auth {
     /// The secret.

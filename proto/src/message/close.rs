@@ -37,7 +37,7 @@ pub struct Close {
 }
 
 impl Close {
-    /// A close; a text over the bound is cut.
+    /// Creates a CLOSE; a text over the bound is cut.
     #[must_use]
     pub fn new(code: CloseCode, text: &str) -> Self {
         Self { code, text: Text::cut(text) }

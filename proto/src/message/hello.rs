@@ -14,19 +14,19 @@ pub struct ProfileSet(pub u32);
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Encode, Decode)]
 pub struct CoderSet(pub u32);
 
-/// The bit of an id; none for ids that no set can hold.
+/// Returns the bit of an id; 0 for ids above 31.
 const fn bit(id: u8) -> u32 {
     if id < 32 { 1 << id } else { 0 }
 }
 
 impl ProfileSet {
-    /// This set and `profile`. Ids above 31 cannot be in a set.
+    /// Returns this set with `profile` added. Ids above 31 cannot be in a set.
     #[must_use]
     pub const fn with(self, profile: Profile) -> Self {
         Self(self.0 | bit(profile.0))
     }
 
-    /// Whether `profile` is in it.
+    /// Returns whether `profile` is in it.
     #[must_use]
     pub const fn has(self, profile: Profile) -> bool {
         self.0 & bit(profile.0) != 0
@@ -34,13 +34,13 @@ impl ProfileSet {
 }
 
 impl CoderSet {
-    /// This set and `coder`. Ids above 31 cannot be in a set.
+    /// Returns this set with `coder` added. Ids above 31 cannot be in a set.
     #[must_use]
     pub const fn with(self, coder: CoderId) -> Self {
         Self(self.0 | bit(coder.0))
     }
 
-    /// Whether `coder` is in it.
+    /// Returns whether `coder` is in it.
     #[must_use]
     pub const fn has(self, coder: CoderId) -> bool {
         self.0 & bit(coder.0) != 0
@@ -73,9 +73,9 @@ pub struct Hello {
     pub profiles: ProfileSet,
     /// Block coders that it can undo.
     pub coders: CoderSet,
-    /// What it can hold.
+    /// Limits of the client.
     pub limits: PeerLimits,
-    /// What it calls itself, for people: program and version.
+    /// Its program and version, for people.
     pub name: Text<64>,
 }
 

@@ -1,9 +1,9 @@
-//! Control messages: everything of the protocol but the frame bodies, one message a file.
+//! Control messages: everything in the protocol except frame bodies, one message per file.
 //!
-//! A message is the payload of a frame of its own type: its fields one after the other, integers of fixed size and
-//! little endian, a list or a text preceded by its length as `u64`, at most [`MAX_MESSAGE_BYTES`] in all. Every message
-//! is checked when it is written as well as when it is read: no text over its bound, no float that is not finite, not a
-//! byte too many. `bincode` stays inside this module.
+//! A message is the payload of a frame of its own type, of at most [`MAX_MESSAGE_BYTES`]. Its fields follow each other.
+//! Integers have a fixed size and are little endian; a list or text has its length before it, as `u64`. Every message is
+//! checked when it is written and when it is read: texts are within their bounds, floats are finite, and no byte is left
+//! over. `bincode` stays inside this module.
 
 /// Implements the layout of a message whose fields are written one after the other. `field as Newtype` stands for the
 /// one field of a newtype of another crate.
@@ -170,7 +170,7 @@ pub trait Message: Payload + Sized {
     /// Its name in errors and in the specification.
     const NAME: &'static str;
 
-    /// The message as a payload.
+    /// Returns the message as a payload.
     ///
     /// # Errors
     /// [`MessageError::Invalid`] when a field makes no sense, [`MessageError::Malformed`] when it is too long.
@@ -250,7 +250,7 @@ pub(crate) mod testing {
         bytes.iter().map(|b| format!("{b:02x}")).collect()
     }
 
-    /// The bytes of the one annotated dump in a specification; the offsets at its lines' start are checked.
+    /// Returns the bytes of the one annotated dump in a specification; the offsets at its lines' start are checked.
     pub(crate) fn dump(spec: &str) -> Vec<u8> {
         let (_, rest) = spec.split_once("```hex\n").expect("the specification has a dump");
         let (lines, _) = rest.split_once("```").expect("the dump ends");

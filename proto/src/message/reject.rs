@@ -37,7 +37,7 @@ pub struct Reject {
 }
 
 impl Reject {
-    /// A rejection; a text over the bound is cut.
+    /// Creates a REJECT; a text over the bound is cut.
     #[must_use]
     pub fn new(code: RejectCode, text: &str) -> Self {
         Self { code, text: Text::cut(text) }

@@ -1,4 +1,4 @@
-//! Texts with a bound.
+//! Texts of bounded length.
 
 use bincode::de::read::Reader;
 use bincode::de::{BorrowDecoder, Decoder};
@@ -23,7 +23,7 @@ pub struct TextError {
 }
 
 impl<const MAX: usize> Text<MAX> {
-    /// `text` as it is.
+    /// Creates a text.
     ///
     /// # Errors
     /// [`TextError`] when it has more than `MAX` bytes.
@@ -32,13 +32,13 @@ impl<const MAX: usize> Text<MAX> {
         if text.len() > MAX { Err(TextError { length: text.len(), limit: MAX }) } else { Ok(Self(text)) }
     }
 
-    /// The first characters of `text` that fit, for texts that are only read by people.
+    /// Creates a text of the first characters of `text` that fit, for texts that only people read.
     #[must_use]
     pub fn cut(text: &str) -> Self {
         Self(text.get(..text.floor_char_boundary(MAX)).unwrap_or(text).to_owned())
     }
 
-    /// The text.
+    /// Returns the text.
     #[must_use]
     pub fn as_str(&self) -> &str {
         &self.0

@@ -22,7 +22,7 @@ pub struct CameraPose {
 }
 
 impl CameraPose {
-    /// Whether the pose makes a picture: finite, the eye apart from the target, `up` not along the line of sight, the
+    /// Returns whether the pose makes a picture: finite, the eye apart from the target, `up` not along the line of sight, the
     /// angle and the aspect in their ranges.
     #[must_use]
     pub fn is_valid(&self) -> bool {

@@ -32,21 +32,21 @@ pub struct ConnectOptions {
 }
 
 impl ConnectOptions {
-    /// The same, with what the session is, wants and gives; its token is the client's credential.
+    /// Sets the options of the session; its token is the client's credential.
     #[must_use]
     pub fn session(mut self, session: ClientOptions) -> Self {
         self.session = session;
         self
     }
 
-    /// The same, and whether the token may leave this machine without TLS. For networks that are closed in themselves.
+    /// Sets whether the token may leave this machine without TLS, for closed networks.
     #[must_use]
     pub const fn token_in_clear(mut self, allowed: bool) -> Self {
         self.token_in_clear = allowed;
         self
     }
 
-    /// The same, with the authorities that it trusts, for addresses `tls:host:port`.
+    /// Sets the trusted authorities, for addresses `tls:host:port`.
     #[cfg(feature = "tls")]
     #[must_use]
     pub fn tls(mut self, tls: ClientTls) -> Self {
@@ -54,7 +54,7 @@ impl ConnectOptions {
         self
     }
 
-    /// Whether what these options tell a server at `to` may go without TLS.
+    /// Returns whether what these options tell a server at `to` may go without TLS.
     pub(super) fn may_go_in_clear(&self, to: &SocketAddr) -> bool {
         self.session.token.is_none() || self.token_in_clear || is_local(to)
     }
@@ -279,19 +279,19 @@ impl Connection {
         }
     }
 
-    /// The session: its state, and what to tell the server. What it is told goes out with the next
+    /// Returns the session: its state, and what to tell the server. What it is told goes out with the next
     /// [`flush`](Self::flush) or [`next_events`](Self::next_events).
     pub const fn session(&mut self) -> &mut ClientSession {
         &mut self.session
     }
 
-    /// The time by the session's clock: microseconds since the connection began.
+    /// Returns the time by the session's clock: microseconds since the connection began.
     #[must_use]
     pub fn now(&self) -> Micros {
         since(self.started)
     }
 
-    /// The address as it was given.
+    /// Returns the address as it was given.
     #[must_use]
     pub fn address(&self) -> &str {
         &self.address

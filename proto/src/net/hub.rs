@@ -33,7 +33,7 @@ pub enum HubEvent {
         client: ClientId,
         /// Where it is.
         peer: Peer,
-        /// What it calls itself.
+        /// Its name for itself.
         name: String,
     },
     /// A client wants the scene changed.
@@ -49,20 +49,21 @@ pub enum HubEvent {
         client: ClientId,
         /// Where it was.
         peer: Peer,
-        /// Why, when it was not by a CLOSE of either end.
+        /// Why, unless either end sent a CLOSE.
         error: Option<PeerError>,
     },
-    /// Connections cannot be accepted, as when the process has no file descriptor left. Told once until one can again.
+    /// Connections cannot be accepted, for example because the process has no file descriptor left. Reported once, until
+    /// one is accepted again.
     AcceptFailed {
-        /// What the system says.
+        /// The system's message.
         what: String,
     },
     /// Connections that were closed without a reply, because too many were being rejected already.
     Dropped {
-        /// How many since this was told last.
+        /// How many since the last such event.
         connections: u64,
     },
-    /// Events that are missing before the next, since nobody took them.
+    /// Events that were dropped before the next one, because nobody took them.
     Missed {
         /// How many.
         events: u64,
@@ -84,7 +85,7 @@ pub struct Broadcast {
 
 /// The clients of one stream. Cloning it gives another handle to the same clients.
 ///
-/// Its methods never wait for a client, but for those whose name says so.
+/// Only methods whose names say so wait for a client.
 #[derive(Clone, Debug)]
 pub struct Hub {
     shared: Arc<Shared>,
@@ -146,7 +147,8 @@ impl Slot {
 }
 
 impl Hub {
-    /// A hub without clients, for a stream before its first frame. `coder` is the stream's, for keyframes and patches.
+    /// Creates a hub without clients, for a stream before its first frame. `coder` is the stream's, for keyframes and
+    /// patches.
     #[must_use]
     pub fn new(scene: Arc<SceneTable>, coder: BlockCoder, access: Access, limits: Limits) -> Self {
         let shared = Shared {
@@ -162,11 +164,11 @@ impl Hub {
     }
 
     /// Gives a frame to every client. Clients in sync get `body`; the others get what brings them to it, made once for
-    /// all clients at the same position. `state` is the server's after the frame, `captured` when the scene was as the
-    /// frame has it, as [`now`](Self::now) had it then.
+    /// all clients at the same position. `state` is the server's after the frame, `captured` the time that the frame
+    /// shows, by [`now`](Self::now).
     ///
     /// # Errors
-    /// [`EncodeError`] when a keyframe or patch cannot be made; the clients that need none have their update.
+    /// [`EncodeError`] when a keyframe or patch cannot be made. Clients that need neither have their update.
     pub fn broadcast(
         &self,
         info: &FrameInfo,
@@ -200,12 +202,12 @@ impl Hub {
         Ok(counts)
     }
 
-    /// Takes an edit that is part of the frames from the next on; every client hears of it.
+    /// Takes an edit that is part of all frames from the next one on. Every client is told.
     pub fn edit(&self, edit: &Edit) {
         self.shared.fanout.lock().unwrap_or_else(PoisonError::into_inner).edit(edit);
     }
 
-    /// The time by the hub's clock: microseconds since it was made. Clients learn it from STAMPs and PONGs.
+    /// Returns the time by the hub's clock: microseconds since it was created. Clients learn it from STAMPs and PONGs.
     #[must_use]
     pub fn now(&self) -> Micros {
         since(self.shared.started)
@@ -223,13 +225,13 @@ impl Hub {
 
     fn note(&self, send: impl Fn(&mut ServerSession) -> Result<bool, SendError>) {
         for slot in self.lock().clients.values_mut() {
-            // A note that a client does not get is nobody's loss.
+            // A client can do without a note.
             let _ = send(&mut slot.session);
             slot.wake.notify_one();
         }
     }
 
-    /// What happened since the last call.
+    /// Returns the events since the last call.
     #[must_use]
     pub fn take_events(&self) -> Vec<HubEvent> {
         let mut inner = self.lock();
@@ -239,37 +241,37 @@ impl Hub {
         missed.into_iter().chain(inner.events.drain(..)).chain(dropped).collect()
     }
 
-    /// Where the clients look from: one camera for each that said so.
+    /// Returns the cameras of the clients that sent one.
     #[must_use]
     pub fn views(&self) -> Vec<CameraPose> {
         self.lock().clients.values().filter(|s| s.session.is_joined()).filter_map(|s| s.view).collect()
     }
 
-    /// Clients that have joined and not left.
+    /// Returns the number of clients that have joined and not left.
     #[must_use]
     pub fn joined(&self) -> usize {
         self.lock().clients.values().filter(|slot| slot.session.is_joined()).count()
     }
 
-    /// Bytes that wait for all clients together.
+    /// Returns the number of bytes that wait for all clients together.
     #[must_use]
     pub fn queued_bytes(&self) -> usize {
         self.lock().clients.values().map(|slot| slot.session.queued_bytes()).sum()
     }
 
-    /// Waits until at least `count` clients have joined; gives whether they have.
+    /// Waits until at least `count` clients have joined. Returns whether they have.
     pub async fn wait_joined(&self, count: usize, patience: Duration) -> bool {
         self.wait_until(|_| self.joined() >= count, patience).await
     }
 
-    /// Waits until no client unacked an acknowledgement of `frame` or an earlier one; gives whether that is so. A client
-    /// that fell behind, asked for a keyframe or left unacked none.
+    /// Waits until every client has acknowledged `frame` and the ones before it. Returns whether they have. A client that
+    /// fell behind, asked for a keyframe or left is not waited for.
     pub async fn wait_acked(&self, frame: FrameIndex, patience: Duration) -> bool {
         let acked = |slot: &Slot| !slot.session.is_joined() || slot.unacked.is_none_or(|owed| owed > frame);
         self.wait_until(|hub| hub.lock().clients.values().all(acked), patience).await
     }
 
-    /// Says goodbye to every client, takes no more, and waits until what they still get is sent, or for `patience`.
+    /// Closes every session and takes no more clients. Waits until the last bytes are sent, or for `patience`.
     pub async fn close(&self, code: CloseCode, text: &str, patience: Duration) {
         {
             let mut inner = self.lock();
@@ -307,8 +309,8 @@ impl Hub {
 
     // What follows is for the connections.
 
-    /// Takes a connection in; the notify wakes its writer. Beyond the limit, or when the hub is closing, the client is
-    /// told so; nothing is given when too many are being told already.
+    /// Takes a connection; the notify wakes its writer. Beyond the limit, or when the hub is closing, the client is
+    /// rejected. Returns `None` when too many are being rejected already.
     pub(super) fn add(&self, peer: Peer) -> Option<(ClientId, Arc<Notify>)> {
         let mut inner = self.lock();
         let limit = self.shared.limits.max_clients as usize;
@@ -336,7 +338,7 @@ impl Hub {
         Some((id, wake))
     }
 
-    /// Bytes from a client; gives whether the session goes on.
+    /// Takes bytes from a client. Returns whether the session goes on.
     pub(super) fn received(&self, id: ClientId, bytes: &[u8]) -> bool {
         let now = self.now();
         let mut inner = self.lock();
@@ -358,7 +360,7 @@ impl Hub {
         goes_on
     }
 
-    /// The next bytes for a client, at most `limit`, and whether the session is over with them. They count as sent.
+    /// Returns the next bytes for a client, at most `limit`, and whether they are the last. They count as sent.
     pub(super) fn take_output(&self, id: ClientId, limit: usize) -> (Vec<u8>, bool) {
         let mut inner = self.lock();
         let Some(slot) = inner.clients.get_mut(&id) else { return (Vec::new(), true) };
@@ -372,7 +374,7 @@ impl Hub {
         (out, slot.session.is_closed() && slot.session.output().is_empty())
     }
 
-    /// Tells the client's session the time alone; gives whether it goes on.
+    /// Sets the time of the client's session. Returns whether it goes on.
     pub(super) fn tick(&self, id: ClientId) -> bool {
         let now = self.now();
         let mut inner = self.lock();
@@ -382,7 +384,7 @@ impl Hub {
         !slot.session.is_closed()
     }
 
-    /// How long until the client's session wants to be told the time, if ever.
+    /// Returns the time until the deadline of the client's session, if it has one.
     pub(super) fn patience(&self, id: ClientId) -> Option<Duration> {
         let inner = self.lock();
         let deadline = inner.clients.get(&id)?.session.next_deadline()?;
@@ -397,7 +399,7 @@ impl Hub {
         }
     }
 
-    /// Nothing more comes from the client; that is in order when either end has said goodbye.
+    /// Ends a client that sends no more. That is an error unless either end has sent a CLOSE.
     pub(super) fn disconnected(&self, id: ClientId) {
         let mut inner = self.lock();
         let Some(slot) = inner.clients.get_mut(&id) else { return };
@@ -408,7 +410,7 @@ impl Hub {
         }
     }
 
-    /// The client has taken nothing for [`Limits::stall`]: it is told so, should it wake.
+    /// Closes a client that took no bytes for [`Limits::stall`].
     pub(super) fn stalled(&self, id: ClientId) {
         if let Some(slot) = self.lock().clients.get_mut(&id) {
             let error = SessionError::Stalled { waited: self.shared.limits.stall };
@@ -436,7 +438,7 @@ impl Hub {
         self.shared.limits
     }
 
-    /// The token that clients must show, if any.
+    /// Returns the token that clients must show, if any.
     pub(super) fn token(&self) -> Option<&Token> {
         match &self.shared.access {
             Access::Token(token) => Some(token),
@@ -451,7 +453,7 @@ impl Hub {
 }
 
 impl Slot {
-    /// Tells the session the time.
+    /// Sets the time of the session.
     fn tick(&mut self, now: Micros) {
         if let Err(error) = self.session.tick(now) {
             self.error.get_or_insert(PeerError::session(error));

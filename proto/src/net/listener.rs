@@ -36,14 +36,14 @@ pub struct ListenOptions {
 }
 
 impl ListenOptions {
-    /// The same, for these peers.
+    /// Sets the peers that may reach the server.
     #[must_use]
     pub const fn exposure(mut self, exposure: Exposure) -> Self {
         self.exposure = exposure;
         self
     }
 
-    /// The same, with a certificate, for addresses `tls:host:port`.
+    /// Sets the certificate, for addresses `tls:host:port`.
     #[cfg(feature = "tls")]
     #[must_use]
     pub fn tls(mut self, tls: ServerTls) -> Self {
@@ -58,7 +58,7 @@ impl ListenOptions {
         return false;
     }
 
-    /// Whether clients must show certificates.
+    /// Returns whether clients must show certificates.
     fn asks_clients(&self) -> bool {
         #[cfg(feature = "tls")]
         return self.tls.as_ref().is_some_and(ServerTls::asks_clients);
@@ -138,7 +138,7 @@ impl Listener {
         })
     }
 
-    /// The address that it listens at, with the port that was chosen.
+    /// Returns the address that it listens at, with the port that was chosen.
     #[must_use]
     pub const fn address(&self) -> &Address {
         &self.address

@@ -84,7 +84,7 @@ use crate::Micros;
 /// Bytes read or written at a time.
 const CHUNK: usize = 64 * 1024;
 
-/// The time since `start`, as the sessions take it.
+/// Returns the time since `start`, as the sessions take it.
 fn since(start: Instant) -> Micros {
     Micros(u64::try_from(start.elapsed().as_micros()).unwrap_or(u64::MAX))
 }

@@ -1,4 +1,4 @@
-//! Who is at the other end of a server's connection, and why it left.
+//! The other end of a server's connection, and why it left.
 
 use std::fmt;
 use std::net::SocketAddr;
@@ -7,7 +7,7 @@ use std::net::SocketAddr;
 use super::TlsError;
 use crate::session::{SendError, SessionError};
 
-/// Where a client is.
+/// Address of a client.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Peer {
     /// It came over plain TCP.
@@ -35,7 +35,7 @@ impl fmt::Display for Peer {
     }
 }
 
-/// Why a client, or something that was none, is gone although nobody said goodbye in order.
+/// Why a connection is gone without a CLOSE of either end.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum PeerError {
@@ -67,13 +67,13 @@ pub enum PeerError {
     /// Its connection broke.
     #[error("the connection broke: {what}")]
     Broken {
-        /// What the system says.
+        /// The system's message.
         what: String,
     },
 }
 
 impl PeerError {
-    /// Tells a TLS client at a plain port from other strangers: its first bytes are a handshake record of TLS 1.x.
+    /// Recognises a TLS client at a plain port: its first bytes are a handshake record of TLS 1.x.
     pub(super) fn session(error: SessionError) -> Self {
         match error {
             SessionError::NotPsao { found: TLS_HANDSHAKE } => Self::TlsAtPlainPort,

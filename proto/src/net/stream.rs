@@ -13,7 +13,7 @@ impl<T: AsyncRead + AsyncWrite + Send + Unpin> Duplex for T {}
 /// A connection of any kind. A call through the box costs nothing beside the system call behind it.
 pub(super) type Stream = Box<dyn Duplex>;
 
-/// Whether only this machine can be at that address.
+/// Returns whether only this machine can be at that address.
 pub(super) fn is_local(address: &SocketAddr) -> bool {
     address.ip().to_canonical().is_loopback()
 }

@@ -1,22 +1,22 @@
-//! Who may join.
+//! Access of clients to a server.
 
 use crate::message::{Auth, Reject, RejectCode, Token};
 
-/// Whom a server takes.
+/// Clients that a server accepts.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum Access {
-    /// Whoever connects: for loopback, for links within a process, and for connections whose certificate says enough.
+    /// Every client: for loopback, links within a process, and connections that are guarded by certificates.
     #[default]
     Open,
-    /// Whoever sends this token before its HELLO.
+    /// Clients that send this token before their HELLO.
     Token(Token),
 }
 
 impl Access {
-    /// Whether a client that sent `auth`, or nothing, may join.
+    /// Checks whether a client that sent `auth`, or nothing, may join.
     ///
     /// # Errors
-    /// The REJECT that tells it why not.
+    /// The REJECT that tells the client why it may not.
     pub(super) fn check(&self, auth: Option<&Auth>) -> Result<(), Reject> {
         let refuse = |text| Err(Reject::new(RejectCode::CREDENTIAL, text));
         match (self, auth) {

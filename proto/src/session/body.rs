@@ -22,7 +22,7 @@ pub struct SharedBody {
 }
 
 impl SharedBody {
-    /// A body with the header `info`.
+    /// Creates a body with the header `info`.
     #[must_use]
     pub fn new(info: &FrameInfo, bytes: impl Into<Arc<[u8]>>, captured: Micros) -> Self {
         Self { kind: info.kind, frame: info.frame, hash: info.hash, captured, bytes: bytes.into() }

@@ -1,19 +1,19 @@
-//! What the other end's clock says: an offset estimated from PINGs and their PONGs.
+//! The offset of the other end's clock, estimated from PINGs and their PONGs.
 
 use std::collections::VecDeque;
 
 use crate::Micros;
 use crate::message::Pong;
 
-/// Answers that an estimate is made from: the one that was fastest on the way is the most exact.
+/// Number of answers behind an estimate. The one with the shortest round trip is the most exact.
 const KEPT: usize = 8;
 
-/// The other end's clock, as far as the answers to PINGs tell.
+/// Estimate of the other end's clock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ClockEstimate {
-    /// What is added to a time of this end to get that of the other, in microseconds.
+    /// Time of the other end minus time of this end, in microseconds.
     pub offset: i64,
-    /// How long a PING and its PONG were on the way. The offset is wrong by at most half of it.
+    /// Round-trip time of a PING and its PONG. The error of the offset is at most half of it.
     pub round_trip: Micros,
 }
 
@@ -33,7 +33,7 @@ pub(super) struct Clock {
 }
 
 impl Clock {
-    /// Takes an answer that came at `now`. One that cannot be is of no use and forgotten.
+    /// Takes an answer that came at `now`. An impossible one is dropped.
     pub(super) fn take(&mut self, pong: &Pong, now: Micros) {
         let (Some(away), Some(there)) =
             (now.0.checked_sub(pong.sent.0), pong.replied.0.checked_sub(pong.received.0))
@@ -51,7 +51,7 @@ impl Clock {
         self.answers.push_back(ClockEstimate { offset, round_trip: Micros(round_trip) });
     }
 
-    /// The best estimate of the last answers.
+    /// Returns the best estimate of the last answers.
     pub(super) fn estimate(&self) -> Option<ClockEstimate> {
         self.answers.iter().min_by_key(|answer| answer.round_trip).copied()
     }

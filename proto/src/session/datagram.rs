@@ -1,4 +1,4 @@
-//! Datagrams: frame bodies in pieces that may be lost, doubled or come in any order, and their acknowledgements.
+//! Datagrams carry frame bodies in pieces, and acknowledgements. They may be lost, doubled or reordered.
 //!
 //! | offset | size | field |
 //! |---|---|---|
@@ -12,8 +12,8 @@
 //! | 16 | 4 | CRC32C of the bytes 0..16 and what follows |
 //! | 20 | | piece: all but the last are as long as bytes / pieces, rounded up. Acknowledgement: an ACK message |
 //!
-//! All integers are little endian. A datagram that is not one of these is dropped and counted, never an error: on a
-//! network that carries datagrams anybody may send one.
+//! All integers are little endian. Any other datagram is dropped and counted. It is no error, because anybody can send
+//! one.
 
 use std::collections::VecDeque;
 
@@ -22,7 +22,7 @@ use crate::{FrameIndex, Limits};
 
 /// Bytes of a datagram's header.
 pub(super) const DATAGRAM_HEADER: usize = 20;
-/// Fewest bytes that a datagram may be limited to.
+/// Least value for the limit of a datagram, in bytes.
 pub const MIN_DATAGRAM_BYTES: u16 = 64;
 /// First two bytes of every datagram, as a little endian `u16`.
 const MAGIC: u16 = 0xA051;
@@ -30,7 +30,7 @@ const MAGIC: u16 = 0xA051;
 const PIECE: u8 = 1;
 const ACK: u8 = 2;
 
-/// What the header of a datagram says.
+/// Header of a datagram.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Head {
     kind: u8,
@@ -55,7 +55,7 @@ impl Head {
         out
     }
 
-    /// The header and content of a datagram whose checksum is right.
+    /// Returns the header and content of a datagram whose checksum is right.
     fn read(bytes: &[u8]) -> Option<(Self, &[u8])> {
         let (head, content) = bytes.split_first_chunk::<DATAGRAM_HEADER>()?;
         let &[m0, m1, kind, flags, f0, f1, f2, f3, p0, p1, n0, n1, t0, t1, t2, t3, c0, c1, c2, c3] = head;
@@ -72,7 +72,7 @@ impl Head {
     }
 }
 
-/// Cuts a body into datagrams of at most `bytes`; `None` when that takes more than 65,535 of them.
+/// Cuts a body into datagrams of at most `bytes`. Returns `None` if that takes more than 65,535 of them.
 pub(super) fn split(frame: FrameIndex, body: &[u8], bytes: u16) -> Option<VecDeque<Vec<u8>>> {
     let room = usize::from(bytes.max(MIN_DATAGRAM_BYTES)) - DATAGRAM_HEADER;
     let pieces = u16::try_from(body.len().div_ceil(room).max(1)).ok()?;
@@ -84,13 +84,13 @@ pub(super) fn split(frame: FrameIndex, body: &[u8], bytes: u16) -> Option<VecDeq
     Some((0..pieces).zip(contents.map(|rest| rest.get(..size).unwrap_or(rest))).map(write).collect())
 }
 
-/// The datagram of an acknowledgement; it always fits.
+/// Returns the datagram of an acknowledgement. It always fits.
 pub(super) fn write_ack(ack: &Ack) -> Vec<u8> {
     let content = ack.to_payload().unwrap_or_default();
     Head { kind: ACK, frame: ack.frame, piece: 0, pieces: 1, total: content.len() as u32 }.write(&content)
 }
 
-/// The acknowledgement in a datagram, if it is one.
+/// Returns the acknowledgement in a datagram, if it is one.
 pub(super) fn read_ack(bytes: &[u8]) -> Option<Ack> {
     let (head, content) = Head::read(bytes)?;
     let ack = Ack::from_payload(content).ok()?;
@@ -98,7 +98,7 @@ pub(super) fn read_ack(bytes: &[u8]) -> Option<Ack> {
     (head == expected).then_some(ack)
 }
 
-/// Puts bodies together from their pieces: that of the newest frame, since it makes all older ones superfluous.
+/// Reassembles the body of the newest frame from its pieces. It makes all older bodies superfluous.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Reassembler {
     head: Option<Head>,
@@ -107,7 +107,7 @@ pub(super) struct Reassembler {
     missing: u16,
 }
 
-/// What a datagram was good for.
+/// Result of a datagram.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Reassembly<'a> {
     /// It is not a piece, or not one of the body that it claims to be of.
@@ -119,7 +119,7 @@ pub(super) enum Reassembly<'a> {
 }
 
 impl Reassembler {
-    /// Takes a datagram. `after` is the frame that is here already: older ones are of no use.
+    /// Takes a datagram. `after` is the newest frame that was applied; older ones are dropped.
     pub(super) fn take(
         &mut self,
         bytes: &[u8],

@@ -89,7 +89,7 @@ impl Flight {
         self.sent.len()
     }
 
-    /// The newest frame that the client is known to hold.
+    /// Returns the newest frame that the client is known to hold.
     pub(super) const fn acked(&self) -> Option<FrameIndex> {
         self.acked
     }
@@ -180,7 +180,7 @@ impl Flight {
         Route::Both
     }
 
-    /// Whether a frame that went both ways is not acknowledged.
+    /// Returns whether a frame that went both ways is not acknowledged.
     fn waits(&self) -> bool {
         self.carried > self.acked
     }

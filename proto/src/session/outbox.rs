@@ -1,4 +1,4 @@
-//! The bytes that wait to be sent, as whole frames, so that those nobody needs any more can be dropped.
+//! The frames that wait to be sent. Stale ones can be dropped.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -67,7 +67,7 @@ impl Outbox {
         self.frames.is_empty()
     }
 
-    /// The next bytes: some of the first frame, never none while something waits.
+    /// Returns the next bytes of the first frame; empty only if nothing waits.
     pub(super) fn front(&self) -> &[u8] {
         let Some(frame) = self.frames.front() else { return &[] };
         match (frame.head.get(self.taken..), &frame.body) {
@@ -100,9 +100,9 @@ impl Outbox {
         out
     }
 
-    /// Drops the droppable frames of which nothing was sent yet. Says how many, and where the client stands without
-    /// them when a keyframe or update was among them. With `keep_first` the first frame stays in any case: that it is
-    /// taken later shows that the other end takes bytes again.
+    /// Drops the droppable frames of which no byte was sent yet. Returns how many, and the client's position without them
+    /// if a keyframe or update was among them. With `keep_first` the first frame always stays: once it is taken, the
+    /// other end takes bytes again.
     pub(super) fn drop_stale(&mut self, keep_first: bool) -> (u64, Option<StreamPosition>) {
         let before = self.frames.len();
         let begun = usize::from(keep_first || self.taken > 0);

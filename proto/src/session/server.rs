@@ -273,7 +273,7 @@ impl ServerSession {
         self.phase = Phase::Closed;
     }
 
-    /// The next bytes to send; empty when nothing waits.
+    /// Returns the next bytes to send; empty when nothing waits.
     #[must_use]
     pub fn output(&self) -> &[u8] {
         self.outbox.front()
@@ -306,13 +306,13 @@ impl ServerSession {
         self.framer.pending()
     }
 
-    /// Whether the client has joined and not left.
+    /// Returns whether the client has joined and not left.
     #[must_use]
     pub const fn is_joined(&self) -> bool {
         matches!(self.phase, Phase::Joined(_))
     }
 
-    /// Whether the session is over. The output may still hold its last frames.
+    /// Returns whether the session is over. The output may still hold its last frames.
     #[must_use]
     pub const fn is_closed(&self) -> bool {
         matches!(self.phase, Phase::Closed)

@@ -1,13 +1,13 @@
-//! When a session has to do something by itself: the handshake's deadline, keep-alives, silence, stalls.
+//! Deadlines of a session: handshake, keep-alive, silence, stall.
 
 use super::SessionError;
 use crate::{Limits, Micros};
 
-/// What has happened when, by the clock that the session is told.
+/// Times of past events, by the clock of the session's caller.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Timers {
     now: Micros,
-    /// The first time that the session was told.
+    /// First time that was set.
     started: Option<Micros>,
     /// Bytes came.
     heard: Micros,
@@ -25,12 +25,12 @@ pub(super) enum Due {
 }
 
 impl Timers {
-    /// The newest time that the session was told.
+    /// Returns the newest time that was set.
     pub(super) const fn now(&self) -> Micros {
         self.now
     }
 
-    /// Takes a time; one before the last is taken as the last.
+    /// Sets the time. It never goes back.
     pub(super) fn set_now(&mut self, now: Micros) {
         self.now = self.now.max(now);
         if self.started.is_none() {
@@ -49,14 +49,14 @@ impl Timers {
         self.moved = self.now;
     }
 
-    /// During the handshake: whether it takes too long.
+    /// Checks the deadline of the handshake.
     pub(super) fn handshake(&self, limits: &Limits) -> Result<(), SessionError> {
         let waited = self.now.since(self.started.unwrap_or(self.now));
         if waited > limits.handshake { Err(SessionError::HandshakeTimeout { waited }) } else { Ok(()) }
     }
 
-    /// After the handshake: whether the other end is still there, and what is due. `waiting` says whether bytes wait,
-    /// `stalls` whether it matters that none of them go.
+    /// Checks the deadlines after the handshake, and returns what is due. `waiting` tells whether bytes wait, `stalls`
+    /// whether it is an error if none of them go.
     pub(super) fn open(&mut self, limits: &Limits, waiting: bool, stalls: bool) -> Result<Due, SessionError> {
         let waited = self.now.since(self.heard);
         if waited > limits.silence {
@@ -70,16 +70,16 @@ impl Timers {
             return Ok(Due::Nothing);
         }
         self.pinged = self.now;
-        // Whoever has bytes to take already needs no more to show that it is there.
+        // An end with bytes to take needs no PING to show that it is alive.
         Ok(if waiting { Due::Nothing } else { Due::Ping })
     }
 
-    /// The next time at which [`handshake`](Self::handshake) may say something new.
+    /// Returns the next time at which [`handshake`](Self::handshake) may say something new.
     pub(super) fn next_in_handshake(&self, limits: &Limits) -> Option<Micros> {
         Some(self.started?.plus(limits.handshake).plus(Micros(1)))
     }
 
-    /// The next time at which [`open`](Self::open) may say something new.
+    /// Returns the next time at which [`open`](Self::open) may say something new.
     pub(super) fn next_when_open(&self, limits: &Limits, waiting: bool, stalls: bool) -> Option<Micros> {
         self.started?;
         let silent = self.heard.plus(limits.silence).plus(Micros(1));
@@ -89,7 +89,7 @@ impl Timers {
     }
 }
 
-/// How much of something may come in the time: a bucket that fills at a rate, up to four seconds' worth.
+/// A token bucket: it fills at a rate, up to four seconds' worth.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Allowance {
     rate: u32,
@@ -119,7 +119,7 @@ impl Allowance {
         enough
     }
 
-    /// Gives back what was taken and was in order.
+    /// Gives back tokens.
     pub(super) fn give_back(&mut self, amount: usize) {
         let amount = amount as u64 * 1_000_000;
         self.left = self.left.saturating_add(amount).min(Self::most(self.rate));

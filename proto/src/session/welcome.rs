@@ -6,7 +6,7 @@ use super::{NEWEST_VERSION, OLDEST_VERSION, SessionError, read};
 use crate::message::{Hello, MessageError, PeerLimits, Reject, RejectCode};
 use crate::{CoderId, SceneTable};
 
-/// The HELLO of a client that can follow a stream of `scene`.
+/// Returns the HELLO of a client that can follow a stream of `scene`.
 ///
 /// # Errors
 /// [`SessionError::BadHello`] with the REJECT that tells it why it cannot.
@@ -54,7 +54,7 @@ fn over_limits(layout: &Layout, takes: &PeerLimits) -> Option<String> {
     needs.iter().find_map(over)
 }
 
-/// The versions at the start of any HELLO, however much the rest of it has changed.
+/// Returns the versions at the start of any HELLO, however much the rest of it has changed.
 fn versions(payload: &[u8]) -> Option<(u16, u16)> {
     let &[o0, o1, n0, n1] = payload.first_chunk()?;
     Some((u16::from_le_bytes([o0, o1]), u16::from_le_bytes([n0, n1])))

@@ -32,7 +32,7 @@ pub const HELD_BACK: Micros = Micros(50_000);
 pub const MIN_MTU: u16 = psao_proto::session::MIN_DATAGRAM_BYTES;
 
 impl Default for Conditions {
-    /// A perfect network: no loss, no delay, no limit; packets of 1,200 bytes, a queue of 64 KiB.
+    /// Returns a perfect network: no loss, no delay, no limit; packets of 1,200 bytes, a queue of 64 KiB.
     fn default() -> Self {
         let queue_bytes = 64 << 10;
         Self { loss: 0, duplicate: 0, reorder: 0, delay: 0, jitter: 0, rate: None, queue_bytes, mtu: 1200 }

@@ -21,7 +21,7 @@ impl DatagramPipe {
         }
     }
 
-    /// The next datagram that has come.
+    /// Returns the next datagram that has come.
     pub(crate) fn receive(&mut self, now: Micros) -> Option<Vec<u8>> {
         self.coming.pop(now).map(|(_, datagram)| datagram)
     }

@@ -34,7 +34,7 @@ impl Direction {
         self.datagrams.send(&mut self.link, datagram, now);
     }
 
-    /// The next datagram that has come.
+    /// Returns the next datagram that has come.
     pub(crate) fn receive_datagram(&mut self, now: Micros) -> Option<Vec<u8>> {
         self.datagrams.receive(now)
     }
@@ -53,7 +53,7 @@ impl Direction {
         self.stream.resent()
     }
 
-    /// A digest of every packet, with its time.
+    /// Returns a digest of every packet, with its time.
     pub(crate) fn digest(&self) -> blake3::Hash {
         self.link.digest()
     }

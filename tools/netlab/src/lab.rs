@@ -101,7 +101,7 @@ pub struct Lab<S> {
 }
 
 impl<S: Source> Lab<S> {
-    /// A lab at time 0, before the first frame.
+    /// Creates a lab at time 0, before the first frame.
     ///
     /// # Errors
     /// [`LabError::Conditions`] for plans that make no sense.
@@ -159,25 +159,25 @@ impl<S: Source> Lab<S> {
         Ok(())
     }
 
-    /// The time.
+    /// Returns the time of the lab.
     #[must_use]
     pub const fn now(&self) -> Micros {
         self.now
     }
 
-    /// The source.
+    /// Returns the source.
     #[must_use]
     pub const fn source(&self) -> &S {
         &self.source
     }
 
-    /// Whether the source has no more frames. The last one is still given to clients that lack it.
+    /// Returns whether the source has no more frames. The last one is still given to clients that lack it.
     #[must_use]
     pub const fn has_ended(&self) -> bool {
         self.ended
     }
 
-    /// The server's session of a client, while there is one.
+    /// Returns the server's session of a client, while there is one.
     #[must_use]
     pub fn server(&self, client: usize) -> Option<&ServerSession> {
         Some(&self.clients.get(client)?.connection.as_ref()?.server)
@@ -236,7 +236,7 @@ impl<S: Source> Lab<S> {
         Ok(())
     }
 
-    /// The source makes a frame, if it has one, and every client is given the newest.
+    /// Lets the source make a frame, if it has one, and gives every client the newest.
     fn frame(&mut self) -> Result<(), LabError> {
         self.queue.push(self.now.plus(self.settings.period.max(Micros(1))), Event::Frame);
         let made = self.source.step()?;

@@ -87,12 +87,12 @@ impl Link {
         self.counts
     }
 
-    /// A digest of every packet given to it, with its time.
+    /// Returns a digest of every packet given to it, with its time.
     pub(crate) fn digest(&self) -> blake3::Hash {
         self.digest.finalize()
     }
 
-    /// Whether a packet of so many bytes finds room in the queue.
+    /// Returns whether a packet of this size finds room in the queue.
     pub(crate) fn has_room(&mut self, bytes: usize, now: Micros) -> bool {
         while let Some(&(_, left)) = self.waiting.front().filter(|(at, _)| *at <= now) {
             self.waiting_bytes -= left;

@@ -184,12 +184,12 @@ impl Measures {
         self.report.longest_gap_us = self.report.longest_gap_us.max(now.since(self.last_applied).0);
     }
 
-    /// The newest frame that the client shows was captured then.
+    /// Records that the newest frame that the client shows was captured then.
     pub(crate) const fn newest(&self) -> Option<Micros> {
         self.shows
     }
 
-    /// The report, with that of an open connection.
+    /// Returns the report, with that of an open connection.
     pub(crate) fn report(&self, open: Option<&Connection>) -> ClientReport {
         let mut measures = self.clone();
         if let Some(connection) = open {

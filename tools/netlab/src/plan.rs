@@ -51,7 +51,7 @@ impl Default for ClientPlan {
 }
 
 impl ClientPlan {
-    /// A client with the same conditions both ways.
+    /// Creates a client with the same conditions both ways.
     #[must_use]
     pub fn symmetric(mode: Mode, conditions: Conditions) -> Self {
         Self { mode, down: conditions, up: conditions, ..Self::default() }

@@ -23,7 +23,7 @@ impl<T> Queue<T> {
         self.number += 1;
     }
 
-    /// The next event, if its time has come.
+    /// Returns the next event, if its time has come.
     pub(crate) fn pop(&mut self, now: Micros) -> Option<(Micros, T)> {
         let entry = self.events.first_entry().filter(|entry| entry.key().0 <= now)?;
         let ((at, _), event) = entry.remove_entry();

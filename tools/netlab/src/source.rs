@@ -13,16 +13,16 @@ use crate::LabError;
 
 /// Something that makes one frame after the other.
 pub trait Source {
-    /// The scene table.
+    /// Returns the scene table.
     fn scene(&self) -> &Arc<SceneTable>;
-    /// The block coder of its frames, for keyframes and patches.
+    /// Returns the block coder of its frames, for keyframes and patches.
     fn coder(&self) -> BlockCoder;
-    /// The next frame; `None` at the end.
+    /// Returns the next frame; `None` at the end.
     ///
     /// # Errors
     /// [`LabError::Source`] when it cannot go on.
     fn step(&mut self) -> Result<Option<EncodedFrame>, LabError>;
-    /// The state after the last frame; `None` before the first.
+    /// Returns the state after the last frame; `None` before the first.
     fn state(&self) -> Option<StateRef<'_>>;
 }
 

@@ -81,7 +81,7 @@ impl ServerTls {
         Ok(Self { acceptor: TlsAcceptor::from(Arc::new(config)), asks_clients })
     }
 
-    /// Whether only clients with a certificate are taken.
+    /// Returns whether only clients with a certificate are taken.
     #[must_use]
     pub const fn asks_clients(&self) -> bool {
         self.asks_clients

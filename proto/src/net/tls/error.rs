@@ -56,12 +56,12 @@ pub enum TlsCertificateError {
 }
 
 impl TlsError {
-    /// The TLS fault in an error of a socket, if it is one.
+    /// Returns the TLS error in an error of a socket, if it is one.
     pub(crate) fn of(error: &io::Error) -> Option<Self> {
         error.get_ref().and_then(|inner| inner.downcast_ref::<Error>()).map(|inner| Self::from(inner.clone()))
     }
 
-    /// An error during the handshake.
+    /// Returns the TLS error in an error during the handshake.
     pub(crate) fn of_handshake(error: &io::Error) -> Option<Self> {
         let closed =
             [io::ErrorKind::UnexpectedEof, io::ErrorKind::ConnectionReset, io::ErrorKind::BrokenPipe];

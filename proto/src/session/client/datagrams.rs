@@ -43,7 +43,7 @@ impl ClientSession {
         events
     }
 
-    /// The next datagram to send to the server.
+    /// Returns the next datagram to send to the server.
     #[must_use]
     pub fn take_datagram(&mut self) -> Option<Vec<u8>> {
         self.datagrams.pop()

@@ -69,13 +69,13 @@ impl ServerSession {
         Ok(true)
     }
 
-    /// The next datagram to send.
+    /// Returns the next datagram to send.
     #[must_use]
     pub fn take_datagram(&mut self) -> Option<Vec<u8>> {
         self.datagrams.pop_front()
     }
 
-    /// Whether the client asked for updates as datagrams.
+    /// Returns whether the client asked for updates as datagrams.
     #[must_use]
     pub const fn takes_datagrams(&self) -> bool {
         self.datagram_bytes.is_some()

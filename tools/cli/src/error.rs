@@ -3,6 +3,7 @@
 use std::fmt;
 use std::path::Path;
 
+use psao_eval::reference::ReferenceError;
 use psao_server_sim::points::PointError;
 use psao_server_sim::server::SettingsError;
 
@@ -59,6 +60,14 @@ impl Failure {
         match error {
             PointError::TooMany { .. } => Self::input(error),
             error => Self::usage(error),
+        }
+    }
+
+    /// Returns the failure of reference rays: their settings, or the scene.
+    pub(crate) fn reference(error: ReferenceError) -> Self {
+        match error {
+            ReferenceError::Settings(error) => Self::usage(error),
+            error => Self::input(error),
         }
     }
 

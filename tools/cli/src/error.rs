@@ -3,7 +3,7 @@
 use std::fmt;
 use std::path::Path;
 
-use psao_proto::recording::file::FileError;
+use psao_eval::reference::ReferenceError;
 use psao_server::points::PointError;
 use psao_server::server::SettingsError;
 
@@ -60,6 +60,14 @@ impl Failure {
         match error {
             PointError::TooMany { .. } => Self::input(error),
             error => Self::usage(error),
+        }
+    }
+
+    /// Returns the failure of reference rays: their settings, or the scene.
+    pub(crate) fn reference(error: ReferenceError) -> Self {
+        match error {
+            ReferenceError::Settings(error) => Self::usage(error),
+            error => Self::input(error),
         }
     }
 

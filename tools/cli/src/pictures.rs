@@ -128,7 +128,8 @@ impl Shot<'_> {
         let world = SceneBvh::new(self.scene, &pose);
         let view = SceneView::new(&world);
         let start = Stopwatch::start();
-        let buffer = cast_view(&view, &camera, size).map_err(Failure::usage)?;
+        let wrong = if self.camera.is_some() { Exit::Usage } else { Exit::Input };
+        let buffer = cast_view(&view, &camera, size).map_err(|error| Failure::new(wrong, error))?;
         let raster_ms = start.millis();
         let start = Stopwatch::start();
         let drawn = blend(self.state, &buffer)?;
@@ -142,7 +143,7 @@ impl Shot<'_> {
         };
         if let Some(rays) = self.reference_rays {
             let start = Stopwatch::start();
-            let image = reference(&view, &buffer, &self.settings(rays)?).map_err(Failure::usage)?;
+            let image = reference(&view, &buffer, &self.settings(rays)?).map_err(Failure::reference)?;
             let ms = start.millis();
             let error =
                 self.compare(&image, &result.image).map_err(|error| Failure::new(Exit::System, error))?;

@@ -92,12 +92,17 @@ fn options_that_do_not_fit_the_input() {
     refuses(&["lab", "rays", "--scene", "colonnade", "--points", "1e30"], 3, &["lower the density"]);
     refuses(&["lab", "rays", "--scene", "colonnade", "--instructions", "abacus"], 3, &["abacus"]);
     refuses(&["reconstruct", whole, "--frame", "99", "-o", text(&target)], 3, &["99"]);
+    let weights = ["--lpips-weights", whole, "-o", text(&target)];
+    refuses(&[&["reconstruct", whole, "--frame", "0"], &weights[..]].concat(), 3, &["colonnade.psao"]);
+    refuses(&["client", "127.0.0.1:1", "--scene", "no-such-scene"], 3, &["no-such-scene"]);
     refuses(&["replay", whole, "--from", "100s"], 3, &["--from 100s"]);
     refuses(&["cut", whole, "--from-frame", "99", "-o", text(&target)], 3, &["99"]);
     // Wrong for any.
     refuses(&["lab", "rays", "--scene", "colonnade", "--points", "0"], 2, &["points"]);
     refuses(&["lab", "rays", "--scene", "colonnade", "--radius", "0"], 2, &["radius"]);
     refuses(&["lab", "rays", "--scene", "colonnade", "--rays", "0"], 2, &["rays"]);
+    let down = ["--camera", "0,5,0,0,0,0", "-o", text(&target)];
+    refuses(&[&["reconstruct", whole, "--frame", "0"], &down[..]].concat(), 2, &["camera"]);
     refuses(&["keys", text(&folder.path().join("keys")), "--name", "\u{e9}"], 2, &["certificates"]);
 }
 

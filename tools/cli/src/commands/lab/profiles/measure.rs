@@ -169,7 +169,7 @@ impl Shot<'_> {
         let view = SceneView::new(self.both.world());
         let buffer = self.look(&view)?;
         let rays = AoSettings { rays: self.args.reference_rays, ..self.ao };
-        let truth = reference(&view, &buffer, &rays).map_err(Failure::usage)?;
+        let truth = reference(&view, &buffer, &rays).map_err(Failure::reference)?;
         let (paper, surface) = (blend(paper, &buffer)?, blend(surface, &buffer)?);
         if let Some(folder) = &self.args.output {
             self.write(folder, &truth, [&paper.image, &surface.image])?;
@@ -180,7 +180,7 @@ impl Shot<'_> {
     fn look(&self, view: &SceneView<'_>) -> Outcome<GBuffer> {
         let size = Size::new(self.args.size.width, self.args.size.height).map_err(Failure::usage)?;
         let camera = CameraPose { aspect: size.aspect(), ..self.camera };
-        cast_view(view, &camera, size).map_err(Failure::usage)
+        cast_view(view, &camera, size).map_err(Failure::input)
     }
 
     /// Wire bytes of the keyframe `first` that a client needs for the same picture as of `whole`, which is all of it.

@@ -16,6 +16,7 @@ use std::sync::Arc;
 use psao_codec::block::BlockCoder;
 use psao_eval::metric::{Lpips, obscurance};
 use psao_eval::sweep::{Bench, Bytes, Clip, Runs, Sample, SweepError, views};
+use psao_eval::texture::TextureError;
 use psao_proto::Profile;
 use psao_reconstruct::Size;
 use psao_reconstruct::picture::Picture;
@@ -244,8 +245,10 @@ fn refused(error: SweepError) -> Failure {
         SweepError::Frame { .. } | SweepError::Repeat { .. } => Failure::new(Exit::Check, error),
         SweepError::Metric(error) => Failure::new(Exit::System, error),
         SweepError::Video(error) => Failure::new(Exit::System, error),
-        SweepError::Texture(error) => Failure::usage(error),
-        SweepError::Reference(error) => Failure::usage(error),
+        SweepError::Texture(
+            error @ (TextureError::Setting { .. } | TextureError::Power { .. } | TextureError::Rays(_)),
+        ) => Failure::usage(error),
+        SweepError::Reference(error) => Failure::reference(error),
         error => Failure::input(error),
     }
 }

@@ -4,8 +4,8 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
 use psao_codec::block::BlockCoder;
-use psao_codec::frame::{EncodeError, FrameInfo, FrameKind, FrameMeta};
-use psao_codec::stream::{Ledger, StateRef, keyframe, patch};
+use psao_codec::envelope::{EncodeError, FrameInfo, FrameKind, FrameMeta};
+use psao_codec::{ChangeLog, StateRef, keyframe, patch};
 
 use crate::message::{Edit, EditAction};
 use crate::session::{SendError, Sent, ServerSession, SharedBody, Wants};
@@ -54,7 +54,7 @@ struct Newest {
 /// Gives each client what brings it to the newest frame: the stream's own update to all who follow, a patch to whoever
 /// fell behind, a keyframe to whoever joins. Every body is made at most once a frame, whatever the number of clients.
 ///
-/// What clients missed is known from one ledger for all of them, 5 bytes a point; nothing is kept for a client that takes
+/// What clients missed is known from one change log for all of them, 5 bytes a point; nothing is kept for a client that takes
 /// nothing. A keyframe that was made for one joiner serves later ones too, with a patch behind it, until the patch
 /// grows to half of it.
 ///
@@ -86,7 +86,7 @@ struct Newest {
 #[derive(Debug)]
 pub struct Fanout {
     coder: BlockCoder,
-    ledger: Option<Ledger>,
+    log: Option<ChangeLog>,
     newest: Option<Newest>,
     /// A keyframe for whoever joins: of the newest frame, or of one from which a patch leads to it.
     joining: Option<SharedBody>,
@@ -117,7 +117,7 @@ impl Fanout {
     pub fn new(coder: BlockCoder) -> Self {
         Self {
             coder,
-            ledger: None,
+            log: None,
             newest: None,
             joining: None,
             joining_is_worn: false,
@@ -138,16 +138,16 @@ impl Fanout {
     ) {
         let body = SharedBody::new(info, body, captured);
         let previous = self.newest.as_ref().map(|newest| newest.info.frame);
-        match &mut self.ledger {
-            Some(ledger) => ledger.follow(state),
-            None => self.ledger = Some(Ledger::new(state)),
+        match &mut self.log {
+            Some(log) => log.record(state),
+            None => self.log = Some(ChangeLog::new(state)),
         }
         self.patches.clear();
         self.round += u32::from(previous.is_some_and(|previous| info.frame <= previous));
         if info.kind == FrameKind::Key {
             self.joining = Some(body.clone());
-        } else if let (Some(ledger), Some(joining)) = (&self.ledger, &self.joining)
-            && (self.joining_is_worn || !ledger.reaches(joining.frame))
+        } else if let (Some(log), Some(joining)) = (&self.log, &self.joining)
+            && (self.joining_is_worn || !log.reaches(joining.frame))
         {
             self.joining = None;
         }
@@ -248,7 +248,7 @@ impl Fanout {
     /// # Errors
     /// [`EncodeError`] as of the codec's `keyframe` and `patch`.
     pub fn make(&mut self, need: Need, state: StateRef<'_>) -> Result<(), EncodeError> {
-        let (Some(newest), Some(ledger)) = (&self.newest, &self.ledger) else { return Ok(()) };
+        let (Some(newest), Some(log)) = (&self.newest, &self.log) else { return Ok(()) };
         let FrameInfo { frame, time, changed_points, .. } = newest.info;
         let meta = |kind| FrameMeta { kind, frame, time, changed_points };
         let shared = |kind, bytes: Vec<u8>| {
@@ -261,7 +261,7 @@ impl Fanout {
                 self.joining = Some(shared(FrameKind::Key, bytes));
             }
             Need::Patch { base, context } => {
-                let bytes = patch(state, ledger, base, meta(FrameKind::Delta), self.coder, context)?;
+                let bytes = patch(state, log, base, meta(FrameKind::Delta), self.coder, context)?;
                 let made = bytes.map(|bytes| shared(FrameKind::Delta, bytes));
                 let old = self.joining.as_ref().filter(|joining| joining.frame == base);
                 if let (Some(made), Some(joining)) = (&made, old)

@@ -2,8 +2,8 @@
 //!
 //! A live client and the player of a recording share this.
 
-use psao_codec::frame::{FrameError, FrameInfo, FrameKind};
-use psao_codec::stream::{Applier, Layout, State};
+use psao_codec::envelope::{FrameError, FrameInfo, FrameKind};
+use psao_codec::{Decoder, Layout, State};
 
 use crate::{FrameHeader, FrameType, Group, Limits, Sequence};
 
@@ -44,7 +44,7 @@ pub enum Unusable {
 /// The state of a stream and the place in it.
 #[derive(Debug)]
 pub(crate) struct Follower {
-    applier: Applier,
+    decoder: Decoder,
     state: State,
     /// Place of the last frame applied; `None` while only a keyframe can be applied.
     place: Option<(Group, Sequence)>,
@@ -52,7 +52,7 @@ pub(crate) struct Follower {
 
 impl Follower {
     pub(crate) fn new(layout: &Layout) -> Self {
-        Self { applier: Applier::new(), state: State::new(layout), place: None }
+        Self { decoder: Decoder::new(), state: State::new(layout), place: None }
     }
 
     pub(crate) const fn state(&self) -> &State {
@@ -83,11 +83,11 @@ impl Follower {
         // Until this frame turns out well, nothing may build on it.
         self.place = None;
         let kind = if keyframe { FrameKind::Key } else { FrameKind::Delta };
-        let found = psao_codec::frame::inspect(body, &limits.codec)?.kind;
+        let found = psao_codec::envelope::inspect(body, &limits.codec)?.kind;
         if found != kind {
             return Err(Unusable::Kind { frame: header.kind });
         }
-        let info = self.applier.apply(&mut self.state, body, &limits.codec)?;
+        let info = self.decoder.apply(&mut self.state, body, &limits.codec)?;
         self.place = Some((header.group, header.sequence));
         Ok(info)
     }
@@ -100,11 +100,11 @@ impl Follower {
         limits: &Limits,
     ) -> Result<(FrameInfo, (Group, Sequence)), Unusable> {
         let place = self.place.ok_or(Unusable::Waiting)?;
-        let kind = psao_codec::frame::inspect(body, &limits.codec)?.kind;
+        let kind = psao_codec::envelope::inspect(body, &limits.codec)?.kind;
         if kind != FrameKind::Delta {
             return Err(Unusable::Kind { frame: FrameType::UPDATE });
         }
-        Ok((self.applier.apply(&mut self.state, body, &limits.codec)?, place))
+        Ok((self.decoder.apply(&mut self.state, body, &limits.codec)?, place))
     }
 
     /// Whether an UPDATE is no newer than a patch that came beside the frames in order and made it superfluous. Its place is
@@ -114,7 +114,7 @@ impl Follower {
             header.kind == FrameType::UPDATE && (group, sequence.next()) == (header.group, header.sequence)
         };
         let old = self.place.is_some_and(follows)
-            && psao_codec::frame::inspect(body, &limits.codec)
+            && psao_codec::envelope::inspect(body, &limits.codec)
                 .is_ok_and(|info| info.kind == FrameKind::Delta && Some(info.frame) <= self.state.frame());
         if old {
             self.place = Some((header.group, header.sequence));

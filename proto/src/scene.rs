@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
-use psao_codec::point::PointFormat;
-use psao_codec::surface::{Member, SetLayout};
-use psao_codec::{cells, stream, surface};
+use psao_codec::paper::{self, PointFormat};
+use psao_codec::stream;
+use psao_codec::surface::{self, Member, SetLayout};
 
 use crate::message::{
     InstanceBatch, InstanceEntry, MAX_BATCH, MemberBatch, MemberEntry, Message, MessageError, Needs, Scene,
@@ -151,7 +151,7 @@ fn cells_layout(
         Ok(cells::InstanceLayout { grid, first_bucket, bucket_count, kernel_radius })
     };
     let layouts = (0u32..).zip(instances).map(grid).collect::<Result<Vec<_>, SceneError>>()?;
-    Ok(stream::Layout::Cells(Arc::new(cells::Layout::new(
+    Ok(stream::Layout::Paper(Arc::new(cells::Layout::new(
         format,
         layouts,
         info.cell_capacity,
@@ -425,7 +425,7 @@ mod tests {
         };
         for format in PointFormat::ALL {
             let table = table(format.bits() as u8).unwrap();
-            assert_eq!(table.layout().as_cells().map(|layout| layout.format()), Some(format));
+            assert_eq!(table.layout().as_paper().map(|layout| layout.format()), Some(format));
         }
         for found in [0, 8, 31, 64] {
             assert_eq!(table(found), Err(SceneError::PointBits { found }));

@@ -9,9 +9,8 @@ use std::sync::Arc;
 
 use glam::Vec3;
 use psao_codec::block::BlockCoder;
-use psao_codec::cells::{Grid, PaperEncoder};
-use psao_codec::frame::{FrameIndex, StreamTime};
-use psao_codec::point::PointFormat;
+use psao_codec::envelope::{FrameIndex, StreamTime};
+use psao_codec::paper::{self, Grid, PointFormat};
 use psao_proto::Profile;
 use psao_server_sim::clock::NoClock;
 use psao_server_sim::points::{
@@ -139,7 +138,7 @@ fn at_rest(scene: &Scene, points: &ScenePoints, format: PointFormat) -> Result<(
 fn places(
     scene: &Arc<Scene>,
     server: &Server,
-    encoder: &PaperEncoder,
+    encoder: &paper::Encoder,
     time: StreamTime,
     format: PointFormat,
 ) -> Places {
@@ -159,7 +158,7 @@ fn places(
 }
 
 /// Errors of the traced values: the server's own stream has 8 bits for them.
-fn values(encoder: &PaperEncoder, format: PointFormat) -> Errors {
+fn values(encoder: &paper::Encoder, format: PointFormat) -> Errors {
     let mut errors = Errors::default();
     let wide = encoder.state().layout().format();
     for point in encoder.state().cells().iter().flat_map(|cell| cell.points(wide)) {

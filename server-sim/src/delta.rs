@@ -5,8 +5,7 @@
 //! `paper`; paper, section 3.3), or by more than its packing must.
 
 use glam::Vec3;
-use psao_codec::cells::Grid;
-use psao_codec::point::PointFormat;
+use psao_codec::paper::{Grid, PointFormat};
 
 /// Smallest cosine between the normal now and the one sent that still counts as the same.
 const SAME_NORMAL: f32 = 0.6;

@@ -8,7 +8,7 @@
 //!
 //! ```
 //! use std::sync::Arc;
-//! use psao_codec::frame::{FrameIndex, FrameKind, StreamTime};
+//! use psao_codec::envelope::{FrameIndex, FrameKind, StreamTime};
 //! use psao_server_sim::clock::NoClock;
 //! use psao_server_sim::points::PointSettings;
 //! use psao_server_sim::scene::Scene;

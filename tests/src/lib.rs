@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use psao_codec::frame::{FrameIndex, StreamTime};
+use psao_codec::envelope::{FrameIndex, StreamTime};
 use psao_server_sim::ao::AoSettings;
 use psao_server_sim::clock::NoClock;
 use psao_server_sim::points::PointSettings;

@@ -1,7 +1,7 @@
 //! A reader that is a shrinking slice and remembers its offset, so errors can say where.
 
 use super::{VarintFault, read_varint};
-use crate::frame::FrameError;
+use crate::envelope::FrameError;
 
 /// Reads a frame body from front to back.
 pub(crate) struct Reader<'a> {

@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use psao_codec::block::BlockCoder;
-use psao_codec::frame::{EncodeError, FrameInfo, FrameKind, FrameMeta, inspect};
-use psao_codec::stream::{State, keyframe};
+use psao_codec::envelope::{EncodeError, FrameInfo, FrameKind, FrameMeta, inspect};
+use psao_codec::{State, keyframe};
 
 use super::{Damage, EditsInForce, IndexEntry, RECORD_HEAD_BYTES, Reader, ReaderError, Record, Summary};
 use crate::follow::{Follower, Unusable};

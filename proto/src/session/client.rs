@@ -4,8 +4,8 @@ mod datagrams;
 
 use std::sync::Arc;
 
-use psao_codec::frame::{FrameError, FrameInfo};
-use psao_codec::stream::State;
+use psao_codec::State;
+use psao_codec::envelope::{FrameError, FrameInfo};
 
 use super::clock::Clock;
 use super::datagram::Joiner;
@@ -528,7 +528,7 @@ impl ClientSession {
             Err(reason) => reason,
         };
         if let Unusable::Body(FrameError::Hash { stored, computed, .. }) = reason {
-            let frame = psao_codec::frame::inspect(frame.payload(), &self.limits.codec)
+            let frame = psao_codec::envelope::inspect(frame.payload(), &self.limits.codec)
                 .map_or_else(|_| FrameIndex::default(), |info| info.frame);
             return self.mismatch(frame, stored, computed, events);
         }

@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use psao_codec::block::BlockCoder;
-use psao_codec::cells::Placement;
-use psao_codec::frame::{FrameIndex, StreamTime};
+use psao_codec::envelope::{FrameIndex, StreamTime};
+use psao_codec::paper::Placement;
 use psao_codec::surface;
 use psao_proto::message::CameraPose;
 use psao_proto::{Profile, SceneTable};
@@ -104,7 +104,7 @@ impl BothProfiles {
         paper.validate()?;
         let limits = psao_proto::Limits::default();
         let paper_table = super::grids::table(&tracing.scene, &tracing.points, &paper, &limits)?;
-        let Some(layout) = paper_table.layout().as_cells() else {
+        let Some(layout) = paper_table.layout().as_paper() else {
             return Err(ServerError::Table(psao_proto::SceneError::Profile { found: Profile::PAPER }));
         };
         let cells = CellsStream::new(&tracing, layout, &paper)?;

@@ -3,10 +3,9 @@
 use std::sync::Arc;
 
 use psao_codec::block::BlockCoder;
-use psao_codec::cells::{Grid, Layout, PaperEncoder, PointSample};
-use psao_codec::frame::{EncodedFrame, FrameKind, FrameMeta, Pose};
+use psao_codec::envelope::{EncodedFrame, FrameKind, FrameMeta};
 use psao_codec::memory;
-use psao_codec::point::PointFormat;
+use psao_codec::paper::{self, Grid, Layout, PointFormat, PointSample, Pose};
 use rayon::prelude::*;
 
 use super::field::{Chunk, Placed};
@@ -22,7 +21,7 @@ use crate::scene::Motion;
 /// so the bytes are the same.
 #[derive(Debug)]
 pub(super) struct CellsStream {
-    pub(super) encoder: PaperEncoder,
+    pub(super) encoder: paper::Encoder,
     pub(super) sent: Sent,
     layout: Arc<Layout>,
     threshold: u8,
@@ -48,7 +47,7 @@ impl CellsStream {
     ) -> Result<Self, ServerError> {
         let counts: Vec<u32> = tracing.points.firsts().windows(2).map(|pair| pair[1] - pair[0]).collect();
         Ok(Self {
-            encoder: PaperEncoder::new(Arc::clone(layout), &counts)?,
+            encoder: paper::Encoder::new(Arc::clone(layout), &counts)?,
             sent: Sent::new(tracing),
             layout: Arc::clone(layout),
             threshold: settings.threshold,
@@ -111,7 +110,7 @@ impl CellsStream {
             self.encoder.put(*point, sample)?;
         }
         self.sent.remember(tracing.points.firsts(), &self.changed, self.layout.format());
-        self.encoder.retry_homeless();
+        self.encoder.retry_unplaced();
         Ok(self.encoder.finish(meta, self.coder)?)
     }
 }

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use psao_codec::cells::bucket_count;
+use psao_codec::paper::bucket_count;
 use psao_proto::message::{InstanceEntry, Needs, Occlusion as WireOcclusion, PointSource, SceneInfo, Text};
 use psao_proto::{Limits, SceneEntries, SceneTable};
 use rayon::prelude::*;

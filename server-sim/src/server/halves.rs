@@ -1,8 +1,8 @@
 //! The server in two halves that work side by side: one traces a frame while the other writes the one before.
 
+use psao_codec::StateRef;
 use psao_codec::block::BlockCoder;
-use psao_codec::frame::{FrameIndex, StreamTime};
-use psao_codec::stream::StateRef;
+use psao_codec::envelope::{FrameIndex, StreamTime};
 use psao_proto::message::{CameraPose, Edit};
 
 use super::stats::Lap;

@@ -24,12 +24,11 @@ mod tracing;
 use std::fmt;
 use std::sync::Arc;
 
-use psao_codec::StateHash;
 use psao_codec::block::BlockCoder;
-use psao_codec::cells::{PaperEncoder, PointError as CodecPointError};
-use psao_codec::frame::{EncodeError, FrameIndex, FrameInfo, PoseError, StreamTime};
-use psao_codec::stream::{Layout, StateRef};
+use psao_codec::envelope::{EncodeError, FrameIndex, FrameInfo, StreamTime};
+use psao_codec::paper::{self, PointError as CodecPointError, PoseError};
 use psao_codec::surface::{Encoder as SurfaceEncoder, GeometryError};
+use psao_codec::{Layout, StateHash, StateRef};
 use psao_proto::message::{CameraPose, Edit};
 use psao_proto::{Limits, Profile, SceneError, SceneTable};
 use thiserror::Error;
@@ -179,7 +178,7 @@ impl Server {
         };
         let tracing = Tracing::new(scene, points, tracer, &settings, progress, exact);
         let stream = match table.layout() {
-            Layout::Cells(layout) => Stream::Cells(Box::new(CellsStream::new(&tracing, layout, &settings)?)),
+            Layout::Paper(layout) => Stream::Cells(Box::new(CellsStream::new(&tracing, layout, &settings)?)),
             Layout::Surface(layout) => {
                 Stream::Surface(Box::new(SurfaceStream::new(layout, geometry, &settings)?))
             }
@@ -278,7 +277,7 @@ impl Server {
 
     /// The encoder of a `paper` stream; `None` for one of the other profile.
     #[must_use]
-    pub fn paper(&self) -> Option<&PaperEncoder> {
+    pub fn paper(&self) -> Option<&paper::Encoder> {
         match &self.stream {
             Stream::Cells(stream) => Some(&stream.encoder),
             Stream::Surface(_) => None,

@@ -1,8 +1,9 @@
 //! The stream that a server writes, of either profile.
 
+use psao_codec::StateRef;
 use psao_codec::block::BlockCoder;
-use psao_codec::frame::{EncodedFrame, FrameIndex, FrameInfo, FrameKind, FrameMeta, StreamTime, keyframe};
-use psao_codec::stream::StateRef;
+use psao_codec::envelope::{EncodedFrame, FrameIndex, FrameInfo, FrameKind, FrameMeta, StreamTime};
+use psao_codec::paper::keyframe;
 use psao_proto::message::CameraPose;
 
 use super::cells::CellsStream;

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use psao_codec::block::BlockCoder;
-use psao_codec::frame::{EncodedFrame, FrameIndex, FrameKind, FrameMeta, StreamTime};
+use psao_codec::envelope::{EncodedFrame, FrameIndex, FrameKind, FrameMeta, StreamTime};
 use psao_codec::memory;
 use psao_codec::surface::{BLOCK_POINTS, Encoder, EncoderSettings, Geometry, Layout, keyframe};
 use psao_proto::message::{CameraPose, MemberEntry, SetEntry};
@@ -70,7 +70,7 @@ impl SurfaceStream {
     fn decide(&mut self, gathered: Gathered) -> u32 {
         let mut changed = 0;
         for (point, ao) in gathered.points {
-            changed += u32::from(self.encoder.offer(point, ao).unwrap_or(false));
+            changed += u32::from(self.encoder.set_ao(point, ao).unwrap_or(false));
         }
         for (instance, block, weight) in gathered.weights {
             self.encoder.weigh(instance, block, weight);

@@ -9,11 +9,10 @@ mod shortcuts;
 use std::collections::BTreeMap;
 
 use glam::Vec3;
-use psao_codec::cells::Placement;
-use psao_codec::frame::FrameKind;
-use psao_codec::stream::{Applier, State, apply};
-use psao_codec::surface::{BLOCK_POINTS, GeometrySource};
-use psao_codec::{frame, surface};
+use psao_codec::envelope::{self, FrameKind};
+use psao_codec::paper::Placement;
+use psao_codec::surface::{self, BLOCK_POINTS, GeometrySource};
+use psao_codec::{Decoder, State, apply};
 
 use super::*;
 use crate::ao::{AoSettings, Occlusion};
@@ -175,13 +174,13 @@ fn held_on_surface(state: &surface::State, instance: usize, place: usize) -> u8 
 
 /// Checks every visible point that has a slot; how many that were.
 fn check_bound(server: &Server, state: &State, threshold: u8, index: FrameIndex) -> u32 {
-    let half_step = state.as_cells().map_or(0, |state| state.layout().format().max_ao_error());
+    let half_step = state.as_paper().map_or(0, |state| state.layout().format().max_ao_error());
     let mut checked = 0;
     let field = &server.tracing.field;
     for chunk in field.chunks() {
         for (place, point, ao) in field.visible(chunk) {
             let held = match state {
-                State::Cells(state) => held_in_cells(server, state, chunk.instance, place),
+                State::Paper(state) => held_in_cells(server, state, chunk.instance, place),
                 State::Surface(state) => Some(held_on_surface(state, chunk.instance, place)),
             };
             let Some(held) = held else { continue };
@@ -201,11 +200,11 @@ fn clients_are_never_off_by_the_threshold_or_more() {
         scenes_by_profile().flat_map(|each| all.map(|settings| (each.clone(), settings)))
     {
         let mut state: Option<State> = None;
-        let mut applier = Applier::new();
+        let mut decoder = Decoder::new();
         let mut checked = 0;
         clip(&scene, ServerSettings { threshold, bits, ..settings(profile, 8.0) }, 14, |server, output| {
             let state = state.get_or_insert_with(|| State::new(server.layout()));
-            applier.apply(state, &output.body, &psao_codec::Limits::default()).unwrap();
+            decoder.apply(state, &output.body, &psao_codec::Limits::default()).unwrap();
             assert_eq!((state.hash(), state.full_hash()), (server.hash(), server.hash()));
             checked += check_bound(server, state, threshold, output.info.frame);
         });
@@ -221,7 +220,7 @@ fn a_still_scene_is_sent_once_in_every_packing() {
         let mut server =
             server(&scene, ServerSettings { threshold: 1, bits, ..settings(Profile::PAPER, 4.0) });
         let first = server.step(FrameIndex(0), time(5), &[], &NoClock).unwrap();
-        assert_eq!(first.info.packing, server.layout().as_cells().unwrap().format().packing());
+        assert_eq!(first.info.packing, server.layout().as_paper().unwrap().format().packing());
         let again = server.step(FrameIndex(1), time(5), &[], &NoClock).unwrap();
         assert_eq!((again.stats.changed, again.info.sections.len()), (0, 0), "{bits} bits");
     }
@@ -243,9 +242,9 @@ fn the_first_frame_is_a_keyframe_with_every_point() {
         assert_eq!(first.stats.changed, server.points().total());
         assert_eq!(first.stats.occupancy.is_some(), profile == Profile::PAPER);
         if let Some(counts) = first.stats.occupancy {
-            assert_eq!(counts.points_stored + counts.homeless(), server.points().total());
+            assert_eq!(counts.points_stored + counts.unplaced(), server.points().total());
             assert_eq!(counts.outside_grid, 0);
-            assert!(counts.homeless() < counts.points_stored, "{counts:?}");
+            assert!(counts.unplaced() < counts.points_stored, "{counts:?}");
         }
         let next = server.step(FrameIndex(1), time(1), &[away], &NoClock).unwrap();
         assert_eq!((next.stats.visible, next.stats.rays, next.stats.changed), (0, 0, 0));

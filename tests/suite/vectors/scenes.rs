@@ -3,8 +3,7 @@
 use std::sync::Arc;
 
 use psao_codec::Limits;
-use psao_codec::cells::{self, Grid, InstanceLayout};
-use psao_codec::point::PointFormat;
+use psao_codec::paper::{self, Grid, InstanceLayout, PointFormat};
 use psao_codec::surface::{Geometry, GeometryDigest, Layout, Member, RestPoint, SetLayout};
 
 /// A layout with what belongs to it.

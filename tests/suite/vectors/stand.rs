@@ -1,8 +1,7 @@
 //! A state of either profile.
 
-use psao_codec::Limits;
-use psao_codec::frame::{self, FrameError, FrameInfo};
-use psao_codec::surface;
+use psao_codec::envelope::{self, FrameError, FrameInfo};
+use psao_codec::{Limits, surface};
 
 use super::scenes::Stream;
 
@@ -31,7 +30,7 @@ impl Stand {
         let limits = Limits::default();
         match self {
             Stand::Paper(state) => frame::apply(state, body, &limits).map(|applied| applied.info),
-            Stand::Surface(state) => surface::Applier::new().apply(state, body, &limits),
+            Stand::Surface(state) => surface::Decoder::new().apply(state, body, &limits),
         }
     }
 }

@@ -8,7 +8,7 @@ use std::time::Instant;
 use psao_client::picture::Picture;
 use psao_client::reconstruct::{self, Reconstruction};
 use psao_client::{AoImage, GBuffer, Size, Statistics, raster};
-use psao_codec::stream::State;
+use psao_codec::State;
 use psao_codec::surface::Geometry;
 use psao_eval::adapter::SceneView;
 use psao_eval::metric::{Comparison, Lpips, MetricError, Perceived};
@@ -45,7 +45,7 @@ pub(crate) fn scene_of(info: &SceneInfo, elsewhere: Option<&str>) -> Outcome<Arc
 /// The AO of every fragment out of a state of either profile.
 pub(crate) fn blend(state: &State, buffer: &GBuffer) -> Outcome<Reconstruction> {
     match state {
-        State::Cells(state) => reconstruct::cells(state, buffer),
+        State::Paper(state) => reconstruct::cells(state, buffer),
         State::Surface(state) => reconstruct::surface(state, buffer),
     }
     .map_err(Failure::input)

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use psao_codec::frame::{EncodeError, EncodedFrame};
+use psao_codec::envelope::{EncodeError, EncodedFrame};
 use psao_proto::message::CloseCode;
 use psao_proto::session::{ServerSession, SessionError};
 use psao_proto::{Fanout, FanoutError, Micros, Offer, StateHash};

@@ -1,6 +1,6 @@
 //! Updates that come as datagrams, and their acknowledgements.
 
-use psao_codec::frame::FrameError;
+use psao_codec::envelope::FrameError;
 
 use super::super::datagram::{Joined, write_ack};
 use super::{AppliedFrame, ClientEvent, ClientSession, Phase};

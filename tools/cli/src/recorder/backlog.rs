@@ -160,7 +160,7 @@ impl Backlog {
     fn lose(&mut self, frame: &[u8], reason: GapReason) {
         let number = kind(frame).carries_state().then(|| {
             let body = frame.get(HEADER_BYTES..).unwrap_or_default();
-            psao_codec::frame::inspect(body, &Limits::default().codec)
+            psao_codec::envelope::inspect(body, &Limits::default().codec)
                 .map_or(FrameIndex(0), |info| info.frame)
         });
         let none = Gap {

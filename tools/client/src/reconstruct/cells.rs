@@ -1,6 +1,6 @@
 //! Ambient occlusion of every fragment from cells of points (paper, section 3.5, Eq. 2 to 4).
 
-use psao_codec::frame::State;
+use psao_codec::paper::State;
 
 use super::blend::{Blend, Place};
 use super::neighbours::{InstanceSpace, Neighbours};
@@ -43,9 +43,7 @@ pub fn cells(state: &State, view: &GBuffer) -> Result<Reconstruction, Reconstruc
 mod tests {
     use glam::{Quat, Vec3};
     use proptest::prelude::*;
-    use psao_codec::cells::{Grid, PointSample};
-    use psao_codec::frame::Pose;
-    use psao_codec::point::PointFormat;
+    use psao_codec::paper::{Grid, PointFormat, PointSample, Pose};
 
     use super::*;
     use crate::reconstruct::Statistics;

@@ -1,8 +1,7 @@
 //! The points around a fragment: the 2 x 2 x 2 cells nearest to it, unpacked (paper, section 3.5).
 
 use glam::{Mat3, Quat, Vec3};
-use psao_codec::cells::{Grid, POINTS_PER_CELL};
-use psao_codec::frame::State;
+use psao_codec::paper::{Grid, POINTS_PER_CELL, State};
 
 /// Points of a group, which are weighted together: as many as a wide vector register holds.
 pub(super) const LANES: usize = 8;

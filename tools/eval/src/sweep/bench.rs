@@ -2,7 +2,7 @@
 
 use psao_client::reconstruct::{self, Reconstruction, SurfaceReconstructor};
 use psao_client::{AoImage, GBuffer, ReconstructError};
-use psao_codec::stream::State;
+use psao_codec::State;
 use psao_server_sim::clock::Clock;
 
 use super::run::{Clip, Run, SERVER_STAGES};
@@ -238,7 +238,7 @@ struct Client {
 impl Client {
     fn draw(&mut self, state: &State, buffer: &GBuffer) -> Result<Reconstruction, ReconstructError> {
         match state {
-            State::Cells(state) => reconstruct::cells(state, buffer),
+            State::Paper(state) => reconstruct::cells(state, buffer),
             State::Surface(state) => self.surface.reconstruct(state, buffer),
         }
     }
@@ -270,7 +270,7 @@ mod tests {
 
     use glam::Vec3;
     use psao_client::Size;
-    use psao_codec::frame::FrameInfo;
+    use psao_codec::envelope::FrameInfo;
     use psao_server_sim::ao::AoSettings;
     use psao_server_sim::points::PointSettings;
     use psao_server_sim::scene::Scene;

@@ -18,7 +18,7 @@ mod texture;
 mod views;
 
 use psao_client::{CameraError, ReconstructError};
-use psao_codec::frame::{FrameError, FrameIndex};
+use psao_codec::envelope::{FrameError, FrameIndex};
 use psao_proto::message::MessageError;
 use psao_server_sim::server::ServerError;
 

@@ -8,9 +8,9 @@ use psao_client::picture::Picture;
 use psao_client::reconstruct::Reconstruction;
 use psao_client::{AoImage, GBuffer, Size, raster};
 use psao_codec::block::BlockCoder;
-use psao_codec::frame::{FrameIndex, StreamTime};
-use psao_codec::stream::{Applier, State};
+use psao_codec::envelope::{FrameIndex, StreamTime};
 use psao_codec::surface::{Spent, preview, spent};
+use psao_codec::{Decoder, State};
 use psao_eval::adapter::SceneView;
 use psao_eval::metric::Comparison;
 use psao_eval::reference::reference;
@@ -65,19 +65,19 @@ pub(super) struct Seen {
 /// A client that follows one profile.
 struct Client {
     state: State,
-    applier: Applier,
+    decoder: Decoder,
     name: &'static str,
 }
 
 impl Client {
     fn new(name: &'static str, table: &SceneTable) -> Self {
-        Self { state: State::new(table.layout()), applier: Applier::new(), name }
+        Self { state: State::new(table.layout()), decoder: Decoder::new(), name }
     }
 
     /// Applies a frame; its hash must be the server's.
     fn follow(&mut self, output: &StepOutput) -> Outcome<Line> {
         let start = Instant::now();
-        let applied = self.applier.apply(&mut self.state, &output.body, &Limits::default().codec);
+        let applied = self.decoder.apply(&mut self.state, &output.body, &Limits::default().codec);
         let decode_ms = start.elapsed().as_secs_f64() * 1e3;
         applied.map_err(|error| {
             let (name, frame) = (self.name, output.info.frame);

@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
+use psao_codec::Layout;
 use psao_codec::paper::{self, PointFormat};
-use psao_codec::stream;
 use psao_codec::surface::{self, Member, SetLayout};
 
 use crate::message::{
@@ -67,11 +67,11 @@ pub enum SceneError {
         /// Index of the instance.
         instance: u32,
         /// What is wrong.
-        source: cells::GridError,
+        source: paper::GridError,
     },
     /// The instances do not make a layout of profile `paper`, or one over the limits.
     #[error(transparent)]
-    Cells(#[from] cells::LayoutError),
+    Cells(#[from] paper::LayoutError),
     /// The sets and instances do not make a layout of profile `surface`, or one over the limits.
     #[error(transparent)]
     Surface(#[from] surface::LayoutError),
@@ -123,14 +123,14 @@ impl SceneEntries {
         }
     }
 
-    fn layout(&self, info: &SceneInfo, limits: &Limits) -> Result<stream::Layout, SceneError> {
+    fn layout(&self, info: &SceneInfo, limits: &Limits) -> Result<Layout, SceneError> {
         match (self, info.profile) {
             (Self::Cells(instances), Profile::PAPER) => cells_layout(instances, info, limits),
             (Self::Surface { sets, members }, Profile::SURFACE) => {
                 let sets = sets.iter().map(SetLayout::from).collect();
                 let members = members.iter().map(|member| Member { set: member.set }).collect();
                 let layout = surface::Layout::new(sets, members, &limits.codec)?;
-                Ok(stream::Layout::Surface(Arc::new(layout)))
+                Ok(Layout::Surface(Arc::new(layout)))
             }
             (_, found) => Err(SceneError::Profile { found }),
         }
@@ -141,22 +141,17 @@ fn cells_layout(
     instances: &[InstanceEntry],
     info: &SceneInfo,
     limits: &Limits,
-) -> Result<stream::Layout, SceneError> {
+) -> Result<Layout, SceneError> {
     let format =
         PointFormat::from_bits(info.point_bits).ok_or(SceneError::PointBits { found: info.point_bits })?;
     let grid = |(instance, entry): (u32, &InstanceEntry)| {
-        let grid = cells::Grid::new(entry.origin, entry.edge, entry.dims)
+        let grid = paper::Grid::new(entry.origin, entry.edge, entry.dims)
             .map_err(|source| SceneError::Grid { instance, source })?;
         let &InstanceEntry { first_bucket, bucket_count, kernel_radius, .. } = entry;
-        Ok(cells::InstanceLayout { grid, first_bucket, bucket_count, kernel_radius })
+        Ok(paper::InstanceLayout { grid, first_bucket, bucket_count, kernel_radius })
     };
     let layouts = (0u32..).zip(instances).map(grid).collect::<Result<Vec<_>, SceneError>>()?;
-    Ok(stream::Layout::Paper(Arc::new(cells::Layout::new(
-        format,
-        layouts,
-        info.cell_capacity,
-        &limits.codec,
-    )?)))
+    Ok(Layout::Paper(Arc::new(paper::Layout::new(format, layouts, info.cell_capacity, &limits.codec)?)))
 }
 
 /// A checked scene table and the codec's layout made from it.
@@ -164,7 +159,7 @@ fn cells_layout(
 pub struct SceneTable {
     info: SceneInfo,
     entries: SceneEntries,
-    layout: stream::Layout,
+    layout: Layout,
 }
 
 impl SceneTable {
@@ -212,7 +207,7 @@ impl SceneTable {
 
     /// The layout of the stream's state.
     #[must_use]
-    pub const fn layout(&self) -> &stream::Layout {
+    pub const fn layout(&self) -> &Layout {
         &self.layout
     }
 

@@ -9,8 +9,8 @@ mod shortcuts;
 use std::collections::BTreeMap;
 
 use glam::Vec3;
-use psao_codec::envelope::{self, FrameKind};
-use psao_codec::paper::Placement;
+use psao_codec::envelope::FrameKind;
+use psao_codec::paper::{self, Placement};
 use psao_codec::surface::{self, BLOCK_POINTS, GeometrySource};
 use psao_codec::{Decoder, State, apply};
 
@@ -144,7 +144,7 @@ fn bytes_do_not_depend_on_threads() {
 
 /// What a client of `paper` holds for a point, by its place as last sent: AO bytes of the points packed alike. `None`
 /// for a point that the tables have no slot for.
-fn held_in_cells(server: &Server, state: &frame::State, instance: usize, place: usize) -> Option<u8> {
+fn held_in_cells(server: &Server, state: &paper::State, instance: usize, place: usize) -> Option<u8> {
     let Stream::Cells(stream) = &server.stream else { panic!("not of profile paper") };
     let number = server.tracing.numbers(instance)[place];
     let id = server.points().firsts()[instance] + number;

@@ -2,7 +2,7 @@
 //!
 //! A client draws the scene itself and takes only ambient occlusion from the stream. This crate is that client's
 //! last step, on the processor: it looks at a scene ([`raster`](fn@raster)), blends the points of a decoded state
-//! (profile `paper`: [`frame::State`](psao_codec::paper::State), profile `surface`:
+//! (profile `paper`: [`paper::State`](psao_codec::paper::State), profile `surface`:
 //! [`surface::State`](psao_codec::surface::State)) for every fragment ([`reconstruct`], paper, section 3.5, Eq. 2 to
 //! 4) and makes pictures ([`picture`]). It does no I/O: pixels and PNG bytes are returned.
 //!

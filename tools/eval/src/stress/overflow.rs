@@ -87,7 +87,7 @@ fn settle(
     let encoded = encoder.finish(meta, BlockCoder::Stored).map_err(StressError::new)?;
     apply(client, &encoded.body, &Limits::default()).map_err(StressError::new)?;
     let counts = encoder.counts();
-    let entries = client.buckets().iter().flat_map(psao_codec::paper::Bucket::entries);
+    let entries = client.buckets().iter().flat_map(paper::Bucket::entries);
     let cells = entries.filter(|entry| entry.is_used()).map(|entry| entry.cell() as usize);
     let held: usize = cells.map(|cell| client.cells()[cell].points(client.layout().format()).count()).sum();
     let held = u32::try_from(held).unwrap_or(u32::MAX);

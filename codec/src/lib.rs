@@ -209,6 +209,7 @@
 pub mod block;
 mod change_log;
 mod decoder;
+mod encoder;
 pub mod envelope;
 pub mod fuzzing;
 mod hash;
@@ -229,6 +230,7 @@ mod wire;
 
 pub use change_log::{ChangeLog, patch};
 pub use decoder::{Decoder, apply};
+pub use encoder::Encoder;
 pub use hash::StateHash;
 pub use layout::Layout;
 pub use limits::Limits;

@@ -58,7 +58,6 @@ pub mod ao;
 pub mod bvh;
 pub mod clip;
 pub mod clock;
-pub mod delta;
 pub mod points;
 pub mod scene;
 pub mod server;

@@ -5,9 +5,10 @@ use std::sync::Arc;
 
 use super::cells::{DirtySet, Site, Tables};
 use super::changes::{Changes, record_everything};
+use super::resend::Resend;
 use super::{
-    Layout, Occupancy, Placed, Placement, PointError, Pose, PoseError, Records, State, bucket_of, cell_id,
-    write_body,
+    Layout, Occupancy, Placed, Placement, PointError, Pose, PoseError, Records, ResendAo, State, bucket_of,
+    cell_id, write_body,
 };
 use crate::block::{BlockCoder, Compressor};
 use crate::envelope::{EncodeError, EncodedFrame, FrameKind, FrameMeta};
@@ -64,6 +65,7 @@ pub struct Encoder {
     sent: State,
     records: Records,
     compressor: Compressor,
+    resend: Option<Resend>,
 }
 
 impl Encoder {
@@ -98,14 +100,79 @@ impl Encoder {
             sent: State::new(Arc::clone(&layout)),
             records: Records::new(layout.format()),
             compressor: Compressor::new(),
+            resend: None,
             layout,
         })
+    }
+
+    /// The encoder, which then decides which of the points that [`Encoder::set_point`] gives are sent again: those whose AO is
+    /// `threshold` 255ths or more from what clients hold, and those of instances that `deforms` names, in the order of the
+    /// layout, whose place changed by enough ([`ResendAo`]). `threshold` is at least 1.
+    #[must_use]
+    pub fn with_threshold(self, threshold: u8, deforms: &[bool]) -> Encoder {
+        let rule = ResendAo { threshold, format: self.layout.format() };
+        let ends = self.first_points.iter().skip(1).copied().chain([self.points.len() as u32]);
+        let counts = self.first_points.iter().zip(ends).map(|(first, end)| end - first);
+        let deforms = deforms.iter().copied().chain(std::iter::repeat(false));
+        let resend = Resend::new(rule, counts.zip(deforms));
+        Encoder { resend: Some(resend), ..self }
+    }
+
+    /// Says what a point is now. Whether the next frame sends it: always without a threshold, where this is
+    /// [`Encoder::put`]; else if it was never sent or differs by enough from what clients hold. To be called once for a point and
+    /// frame.
+    ///
+    /// # Errors
+    /// As [`Encoder::put`].
+    pub fn set_point(&mut self, point: u32, sample: &PointSample) -> Result<bool, PointError> {
+        self.record(point)?;
+        let place = self.place_of(point);
+        let grid = &self.layout.instances()[place.1].grid;
+        let Some(resend) = &mut self.resend else {
+            return self.put(point, sample).map(|_| true);
+        };
+        let due = resend.is_due(grid, place, sample);
+        if due {
+            check_sample(point, sample)?;
+            resend.push(point, *sample);
+        }
+        Ok(due)
+    }
+
+    /// The AO byte of a point as clients hold it if they hold it; `None` for one never sent, or without a threshold.
+    #[must_use]
+    pub fn sent_ao(&self, point: u32) -> Option<u8> {
+        self.resend.as_ref()?.ao(point)
+    }
+
+    /// Position and normal of a point of a deforming instance as last sent, instance-local; `None` for other points.
+    #[must_use]
+    pub fn sent_place(&self, point: u32) -> Option<([f32; 3], [f32; 3])> {
+        self.record(point).ok()?;
+        let (_, instance, number) = self.place_of(point);
+        self.resend.as_ref()?.place(instance, number)
+    }
+
+    /// Puts what the threshold lets through.
+    fn put_due(&mut self) {
+        let Some(due) = self.resend.as_mut().map(Resend::take_due) else { return };
+        for (point, sample) in &due {
+            self.put_checked(*point, sample);
+            let place = self.place_of(*point);
+            if let Some(resend) = &mut self.resend {
+                resend.note(place, sample);
+            }
+        }
+        if let Some(resend) = &mut self.resend {
+            resend.reuse(due);
+        }
+        self.retry_unplaced();
     }
 
     /// Bytes of memory held for the stream: every point as it was last put, the tables as they are and as clients hold them,
     /// and buffers that are kept between frames.
     #[must_use]
-    pub fn memory_bytes(&self) -> usize {
+    pub fn heap_bytes(&self) -> usize {
         let Self {
             first_points,
             points,
@@ -116,12 +183,14 @@ impl Encoder {
             sent,
             records,
             compressor,
+            resend,
             ..
         } = self;
         let ours =
             memory::list(first_points) + memory::list(points) + memory::list(poses) + dirty_poses.held();
         let unplaced = unplaced.len() * size_of::<u32>();
-        ours + unplaced + tables.held() + sent.held() + records.held() + compressor.held()
+        let resend = resend.as_ref().map_or(0, Resend::heap_bytes);
+        ours + resend + unplaced + tables.held() + sent.held() + records.held() + compressor.held()
     }
 
     /// Puts a point, or moves it, or gives it new values. A point that finds no slot, or that moves to a
@@ -130,8 +199,14 @@ impl Encoder {
     /// # Errors
     /// [`PointError::Unknown`], [`PointError::Position`] and [`PointError::Normal`]; nothing has changed then.
     pub fn put(&mut self, point: u32, sample: &PointSample) -> Result<Placed, PointError> {
-        let Record { standing, coord, outside, .. } = self.record(point)?;
+        self.record(point)?;
         check_sample(point, sample)?;
+        Ok(self.put_checked(point, sample))
+    }
+
+    /// Puts a point that there is, with a sample that was checked.
+    fn put_checked(&mut self, point: u32, sample: &PointSample) -> Placed {
+        let Record { standing, coord, outside, .. } = self.points[point as usize];
         let instance = self.instance_of(point);
         let located = self.layout.instances()[instance].grid.locate(sample.local);
         let word = self.layout.format().pack(located.frac, sample.normal, sample.ao);
@@ -151,7 +226,7 @@ impl Encoder {
                 self.place(point, instance)
             }
         };
-        Ok(Placed { placement, outside: located.outside })
+        Placed { placement, outside: located.outside }
     }
 
     /// Takes a point out; it does nothing to a point that was never put.
@@ -234,6 +309,7 @@ impl Encoder {
             Some(last) if frame <= last => return Err(EncodeError::FrameOrder { frame, last }),
             _ => {}
         }
+        self.put_due();
         self.tables.compact();
         let changes = match meta.kind {
             FrameKind::Key => Changes::of_everything(&self.sent, &self.poses, &self.tables),
@@ -259,6 +335,12 @@ impl Encoder {
     fn record(&self, point: u32) -> Result<Record, PointError> {
         let count = self.points.len() as u32;
         self.points.get(point as usize).copied().ok_or(PointError::Unknown { point, count })
+    }
+
+    /// A point, its instance and its number there.
+    fn place_of(&self, point: u32) -> (u32, usize, usize) {
+        let instance = self.instance_of(point);
+        (point, instance, (point - self.first_points[instance]) as usize)
     }
 
     fn instance_of(&self, point: u32) -> usize {

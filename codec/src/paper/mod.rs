@@ -15,6 +15,7 @@ mod layout;
 mod point;
 mod pose;
 mod records;
+mod resend;
 mod state;
 
 pub use cells::{
@@ -29,4 +30,5 @@ pub use layout::{InstanceLayout, Layout, bucket_count};
 pub use point::{Packed, Packed16, Packed24, Packed32, Point, PointFormat, Split, WordError};
 pub use pose::{Pose, PoseError};
 pub(crate) use records::{Records, write_body};
+pub use resend::ResendAo;
 pub use state::State;

@@ -118,7 +118,7 @@ impl Encoder {
     /// Bytes of memory held for the stream: what clients hold, points and layout included, what was offered, and buffers that
     /// are kept between frames.
     #[must_use]
-    pub fn memory_bytes(&self) -> usize {
+    pub fn heap_bytes(&self) -> usize {
         let Encoder { sent, geometry, offered, dirty, arriving, is_arriving, changes, writer, queue, .. } =
             self;
         let carried = geometry.iter().zip(&sent.geometry).map(|(ours, theirs)| match (ours, theirs) {

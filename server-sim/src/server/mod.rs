@@ -3,8 +3,8 @@
 //! What is traced is the same in both profiles; a stream decides what of it is sent, and writes it.
 
 mod both;
-mod cells;
 mod field;
+mod gathered;
 mod grids;
 mod halves;
 mod held;
@@ -47,10 +47,8 @@ use crate::bvh::World;
 use crate::clock::Clock;
 use crate::points::{PointCache, ScenePoints, generate_cached, order_at_rest};
 use crate::scene::{EditError, Edits, Scene};
-use cells::CellsStream;
 use stats::Lap;
 use stream::{Frame, Stream};
-use surface::SurfaceStream;
 use tracing::Tracing;
 
 /// Told how far things have come, from any thread.
@@ -177,12 +175,7 @@ impl Server {
             grids::table(&scene, &points, &settings, &limits)?
         };
         let tracing = Tracing::new(scene, points, tracer, &settings, progress, exact);
-        let stream = match table.layout() {
-            Layout::Paper(layout) => Stream::Cells(Box::new(CellsStream::new(&tracing, layout, &settings)?)),
-            Layout::Surface(layout) => {
-                Stream::Surface(Box::new(SurfaceStream::new(layout, geometry, &settings)?))
-            }
-        };
+        let stream = Stream::new(&tracing, table.layout(), geometry, &settings)?;
         Ok(Self { tracing, table, stream })
     }
 
@@ -266,31 +259,25 @@ impl Server {
     /// Hash of the state that clients hold after the last step.
     #[must_use]
     pub fn hash(&self) -> StateHash {
-        self.stream.state().hash()
+        self.stream.encoder.state().hash()
     }
 
     /// The state that clients hold after the last step.
     #[must_use]
     pub fn state(&self) -> StateRef<'_> {
-        self.stream.state()
+        self.stream.encoder.state()
     }
 
     /// The encoder of a `paper` stream; `None` for one of the other profile.
     #[must_use]
     pub fn paper(&self) -> Option<&paper::Encoder> {
-        match &self.stream {
-            Stream::Cells(stream) => Some(&stream.encoder),
-            Stream::Surface(_) => None,
-        }
+        self.stream.encoder.as_paper()
     }
 
     /// The encoder of a `surface` stream; `None` for one of the other profile.
     #[must_use]
     pub fn surface(&self) -> Option<&SurfaceEncoder> {
-        match &self.stream {
-            Stream::Cells(_) => None,
-            Stream::Surface(stream) => Some(&stream.encoder),
-        }
+        self.stream.encoder.as_surface()
     }
 
     /// A keyframe of the last step's state, for a client that joins or lost something. It carries the last step's

@@ -145,23 +145,23 @@ fn bytes_do_not_depend_on_threads() {
 /// What a client of `paper` holds for a point, by its place as last sent: AO bytes of the points packed alike. `None`
 /// for a point that the tables have no slot for.
 fn held_in_cells(server: &Server, state: &paper::State, instance: usize, place: usize) -> Option<u8> {
-    let Stream::Cells(stream) = &server.stream else { panic!("not of profile paper") };
+    let encoder = server.paper().unwrap();
     let number = server.tracing.numbers(instance)[place];
     let id = server.points().firsts()[instance] + number;
-    if stream.encoder.placement(id) != Some(Placement::Stored) {
+    if encoder.placement(id) != Some(Placement::Stored) {
         return None;
     }
     let now = server.tracing.field.placed().local(instance)[place];
-    let sent = stream.sent.place(instance, number as usize).unwrap_or((now.position, now.normal));
-    let located = state.layout().instances()[instance].grid.locate(sent.0.to_array());
+    let sent = encoder.sent_place(id).unwrap_or((now.position.to_array(), now.normal.to_array()));
+    let located = state.layout().instances()[instance].grid.locate(sent.0);
     let format = state.layout().format();
-    let like = format.pack(located.frac, sent.1.to_array(), 0);
+    let like = format.pack(located.frac, sent.1, 0);
     // Accessibility is in the low bits.
     let alike = |word: &u32| word >> format.split().ao == like >> format.split().ao;
     let words = state.lookup(instance as u32, located.cell).into_iter().flat_map(|cell| cell.packed(format));
     let held: Vec<u8> = words.filter(alike).map(|word| format.unpack(word).ao).collect();
     // What the server takes the client to hold is there.
-    let sent = stream.sent.ao(id).unwrap();
+    let sent = encoder.sent_ao(id).unwrap();
     assert!(held.contains(&sent), "point {id}: sent {sent}, client {held:?}");
     Some(sent)
 }
@@ -350,7 +350,7 @@ fn what_is_in_view_comes_first() {
     let server = server(&scene, settings(Profile::SURFACE, 8.0));
     let tracing = &server.tracing;
     let seen = [camera(&scene, 0.0)];
-    let order = super::surface::in_view_first(tracing, &seen);
+    let order = gathered::in_view_first(tracing, &seen);
     let mut sorted = order.clone();
     sorted.sort_unstable();
     let chunks = tracing.field.chunks();
@@ -366,7 +366,7 @@ fn what_is_in_view_comes_first() {
     });
     let ranks: Vec<(bool, f32)> = ranks.collect();
     assert!(ranks.is_sorted() && ranks[0].0 != ranks[ranks.len() - 1].0, "{ranks:?}");
-    assert_eq!(super::surface::in_view_first(tracing, &[]), sorted);
+    assert_eq!(gathered::in_view_first(tracing, &[]), sorted);
 }
 
 #[test]

@@ -5,9 +5,9 @@ use std::sync::Arc;
 use psao_codec::Limits;
 use psao_codec::block::BlockCoder;
 use psao_codec::envelope::{FrameIndex, FrameKind, FrameMeta, StreamTime};
+use psao_codec::paper::ResendAo;
 use psao_codec::paper::{self, Grid, InstanceLayout, Layout, PointFormat, PointSample, State, apply};
 use psao_codec::quant::unorm;
-use psao_server_sim::delta::ResendAo;
 
 use super::{Case, StressError};
 

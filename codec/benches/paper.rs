@@ -77,12 +77,12 @@ fn apply(bench: &mut Criterion) -> Result<(), Failure> {
         let (delta, changed) = stream.frame(10, coder)?;
         let mut decoder = Decoder::new();
         let mut state = client.clone();
-        decoder.apply(&mut state, &delta.body, &limits)?;
+        decoder.decode(&mut state, &delta.body, &limits)?;
         assert!(&state == stream.encoder.state() && state.hash() == state.full_hash(), "{name}");
         group.throughput(Throughput::Elements(changed.into()));
         group.bench_function(name, |bench| {
             let run = |mut state: State| {
-                let applied = decoder.apply(&mut state, &delta.body, &limits);
+                let applied = decoder.decode(&mut state, &delta.body, &limits);
                 (state, applied)
             };
             bench.iter_batched(|| client.clone(), run, BatchSize::LargeInput);

@@ -31,7 +31,7 @@ fn keyframes(bench: &mut Criterion, stream: &Stream) -> Result<(), Failure> {
         let empty = State::new(Arc::clone(&stream.layout));
         let mut state = empty.clone();
         let mut decoder = Decoder::new();
-        decoder.apply(&mut state, &frame.body, &limits)?;
+        decoder.decode(&mut state, &frame.body, &limits)?;
         assert!(&state == encoder.state() && state.hash() == state.full_hash(), "{name}");
         let bytes = |tag| {
             let sections = frame.info.sections.iter().filter(|section| section.tag == tag);
@@ -51,7 +51,7 @@ fn keyframes(bench: &mut Criterion, stream: &Stream) -> Result<(), Failure> {
         });
         group.bench_function(format!("{name}, apply"), |bench| {
             let run = |mut state: State| {
-                let applied = decoder.apply(&mut state, &frame.body, &limits);
+                let applied = decoder.decode(&mut state, &frame.body, &limits);
                 (state, applied)
             };
             bench.iter_batched(|| empty.clone(), run, BatchSize::LargeInput);
@@ -79,7 +79,7 @@ fn deltas(bench: &mut Criterion, stream: &Stream) -> Result<(), Failure> {
         let (mut bodies, mut changed, mut bytes) = (Vec::new(), 0, 0);
         for number in 1..=RUN {
             let frame = stream.frame(&mut encoder, number, coder)?;
-            decoder.apply(&mut state, &frame.body, &limits)?;
+            decoder.decode(&mut state, &frame.body, &limits)?;
             assert!(&state == encoder.state(), "{name}, frame {number}");
             // The first frames after the keyframe may have none: nothing has moved far yet.
             let section = frame.info.section(SectionTag::CHANGES);
@@ -99,7 +99,7 @@ fn deltas(bench: &mut Criterion, stream: &Stream) -> Result<(), Failure> {
         group.throughput(Throughput::Elements(changed.into()));
         group.bench_function(format!("{name}, apply {RUN} frames"), |bench| {
             let run = |mut state: State| {
-                let done = bodies.iter().all(|body| decoder.apply(&mut state, body, &limits).is_ok());
+                let done = bodies.iter().all(|body| decoder.decode(&mut state, body, &limits).is_ok());
                 (state, done)
             };
             bench.iter_batched(|| client.clone(), run, BatchSize::LargeInput);

@@ -69,7 +69,7 @@ mod tests {
         assert_eq!(log, ChangeLog(Some(Box::new(own.clone()))));
         let meta = crate::testing::meta(FrameKind::Key, 4);
         let body = keyframe(&state, meta, BlockCoder::Stored, &[]).unwrap();
-        surface::Decoder::new().apply(&mut state, &body, &Limits::default()).unwrap();
+        surface::Decoder::new().decode(&mut state, &body, &Limits::default()).unwrap();
         own.record(&state);
         log.record(&state);
         assert_eq!(log, ChangeLog(Some(Box::new(own.clone()))));

@@ -1,12 +1,12 @@
 //! Applies frames to a state of either profile.
 
-use crate::envelope::{FrameError, FrameInfo};
+use crate::envelope::{FrameBody, FrameError, FrameInfo};
 use crate::{Limits, State, paper, surface};
 
 /// Applies frame bodies to states of either profile; keeps its buffers between them.
 #[derive(Debug, Default)]
 pub struct Decoder {
-    cells: paper::Decoder,
+    paper: paper::Decoder,
     surface: surface::Decoder,
 }
 
@@ -17,6 +17,21 @@ impl Decoder {
         Decoder::default()
     }
 
+    /// Reads a frame body and applies it: [`FrameBody::parse`] and [`Decoder::apply`].
+    ///
+    /// # Errors
+    /// As [`Decoder::apply`].
+    pub fn decode(
+        &mut self,
+        state: &mut State,
+        bytes: &[u8],
+        limits: &Limits,
+    ) -> Result<FrameInfo, FrameError> {
+        let body = FrameBody::parse(bytes, limits)?;
+        self.apply(state, &body, limits)?;
+        Ok(body.into_info())
+    }
+
     /// Applies a frame body to `state`: checks all of it, the hash of the state after included, then writes.
     ///
     /// # Errors
@@ -25,11 +40,11 @@ impl Decoder {
     pub fn apply(
         &mut self,
         state: &mut State,
-        body: &[u8],
+        body: &FrameBody<'_>,
         limits: &Limits,
-    ) -> Result<FrameInfo, FrameError> {
+    ) -> Result<(), FrameError> {
         match state {
-            State::Paper(state) => Ok(self.cells.apply(state, body, limits)?.info),
+            State::Paper(state) => self.paper.apply(state, body, limits),
             State::Surface(state) => self.surface.apply(state, body, limits),
         }
     }
@@ -40,5 +55,5 @@ impl Decoder {
 /// # Errors
 /// Those of [`Decoder::apply`].
 pub fn apply(state: &mut State, body: &[u8], limits: &Limits) -> Result<FrameInfo, FrameError> {
-    Decoder::new().apply(state, body, limits)
+    Decoder::new().decode(state, body, limits)
 }

@@ -62,8 +62,8 @@
 //! // A client holds the same, and no point is off by the threshold.
 //! let mut state = State::new(layout);
 //! let mut decoder = Decoder::new();
-//! decoder.apply(&mut state, &key.body, &limits)?;
-//! decoder.apply(&mut state, &delta.body, &limits)?;
+//! decoder.decode(&mut state, &key.body, &limits)?;
+//! decoder.decode(&mut state, &delta.body, &limits)?;
 //! assert_eq!(&state, encoder.state());
 //! assert!(state.values(1)[20..60].iter().all(|ao| ao.abs_diff(90) < 8));
 //! # Ok(())
@@ -97,10 +97,10 @@
 //! // This client got the keyframe and nothing since; the patch has the newest value of what changed.
 //! let mut state = State::new(layout);
 //! let mut decoder = Decoder::new();
-//! decoder.apply(&mut state, &key.body, &limits)?;
+//! decoder.decode(&mut state, &key.body, &limits)?;
 //! let (base, newest) = (FrameIndex(0), meta(FrameKind::Delta, 29));
 //! let body = patch(encoder.state(), &log, base, newest, BlockCoder::Range, false)?;
-//! decoder.apply(&mut state, &body.ok_or("only a keyframe helps")?, &limits)?;
+//! decoder.decode(&mut state, &body.ok_or("only a keyframe helps")?, &limits)?;
 //! assert_eq!((state.frame(), state.hash()), (encoder.state().frame(), encoder.state().hash()));
 //! # Ok(())
 //! # }

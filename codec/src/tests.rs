@@ -18,7 +18,7 @@ fn a_paper_stream_is_followed_as_by_the_paper_applier() {
     let mut state = State::new(&Layout::Paper(Arc::clone(story.empty.layout())));
     let mut decoder = Decoder::new();
     for (frame, after) in [(&story.key, &story.after_key), (&story.delta, &story.after_delta)] {
-        let info = decoder.apply(&mut state, &frame.body, &Limits::default()).unwrap();
+        let info = decoder.decode(&mut state, &frame.body, &Limits::default()).unwrap();
         assert_eq!((&info, state.as_paper()), (&frame.info, Some(after)));
         assert_eq!((state.hash(), state.full_hash()), (after.hash(), after.full_hash()));
         assert_eq!(state.frame(), after.frame());

@@ -66,7 +66,7 @@ fn frames_of_changes_take_no_memory_but_for_what_they_return() {
             let EncodedFrame { body, info } = made.unwrap();
             let mut found = None;
             let applied =
-                allocation_counter::measure(|| found = Some(decoder.apply(&mut state, &body, &limits)));
+                allocation_counter::measure(|| found = Some(decoder.decode(&mut state, &body, &limits)));
             assert_eq!(found, Some(Ok(info.clone())));
             assert_eq!(state.hash(), encoder.state().hash());
             if number < 20 {

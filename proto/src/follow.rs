@@ -2,7 +2,7 @@
 //!
 //! A live client and the player of a recording share this.
 
-use psao_codec::envelope::{FrameError, FrameInfo, FrameKind};
+use psao_codec::envelope::{FrameBody, FrameError, FrameInfo, FrameKind};
 use psao_codec::{Decoder, Layout, State};
 
 use crate::{FrameHeader, FrameType, Group, Limits, Sequence};
@@ -69,11 +69,11 @@ impl Follower {
         self.place = None;
     }
 
-    /// Applies a KEYFRAME or UPDATE frame.
+    /// Applies a KEYFRAME or UPDATE frame, of which `body` is what reading its payload gave.
     pub(crate) fn follow(
         &mut self,
         header: FrameHeader,
-        body: &[u8],
+        body: Result<FrameBody<'_>, FrameError>,
         limits: &Limits,
     ) -> Result<FrameInfo, Unusable> {
         let keyframe = header.kind == FrameType::KEYFRAME;
@@ -83,39 +83,40 @@ impl Follower {
         // Until this frame turns out well, nothing may build on it.
         self.place = None;
         let kind = if keyframe { FrameKind::Key } else { FrameKind::Delta };
-        let found = psao_codec::envelope::inspect(body, &limits.codec)?.kind;
-        if found != kind {
+        let body = body?;
+        if body.info().kind != kind {
             return Err(Unusable::Kind { frame: header.kind });
         }
-        let info = self.decoder.apply(&mut self.state, body, &limits.codec)?;
+        self.decoder.apply(&mut self.state, &body, &limits.codec)?;
         self.place = Some((header.group, header.sequence));
-        Ok(info)
+        Ok(body.into_info())
     }
 
     /// Applies a patch that came beside the frames in order, as datagrams do; gives the place in those as well. Whatever
     /// is wrong with it, the state stays current.
     pub(crate) fn patch(
         &mut self,
-        body: &[u8],
+        body: &FrameBody<'_>,
         limits: &Limits,
-    ) -> Result<(FrameInfo, (Group, Sequence)), Unusable> {
+    ) -> Result<(Group, Sequence), Unusable> {
         let place = self.place.ok_or(Unusable::Waiting)?;
-        let kind = psao_codec::envelope::inspect(body, &limits.codec)?.kind;
-        if kind != FrameKind::Delta {
+        if body.info().kind != FrameKind::Delta {
             return Err(Unusable::Kind { frame: FrameType::UPDATE });
         }
-        Ok((self.decoder.apply(&mut self.state, body, &limits.codec)?, place))
+        self.decoder.apply(&mut self.state, body, &limits.codec)?;
+        Ok(place)
     }
 
     /// Whether an UPDATE is no newer than a patch that came beside the frames in order and made it superfluous. Its place is
     /// taken as that of a frame applied.
-    pub(crate) fn passes_over(&mut self, header: FrameHeader, body: &[u8], limits: &Limits) -> bool {
+    pub(crate) fn passes_over(&mut self, header: FrameHeader, body: &FrameBody<'_>) -> bool {
         let follows = |(group, sequence): (Group, Sequence)| {
             header.kind == FrameType::UPDATE && (group, sequence.next()) == (header.group, header.sequence)
         };
+        let info = body.info();
         let old = self.place.is_some_and(follows)
-            && psao_codec::envelope::inspect(body, &limits.codec)
-                .is_ok_and(|info| info.kind == FrameKind::Delta && Some(info.frame) <= self.state.frame());
+            && info.kind == FrameKind::Delta
+            && Some(info.frame) <= self.state.frame();
         if old {
             self.place = Some((header.group, header.sequence));
         }

@@ -26,7 +26,7 @@ fn stream_as(profile: Profile, name: &str, scene: &Arc<Scene>, frames: u32) {
     let mut decoder = Decoder::new();
     for number in 0..frames {
         let frame = step(&mut server, number).unwrap();
-        decoder.apply(&mut state, &frame.body, &Limits::default()).unwrap();
+        decoder.decode(&mut state, &frame.body, &Limits::default()).unwrap();
         assert_eq!(state.hash(), server.hash(), "{name}, {profile}, frame {number}");
     }
     assert_eq!(state.full_hash(), state.hash(), "{name}, {profile}");

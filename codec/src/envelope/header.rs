@@ -30,12 +30,8 @@ pub(crate) const CRC_OFFSET: usize = 24;
 /// What stands there while the checksum is computed.
 const BLANK_CRC: [u8; 4] = [0; 4];
 
-/// Reads the header of a frame body and checks all that needs neither a state nor decompression: ids,
-/// canonical varints, lengths against each other and against `limits`, and the checksum.
-///
-/// # Errors
-/// [`FrameError`] names the field and its byte offset.
-pub fn inspect(body: &[u8], limits: &Limits) -> Result<FrameInfo, FrameError> {
+/// Reads the header of a whole body, and checks the lengths of the blocks and the checksum.
+pub(super) fn read_sound(body: &[u8], limits: &Limits) -> Result<FrameInfo, FrameError> {
     if body.len() > limits.max_frame_bytes as usize {
         return Err(FrameError::TooLong { bytes: body.len(), limit: limits.max_frame_bytes });
     }
@@ -165,7 +161,7 @@ fn check_section(
     Ok(())
 }
 
-/// Writes the header that [`inspect`] reads, with a blank checksum; `info.header_bytes` is not used.
+/// Writes the header that [`read_header`] reads, with a blank checksum; `info.header_bytes` is not used.
 pub(crate) fn write_header(out: &mut Vec<u8>, info: &FrameInfo) {
     out.extend_from_slice(&[info.profile.0, info.packing.0, info.kind.id(), info.sections.len() as u8]);
     out.extend_from_slice(&info.frame.0.to_le_bytes());
@@ -221,6 +217,7 @@ pub(crate) fn check_follows(
 mod tests {
     use super::*;
     use crate::block::BlockCoder;
+    use crate::envelope::inspect;
     use crate::testing::{reseal, story};
 
     fn small(body: &[u8]) -> Result<FrameInfo, FrameError> {

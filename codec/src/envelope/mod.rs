@@ -4,14 +4,16 @@
 //! The layout is specified in `docs/spec/codec.md`.
 
 mod assemble;
+mod body;
 mod error;
 mod header;
 mod ids;
 mod info;
 
 pub(crate) use assemble::assemble;
+pub use body::{FrameBody, inspect};
+pub(crate) use body::{SectionBlock, whole_blocks};
 pub use error::{EncodeError, FrameError};
-pub use header::inspect;
 pub(crate) use header::{
     CRC_OFFSET, HASH_OFFSET, PACKING_OFFSET, body_crc, check_follows, header_bytes, read_header,
 };

@@ -193,12 +193,12 @@ impl Pair {
         self.remember();
         self.naive.finish(kind, &due);
         let twin = apply_surface(&self.client, &body, &LIMITS);
-        assert_eq!(self.decoder.apply(&mut self.client, &body, &LIMITS), Ok(info));
+        assert_eq!(self.decoder.decode(&mut self.client, &body, &LIMITS), Ok(info));
         assert_eq!(Ok(&self.client), twin.as_ref());
         assert_eq!(&self.client, self.encoder.state());
         assert_eq!(self.client.hash(), self.client.full_hash());
         if let Some(late) = &mut self.late {
-            assert!(self.decoder.apply(late, &body, &LIMITS).is_ok());
+            assert!(self.decoder.decode(late, &body, &LIMITS).is_ok());
             assert_eq!(late, &self.client);
         }
         self.note_frame();
@@ -279,7 +279,7 @@ impl Pair {
         let body = keyframe(&self.client, meta(FrameKind::Key, frame.0), coder, first);
         let Ok(body) = body else { return assert!(body.is_ok(), "{body:?}") };
         let twin = apply_surface(&late, &body, &LIMITS);
-        let joined = self.decoder.apply(&mut late, &body, &LIMITS);
+        let joined = self.decoder.decode(&mut late, &body, &LIMITS);
         assert!(joined.is_ok(), "{joined:?}");
         assert_eq!(late, self.client);
         assert_eq!(Ok(&late), twin.as_ref());
@@ -303,7 +303,7 @@ impl Pair {
         for (at, state) in behind.iter().enumerate() {
             let mut client = state.clone();
             let twin = apply_surface(state, &body, &LIMITS);
-            let applied = self.decoder.apply(&mut client, &body, &LIMITS);
+            let applied = self.decoder.decode(&mut client, &body, &LIMITS);
             assert_eq!(applied.is_ok(), at >= base, "{applied:?}");
             assert_eq!(twin.is_ok(), at >= base, "{twin:?}");
             if at < base {
@@ -416,7 +416,7 @@ fn one_section(kind: FrameKind, data: &[u8]) -> Option<Vec<u8>> {
 fn check_apply(state: &State, body: &[u8]) -> Option<FrameError> {
     let mut after = state.clone();
     let mut decoder = Decoder::new();
-    let applied = decoder.apply(&mut after, body, &LIMITS);
+    let applied = decoder.decode(&mut after, body, &LIMITS);
     let expected = apply_surface(state, body, &LIMITS);
     match applied {
         Ok(_) => {
@@ -424,7 +424,7 @@ fn check_apply(state: &State, body: &[u8]) -> Option<FrameError> {
             assert_eq!(after.hash(), after.full_hash());
             // What one frame leaves in a decoder is nothing to the next.
             let mut again = state.clone();
-            assert!(decoder.apply(&mut again, body, &LIMITS).is_ok());
+            assert!(decoder.decode(&mut again, body, &LIMITS).is_ok());
             assert_eq!(again, after);
             None
         }
@@ -445,7 +445,7 @@ fn check_preview(state: &State, body: &[u8], cut: usize) {
         assert!(part.state.present_points() <= whole.state.present_points());
     }
     let mut applied = state.clone();
-    if Decoder::new().apply(&mut applied, body, &LIMITS).is_ok() {
+    if Decoder::new().decode(&mut applied, body, &LIMITS).is_ok() {
         assert!(whole.is_ok(), "{whole:?}");
         assert!(whole.is_ok_and(|whole| whole.is_none_or(|whole| whole.state == applied)));
     }

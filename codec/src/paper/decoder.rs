@@ -6,32 +6,19 @@
 use super::{Bucket, Cell, Layout, POINTS_PER_CELL, PointFormat, Pose, State};
 use crate::block::Decompressor;
 use crate::envelope::{
-    FrameError, FrameInfo, FrameKind, HASH_OFFSET, PACKING_OFFSET, Profile, SectionInfo, SectionTag,
-    check_follows, inspect,
+    FrameBody, FrameError, FrameInfo, FrameKind, HASH_OFFSET, PACKING_OFFSET, Profile, SectionBlock,
+    SectionInfo, SectionTag, check_follows,
 };
 use crate::hash::Kind;
 use crate::wire::{narrow_words, words};
 use crate::{Limits, StateHash};
 
-/// What a frame did to a state.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Applied {
-    /// The header of the frame.
-    pub info: FrameInfo,
-    /// Poses written.
-    pub poses: u32,
-    /// Buckets written.
-    pub buckets: u32,
-    /// Cells written.
-    pub cells: u32,
-}
-
 /// Applies a frame body to `state`. See [`Decoder::apply`], which is cheaper for many frames.
 ///
 /// # Errors
 /// Those of [`Decoder::apply`].
-pub fn apply(state: &mut State, body: &[u8], limits: &Limits) -> Result<Applied, FrameError> {
-    Decoder::new().apply(state, body, limits)
+pub fn apply(state: &mut State, body: &[u8], limits: &Limits) -> Result<FrameInfo, FrameError> {
+    Decoder::new().decode(state, body, limits)
 }
 
 /// Applies frame bodies; keeps its buffers between them.
@@ -50,17 +37,37 @@ impl Decoder {
         Decoder::default()
     }
 
+    /// Reads a frame body and applies it: [`FrameBody::parse`] and [`Decoder::apply`].
+    ///
+    /// # Errors
+    /// As [`Decoder::apply`].
+    pub fn decode(
+        &mut self,
+        state: &mut State,
+        bytes: &[u8],
+        limits: &Limits,
+    ) -> Result<FrameInfo, FrameError> {
+        let body = FrameBody::parse(bytes, limits)?;
+        self.apply(state, &body, limits)?;
+        Ok(body.into_info())
+    }
+
     /// Applies a frame body to `state`: checks all of it, the hash of the state after included, then writes.
     ///
     /// Its buffers grow to the largest section seen, never beyond `limits.max_block_bytes` each.
     ///
     /// # Errors
     /// [`FrameError`] says what is wrong and where; `state` is then exactly as before.
-    pub fn apply(&mut self, state: &mut State, body: &[u8], limits: &Limits) -> Result<Applied, FrameError> {
-        let info = inspect(body, limits)?;
-        check_follows(&info, Profile::PAPER, state.frame())?;
-        check_packing(state, &info)?;
-        self.decompress(state.layout(), &info, body, limits)?;
+    pub fn apply(
+        &mut self,
+        state: &mut State,
+        body: &FrameBody<'_>,
+        limits: &Limits,
+    ) -> Result<(), FrameError> {
+        let info = body.info();
+        check_follows(info, Profile::PAPER, state.frame())?;
+        check_packing(state, info)?;
+        self.decompress(state.layout(), body, limits)?;
         let computed = self.check(state, info.kind)?;
         if computed != info.hash {
             return Err(FrameError::Hash { offset: HASH_OFFSET, stored: info.hash, computed });
@@ -68,49 +75,21 @@ impl Decoder {
         self.write(state, info.kind);
         state.hash = computed;
         state.frame = Some(info.frame);
-        let count = |tag| info.section(tag).map_or(0, |section| section.records);
-        let (poses, buckets, cells) =
-            (count(SectionTag::POSES), count(SectionTag::BUCKETS), count(SectionTag::CELLS));
-        Ok(Applied { info, poses, buckets, cells })
-    }
-
-    fn buffer(&mut self, tag: SectionTag) -> Option<&mut Vec<u8>> {
-        match tag {
-            SectionTag::POSES => Some(&mut self.poses),
-            SectionTag::BUCKETS => Some(&mut self.buckets),
-            SectionTag::CELLS => Some(&mut self.cells),
-            _ => None,
-        }
+        Ok(())
     }
 
     /// Decompresses every section into its buffer; sections that the frame has not end up empty.
     fn decompress(
         &mut self,
         layout: &Layout,
-        info: &FrameInfo,
-        body: &[u8],
+        body: &FrameBody<'_>,
         limits: &Limits,
     ) -> Result<(), FrameError> {
-        let mut offset = info.header_bytes as usize;
-        for tag in [SectionTag::POSES, SectionTag::BUCKETS, SectionTag::CELLS] {
-            let mut out = self.buffer(tag).map(std::mem::take).unwrap_or_default();
-            let done = match info.section(tag) {
-                Some(section) => {
-                    let end = offset + section.wire_bytes as usize;
-                    let block = body.get(offset..end).unwrap_or_default();
-                    let done = self.decompress_section(layout, section, block, offset, limits, &mut out);
-                    offset = end;
-                    done
-                }
-                None => {
-                    out.clear();
-                    Ok(())
-                }
-            };
-            if let Some(buffer) = self.buffer(tag) {
-                *buffer = out;
-            }
-            done?;
+        for buffer in [&mut self.poses, &mut self.buckets, &mut self.cells] {
+            buffer.clear();
+        }
+        for block in body.blocks() {
+            self.decompress_section(layout, &block, limits)?;
         }
         Ok(())
     }
@@ -118,19 +97,22 @@ impl Decoder {
     fn decompress_section(
         &mut self,
         layout: &Layout,
-        section: &SectionInfo,
-        block: &[u8],
-        offset: usize,
+        block: &SectionBlock<'_>,
         limits: &Limits,
-        out: &mut Vec<u8>,
     ) -> Result<(), FrameError> {
-        let SectionInfo { tag, coder, records, raw_bytes, .. } = *section;
+        let SectionBlock { section: SectionInfo { tag, coder, records, raw_bytes, .. }, offset, bytes } =
+            *block;
         let places = places(layout, tag);
         if records > places {
             return Err(FrameError::TooManyRecords { offset, section: tag, records, places });
         }
+        let out = match tag {
+            SectionTag::POSES => &mut self.poses,
+            SectionTag::BUCKETS => &mut self.buckets,
+            _ => &mut self.cells,
+        };
         self.decompressor
-            .decompress(block, coder, raw_bytes, limits.max_block_bytes, out)
+            .decompress(bytes, coder, raw_bytes, limits.max_block_bytes, out)
             .map_err(|source| FrameError::Block { offset, section: tag, source })
     }
 
@@ -305,15 +287,16 @@ mod tests {
         {
             let Story { empty: mut state, after_key, after_delta, key, delta } = story_of(format, coder);
             let mut decoder = Decoder::new();
-            let applied = decoder.apply(&mut state, &key.body, &limits()).unwrap();
-            assert_eq!((&applied.info, &state), (&key.info, &after_key));
-            let applied = decoder.apply(&mut state, &delta.body, &limits()).unwrap();
-            assert_eq!((&applied.info, &state), (&delta.info, &after_delta));
-            assert_eq!((applied.poses, state.hash()), (2, state.full_hash()));
+            let applied = decoder.decode(&mut state, &key.body, &limits()).unwrap();
+            assert_eq!((&applied, &state), (&key.info, &after_key));
+            let applied = decoder.decode(&mut state, &delta.body, &limits()).unwrap();
+            assert_eq!((&applied, &state), (&delta.info, &after_delta));
+            let poses = applied.section(SectionTag::POSES).unwrap();
+            assert_eq!((poses.records, state.hash()), (2, state.full_hash()));
             let cells = delta.info.section(SectionTag::CELLS).unwrap();
             assert_eq!(cells.raw_bytes as usize, cells.records as usize * (4 + 7 * format.bytes()));
             // A keyframe replaces whatever there was.
-            decoder.apply(&mut state, &key.body, &limits()).unwrap();
+            decoder.decode(&mut state, &key.body, &limits()).unwrap();
             assert_eq!(state, after_key);
         }
     }
@@ -459,12 +442,12 @@ mod tests {
     fn an_applier_goes_on_after_a_bad_frame() {
         let Story { empty: mut state, after_delta, key, delta, .. } = story(BlockCoder::default());
         let mut decoder = Decoder::new();
-        decoder.apply(&mut state, &key.body, &limits()).unwrap();
+        decoder.decode(&mut state, &key.body, &limits()).unwrap();
         let mut bad = delta.body.clone();
         bad[16] ^= 1;
         reseal(&mut bad);
-        assert!(matches!(decoder.apply(&mut state, &bad, &limits()), Err(FrameError::Hash { .. })));
-        decoder.apply(&mut state, &delta.body, &limits()).unwrap();
+        assert!(matches!(decoder.decode(&mut state, &bad, &limits()), Err(FrameError::Hash { .. })));
+        decoder.decode(&mut state, &delta.body, &limits()).unwrap();
         assert_eq!(state, after_delta);
     }
 }

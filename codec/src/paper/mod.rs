@@ -22,7 +22,7 @@ pub use cells::{
     Bucket, BucketProblem, Cell, ENTRIES_PER_BUCKET, Entry, Grid, Located, MAX_CELL_INDEX, MAX_GRID_DIM,
     Occupancy, POINTS_PER_CELL, Placed, Placement, bucket_of, cell_id,
 };
-pub use decoder::{Applied, Decoder, apply};
+pub use decoder::{Decoder, apply};
 pub use encoder::{Encoder, PointSample};
 pub use error::{GridError, LayoutError, PointError};
 pub use keyframe::keyframe;

@@ -84,7 +84,7 @@ proptest! {
             walk.offer(&mut encoder);
             let kind = if number == 0 { KEY } else { DELTA };
             let frame = encoder.finish(meta(kind, number), CODERS[coder]).unwrap();
-            decoder.apply(&mut state, &frame.body, &Limits::default()).unwrap();
+            decoder.decode(&mut state, &frame.body, &Limits::default()).unwrap();
             prop_assert_eq!(&state, encoder.state());
             let postponed = *encoder.postponed().unwrap();
             prop_assert_eq!(postponed.used as usize, frame.body.len());

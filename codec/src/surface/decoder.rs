@@ -19,7 +19,8 @@ use super::section::writer::FrameModels;
 use super::state::value_words;
 use crate::block::{CoderId, Decompressor};
 use crate::envelope::{
-    FrameError, FrameInfo, FrameKind, HASH_OFFSET, Profile, SectionInfo, SectionTag, check_follows, inspect,
+    FrameBody, FrameError, FrameInfo, FrameKind, HASH_OFFSET, Profile, SectionBlock, SectionInfo, SectionTag,
+    check_follows,
 };
 use crate::hash::Kind;
 use crate::range::{Misfit, RangeDecoder};
@@ -36,19 +37,26 @@ pub struct Decoder {
     values: Vec<u8>,
 }
 
-/// A section and where its block is in the body.
-#[derive(Clone, Copy)]
-pub(super) struct Block<'a> {
-    section: SectionInfo,
-    offset: usize,
-    bytes: &'a [u8],
-}
-
 impl Decoder {
     /// A decoder with nothing allocated yet.
     #[must_use]
     pub fn new() -> Decoder {
         Decoder::default()
+    }
+
+    /// Reads a frame body and applies it: [`FrameBody::parse`] and [`Decoder::apply`].
+    ///
+    /// # Errors
+    /// As [`Decoder::apply`].
+    pub fn decode(
+        &mut self,
+        state: &mut State,
+        bytes: &[u8],
+        limits: &Limits,
+    ) -> Result<FrameInfo, FrameError> {
+        let body = FrameBody::parse(bytes, limits)?;
+        self.apply(state, &body, limits)?;
+        Ok(body.into_info())
     }
 
     /// Applies a frame body to `state`: checks all of it, the hash of the state after included, then writes.
@@ -61,34 +69,34 @@ impl Decoder {
     pub fn apply(
         &mut self,
         state: &mut State,
-        body: &[u8],
+        body: &FrameBody<'_>,
         limits: &Limits,
-    ) -> Result<FrameInfo, FrameError> {
-        let info = inspect(body, limits)?;
-        check_follows(&info, Profile::SURFACE, state.frame)?;
+    ) -> Result<(), FrameError> {
+        let info = body.info();
+        check_follows(info, Profile::SURFACE, state.frame)?;
         let computed = match info.kind {
             FrameKind::Key => {
-                let mut next = self.keyframe(state, blocks(&info, body), limits)?;
+                let mut next = self.keyframe(state, body.blocks(), limits)?;
                 next.hash = next.full_hash();
-                let computed = check_hash(next.hash, &info)?;
+                let computed = check_hash(next.hash, info)?;
                 *state = next;
                 computed
             }
             FrameKind::Delta if info.section(SectionTag::PATCH).is_some() => {
-                self.patch(state, &info, blocks(&info, body), limits)?
+                self.patch(state, info, body.blocks(), limits)?
             }
-            FrameKind::Delta => self.delta(state, &info, blocks(&info, body), limits)?,
+            FrameKind::Delta => self.delta(state, info, body.blocks(), limits)?,
         };
         state.hash = computed;
         state.frame = Some(info.frame);
-        Ok(info)
+        Ok(())
     }
 
     /// The state that a keyframe makes, with the geometry that the client was given.
     pub(super) fn keyframe<'a>(
         &mut self,
         state: &State,
-        blocks: impl Iterator<Item = Block<'a>>,
+        blocks: impl Iterator<Item = SectionBlock<'a>>,
         limits: &Limits,
     ) -> Result<State, FrameError> {
         let mut next = empty(state);
@@ -108,7 +116,7 @@ impl Decoder {
         &mut self,
         state: &mut State,
         info: &FrameInfo,
-        mut blocks: impl Iterator<Item = Block<'a>> + Clone,
+        mut blocks: impl Iterator<Item = SectionBlock<'a>> + Clone,
         limits: &Limits,
     ) -> Result<StateHash, FrameError> {
         let parcels = blocks.clone().filter(|block| block.section.tag != SectionTag::CHANGES);
@@ -149,7 +157,7 @@ impl Decoder {
         &mut self,
         state: &mut State,
         info: &FrameInfo,
-        blocks: impl Iterator<Item = Block<'a>>,
+        blocks: impl Iterator<Item = SectionBlock<'a>>,
         limits: &Limits,
     ) -> Result<StateHash, FrameError> {
         let mut learned = None;
@@ -178,7 +186,7 @@ impl Decoder {
         &mut self,
         state: &State,
         info: &FrameInfo,
-        block: &Block<'_>,
+        block: &SectionBlock<'_>,
         limits: &Limits,
     ) -> Result<(), FrameError> {
         let SectionInfo { records, coder, .. } = block.section;
@@ -211,7 +219,7 @@ impl Decoder {
     fn read_context(
         &mut self,
         state: &State,
-        block: &Block<'_>,
+        block: &SectionBlock<'_>,
         limits: &Limits,
     ) -> Result<(History, ChangeModel), FrameError> {
         check_single(block)?;
@@ -226,7 +234,7 @@ impl Decoder {
     fn parcel(
         &mut self,
         next: &mut State,
-        block: &Block<'_>,
+        block: &SectionBlock<'_>,
         models: &mut FrameModels,
         limits: &Limits,
     ) -> Result<(), FrameError> {
@@ -240,7 +248,7 @@ impl Decoder {
     fn read_geometry(
         &mut self,
         next: &mut State,
-        block: &Block<'_>,
+        block: &SectionBlock<'_>,
         models: &mut FrameModels,
         limits: &Limits,
     ) -> Result<(), FrameError> {
@@ -281,7 +289,7 @@ impl Decoder {
     fn read_values(
         &mut self,
         next: &mut State,
-        block: &Block<'_>,
+        block: &SectionBlock<'_>,
         models: &mut FrameModels,
         limits: &Limits,
     ) -> Result<(), FrameError> {
@@ -311,7 +319,7 @@ impl Decoder {
     fn read_changes(
         &mut self,
         state: &State,
-        block: &Block<'_>,
+        block: &SectionBlock<'_>,
         limits: &Limits,
     ) -> Result<bool, FrameError> {
         let SectionInfo { records, coder, .. } = block.section;
@@ -343,22 +351,12 @@ impl Decoder {
         Ok(true)
     }
 
-    fn decompress(&mut self, block: &Block<'_>, limits: &Limits) -> Result<(), FrameError> {
+    fn decompress(&mut self, block: &SectionBlock<'_>, limits: &Limits) -> Result<(), FrameError> {
         let SectionInfo { tag, coder, raw_bytes, .. } = block.section;
         self.decompressor
             .decompress(block.bytes, coder, raw_bytes, limits.max_block_bytes, &mut self.plain)
             .map_err(|source| FrameError::Block { offset: block.offset, section: tag, source })
     }
-}
-
-/// The sections whose blocks are whole.
-pub(super) fn blocks<'a>(info: &'a FrameInfo, body: &'a [u8]) -> impl Iterator<Item = Block<'a>> + Clone {
-    let mut offset = info.header_bytes as usize;
-    info.sections.iter().map_while(move |section| {
-        let bytes = body.get(offset..offset + section.wire_bytes as usize)?;
-        offset += bytes.len();
-        Some(Block { section: *section, offset: offset - bytes.len(), bytes })
-    })
 }
 
 /// The empty state of the same stream, with the geometry that did not come with frames.
@@ -373,7 +371,7 @@ fn empty(state: &State) -> State {
 }
 
 /// Checks that a section whose content is one whole says so.
-fn check_single(block: &Block<'_>) -> Result<(), FrameError> {
+fn check_single(block: &SectionBlock<'_>) -> Result<(), FrameError> {
     let SectionInfo { tag, records, .. } = block.section;
     if records == 1 {
         return Ok(());
@@ -412,7 +410,7 @@ fn check_changes(state: &State, changes: &Changes) -> Result<(), ChangeProblem> 
     Ok(())
 }
 
-fn check_end(bits: RangeDecoder<'_>, block: &Block<'_>) -> Result<(), FrameError> {
+fn check_end(bits: RangeDecoder<'_>, block: &SectionBlock<'_>) -> Result<(), FrameError> {
     bits.finish().map_err(|misfit| {
         let extra = match misfit {
             Misfit::Short => None,
@@ -422,7 +420,7 @@ fn check_end(bits: RangeDecoder<'_>, block: &Block<'_>) -> Result<(), FrameError
     })
 }
 
-fn check_plain(found: usize, block: &Block<'_>) -> Result<(), FrameError> {
+fn check_plain(found: usize, block: &SectionBlock<'_>) -> Result<(), FrameError> {
     let SectionInfo { tag, raw_bytes, .. } = block.section;
     if found == raw_bytes as usize {
         return Ok(());

@@ -59,7 +59,7 @@ fn the_dumps_in_the_specification_are_what_the_code_writes() {
     for delta in ["surface-delta", "range-delta"] {
         let mut state = State::new(Arc::clone(encoder().state().layout()));
         for name in ["surface-keyframe", delta] {
-            Decoder::new().apply(&mut state, &dump(name), &Limits::default()).unwrap();
+            Decoder::new().decode(&mut state, &dump(name), &Limits::default()).unwrap();
         }
         assert_eq!(state.values(0), [255, 104, 100]);
     }
@@ -96,7 +96,7 @@ impl Bits for Noting<'_> {
 fn the_decisions_in_the_specification_are_those_of_the_code() {
     let [key, range] = frames(BlockCoder::Range);
     let mut state = State::new(Arc::clone(encoder().state().layout()));
-    Decoder::new().apply(&mut state, &key.body, &Limits::default()).unwrap();
+    Decoder::new().decode(&mut state, &key.body, &Limits::default()).unwrap();
     let mut changes = Changes { quantum: 12, ..Changes::default() };
     changes.push(1, -8);
     let mut block = Vec::new();

@@ -126,7 +126,7 @@ fn a_patch_of_nothing_names_a_point_all_the_same() {
     let same = stream::patch(story.last(), &log, base, meta, BlockCoder::Range, true);
     assert_eq!(same, Ok(Some(body.clone())), "whoever carries streams of either profile");
     let mut state = story.states[story.states.len() - 2].clone();
-    Decoder::new().apply(&mut state, &body, &Limits::default()).unwrap();
+    Decoder::new().decode(&mut state, &body, &Limits::default()).unwrap();
     assert_eq!(&state, story.last());
 }
 
@@ -220,7 +220,7 @@ fn flipped_bits_of_a_patch_under_a_right_checksum_are_refused_or_harmless() {
             changed[bit / 8] ^= 1 << (bit % 8);
             reseal(&mut changed);
             let mut found = story.states[3].clone();
-            match decoder.apply(&mut found, &changed, &Limits::default()) {
+            match decoder.decode(&mut found, &changed, &Limits::default()) {
                 Ok(_) => assert_eq!(found.values, story.last().values, "bit {bit}"),
                 Err(_) => assert_eq!(found, story.states[3], "bit {bit}"),
             }
@@ -350,7 +350,7 @@ proptest! {
                 prop_assert_eq!(info.section(SectionTag::PATCH).unwrap().records, count.max(1));
                 for (at, state) in story.states.iter().enumerate().take(frames.len() - 1) {
                     let mut found = state.clone();
-                    let applied = Decoder::new().apply(&mut found, &body, &Limits::default());
+                    let applied = Decoder::new().decode(&mut found, &body, &Limits::default());
                     if at < base {
                         let refused = matches!(applied, Err(FrameError::PatchBase { .. }));
                         prop_assert!(refused, "{applied:?}");
@@ -374,7 +374,7 @@ proptest! {
         for (_, offers) in &more {
             story.frame(FrameKind::Delta, CODERS[coder], offers);
             for reader in readers.iter_mut().take(3) {
-                Decoder::new().apply(reader, story.bodies.last().unwrap(), &Limits::default()).unwrap();
+                Decoder::new().decode(reader, story.bodies.last().unwrap(), &Limits::default()).unwrap();
                 prop_assert_eq!(&*reader, story.last());
             }
         }

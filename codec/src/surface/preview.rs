@@ -1,9 +1,8 @@
 //! What can be shown of a keyframe before all of it is here.
 
-use super::decoder::blocks;
 use super::{Decoder, State};
 use crate::Limits;
-use crate::envelope::{FrameError, FrameKind, Profile, check_follows, read_header};
+use crate::envelope::{FrameError, FrameKind, Profile, check_follows, read_header, whole_blocks};
 
 /// What can be shown of a keyframe of which only the first bytes are here.
 #[derive(Debug, Clone, PartialEq)]
@@ -30,7 +29,7 @@ pub fn preview(state: &State, bytes: &[u8], limits: &Limits) -> Result<Option<Pr
     if info.kind != FrameKind::Key {
         return Ok(None);
     }
-    let blocks = blocks(&info, bytes);
+    let blocks = whole_blocks(&info, bytes);
     let mut next = Decoder::new().keyframe(state, blocks.clone(), limits)?;
     next.hash = next.full_hash();
     next.frame = Some(info.frame);

@@ -103,7 +103,7 @@ fn clients_hold_what_the_server_says_with_every_coder() {
             for number in 0..12 {
                 let frame = frames_next(&mut encoder, coder, number);
                 assert_eq!(inspect(&frame.body, &Limits::default()).as_ref(), Ok(&frame.info));
-                let info = decoder.apply(&mut state, &frame.body, &Limits::default()).unwrap();
+                let info = decoder.decode(&mut state, &frame.body, &Limits::default()).unwrap();
                 assert_eq!(info, frame.info);
                 assert_eq!(&state, encoder.state(), "{coder:?} {source:?} frame {number}");
                 assert_eq!(state.hash(), state.full_hash());
@@ -145,12 +145,12 @@ fn a_keyframe_in_the_middle_of_a_group_lets_a_client_read_on() {
         let body = keyframe(encoder.state(), meta(FrameKind::Key, 5), coder, &order).unwrap();
         let mut late = client(&encoder);
         let mut decoder = Decoder::new();
-        decoder.apply(&mut late, &body, &Limits::default()).unwrap();
+        decoder.decode(&mut late, &body, &Limits::default()).unwrap();
         assert_eq!(&late, encoder.state());
         for number in 6..9 {
             offer(&mut encoder, number, 0..100);
             let frame = encoder.finish(meta(FrameKind::Delta, number), coder).unwrap();
-            decoder.apply(&mut late, &frame.body, &Limits::default()).unwrap();
+            decoder.decode(&mut late, &frame.body, &Limits::default()).unwrap();
             assert_eq!(&late, encoder.state());
         }
     }
@@ -214,7 +214,7 @@ fn part_of_a_keyframe_can_be_shown() {
 /// Applies a body that must be refused; `state` must not change.
 pub(super) fn refuse(decoder: &mut Decoder, state: &State, body: &[u8], limits: &Limits) -> FrameError {
     let mut found = state.clone();
-    let error = decoder.apply(&mut found, body, limits).unwrap_err();
+    let error = decoder.decode(&mut found, body, limits).unwrap_err();
     assert_eq!(&found, state);
     error
 }
@@ -261,7 +261,7 @@ fn flipped_bits_under_a_right_checksum_are_refused_or_harmless() {
                 changed[bit / 8] ^= 1 << (bit % 8);
                 reseal(&mut changed);
                 let mut found = state.clone();
-                match decoder.apply(&mut found, &changed, &Limits::default()) {
+                match decoder.decode(&mut found, &changed, &Limits::default()) {
                     Ok(_) => {
                         found.frame = after.frame;
                         assert_eq!((found.hash(), &found.values), (after.hash(), &after.values), "bit {bit}");
@@ -411,7 +411,7 @@ proptest! {
             }
             let kind = if u32::is_multiple_of(number, 5) { FrameKind::Key } else { FrameKind::Delta };
             let frame = encoder.finish(meta(kind, number), CODERS[coder]).unwrap();
-            decoder.apply(&mut state, &frame.body, &Limits::default()).unwrap();
+            decoder.decode(&mut state, &frame.body, &Limits::default()).unwrap();
             prop_assert_eq!(&state, encoder.state());
             for (point, ao) in now.iter().enumerate() {
                 let (Some(ao), Some(slot)) = (ao, state.layout.slot(point as u32)) else { continue };
@@ -439,7 +439,7 @@ proptest! {
         let ids = (crate::envelope::Profile::SURFACE, crate::envelope::Packing::LATTICE, meta.kind);
         let body = crate::envelope::assemble(&meta, ids, crate::StateHash(7), vec![section], &noise).body;
         let mut found = state.clone();
-        if Decoder::new().apply(&mut found, &body, &Limits::default()).is_err() {
+        if Decoder::new().decode(&mut found, &body, &Limits::default()).is_err() {
             prop_assert_eq!(&found, state);
         }
     }

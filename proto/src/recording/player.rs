@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use psao_codec::block::BlockCoder;
-use psao_codec::envelope::{EncodeError, FrameInfo, FrameKind, FrameMeta, inspect};
+use psao_codec::envelope::{EncodeError, FrameBody, FrameInfo, FrameKind, FrameMeta};
 use psao_codec::{State, keyframe};
 
 use super::{Damage, EditsInForce, IndexEntry, RECORD_HEAD_BYTES, Reader, ReaderError, Record, Summary};
@@ -352,7 +352,8 @@ impl<'a> Player<'a> {
 
     fn state_frame(&mut self, record: &Record<'_>) -> PlayerEvent {
         let (header, body) = (record.frame.header, record.frame.payload());
-        let number = inspect(body, &self.limits.codec).ok().map(|info| info.frame);
+        let body = FrameBody::parse(body, &self.limits.codec);
+        let number = body.as_ref().ok().map(|body| body.info().frame);
         if let Some(frame) = number {
             self.count_lost(header, frame);
         }

@@ -204,7 +204,7 @@ fn clients_are_never_off_by_the_threshold_or_more() {
         let mut checked = 0;
         clip(&scene, ServerSettings { threshold, bits, ..settings(profile, 8.0) }, 14, |server, output| {
             let state = state.get_or_insert_with(|| State::new(server.layout()));
-            decoder.apply(state, &output.body, &psao_codec::Limits::default()).unwrap();
+            decoder.decode(state, &output.body, &psao_codec::Limits::default()).unwrap();
             assert_eq!((state.hash(), state.full_hash()), (server.hash(), server.hash()));
             checked += check_bound(server, state, threshold, output.info.frame);
         });

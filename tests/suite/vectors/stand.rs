@@ -29,8 +29,8 @@ impl Stand {
     pub(super) fn apply(&mut self, body: &[u8]) -> Result<FrameInfo, FrameError> {
         let limits = Limits::default();
         match self {
-            Stand::Paper(state) => paper::apply(state, body, &limits).map(|applied| applied.info),
-            Stand::Surface(state) => surface::Decoder::new().apply(state, body, &limits),
+            Stand::Paper(state) => paper::apply(state, body, &limits),
+            Stand::Surface(state) => surface::Decoder::new().decode(state, body, &limits),
         }
     }
 }

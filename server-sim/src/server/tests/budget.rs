@@ -47,7 +47,7 @@ fn a_budget_is_kept_and_what_it_postpones_is_counted() {
         waited += postponed.points;
         longest = longest.max(postponed.oldest);
         let client = client.get_or_insert_with(|| State::new(server.layout()));
-        decoder.apply(client, &output.body, &limits).unwrap();
+        decoder.decode(client, &output.body, &limits).unwrap();
         assert_eq!(client.hash(), server.hash());
     });
     assert!(waited > 0 && (1..=5).contains(&longest), "{waited} points waited, {longest} frames at most");

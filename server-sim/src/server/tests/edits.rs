@@ -82,7 +82,7 @@ fn clients_follow_the_edits_and_are_never_off_by_the_threshold() {
         let mut checked = 0;
         edited(&scene, ServerSettings { threshold: 2, ..settings(profile, 8.0) }, |server, output| {
             let state = state.get_or_insert_with(|| State::new(server.layout()));
-            decoder.apply(state, &output.body, &psao_codec::Limits::default()).unwrap();
+            decoder.decode(state, &output.body, &psao_codec::Limits::default()).unwrap();
             assert_eq!((state.hash(), state.full_hash()), (server.hash(), server.hash()));
             checked += check_bound(server, state, 2, output.info.frame);
             if let State::Paper(state) = &*state {

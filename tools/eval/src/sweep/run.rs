@@ -126,7 +126,7 @@ impl<'a> Run<'a> {
         let camera = [self.clip.scene.camera(f64::from(frame) / self.fps)];
         let output = self.server.step(FrameIndex(frame), self.time(frame), &camera, self.clock)?;
         let start = self.clock.micros();
-        let applied = self.decoder.apply(&mut self.state, &output.body, &Limits::default());
+        let applied = self.decoder.decode(&mut self.state, &output.body, &Limits::default());
         let decode = self.clock.micros().saturating_sub(start);
         applied.map_err(|error| SweepError::Frame { frame: FrameIndex(frame), error })?;
         let bytes = (self.clip.count)(&output.info);

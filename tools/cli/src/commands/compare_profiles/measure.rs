@@ -77,7 +77,7 @@ impl Client {
     /// Applies a frame; its hash must be the server's.
     fn follow(&mut self, output: &StepOutput) -> Outcome<Line> {
         let start = Instant::now();
-        let applied = self.decoder.apply(&mut self.state, &output.body, &Limits::default().codec);
+        let applied = self.decoder.decode(&mut self.state, &output.body, &Limits::default().codec);
         let decode_ms = start.elapsed().as_secs_f64() * 1e3;
         applied.map_err(|error| {
             let (name, frame) = (self.name, output.info.frame);

@@ -217,6 +217,7 @@ mod layout;
 mod limits;
 pub mod memory;
 pub mod paper;
+mod profiles;
 pub mod quant;
 mod range;
 pub mod reference;

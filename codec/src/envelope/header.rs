@@ -14,10 +14,11 @@
 //! | | for each section: tag u8, coder u8, records varint, raw bytes varint, stored bytes varint |
 
 use super::{
-    FrameError, FrameIndex, FrameInfo, FrameKind, Packing, Profile, SectionInfo, SectionTag, StreamTime,
+    FrameError, FrameIndex, FrameInfo, FrameKind, FrameRules, Packing, Profile, SectionInfo, SectionTag,
+    StreamTime,
 };
 use crate::block::CoderId;
-use crate::paper::PointFormat;
+use crate::profiles::{rules_of, rules_of_section};
 use crate::wire::{Reader, varint_bytes, write_varint};
 use crate::{Limits, StateHash};
 
@@ -55,8 +56,9 @@ pub(super) fn read_sound(body: &[u8], limits: &Limits) -> Result<FrameInfo, Fram
 /// only a whole body can be held to.
 pub(crate) fn read_header(body: &[u8], limits: &Limits) -> Result<(FrameInfo, u32), FrameError> {
     let mut reader = Reader::new(body);
-    let profile = read_profile(&mut reader)?;
-    let packing = read_packing(&mut reader, profile)?;
+    let rules = read_profile(&mut reader)?;
+    let profile = rules.profile();
+    let packing = read_packing(&mut reader, rules)?;
     let kind = reader.u8("frame kind")?;
     let kind = FrameKind::from_id(kind).ok_or(FrameError::Kind { offset: KIND_OFFSET, found: kind })?;
     let section_count = reader.u8("section count")?;
@@ -66,18 +68,18 @@ pub(crate) fn read_header(body: &[u8], limits: &Limits) -> Result<(FrameInfo, u3
     let stored = reader.u32("checksum")?;
     let changed_points = reader.varint("changed points")?;
     let mut sections = Vec::new();
-    // Where the line is of what was learned in a delta, while no patch follows it.
-    let mut alone = None;
+    // The last line, if the frame may not end with it.
+    let mut unfinished = None;
     for _ in 0..section_count {
         let previous = sections.last().map(|section: &SectionInfo| section.tag);
         let start = reader.offset();
         let section = read_section(&mut reader, limits)?;
-        check_section(start, profile, packing, kind, previous, &section)?;
-        alone = (kind == FrameKind::Delta && section.tag == SectionTag::CONTEXT).then_some(start);
+        check_section(start, rules, (packing, kind), previous, &section)?;
+        unfinished = (!rules.may_be_last(section.tag, kind)).then_some((start, section.tag));
         sections.push(section);
     }
-    if let Some(offset) = alone {
-        return Err(FrameError::SectionMisplaced { offset, found: SectionTag::CONTEXT, profile, kind });
+    if let Some((offset, found)) = unfinished {
+        return Err(FrameError::SectionMisplaced { offset, found, profile, kind });
     }
     let header_bytes = reader.offset() as u32;
     Ok((
@@ -86,33 +88,29 @@ pub(crate) fn read_header(body: &[u8], limits: &Limits) -> Result<(FrameInfo, u3
     ))
 }
 
-fn read_profile(reader: &mut Reader<'_>) -> Result<Profile, FrameError> {
+fn read_profile(reader: &mut Reader<'_>) -> Result<&'static dyn FrameRules, FrameError> {
     let offset = reader.offset();
-    match Profile(reader.u8("profile")?) {
-        known @ (Profile::PAPER | Profile::SURFACE) => Ok(known),
-        found => Err(FrameError::ProfileUnknown { offset, found }),
-    }
+    let found = Profile(reader.u8("profile")?);
+    rules_of(found).ok_or(FrameError::ProfileUnknown { offset, found })
 }
 
-fn read_packing(reader: &mut Reader<'_>, profile: Profile) -> Result<Packing, FrameError> {
+fn read_packing(reader: &mut Reader<'_>, rules: &dyn FrameRules) -> Result<Packing, FrameError> {
     let found = Packing(reader.u8("packing")?);
-    let known = match profile {
-        Profile::SURFACE => found == Packing::LATTICE,
-        _ => PointFormat::from_packing(found).is_some(),
-    };
-    if known { Ok(found) } else { Err(FrameError::PackingUnknown { offset: PACKING_OFFSET, found }) }
+    if rules.has_packing(found) {
+        Ok(found)
+    } else {
+        Err(FrameError::PackingUnknown { offset: PACKING_OFFSET, found })
+    }
 }
 
 /// Reads one line of the section table and checks what concerns no other.
 fn read_section(reader: &mut Reader<'_>, limits: &Limits) -> Result<SectionInfo, FrameError> {
     let offset = reader.offset();
     let tag = SectionTag(reader.u8("section tag")?);
-    if !tag.is_known() {
-        return Err(FrameError::SectionUnknown { offset, found: tag });
-    }
+    let owner = rules_of_section(tag).ok_or(FrameError::SectionUnknown { offset, found: tag })?;
     let offset = reader.offset();
     let coder = CoderId(reader.u8("block coder")?);
-    if !tag.may_use(coder) {
+    if !owner.may_use(tag, coder) {
         return Err(FrameError::Coder { offset, section: tag, found: coder });
     }
     let offset = reader.offset();
@@ -133,24 +131,23 @@ fn read_section(reader: &mut Reader<'_>, limits: &Limits) -> Result<SectionInfo,
 /// Checks a line of the section table, which starts at byte `start`, against the frame and the line before it.
 fn check_section(
     start: usize,
-    profile: Profile,
-    packing: Packing,
-    kind: FrameKind,
+    rules: &dyn FrameRules,
+    (packing, kind): (Packing, FrameKind),
     previous: Option<SectionTag>,
     section: &SectionInfo,
 ) -> Result<(), FrameError> {
     let found = section.tag;
-    if !found.is_of(profile) || !found.may_be_in(kind) {
+    let profile = rules.profile();
+    if !rules.sections().contains(&found) || !rules.may_be_in(found, kind) {
         return Err(FrameError::SectionMisplaced { offset: start, found, profile, kind });
     }
-    if let Some(previous) = previous.filter(|previous| !previous.may_precede(found)) {
+    if let Some(previous) = previous.filter(|previous| !rules.is_order(*previous, found)) {
         return Err(FrameError::SectionOrder { offset: start, found, previous });
     }
-    if let Some(previous) = previous.filter(|previous| !found.may_be_beside(*previous, kind)) {
+    if let Some(previous) = previous.filter(|previous| !rules.may_be_beside(*previous, found, kind)) {
         return Err(FrameError::SectionBeside { offset: start, found, previous });
     }
-    let size = PointFormat::from_packing(packing).and_then(|format| found.record_bytes(format));
-    if let Some(size) = size {
+    if let Some(size) = rules.record_bytes(found, packing) {
         let expected = u64::from(section.records) * u64::from(size);
         if expected != u64::from(section.raw_bytes) {
             // The raw length follows tag, coder and records.

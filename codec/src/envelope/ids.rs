@@ -2,9 +2,6 @@
 
 use std::fmt;
 
-use crate::block::CoderId;
-use crate::paper::{POINTS_PER_CELL, PointFormat};
-
 /// What the records of a frame mean.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Profile(pub u8);
@@ -122,56 +119,6 @@ impl SectionTag {
         SectionTag::CONTEXT,
         SectionTag::PATCH,
     ];
-
-    pub(crate) fn is_known(self) -> bool {
-        SectionTag::ALL.contains(&self)
-    }
-
-    /// Whether frames of a profile have such a section.
-    #[must_use]
-    pub fn is_of(self, profile: Profile) -> bool {
-        (self <= SectionTag::CELLS) == (profile == Profile::PAPER)
-    }
-
-    /// Changes and patches suit deltas only.
-    pub(crate) fn may_be_in(self, kind: FrameKind) -> bool {
-        kind == FrameKind::Delta || !matches!(self, SectionTag::CHANGES | SectionTag::PATCH)
-    }
-
-    /// A patch is all that its delta does; what was learned may go before it.
-    pub(crate) fn may_be_beside(self, previous: SectionTag, kind: FrameKind) -> bool {
-        match self {
-            SectionTag::CONTEXT => kind == FrameKind::Key,
-            SectionTag::PATCH => previous == SectionTag::CONTEXT,
-            _ => true,
-        }
-    }
-
-    /// Tags ascend; geometry and values alone may take turns.
-    pub(crate) fn may_precede(self, next: SectionTag) -> bool {
-        let parcel = |tag| matches!(tag, SectionTag::GEOMETRY | SectionTag::VALUES);
-        self < next || parcel(self) && parcel(next)
-    }
-
-    /// Whether a block of such a section may be coded so.
-    pub(crate) fn may_use(self, coder: CoderId) -> bool {
-        match coder {
-            CoderId::STORED | CoderId::LZ4 | CoderId::ZSTD => true,
-            CoderId::RANGE => SectionTag::GEOMETRY <= self && self != SectionTag::CONTEXT,
-            _ => false,
-        }
-    }
-
-    /// Bytes of one record in a stream of this packing; `None` where they have no fixed size.
-    #[must_use]
-    pub const fn record_bytes(self, format: PointFormat) -> Option<u32> {
-        match self {
-            SectionTag::POSES => Some(32),
-            SectionTag::BUCKETS => Some(68),
-            SectionTag::CELLS => Some(4 + (POINTS_PER_CELL * format.bytes()) as u32),
-            _ => None,
-        }
-    }
 }
 
 impl fmt::Display for SectionTag {

@@ -9,6 +9,7 @@ mod error;
 mod header;
 mod ids;
 mod info;
+mod rules;
 
 pub(crate) use assemble::assemble;
 pub use body::{FrameBody, inspect};
@@ -19,3 +20,4 @@ pub(crate) use header::{
 };
 pub use ids::{FrameIndex, FrameKind, Packing, Profile, SectionTag, StreamTime};
 pub use info::{EncodedFrame, FrameInfo, FrameMeta, SectionInfo};
+pub(crate) use rules::FrameRules;

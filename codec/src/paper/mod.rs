@@ -16,6 +16,7 @@ mod point;
 mod pose;
 mod records;
 mod resend;
+mod rules;
 mod state;
 
 pub use cells::{
@@ -31,4 +32,5 @@ pub use point::{Packed, Packed16, Packed24, Packed32, Point, PointFormat, Split,
 pub use pose::{Pose, PoseError};
 pub(crate) use records::{Records, write_body};
 pub use resend::ResendAo;
+pub(crate) use rules::Rules;
 pub use state::State;

@@ -1,5 +1,6 @@
 //! Writes frame bodies: gathers records, compresses the sections, puts the header before them.
 
+use super::rules::record_bytes;
 use super::{Bucket, Cell, POINTS_PER_CELL, PointFormat, Pose};
 use crate::block::{BlockCoder, Compressor};
 use crate::envelope::{
@@ -95,7 +96,7 @@ pub(crate) fn write_body(
     let mut blocks = Vec::new();
     let mut sections = Vec::new();
     for (tag, raw) in records.sections() {
-        let Some(record_bytes) = tag.record_bytes(records.format).filter(|_| !raw.is_empty()) else {
+        let Some(record_bytes) = record_bytes(tag, records.format).filter(|_| !raw.is_empty()) else {
             continue;
         };
         let start = blocks.len();

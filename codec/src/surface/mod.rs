@@ -20,6 +20,7 @@ mod patch;
 #[cfg(test)]
 mod patch_tests;
 mod preview;
+mod rules;
 mod section;
 mod spent;
 mod state;
@@ -38,6 +39,7 @@ pub use model::context::ContextProblem;
 pub(crate) use model::history::{History, NEVER};
 pub use patch::patch;
 pub use preview::{Preview, preview};
+pub(crate) use rules::Rules;
 pub use section::changes::ChangeProblem;
 pub use section::geometry::GeometryProblem;
 pub use section::values::ValueProblem;

@@ -6,7 +6,7 @@ use crate::StateHash;
 use crate::block::{BlockError, CoderId};
 use crate::paper::{BucketProblem, PoseError};
 use crate::surface::{ChangeProblem, ContextProblem, GeometryProblem, ValueProblem};
-use crate::wire::VarintProblem;
+use crate::wire::{VarintProblem, WireError, WireErrorKind};
 
 /// Why a frame body was refused. The state is as it was before.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -382,6 +382,16 @@ pub enum FrameError {
         /// The hash that the state would have.
         computed: StateHash,
     },
+}
+
+impl From<WireError> for FrameError {
+    fn from(WireError { field, offset, kind }: WireError) -> FrameError {
+        match kind {
+            WireErrorKind::Ends { missing } => FrameError::Truncated { field, offset, missing },
+            WireErrorKind::Varint(problem) => FrameError::Varint { field, offset, problem },
+            WireErrorKind::Trailing { extra } => FrameError::Trailing { offset, extra },
+        }
+    }
 }
 
 fn misfit(extra: Option<usize>) -> String {

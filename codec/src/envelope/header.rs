@@ -42,9 +42,7 @@ pub(super) fn read_sound(body: &[u8], limits: &Limits) -> Result<FrameInfo, Fram
     for section in &info.sections {
         reader.take("block", section.wire_bytes as usize)?;
     }
-    if reader.remaining() > 0 {
-        return Err(FrameError::Trailing { offset: reader.offset(), extra: reader.remaining() });
-    }
+    reader.end()?;
     let computed = body_crc(body);
     if stored != computed {
         return Err(FrameError::Checksum { offset: CRC_OFFSET, stored, computed });

@@ -10,9 +10,9 @@
 //! | 8 for each such block | one bit a point, lowest first |
 //! | 1 or 2 for each such point | the level as a varint: 0, -1, 1, -2 .. as 0, 1, 2, 3 ..; never 0 |
 
-use super::marks::{Marks, Rest};
+use super::marks::Marks;
 use crate::memory;
-use crate::wire::write_varint;
+use crate::wire::{Reader, WireError, WireErrorKind, write_varint};
 
 /// Changes of one frame, in the order of the points.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -139,16 +139,25 @@ impl Changes {
         records: u32,
     ) -> Result<(), ChangeProblem> {
         self.clear();
-        let mut rest = Rest::new(raw);
-        self.quantum = rest.take("the quantum", 1)?[0];
+        let mut reader = Reader::new(raw);
+        self.quantum = reader.take("the quantum", 1)?[0];
         if self.quantum == 0 {
             return Err(ChangeProblem::Quantum);
         }
-        self.marks.read_plain(&mut rest, blocks, records)?;
+        self.marks.read_plain(&mut reader, blocks, records)?;
         for _ in 0..records {
-            self.levels.push(level(&mut rest)?);
+            self.levels.push(level(&mut reader)?);
         }
-        rest.end()
+        Ok(reader.end()?)
+    }
+}
+
+impl From<WireError> for ChangeProblem {
+    fn from(WireError { field, offset, kind }: WireError) -> ChangeProblem {
+        match kind {
+            WireErrorKind::Ends { .. } | WireErrorKind::Varint(_) => ChangeProblem::Ends { field, offset },
+            WireErrorKind::Trailing { extra } => ChangeProblem::Trailing { offset, extra },
+        }
     }
 }
 
@@ -158,9 +167,9 @@ fn fold(level: i16) -> u32 {
 }
 
 /// Reads the level that comes next.
-fn level(rest: &mut Rest<'_>) -> Result<i16, ChangeProblem> {
-    let (field, offset) = ("a level", rest.offset());
-    match rest.varint(field)? {
+fn level(reader: &mut Reader<'_>) -> Result<i16, ChangeProblem> {
+    let (field, offset) = ("a level", reader.offset());
+    match reader.varint(field)? {
         folded if folded <= fold(MAX_LEVEL) => Ok(((folded >> 1) as i32 ^ -((folded & 1) as i32)) as i16),
         found => Err(ChangeProblem::LevelRange { offset, found }),
     }

@@ -11,7 +11,7 @@ use crate::surface::geometry::Geometry;
 use crate::surface::model::curve;
 use crate::surface::model::geometry::GeometryModel;
 use crate::surface::{Layout, SetLayout};
-use crate::wire::words;
+use crate::wire::Reader;
 
 /// Sets and their points.
 pub(crate) type Sets = Vec<(u32, Arc<Geometry>)>;
@@ -153,17 +153,15 @@ impl<'a> Incoming<'a> {
 /// Reads the plain layout: sets with `records` points in all.
 pub(crate) fn read_plain(raw: &[u8], layout: &Layout, records: u32) -> Result<Sets, GeometryProblem> {
     let mut incoming = Incoming::new(layout, records);
-    let mut rest = raw;
-    while !rest.is_empty() {
-        let (number, after) = rest.split_at_checked(4).ok_or(GeometryProblem::Ends { points: 0 })?;
-        let [set] = words(number);
+    let mut reader = Reader::new(raw);
+    while reader.remaining() > 0 {
+        let set = reader.u32("the set").map_err(|_| GeometryProblem::Ends { points: 0 })?;
         let set_layout = incoming.announce(set)?;
         let count = set_layout.points as usize;
-        let Some((planes, after)) = after.split_at_checked(POINT_BYTES * count) else {
-            return Err(GeometryProblem::Ends { points: after.len() / POINT_BYTES });
-        };
+        let left = reader.remaining();
+        let ends = |_| GeometryProblem::Ends { points: left / POINT_BYTES };
+        let planes = reader.take("the points", POINT_BYTES * count).map_err(ends)?;
         incoming.add(set, read_set(planes, set_layout, count)?)?;
-        rest = after;
     }
     incoming.end()
 }

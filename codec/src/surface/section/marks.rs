@@ -6,7 +6,7 @@
 use super::changes::ChangeProblem;
 use crate::memory;
 use crate::surface::{BLOCK_POINTS, State};
-use crate::wire::{VarintFault, read_varint};
+use crate::wire::Reader;
 
 /// Points of some blocks, in order.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -76,16 +76,16 @@ impl Marks {
     /// points.
     pub(crate) fn read_plain(
         &mut self,
-        rest: &mut Rest<'_>,
+        reader: &mut Reader<'_>,
         blocks: usize,
         records: u32,
     ) -> Result<(), ChangeProblem> {
         self.clear();
-        let bitmap = rest.take("the bitmap of blocks", blocks.div_ceil(8))?;
+        let bitmap = reader.take("the bitmap of blocks", blocks.div_ceil(8))?;
         for (at, byte) in bitmap.iter().enumerate() {
             self.blocks.extend(SetBits(u64::from(*byte)).map(|bit| at as u32 * 8 + bit));
         }
-        let masks = rest.take("the bitmaps of points", 8 * self.blocks.len())?;
+        let masks = reader.take("the bitmaps of points", 8 * self.blocks.len())?;
         let mut found = 0;
         for (mask, block) in masks.chunks_exact(8).zip(&self.blocks) {
             let mask = mask.iter().rev().fold(0, |mask, byte| mask << 8 | u64::from(*byte));
@@ -130,50 +130,5 @@ impl Iterator for SetBits {
             self.0 &= self.0 - 1;
             bit
         })
-    }
-}
-
-/// What is left of a plain layout.
-pub(crate) struct Rest<'a> {
-    raw: &'a [u8],
-    offset: usize,
-}
-
-impl<'a> Rest<'a> {
-    pub(crate) fn new(raw: &'a [u8]) -> Rest<'a> {
-        Rest { raw, offset: 0 }
-    }
-
-    /// Bytes taken so far.
-    pub(crate) fn offset(&self) -> usize {
-        self.offset
-    }
-
-    pub(crate) fn take(&mut self, field: &'static str, count: usize) -> Result<&'a [u8], ChangeProblem> {
-        let Some((taken, rest)) = self.raw.split_at_checked(count) else {
-            return Err(ChangeProblem::Ends { field, offset: self.offset });
-        };
-        self.raw = rest;
-        self.offset += count;
-        Ok(taken)
-    }
-
-    pub(crate) fn varint(&mut self, field: &'static str) -> Result<u32, ChangeProblem> {
-        match read_varint(self.raw) {
-            Ok((value, length)) => {
-                self.take(field, length)?;
-                Ok(value)
-            }
-            Err(VarintFault::Ends | VarintFault::Malformed(_)) => {
-                Err(ChangeProblem::Ends { field, offset: self.offset })
-            }
-        }
-    }
-
-    pub(crate) fn end(&self) -> Result<(), ChangeProblem> {
-        match self.raw.len() {
-            0 => Ok(()),
-            extra => Err(ChangeProblem::Trailing { offset: self.offset, extra }),
-        }
     }
 }

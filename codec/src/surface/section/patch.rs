@@ -3,8 +3,8 @@
 //! The plain layout is a varint, how many frames that one is back; which points, as in CHANGES; then the byte of each.
 
 use super::changes::ChangeProblem;
-use super::marks::{Marks, Rest};
-use crate::wire::{varint_bytes, write_varint};
+use super::marks::Marks;
+use crate::wire::{Reader, varint_bytes, write_varint};
 
 /// Points and their bytes.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -50,10 +50,10 @@ impl Patch {
         records: u32,
     ) -> Result<(), ChangeProblem> {
         self.clear();
-        let mut rest = Rest::new(raw);
-        self.back = rest.varint("how far it reaches back")?;
-        self.marks.read_plain(&mut rest, blocks, records)?;
-        self.bytes.extend_from_slice(rest.take("the values", records as usize)?);
-        rest.end()
+        let mut reader = Reader::new(raw);
+        self.back = reader.varint("how far it reaches back")?;
+        self.marks.read_plain(&mut reader, blocks, records)?;
+        self.bytes.extend_from_slice(reader.take("the values", records as usize)?);
+        Ok(reader.end()?)
     }
 }

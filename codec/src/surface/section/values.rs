@@ -6,7 +6,7 @@
 //! set has at the same place as opinions.
 
 use crate::surface::{BLOCK_POINTS, Layout};
-use crate::wire::{VarintFault, read_varint, varint_bytes, write_varint};
+use crate::wire::{Reader, WireError, varint_bytes, write_varint};
 
 /// Blocks and the bytes of their points.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -104,29 +104,28 @@ impl Values {
         records: u32,
     ) -> Result<(), ValueProblem> {
         self.clear();
-        let mut offset = 0;
-        let mut number = || match read_varint(&raw[offset..]) {
-            Ok((value, length)) => {
-                offset += length;
-                Ok(value)
-            }
-            Err(VarintFault::Ends | VarintFault::Malformed(_)) => {
-                Err(ValueProblem::Ends { field: "a run of blocks", offset })
-            }
-        };
+        let mut reader = Reader::new(raw);
+        let field = "a run of blocks";
         let mut arrivals = Arrivals::new(layout, present, records);
-        for _ in 0..number()? {
-            let run = (number()?, number()?);
+        for _ in 0..reader.varint(field)? {
+            let run = (reader.varint(field)?, reader.varint(field)?);
             arrivals.add(run)?;
             self.runs.push(run);
         }
         arrivals.end()?;
-        let bytes = &raw[offset..];
-        if bytes.len() != records as usize {
-            return Err(ValueProblem::Count { expected: records, found: bytes.len() });
+        let found = reader.remaining();
+        if found != records as usize {
+            return Err(ValueProblem::Count { expected: records, found });
         }
+        let bytes = reader.take("the values", found)?;
         self.bytes.extend_from_slice(bytes);
         Ok(())
+    }
+}
+
+impl From<WireError> for ValueProblem {
+    fn from(WireError { field, offset, .. }: WireError) -> ValueProblem {
+        ValueProblem::Ends { field, offset }
     }
 }
 

@@ -14,7 +14,7 @@ use std::hint::black_box;
 use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
 use pco::{ChunkConfig, standalone};
 use psao_codec::block::{BlockCoder, Compressor, Decompressor};
-use psao_codec::frame::SectionTag;
+use psao_codec::envelope::SectionTag;
 use zstd_safe::{CCtx, CParameter, DCtx, InBuffer, OutBuffer, Strategy};
 
 use paper::{Paper, cell_records};

@@ -9,7 +9,7 @@ use std::hint::black_box;
 use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
 use psao_codec::Limits;
 use psao_codec::block::BlockCoder;
-use psao_codec::frame::{Applier, State};
+use psao_codec::paper::{Decoder, State};
 
 use paper::{Paper, cell_records};
 
@@ -40,7 +40,7 @@ fn encoder(bench: &mut Criterion) -> Result<(), Failure> {
     // Away and back: every slot is freed, its cell moved together, and taken again.
     let stored = stream.encoder.counts().points_stored;
     group.bench_function(
-        "compaction: 2 % of the points removed, put again, homeless ones retried",
+        "compaction: 2 % of the points removed, put again, unplaced ones retried",
         |bench| {
             bench.iter(|| {
                 for at in 0..taken {
@@ -50,7 +50,7 @@ fn encoder(bench: &mut Criterion) -> Result<(), Failure> {
                         black_box(stream.encoder.put(point, &sample).is_ok());
                     }
                 }
-                stream.encoder.retry_homeless();
+                stream.encoder.retry_unplaced();
             });
         },
     );
@@ -75,14 +75,14 @@ fn apply(bench: &mut Criterion) -> Result<(), Failure> {
         }
         let client: State = stream.encoder.state().clone();
         let (delta, changed) = stream.frame(10, coder)?;
-        let mut applier = Applier::new();
+        let mut decoder = Decoder::new();
         let mut state = client.clone();
-        applier.apply(&mut state, &delta.body, &limits)?;
+        decoder.decode(&mut state, &delta.body, &limits)?;
         assert!(&state == stream.encoder.state() && state.hash() == state.full_hash(), "{name}");
         group.throughput(Throughput::Elements(changed.into()));
         group.bench_function(name, |bench| {
             let run = |mut state: State| {
-                let applied = applier.apply(&mut state, &delta.body, &limits);
+                let applied = decoder.decode(&mut state, &delta.body, &limits);
                 (state, applied)
             };
             bench.iter_batched(|| client.clone(), run, BatchSize::LargeInput);

@@ -3,7 +3,7 @@
 use std::hint::black_box;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use psao_codec::point::PointFormat;
+use psao_codec::paper::PointFormat;
 use psao_codec::quant::oct;
 
 const COUNT: u32 = 1024;

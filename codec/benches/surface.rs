@@ -10,8 +10,8 @@ use std::sync::Arc;
 use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
 use psao_codec::Limits;
 use psao_codec::block::BlockCoder;
-use psao_codec::frame::{FrameIndex, FrameKind, FrameMeta, SectionTag, StreamTime};
-use psao_codec::surface::{Applier, State, keyframe};
+use psao_codec::envelope::{FrameIndex, FrameKind, FrameMeta, SectionTag, StreamTime};
+use psao_codec::surface::{Decoder, State, keyframe};
 
 use stream::{CODERS, Stream};
 
@@ -30,8 +30,8 @@ fn keyframes(bench: &mut Criterion, stream: &Stream) -> Result<(), Failure> {
         let frame = stream.frame(&mut encoder, 0, coder)?;
         let empty = State::new(Arc::clone(&stream.layout));
         let mut state = empty.clone();
-        let mut applier = Applier::new();
-        applier.apply(&mut state, &frame.body, &limits)?;
+        let mut decoder = Decoder::new();
+        decoder.decode(&mut state, &frame.body, &limits)?;
         assert!(&state == encoder.state() && state.hash() == state.full_hash(), "{name}");
         let bytes = |tag| {
             let sections = frame.info.sections.iter().filter(|section| section.tag == tag);
@@ -51,7 +51,7 @@ fn keyframes(bench: &mut Criterion, stream: &Stream) -> Result<(), Failure> {
         });
         group.bench_function(format!("{name}, apply"), |bench| {
             let run = |mut state: State| {
-                let applied = applier.apply(&mut state, &frame.body, &limits);
+                let applied = decoder.decode(&mut state, &frame.body, &limits);
                 (state, applied)
             };
             bench.iter_batched(|| empty.clone(), run, BatchSize::LargeInput);
@@ -75,11 +75,11 @@ fn deltas(bench: &mut Criterion, stream: &Stream) -> Result<(), Failure> {
         stream.frame(&mut encoder, 0, BlockCoder::Stored)?;
         let client = encoder.state().clone();
         let mut state = client.clone();
-        let mut applier = Applier::new();
+        let mut decoder = Decoder::new();
         let (mut bodies, mut changed, mut bytes) = (Vec::new(), 0, 0);
         for number in 1..=RUN {
             let frame = stream.frame(&mut encoder, number, coder)?;
-            applier.apply(&mut state, &frame.body, &limits)?;
+            decoder.decode(&mut state, &frame.body, &limits)?;
             assert!(&state == encoder.state(), "{name}, frame {number}");
             // The first frames after the keyframe may have none: nothing has moved far yet.
             let section = frame.info.section(SectionTag::CHANGES);
@@ -99,7 +99,7 @@ fn deltas(bench: &mut Criterion, stream: &Stream) -> Result<(), Failure> {
         group.throughput(Throughput::Elements(changed.into()));
         group.bench_function(format!("{name}, apply {RUN} frames"), |bench| {
             let run = |mut state: State| {
-                let done = bodies.iter().all(|body| applier.apply(&mut state, body, &limits).is_ok());
+                let done = bodies.iter().all(|body| decoder.decode(&mut state, body, &limits).is_ok());
                 (state, done)
             };
             bench.iter_batched(|| client.clone(), run, BatchSize::LargeInput);

@@ -8,10 +8,10 @@
 //!
 //! * [`surface`]: points stay on the mesh at rest and are sent once; a frame holds AO changes only, by a range coder that
 //!   knows what neighbours and the last frames did. The smallest streams.
-//! * `paper` ([`cells`], [`frame`], [`point`]): the structures of "PSAO: Point-Based Split Rendering for Ambient Occlusion"
+//! * [`paper`]: the structures of "PSAO: Point-Based Split Rendering for Ambient Occlusion"
 //!   (sections 3.1 to 3.5), points of 32, 24 or 16 bits in hashed cells. The baseline.
 //!
-//! [`stream`] carries either. The wire format is specified in `docs/spec/codec.md`. The crate does no I/O, reads no
+//! [`Layout`], [`State`], [`Decoder`] and [`ChangeLog`] are of either; [`envelope`] is what their frames share. The wire format is specified in `docs/spec/codec.md`. The crate does no I/O, reads no
 //! clock and draws no randomness: the same calls give the same bytes on any machine.
 //!
 //! # Send AO changes of points at rest
@@ -20,9 +20,9 @@
 //! use std::sync::Arc;
 //! use psao_codec::Limits;
 //! use psao_codec::block::BlockCoder;
-//! use psao_codec::frame::{FrameIndex, FrameKind, FrameMeta, StreamTime};
+//! use psao_codec::envelope::{FrameIndex, FrameKind, FrameMeta, StreamTime};
 //! use psao_codec::surface::{
-//!     Applier, Encoder, EncoderSettings, Geometry, GeometryDigest, GeometrySource, Layout, Member, RestPoint,
+//!     Decoder, Encoder, EncoderSettings, Geometry, GeometryDigest, GeometrySource, Layout, Member, RestPoint,
 //!     SetLayout, State,
 //! };
 //!
@@ -50,20 +50,20 @@
 //! let mut encoder = Encoder::new(Arc::clone(&layout), vec![geometry], settings)?;
 //! let meta = |kind, frame| FrameMeta { kind, frame: FrameIndex(frame), time: StreamTime(0), changed_points: 0 };
 //! for point in 0..200 {
-//!     encoder.offer(point, 255);
+//!     encoder.set_ao(point, 255);
 //! }
 //! let key = encoder.finish(meta(FrameKind::Key, 0), BlockCoder::Range)?;
 //! for point in 120..160 {
-//!     encoder.offer(point, 90);
+//!     encoder.set_ao(point, 90);
 //! }
 //! let delta = encoder.finish(meta(FrameKind::Delta, 1), BlockCoder::Range)?;
 //! assert!(delta.body.len() < 64);
 //!
 //! // A client holds the same, and no point is off by the threshold.
 //! let mut state = State::new(layout);
-//! let mut applier = Applier::new();
-//! applier.apply(&mut state, &key.body, &limits)?;
-//! applier.apply(&mut state, &delta.body, &limits)?;
+//! let mut decoder = Decoder::new();
+//! decoder.decode(&mut state, &key.body, &limits)?;
+//! decoder.decode(&mut state, &delta.body, &limits)?;
 //! assert_eq!(&state, encoder.state());
 //! assert!(state.values(1)[20..60].iter().all(|ao| ao.abs_diff(90) < 8));
 //! # Ok(())
@@ -74,7 +74,7 @@
 //!
 //! ```
 //! # use std::sync::Arc;
-//! # use psao_codec::{Limits, block::BlockCoder, frame::{FrameIndex, FrameKind, FrameMeta, StreamTime}, surface::*};
+//! # use psao_codec::{Limits, block::BlockCoder, envelope::{FrameIndex, FrameKind, FrameMeta, StreamTime}, surface::*};
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! # let set = SetLayout { origin: [0.0; 3], step: 1.0 / 128.0, extent: [128; 3], normal_bits: 6, kernel_radius: 0.1,
 //! #     points: 0, digest: GeometryDigest::default() };
@@ -85,22 +85,22 @@
 //! # let settings = EncoderSettings { threshold: 8, geometry: GeometrySource::Sent, budget: None };
 //! # let mut encoder = Encoder::new(Arc::clone(&layout), vec![geometry], settings)?;
 //! # let meta = |kind, frame| FrameMeta { kind, frame: FrameIndex(frame), time: StreamTime(0), changed_points: 0 };
-//! # (0..100).for_each(|point| { encoder.offer(point, 255); });
-//! // One ledger for all clients follows the encoder from frame to frame.
+//! # (0..100).for_each(|point| { encoder.set_ao(point, 255); });
+//! // One change log for all clients follows the encoder from frame to frame.
 //! let key = encoder.finish(meta(FrameKind::Key, 0), BlockCoder::Range)?;
-//! let mut ledger = Ledger::new(encoder.state());
+//! let mut log = ChangeLog::new(encoder.state());
 //! for frame in 1..30 {
-//!     encoder.offer(frame, 90);
+//!     encoder.set_ao(frame, 90);
 //!     encoder.finish(meta(FrameKind::Delta, frame), BlockCoder::Range)?;
-//!     ledger.follow(encoder.state());
+//!     log.record(encoder.state());
 //! }
 //! // This client got the keyframe and nothing since; the patch has the newest value of what changed.
 //! let mut state = State::new(layout);
-//! let mut applier = Applier::new();
-//! applier.apply(&mut state, &key.body, &limits)?;
+//! let mut decoder = Decoder::new();
+//! decoder.decode(&mut state, &key.body, &limits)?;
 //! let (base, newest) = (FrameIndex(0), meta(FrameKind::Delta, 29));
-//! let body = patch(encoder.state(), &ledger, base, newest, BlockCoder::Range, false)?;
-//! applier.apply(&mut state, &body.ok_or("only a keyframe helps")?, &limits)?;
+//! let body = patch(encoder.state(), &log, base, newest, BlockCoder::Range, false)?;
+//! decoder.decode(&mut state, &body.ok_or("only a keyframe helps")?, &limits)?;
 //! assert_eq!((state.frame(), state.hash()), (encoder.state().frame(), encoder.state().hash()));
 //! # Ok(())
 //! # }
@@ -112,9 +112,8 @@
 //! use std::sync::Arc;
 //! use psao_codec::Limits;
 //! use psao_codec::block::BlockCoder;
-//! use psao_codec::cells::{Grid, InstanceLayout, Layout, PaperEncoder, PointSample};
-//! use psao_codec::frame::{FrameIndex, FrameKind, FrameMeta, State, StreamTime, apply};
-//! use psao_codec::point::PointFormat;
+//! use psao_codec::envelope::{FrameIndex, FrameKind, FrameMeta, StreamTime};
+//! use psao_codec::paper::{Encoder, Grid, InstanceLayout, Layout, PointFormat, PointSample, State, apply};
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! // Both sides know the layout from the scene messages: one instance, 4 x 4 x 4 cells of 25 cm.
@@ -124,7 +123,7 @@
 //! let layout = Arc::new(Layout::new(PointFormat::Bits32, vec![instance], 64, &limits)?);
 //!
 //! // The server puts points, then finishes a keyframe; later it changes one and finishes a delta.
-//! let mut encoder = PaperEncoder::new(Arc::clone(&layout), &[2])?;
+//! let mut encoder = Encoder::new(Arc::clone(&layout), &[2])?;
 //! let floor = PointSample { local: [0.3, 0.1, 0.6], normal: [0.0, 1.0, 0.0], ao: 255 };
 //! encoder.put(0, &floor)?;
 //! encoder.put(1, &PointSample { local: [0.9, 0.9, 0.9], ..floor })?;
@@ -154,20 +153,21 @@
 //!
 //! # Let a client join late
 //!
-//! [`frame::keyframe`] writes any state down; the client that applies it has the same hash, so the deltas that
+//! [`paper::keyframe`] writes any state down; the client that applies it has the same hash, so the deltas that
 //! follow fit.
 //!
 //! ```
 //! # use std::sync::Arc;
-//! # use psao_codec::{Limits, cells::{Grid, InstanceLayout, Layout, PaperEncoder, PointSample}, point::PointFormat};
+//! # use psao_codec::{Limits, paper::{Encoder, Grid, InstanceLayout, Layout, PointFormat, PointSample}};
 //! use psao_codec::block::BlockCoder;
-//! use psao_codec::frame::{FrameIndex, FrameKind, FrameMeta, State, StreamTime, apply, keyframe};
+//! use psao_codec::envelope::{FrameIndex, FrameKind, FrameMeta, StreamTime};
+//! use psao_codec::paper::{State, apply, keyframe};
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! # let limits = Limits::default();
 //! # let grid = Grid::new([0.0; 3], 0.25, [4, 4, 4])?;
 //! # let instance = InstanceLayout { grid, first_bucket: 0, bucket_count: 8, kernel_radius: 0.125 };
 //! # let layout = Arc::new(Layout::new(PointFormat::Bits32, vec![instance], 64, &limits)?);
-//! # let mut encoder = PaperEncoder::new(Arc::clone(&layout), &[1])?;
+//! # let mut encoder = Encoder::new(Arc::clone(&layout), &[1])?;
 //! # encoder.put(0, &PointSample { local: [0.3; 3], normal: [0.0, 1.0, 0.0], ao: 9 })?;
 //! let meta = FrameMeta { kind: FrameKind::Key, frame: FrameIndex(7), time: StreamTime(0), changed_points: 1 };
 //! encoder.finish(meta, BlockCoder::default())?;
@@ -184,16 +184,16 @@
 //!
 //! ```
 //! # use std::sync::Arc;
-//! # use psao_codec::{Limits, cells::{Grid, InstanceLayout, Layout, PaperEncoder, PointSample}, point::PointFormat};
+//! # use psao_codec::{Limits, paper::{Encoder, Grid, InstanceLayout, Layout, PointFormat, PointSample}};
 //! # use psao_codec::block::BlockCoder;
-//! # use psao_codec::frame::{FrameIndex, FrameKind, FrameMeta, StreamTime};
-//! use psao_codec::frame::inspect;
+//! # use psao_codec::envelope::{FrameIndex, FrameKind, FrameMeta, StreamTime};
+//! use psao_codec::envelope::inspect;
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! # let limits = Limits::default();
 //! # let grid = Grid::new([0.0; 3], 0.25, [4, 4, 4])?;
 //! # let instance = InstanceLayout { grid, first_bucket: 0, bucket_count: 8, kernel_radius: 0.125 };
 //! # let layout = Arc::new(Layout::new(PointFormat::Bits32, vec![instance], 64, &limits)?);
-//! # let mut encoder = PaperEncoder::new(layout, &[1])?;
+//! # let mut encoder = Encoder::new(layout, &[1])?;
 //! # encoder.put(0, &PointSample { local: [0.3; 3], normal: [0.0, 1.0, 0.0], ao: 9 })?;
 //! # let meta = FrameMeta { kind: FrameKind::Key, frame: FrameIndex(7), time: StreamTime(0), changed_points: 1 };
 //! # let body = encoder.finish(meta, BlockCoder::default())?.body;
@@ -207,22 +207,33 @@
 //! ```
 
 pub mod block;
-pub mod cells;
-pub mod frame;
+mod change_log;
+mod decoder;
+mod encoder;
+pub mod envelope;
 pub mod fuzzing;
 mod hash;
+mod layout;
 mod limits;
 pub mod memory;
-pub mod point;
+pub mod paper;
+mod profiles;
 pub mod quant;
 mod range;
 pub mod reference;
-pub mod stream;
+mod state;
 pub mod surface;
 #[cfg(test)]
 mod testing;
+#[cfg(test)]
+mod tests;
 mod wire;
 
+pub use change_log::{ChangeLog, patch};
+pub use decoder::{Decoder, apply};
+pub use encoder::Encoder;
 pub use hash::StateHash;
+pub use layout::Layout;
 pub use limits::Limits;
+pub use state::{State, StateRef, keyframe};
 pub use wire::VarintProblem;

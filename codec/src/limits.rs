@@ -2,7 +2,7 @@
 
 /// Upper bounds that both sides agree on in the handshake.
 ///
-/// A [`crate::cells::Layout`] is refused when it is larger than the first three; a frame body is refused
+/// A [`crate::paper::Layout`] is refused when it is larger than the first three; a frame body is refused
 /// when it, or one of its blocks, is larger than the last two. Nothing is allocated before the check.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Limits {

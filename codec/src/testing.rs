@@ -4,11 +4,8 @@ use std::sync::Arc;
 
 use crate::Limits;
 use crate::block::BlockCoder;
-use crate::cells::{Grid, InstanceLayout, Layout, PaperEncoder, PointSample};
-use crate::frame::{
-    CRC_OFFSET, EncodedFrame, FrameIndex, FrameKind, FrameMeta, Pose, State, StreamTime, apply, body_crc,
-};
-use crate::point::PointFormat;
+use crate::envelope::{CRC_OFFSET, EncodedFrame, FrameIndex, FrameKind, FrameMeta, StreamTime, body_crc};
+use crate::paper::{self, Grid, InstanceLayout, Layout, PointFormat, PointSample, Pose, State, apply};
 
 /// Two instances of 4 x 4 x 4 cells of 25 cm, 8 buckets each, 64 cells; 32-bit points.
 pub(crate) fn layout() -> Arc<Layout> {
@@ -48,7 +45,7 @@ pub(crate) fn story(coder: BlockCoder) -> Story {
 pub(crate) fn story_of(format: PointFormat, coder: BlockCoder) -> Story {
     let layout = layout_of(format);
     let empty = State::new(Arc::clone(&layout));
-    let mut encoder = PaperEncoder::new(layout, &[40, 40]).unwrap();
+    let mut encoder = paper::Encoder::new(layout, &[40, 40]).unwrap();
     for point in 0..80_u8 {
         let local = [f32::from(point % 5) / 5.0, f32::from(point % 7) / 7.0, f32::from(point % 40) / 40.0];
         encoder.put(u32::from(point), &sample(local, point * 3)).unwrap();
@@ -74,7 +71,7 @@ pub(crate) fn reseal(body: &mut [u8]) {
 }
 
 /// Applies a body to a copy of `state` and checks that it is refused and the copy unchanged.
-pub(crate) fn refuse(state: &State, body: &[u8], limits: &Limits) -> crate::frame::FrameError {
+pub(crate) fn refuse(state: &State, body: &[u8], limits: &Limits) -> crate::envelope::FrameError {
     let mut after = state.clone();
     let error = apply(&mut after, body, limits).unwrap_err();
     assert_eq!(&after, state, "refused ({error}), but the state changed");

@@ -6,9 +6,9 @@ use std::sync::Arc;
 
 use psao_codec::Limits;
 use psao_codec::block::BlockCoder;
-use psao_codec::frame::{EncodedFrame, FrameIndex, FrameKind, FrameMeta, StreamTime};
+use psao_codec::envelope::{EncodedFrame, FrameIndex, FrameKind, FrameMeta, StreamTime};
 use psao_codec::surface::{
-    Applier, Budget, Encoder, EncoderSettings, Geometry, GeometryDigest, GeometrySource, Layout, Member,
+    Budget, Decoder, Encoder, EncoderSettings, Geometry, GeometryDigest, GeometrySource, Layout, Member,
     RestPoint, SetLayout, State,
 };
 
@@ -43,7 +43,7 @@ fn encoder(budget: Option<Budget>) -> Encoder {
 fn frame(encoder: &mut Encoder, number: u32, coder: BlockCoder) -> EncodedFrame {
     for point in 0..POINTS {
         let distance = (point % 200).abs_diff(number % 10 * 20).min(60) as u8;
-        encoder.offer(point, 60 + 3 * distance).unwrap();
+        encoder.set_ao(point, 60 + 3 * distance).unwrap();
     }
     let kind = if number == 0 { FrameKind::Key } else { FrameKind::Delta };
     let time = StreamTime(u64::from(number) * 16_667);
@@ -58,7 +58,7 @@ fn frames_of_changes_take_no_memory_but_for_what_they_return() {
     for (coder, budget) in CODERS.into_iter().flat_map(|coder| budgets.map(|budget| (coder, budget))) {
         let mut encoder = encoder(budget);
         let mut state = State::new(Arc::clone(encoder.state().layout()));
-        let mut applier = Applier::new();
+        let mut decoder = Decoder::new();
         let mut waited = 0;
         for number in 0..40 {
             let mut made = None;
@@ -66,7 +66,7 @@ fn frames_of_changes_take_no_memory_but_for_what_they_return() {
             let EncodedFrame { body, info } = made.unwrap();
             let mut found = None;
             let applied =
-                allocation_counter::measure(|| found = Some(applier.apply(&mut state, &body, &limits)));
+                allocation_counter::measure(|| found = Some(decoder.decode(&mut state, &body, &limits)));
             assert_eq!(found, Some(Ok(info.clone())));
             assert_eq!(state.hash(), encoder.state().hash());
             if number < 20 {

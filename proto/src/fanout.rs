@@ -4,8 +4,8 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
 use psao_codec::block::BlockCoder;
-use psao_codec::frame::{EncodeError, FrameInfo, FrameKind, FrameMeta};
-use psao_codec::stream::{Ledger, StateRef, keyframe, patch};
+use psao_codec::envelope::{EncodeError, FrameInfo, FrameKind, FrameMeta};
+use psao_codec::{ChangeLog, StateRef, keyframe, patch};
 
 use crate::message::{Edit, EditAction};
 use crate::session::{Demand, SendError, ServerSession, SharedBody};
@@ -81,7 +81,7 @@ struct Newest {
 #[derive(Debug)]
 pub struct Fanout {
     coder: BlockCoder,
-    ledger: Option<Ledger>,
+    log: Option<ChangeLog>,
     newest: Option<Newest>,
     /// The keyframe for clients that join: of the newest frame, or of one from which a patch leads to it.
     join_keyframe: Option<SharedBody>,
@@ -113,7 +113,7 @@ impl Fanout {
     pub fn new(coder: BlockCoder) -> Self {
         Self {
             coder,
-            ledger: None,
+            log: None,
             newest: None,
             join_keyframe: None,
             join_keyframe_stale: false,
@@ -134,16 +134,16 @@ impl Fanout {
     ) {
         let body = SharedBody::new(info, body, captured);
         let previous = self.newest.as_ref().map(|newest| newest.info.frame);
-        match &mut self.ledger {
-            Some(ledger) => ledger.follow(state),
-            None => self.ledger = Some(Ledger::new(state)),
+        match &mut self.log {
+            Some(log) => log.record(state),
+            None => self.log = Some(ChangeLog::new(state)),
         }
         self.patches.clear();
         self.epoch += u32::from(previous.is_some_and(|previous| info.frame <= previous));
         if info.kind == FrameKind::Key {
             self.join_keyframe = Some(body.clone());
-        } else if let (Some(ledger), Some(joining)) = (&self.ledger, &self.join_keyframe)
-            && (self.join_keyframe_stale || !ledger.reaches(joining.frame))
+        } else if let (Some(log), Some(joining)) = (&self.log, &self.join_keyframe)
+            && (self.join_keyframe_stale || !log.reaches(joining.frame))
         {
             self.join_keyframe = None;
         }
@@ -250,7 +250,7 @@ impl Fanout {
     /// # Errors
     /// [`EncodeError`] of the codec's `keyframe` and `patch`.
     pub fn make(&mut self, demand: Demand, state: StateRef<'_>) -> Result<(), EncodeError> {
-        let (Some(newest), Some(ledger)) = (&self.newest, &self.ledger) else { return Ok(()) };
+        let (Some(newest), Some(log)) = (&self.newest, &self.log) else { return Ok(()) };
         let FrameInfo { frame, time, changed_points, .. } = newest.info;
         let meta = |kind| FrameMeta { kind, frame, time, changed_points };
         let shared = |kind, bytes: Vec<u8>| {

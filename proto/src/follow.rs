@@ -2,8 +2,8 @@
 //!
 //! A live client and the player of a recording share this.
 
-use psao_codec::frame::{FrameError, FrameInfo, FrameKind};
-use psao_codec::stream::{Applier, Layout, State};
+use psao_codec::envelope::{FrameBody, FrameError, FrameInfo, FrameKind};
+use psao_codec::{Decoder, Layout, State};
 
 use crate::{FrameHeader, FrameType, Group, Limits, Sequence};
 
@@ -45,7 +45,7 @@ pub enum FollowError {
 /// The state of a stream and the place in it.
 #[derive(Debug)]
 pub(crate) struct Follower {
-    applier: Applier,
+    decoder: Decoder,
     state: State,
     /// Place of the last frame applied; `None` while only a keyframe can be applied.
     place: Option<(Group, Sequence)>,
@@ -53,7 +53,7 @@ pub(crate) struct Follower {
 
 impl Follower {
     pub(crate) fn new(layout: &Layout) -> Self {
-        Self { applier: Applier::new(), state: State::new(layout), place: None }
+        Self { decoder: Decoder::new(), state: State::new(layout), place: None }
     }
 
     pub(crate) const fn state(&self) -> &State {
@@ -70,11 +70,11 @@ impl Follower {
         self.place = None;
     }
 
-    /// Applies a KEYFRAME or UPDATE frame.
+    /// Applies a KEYFRAME or UPDATE frame, of which `body` is what reading its payload gave.
     pub(crate) fn follow(
         &mut self,
         header: FrameHeader,
-        body: &[u8],
+        body: Result<FrameBody<'_>, FrameError>,
         limits: &Limits,
     ) -> Result<FrameInfo, FollowError> {
         let keyframe = header.kind == FrameType::KEYFRAME;
@@ -84,39 +84,40 @@ impl Follower {
         // Until this frame turns out well, nothing may build on it.
         self.place = None;
         let kind = if keyframe { FrameKind::Key } else { FrameKind::Delta };
-        let found = psao_codec::frame::inspect(body, &limits.codec)?.kind;
-        if found != kind {
+        let body = body?;
+        if body.info().kind != kind {
             return Err(FollowError::Kind { frame: header.kind });
         }
-        let info = self.applier.apply(&mut self.state, body, &limits.codec)?;
+        self.decoder.apply(&mut self.state, &body, &limits.codec)?;
         self.place = Some((header.group, header.sequence));
-        Ok(info)
+        Ok(body.into_info())
     }
 
     /// Applies a patch that came beside the frames in order, as datagrams do; gives the place in those as well. Whatever
     /// is wrong with it, the state stays current.
     pub(crate) fn patch(
         &mut self,
-        body: &[u8],
+        body: &FrameBody<'_>,
         limits: &Limits,
-    ) -> Result<(FrameInfo, (Group, Sequence)), FollowError> {
+    ) -> Result<(Group, Sequence), FollowError> {
         let place = self.place.ok_or(FollowError::Waiting)?;
-        let kind = psao_codec::frame::inspect(body, &limits.codec)?.kind;
-        if kind != FrameKind::Delta {
+        if body.info().kind != FrameKind::Delta {
             return Err(FollowError::Kind { frame: FrameType::UPDATE });
         }
-        Ok((self.applier.apply(&mut self.state, body, &limits.codec)?, place))
+        self.decoder.apply(&mut self.state, body, &limits.codec)?;
+        Ok(place)
     }
 
     /// Whether an UPDATE is no newer than a patch that came beside the frames in order and made it superfluous. Its place is
     /// taken as that of a frame applied.
-    pub(crate) fn passes_over(&mut self, header: FrameHeader, body: &[u8], limits: &Limits) -> bool {
+    pub(crate) fn passes_over(&mut self, header: FrameHeader, body: &FrameBody<'_>) -> bool {
         let follows = |(group, sequence): (Group, Sequence)| {
             header.kind == FrameType::UPDATE && (group, sequence.next()) == (header.group, header.sequence)
         };
+        let info = body.info();
         let old = self.place.is_some_and(follows)
-            && psao_codec::frame::inspect(body, &limits.codec)
-                .is_ok_and(|info| info.kind == FrameKind::Delta && Some(info.frame) <= self.state.frame());
+            && info.kind == FrameKind::Delta
+            && Some(info.frame) <= self.state.frame();
         if old {
             self.place = Some((header.group, header.sequence));
         }

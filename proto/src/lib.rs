@@ -136,6 +136,6 @@ pub use limits::Limits;
 pub use numbering::Numbering;
 pub use psao_codec::StateHash;
 pub use psao_codec::block::CoderId;
-pub use psao_codec::frame::{FrameIndex, Profile, StreamTime};
+pub use psao_codec::envelope::{FrameIndex, Profile, StreamTime};
 pub use scene::{PaperInfo, SceneEntries, SceneError, SceneInfo, SceneTable, TraceInfo};
 pub use units::{Group, Micros, Sequence};

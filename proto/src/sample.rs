@@ -6,12 +6,12 @@
 use std::sync::Arc;
 
 use psao_codec::block::BlockCoder;
-use psao_codec::cells::{PaperEncoder, PointSample};
-use psao_codec::frame::{EncodedFrame, FrameKind, FrameMeta, Pose};
-use psao_codec::stream::{Layout, State, apply, keyframe};
+use psao_codec::envelope::{EncodedFrame, FrameKind, FrameMeta};
+use psao_codec::paper::{self, PointSample, Pose};
 use psao_codec::surface::{
     Encoder, EncoderSettings, Geometry, GeometryDigest, GeometrySource, RestPoint, SetLayout,
 };
+use psao_codec::{Layout, State, apply, keyframe};
 
 use crate::message::{
     Close, CloseCode, InstanceEntry, MemberEntry, Needs, PointSource, Report, SetEntry, StageId, StageTime,
@@ -45,7 +45,7 @@ pub struct SampleServer {
 
 #[derive(Debug)]
 enum Source {
-    Paper(Box<PaperEncoder>),
+    Paper(Box<paper::Encoder>),
     Surface(Box<Encoder>),
 }
 
@@ -66,8 +66,8 @@ impl SampleServer {
         let geometry = Arc::new(geometry());
         let scene = Arc::new(scene(profile, &geometry)?);
         let source = match scene.layout() {
-            Layout::Cells(layout) => {
-                Source::Paper(Box::new(PaperEncoder::new(layout.clone(), &[POINTS; 2])?))
+            Layout::Paper(layout) => {
+                Source::Paper(Box::new(paper::Encoder::new(layout.clone(), &[POINTS; 2])?))
             }
             Layout::Surface(layout) => {
                 let settings =
@@ -107,12 +107,12 @@ impl SampleServer {
                 }
                 let moved = frame.0 as f32 * 0.25;
                 encoder.set_pose(1, Pose { translation: [moved, 0.0, 0.0], ..Pose::IDENTITY })?;
-                encoder.retry_homeless();
+                encoder.retry_unplaced();
                 encoder.finish(meta, BlockCoder::default())?
             }
             Source::Surface(encoder) => {
                 for point in changing {
-                    encoder.offer(point, sample(point, frame.0).ao).ok_or("the point is not there")?;
+                    encoder.set_ao(point, sample(point, frame.0).ao).ok_or("the point is not there")?;
                 }
                 encoder.finish(meta, BlockCoder::default())?
             }

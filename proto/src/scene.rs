@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
-use psao_codec::point::PointFormat;
-use psao_codec::surface::{Member, SetLayout};
-use psao_codec::{cells, stream, surface};
+use psao_codec::Layout;
+use psao_codec::paper::{self, PointFormat};
+use psao_codec::surface::{self, Member, SetLayout};
 
 use crate::message::{
     InstanceBatch, InstanceEntry, MAX_BATCH, MemberBatch, MemberEntry, Message, MessageError, Needs, Scene,
@@ -76,11 +76,11 @@ pub enum SceneError {
         /// Index of the instance.
         instance: u32,
         /// What is wrong.
-        source: cells::GridError,
+        source: paper::GridError,
     },
     /// The instances do not make a layout of profile `paper`, or one over the limits.
     #[error(transparent)]
-    Cells(#[from] cells::LayoutError),
+    Cells(#[from] paper::LayoutError),
     /// The sets and instances do not make a layout of profile `surface`, or one over the limits.
     #[error(transparent)]
     Surface(#[from] surface::LayoutError),
@@ -141,14 +141,14 @@ impl SceneEntries {
         }
     }
 
-    fn layout(&self, info: &SceneInfo, limits: &Limits) -> Result<stream::Layout, SceneError> {
+    fn layout(&self, info: &SceneInfo, limits: &Limits) -> Result<Layout, SceneError> {
         match self {
             Self::Cells(instances) => cells_layout(instances, info, limits),
             Self::Surface { sets, members } => {
                 let sets = sets.iter().map(SetLayout::from).collect();
                 let members = members.iter().map(|member| Member { set: member.set }).collect();
                 let layout = surface::Layout::new(sets, members, &limits.codec)?;
-                Ok(stream::Layout::Surface(Arc::new(layout)))
+                Ok(Layout::Surface(Arc::new(layout)))
             }
         }
     }
@@ -158,18 +158,18 @@ fn cells_layout(
     instances: &[InstanceEntry],
     info: &SceneInfo,
     limits: &Limits,
-) -> Result<stream::Layout, SceneError> {
+) -> Result<Layout, SceneError> {
     let PaperInfo { cell_capacity, .. } = info.paper.ok_or(SceneError::NoPaperInfo)?;
     let format =
         PointFormat::from_bits(info.point_bits).ok_or(SceneError::PointBits { found: info.point_bits })?;
     let grid = |(instance, entry): (u32, &InstanceEntry)| {
-        let grid = cells::Grid::new(entry.origin, entry.edge, entry.dims)
+        let grid = paper::Grid::new(entry.origin, entry.edge, entry.dims)
             .map_err(|source| SceneError::Grid { instance, source })?;
         let &InstanceEntry { first_bucket, bucket_count, kernel_radius, .. } = entry;
-        Ok(cells::InstanceLayout { grid, first_bucket, bucket_count, kernel_radius })
+        Ok(paper::InstanceLayout { grid, first_bucket, bucket_count, kernel_radius })
     };
     let layouts = (0u32..).zip(instances).map(grid).collect::<Result<Vec<_>, SceneError>>()?;
-    Ok(stream::Layout::Cells(Arc::new(cells::Layout::new(format, layouts, cell_capacity, &limits.codec)?)))
+    Ok(Layout::Paper(Arc::new(paper::Layout::new(format, layouts, cell_capacity, &limits.codec)?)))
 }
 
 /// A checked scene table and the codec's layout made from it.
@@ -178,7 +178,7 @@ pub struct SceneTable {
     info: SceneInfo,
     counts: Counts,
     entries: SceneEntries,
-    layout: stream::Layout,
+    layout: Layout,
 }
 
 impl SceneTable {
@@ -272,7 +272,7 @@ impl SceneTable {
 
     /// Returns the layout of the stream's state.
     #[must_use]
-    pub const fn layout(&self) -> &stream::Layout {
+    pub const fn layout(&self) -> &Layout {
         &self.layout
     }
 
@@ -482,7 +482,7 @@ mod tests {
         };
         for format in PointFormat::ALL {
             let table = table(format.bits() as u8).unwrap();
-            assert_eq!(table.layout().as_cells().map(|layout| layout.format()), Some(format));
+            assert_eq!(table.layout().as_paper().map(|layout| layout.format()), Some(format));
         }
         for found in [0, 8, 31, 64] {
             assert_eq!(table(found), Err(SceneError::PointBits { found }));

@@ -9,9 +9,8 @@ use std::sync::Arc;
 
 use glam::Vec3;
 use psao_codec::block::BlockCoder;
-use psao_codec::cells::{Grid, PaperEncoder};
-use psao_codec::frame::{FrameIndex, StreamTime};
-use psao_codec::point::PointFormat;
+use psao_codec::envelope::{FrameIndex, StreamTime};
+use psao_codec::paper::{self, Grid, PointFormat};
 use psao_proto::Profile;
 use psao_server::clock::NoClock;
 use psao_server::points::{
@@ -143,7 +142,7 @@ fn at_rest(
 fn places(
     scene: &Arc<Scene>,
     server: &Server,
-    encoder: &PaperEncoder,
+    encoder: &paper::Encoder,
     time: StreamTime,
     format: PointFormat,
 ) -> Places {
@@ -163,7 +162,7 @@ fn places(
 }
 
 /// Errors of the traced values: the server's own stream has 8 bits for them.
-fn values(encoder: &PaperEncoder, format: PointFormat) -> Errors {
+fn values(encoder: &paper::Encoder, format: PointFormat) -> Errors {
     let mut errors = Errors::default();
     let wide = encoder.state().layout().format();
     for point in encoder.state().cells().iter().flat_map(|cell| cell.points(wide)) {

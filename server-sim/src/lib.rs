@@ -8,7 +8,7 @@
 //!
 //! ```
 //! use std::sync::Arc;
-//! use psao_codec::frame::{FrameIndex, FrameKind, StreamTime};
+//! use psao_codec::envelope::{FrameIndex, FrameKind, StreamTime};
 //! use psao_server::clock::NoClock;
 //! use psao_server::points::PointSettings;
 //! use psao_server::scene::Scene;
@@ -59,7 +59,6 @@ pub mod ao;
 pub mod bvh;
 pub mod clip;
 pub mod clock;
-pub mod delta;
 pub mod points;
 mod random;
 pub mod scene;

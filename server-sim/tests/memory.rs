@@ -5,7 +5,7 @@
 use std::sync::Arc;
 
 use psao_codec::block::BlockCoder;
-use psao_codec::frame::{FrameIndex, StreamTime};
+use psao_codec::envelope::{FrameIndex, StreamTime};
 use psao_codec::surface::Budget;
 use psao_proto::Profile;
 use psao_server::ao::AoSettings;

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use psao_codec::frame::{FrameIndex, StreamTime};
+use psao_codec::envelope::{FrameIndex, StreamTime};
 use psao_server::ao::AoSettings;
 use psao_server::clock::NoClock;
 use psao_server::points::PointSettings;

@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
+use psao_codec::StateRef;
 use psao_codec::block::BlockCoder;
-use psao_codec::frame::EncodedFrame;
-use psao_codec::stream::StateRef;
+use psao_codec::envelope::EncodedFrame;
 use psao_netlab::{ClientPlan, Conditions, Fault, Lab, LabError, Mode, Settings, Source};
 use psao_proto::{Micros, Profile, SceneTable};
 use psao_server::scene::Scene;

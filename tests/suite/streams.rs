@@ -3,8 +3,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use psao_codec::Limits;
-use psao_codec::stream::{Applier, State};
+use psao_codec::{Decoder, Limits, State};
 use psao_eval::adapter::SceneView;
 use psao_proto::Profile;
 use psao_reconstruct::{Size, cast_view, reconstruct};
@@ -24,10 +23,10 @@ fn stream(name: &str, frames: u32) {
 fn stream_as(profile: Profile, name: &str, scene: &Arc<Scene>, frames: u32) {
     let mut server = server(scene, ServerSettings { profile, ..small(scene, 2) }).unwrap();
     let mut state = State::new(server.layout());
-    let mut applier = Applier::new();
+    let mut decoder = Decoder::new();
     for number in 0..frames {
         let frame = step(&mut server, number).unwrap();
-        applier.apply(&mut state, &frame.body, &Limits::default()).unwrap();
+        decoder.decode(&mut state, &frame.body, &Limits::default()).unwrap();
         assert_eq!(state.hash(), server.hash(), "{name}, {profile}, frame {number}");
     }
     assert_eq!(state.full_hash(), state.hash(), "{name}, {profile}");
@@ -51,7 +50,7 @@ fn draw(name: &str, scene: &Scene, server: &Server, state: &State) {
     let buffer = cast_view(&view, &scene.camera(3.0 / 60.0), size).unwrap();
     assert!(buffer.covered() > size.pixels() / 32, "{name}: the camera sees the scene");
     let drawn = match state {
-        State::Cells(state) => reconstruct::cells(state, &buffer).unwrap(),
+        State::Paper(state) => reconstruct::cells(state, &buffer).unwrap(),
         State::Surface(state) => reconstruct::surface(state, &buffer).unwrap(),
     };
     assert!(drawn.image.values().iter().all(|ao| (0.0..=1.0).contains(ao)), "{name}");

@@ -4,9 +4,8 @@ use std::sync::Arc;
 
 use psao_codec::Limits;
 use psao_codec::block::BlockCoder;
-use psao_codec::cells::{Grid, InstanceLayout, Layout, PaperEncoder, PointSample, bucket_count};
-use psao_codec::frame::{EncodedFrame, FrameIndex, FrameKind, FrameMeta, SectionTag, StreamTime};
-use psao_codec::point::PointFormat;
+use psao_codec::envelope::{EncodedFrame, FrameIndex, FrameKind, FrameMeta, SectionTag, StreamTime};
+use psao_codec::paper::{self, Grid, InstanceLayout, Layout, PointFormat, PointSample, bucket_count};
 
 use super::scene::{EDGE, FLOOR, PERIOD, Scene, THING, THRESHOLD};
 
@@ -17,7 +16,7 @@ const CELL: f32 = 0.095;
 
 /// Points of the scene in the order given, and AO of all of them in every frame.
 pub(crate) struct Paper {
-    pub(crate) encoder: PaperEncoder,
+    pub(crate) encoder: paper::Encoder,
     pub(crate) frames: Vec<Vec<u8>>,
     /// Place and normal of every point.
     pub(crate) samples: Vec<PointSample>,
@@ -50,7 +49,7 @@ impl Paper {
             ao: 0,
         };
         Ok(Paper {
-            encoder: PaperEncoder::new(Arc::new(layout), &counts)?,
+            encoder: paper::Encoder::new(Arc::new(layout), &counts)?,
             frames: scene.frames(&orders),
             samples: points.map(sample).collect(),
             sent: Vec::new(),

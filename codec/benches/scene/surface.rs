@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use psao_codec::Limits;
 use psao_codec::block::BlockCoder;
-use psao_codec::frame::{EncodedFrame, FrameIndex, FrameKind, FrameMeta, StreamTime};
+use psao_codec::envelope::{EncodedFrame, FrameIndex, FrameKind, FrameMeta, StreamTime};
 use psao_codec::surface::{
     Encoder, EncoderSettings, Geometry, GeometryDigest, GeometrySource, Layout, Member, SetLayout,
 };
@@ -59,7 +59,7 @@ impl Stream {
         coder: BlockCoder,
     ) -> Result<EncodedFrame, Box<dyn std::error::Error>> {
         for (point, ao) in (0..).zip(&self.frames[(number % PERIOD) as usize]) {
-            encoder.offer(point, *ao);
+            encoder.set_ao(point, *ao);
         }
         let kind = if number == 0 { FrameKind::Key } else { FrameKind::Delta };
         let time = StreamTime(u64::from(number) * 16_667);

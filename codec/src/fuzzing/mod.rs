@@ -8,7 +8,7 @@ pub use paper::{decode, round_trip};
 pub use surface::{surface_decode, surface_round_trip};
 
 use crate::Limits;
-use crate::frame::{CRC_OFFSET, FrameIndex, FrameKind, FrameMeta, HASH_OFFSET, StreamTime, body_crc};
+use crate::envelope::{CRC_OFFSET, FrameIndex, FrameKind, FrameMeta, HASH_OFFSET, StreamTime, body_crc};
 
 /// Where the state hash is in a frame body.
 const HASH_BYTES: std::ops::Range<usize> = HASH_OFFSET..HASH_OFFSET + 8;

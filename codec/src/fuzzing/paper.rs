@@ -4,9 +4,11 @@ use std::sync::{Arc, OnceLock};
 
 use super::{HASH_BYTES, LIMITS, damage, make_checksum_right, meta};
 use crate::block::BlockCoder;
-use crate::cells::{Bucket, Grid, InstanceLayout, Layout, PaperEncoder, Placement, PointSample};
-use crate::frame::{EncodedFrame, FrameError, FrameKind, FrameMeta, Pose, State, apply, keyframe};
-use crate::point::PointFormat;
+use crate::envelope::{EncodedFrame, FrameError, FrameKind, FrameMeta};
+use crate::paper::{
+    self, Bucket, Grid, InstanceLayout, Layout, Placement, PointFormat, PointSample, Pose, State, apply,
+    keyframe,
+};
 use crate::reference::{self, NaiveEncoder};
 
 /// Points of every instance of the small layout.
@@ -116,7 +118,7 @@ fn pose_of(byte: u8) -> Pose {
 
 /// The encoder, its twin, and a client that has applied every frame.
 struct Pair {
-    fast: PaperEncoder,
+    fast: paper::Encoder,
     slow: NaiveEncoder,
     client: State,
     frames: u32,
@@ -125,7 +127,7 @@ struct Pair {
 impl Pair {
     fn new(format: PointFormat) -> Option<Pair> {
         let layout = small_layout(format)?;
-        let fast = PaperEncoder::new(Arc::clone(&layout), &[POINTS; 3]).ok()?;
+        let fast = paper::Encoder::new(Arc::clone(&layout), &[POINTS; 3]).ok()?;
         let slow = NaiveEncoder::new(Arc::clone(&layout), &[POINTS; 3]);
         Some(Pair { fast, slow, client: State::new(layout), frames: 0 })
     }
@@ -146,8 +148,8 @@ impl Pair {
     }
 
     fn retry(&mut self) {
-        self.fast.retry_homeless();
-        self.slow.retry_homeless();
+        self.fast.retry_unplaced();
+        self.slow.retry_unplaced();
     }
 
     fn finish(&mut self, kind: FrameKind, coder: BlockCoder) {
@@ -157,7 +159,7 @@ impl Pair {
         let (fast, slow) = (self.fast.finish(meta, coder), self.slow.finish(&meta, coder));
         assert_eq!(fast, slow);
         let Ok(EncodedFrame { body, info }) = fast else { return };
-        let applied = apply(&mut self.client, &body, &LIMITS).map(|applied| applied.info);
+        let applied = apply(&mut self.client, &body, &LIMITS);
         assert_eq!(applied, Ok(info));
         assert_eq!(&self.client, self.fast.state());
         assert_eq!(&self.client, self.slow.state());
@@ -209,8 +211,8 @@ fn samples(format: PointFormat) -> Option<&'static Samples> {
 
 fn make_samples(format: PointFormat) -> Option<Samples> {
     let layout = small_layout(format)?;
-    let mut encoder = PaperEncoder::new(Arc::clone(&layout), &[POINTS; 3]).ok()?;
-    let mut plain = PaperEncoder::new(Arc::clone(&layout), &[POINTS; 3]).ok()?;
+    let mut encoder = paper::Encoder::new(Arc::clone(&layout), &[POINTS; 3]).ok()?;
+    let mut plain = paper::Encoder::new(Arc::clone(&layout), &[POINTS; 3]).ok()?;
     let mut frames = Vec::new();
     for (kind, frame) in [(FrameKind::Key, 0), (FrameKind::Delta, 1)] {
         for encoder in [&mut encoder, &mut plain] {

@@ -6,13 +6,13 @@ use std::sync::{Arc, OnceLock};
 use super::{HASH_BYTES, LIMITS, damage, make_checksum_right, meta};
 use crate::StateHash;
 use crate::block::{BlockCoder, CoderId};
-use crate::frame::{
+use crate::envelope::{
     EncodedFrame, FrameError, FrameIndex, FrameInfo, FrameKind, Packing, Profile, SectionInfo, SectionTag,
     assemble,
 };
 use crate::reference::{NaiveSurfaceEncoder, apply_surface};
 use crate::surface::{
-    Applier, Budget, Encoder, EncoderSettings, Geometry, GeometryDigest, GeometrySource, Layout, Ledger,
+    Budget, ChangeLog, Decoder, Encoder, EncoderSettings, Geometry, GeometryDigest, GeometrySource, Layout,
     Member, RestPoint, SetLayout, State, keyframe, patch, preview,
 };
 
@@ -54,7 +54,7 @@ pub fn surface_decode(data: &[u8]) {
     check_preview(&sample.before, &body, usize::from(*mode) * 7);
 }
 
-/// Drives encoder, applier and their twins with operations read from `data`, and a client that joins late, and checks after
+/// Drives encoder, decoder and their twins with operations read from `data`, and a client that joins late, and checks after
 /// every frame that all hold the same and that nobody is off by the threshold, or was not some frames before where there is a
 /// byte budget. The first byte is the threshold; the second says whether clients are sent the geometry (lowest bit), whether
 /// there is a budget (next bit), how much it is (the next three) and how long points may wait (the others).
@@ -143,10 +143,10 @@ fn blank(layout: &Arc<Layout>, source: GeometrySource) -> Option<State> {
 struct Pair {
     encoder: Encoder,
     naive: NaiveSurfaceEncoder,
-    applier: Applier,
+    decoder: Decoder,
     client: State,
     late: Option<State>,
-    ledger: Ledger,
+    log: ChangeLog,
     /// What clients held after the last frames, the oldest first.
     earlier: VecDeque<State>,
     frames: u32,
@@ -161,14 +161,14 @@ impl Pair {
     fn new(settings: EncoderSettings) -> Option<Pair> {
         let (encoder, client) = small_stream(settings)?;
         let naive = NaiveSurfaceEncoder::new(Arc::clone(client.layout()), settings);
-        let ledger = Ledger::new(encoder.state());
+        let log = ChangeLog::new(encoder.state());
         Some(Pair {
             encoder,
             naive,
-            applier: Applier::new(),
+            decoder: Decoder::new(),
             client,
             late: None,
-            ledger,
+            log,
             earlier: VecDeque::new(),
             frames: 0,
             offered: VecDeque::new(),
@@ -176,7 +176,7 @@ impl Pair {
     }
 
     fn offer(&mut self, point: u32, ao: u8) {
-        assert_eq!(self.encoder.offer(point, ao), self.naive.offer(point, ao));
+        assert_eq!(self.encoder.set_ao(point, ao), self.naive.set_ao(point, ao));
     }
 
     fn finish(&mut self, kind: FrameKind, coder: BlockCoder) {
@@ -193,12 +193,12 @@ impl Pair {
         self.remember();
         self.naive.finish(kind, &due);
         let twin = apply_surface(&self.client, &body, &LIMITS);
-        assert_eq!(self.applier.apply(&mut self.client, &body, &LIMITS), Ok(info));
+        assert_eq!(self.decoder.decode(&mut self.client, &body, &LIMITS), Ok(info));
         assert_eq!(Ok(&self.client), twin.as_ref());
         assert_eq!(&self.client, self.encoder.state());
         assert_eq!(self.client.hash(), self.client.full_hash());
         if let Some(late) = &mut self.late {
-            assert!(self.applier.apply(late, &body, &LIMITS).is_ok());
+            assert!(self.decoder.decode(late, &body, &LIMITS).is_ok());
             assert_eq!(late, &self.client);
         }
         self.note_frame();
@@ -206,7 +206,7 @@ impl Pair {
     }
 
     fn note_frame(&mut self) {
-        self.ledger.follow(&self.client);
+        self.log.record(&self.client);
         if self.earlier.len() == EARLIER {
             self.earlier.pop_front();
         }
@@ -279,7 +279,7 @@ impl Pair {
         let body = keyframe(&self.client, meta(FrameKind::Key, frame.0), coder, first);
         let Ok(body) = body else { return assert!(body.is_ok(), "{body:?}") };
         let twin = apply_surface(&late, &body, &LIMITS);
-        let joined = self.applier.apply(&mut late, &body, &LIMITS);
+        let joined = self.decoder.decode(&mut late, &body, &LIMITS);
         assert!(joined.is_ok(), "{joined:?}");
         assert_eq!(late, self.client);
         assert_eq!(Ok(&late), twin.as_ref());
@@ -293,7 +293,7 @@ impl Pair {
         let Some(frame) = last.frame() else { return };
         let base = usize::from(base) % (behind.len() + 1);
         let Some(from) = behind.get(base).and_then(State::frame) else { return };
-        let body = patch(&self.client, &self.ledger, from, meta(FrameKind::Delta, frame.0), coder, context);
+        let body = patch(&self.client, &self.log, from, meta(FrameKind::Delta, frame.0), coder, context);
         let Ok(body) = body else { return assert!(body.is_ok(), "{body:?}") };
         let here = last.present_points();
         let Some(body) = body else {
@@ -303,7 +303,7 @@ impl Pair {
         for (at, state) in behind.iter().enumerate() {
             let mut client = state.clone();
             let twin = apply_surface(state, &body, &LIMITS);
-            let applied = self.applier.apply(&mut client, &body, &LIMITS);
+            let applied = self.decoder.decode(&mut client, &body, &LIMITS);
             assert_eq!(applied.is_ok(), at >= base, "{applied:?}");
             assert_eq!(twin.is_ok(), at >= base, "{twin:?}");
             if at < base {
@@ -357,7 +357,7 @@ fn make_samples() -> Option<Vec<Sample>> {
         for (frame, offered) in [(0_u32, 200_u32), (1, 295), (2, 295)] {
             for point in 0..offered {
                 let shadow = (point % 90).abs_diff(10 + frame * 8).min(30) as u8;
-                encoder.offer(point, 150 + 3 * shadow)?;
+                encoder.set_ao(point, 150 + 3 * shadow)?;
             }
             let kind = if frame == 0 { FrameKind::Key } else { FrameKind::Delta };
             let before = if frame == 0 { empty.clone() } else { encoder.state().clone() };
@@ -377,22 +377,22 @@ fn make_samples() -> Option<Vec<Sample>> {
 fn make_patches(coder: BlockCoder, samples: &mut Vec<Sample>) -> Option<()> {
     let (mut encoder, _) =
         small_stream(EncoderSettings { threshold: 4, geometry: GeometrySource::Sent, budget: None })?;
-    let mut ledger = Ledger::new(encoder.state());
+    let mut log = ChangeLog::new(encoder.state());
     let mut states = Vec::new();
     for frame in 0_u32..5 {
         for point in 0_u32..260 {
             let shadow = (point % 90).abs_diff(20 + frame * 8).min(30) as u8;
-            encoder.offer(point, 150 + 3 * shadow)?;
+            encoder.set_ao(point, 150 + 3 * shadow)?;
         }
         let kind = if frame == 0 { FrameKind::Key } else { FrameKind::Delta };
         encoder.finish(meta(kind, frame), BlockCoder::Range).ok()?;
-        ledger.follow(encoder.state());
+        log.record(encoder.state());
         states.push(encoder.state().clone());
     }
     for (base, at, context) in [(3, 3, false), (1, 2, false), (3, 3, true), (0, 1, true)] {
         let state = encoder.state();
         let (base, meta) = (FrameIndex(base), meta(FrameKind::Delta, 4));
-        let body = patch(state, &ledger, base, meta, coder, context).ok()??;
+        let body = patch(state, &log, base, meta, coder, context).ok()??;
         samples.push(Sample { before: states.get(at)?.clone(), kind: FrameKind::Delta, body });
     }
     Some(())
@@ -415,16 +415,16 @@ fn one_section(kind: FrameKind, data: &[u8]) -> Option<Vec<u8>> {
 /// Applies a body and its twin; they must agree, and a refused frame must leave the state alone.
 fn check_apply(state: &State, body: &[u8]) -> Option<FrameError> {
     let mut after = state.clone();
-    let mut applier = Applier::new();
-    let applied = applier.apply(&mut after, body, &LIMITS);
+    let mut decoder = Decoder::new();
+    let applied = decoder.decode(&mut after, body, &LIMITS);
     let expected = apply_surface(state, body, &LIMITS);
     match applied {
         Ok(_) => {
             assert_eq!(Ok(&after), expected.as_ref());
             assert_eq!(after.hash(), after.full_hash());
-            // What one frame leaves in an applier is nothing to the next.
+            // What one frame leaves in a decoder is nothing to the next.
             let mut again = state.clone();
-            assert!(applier.apply(&mut again, body, &LIMITS).is_ok());
+            assert!(decoder.decode(&mut again, body, &LIMITS).is_ok());
             assert_eq!(again, after);
             None
         }
@@ -445,7 +445,7 @@ fn check_preview(state: &State, body: &[u8], cut: usize) {
         assert!(part.state.present_points() <= whole.state.present_points());
     }
     let mut applied = state.clone();
-    if Applier::new().apply(&mut applied, body, &LIMITS).is_ok() {
+    if Decoder::new().decode(&mut applied, body, &LIMITS).is_ok() {
         assert!(whole.is_ok(), "{whole:?}");
         assert!(whole.is_ok_and(|whole| whole.is_none_or(|whole| whole.state == applied)));
     }
@@ -465,11 +465,11 @@ mod tests {
             assert_eq!(check_apply(&sample.before, &sample.body), None);
         }
         // The late keyframes carry what was learned.
-        let info = crate::frame::inspect(&samples[3].body, &LIMITS).unwrap();
+        let info = crate::envelope::inspect(&samples[3].body, &LIMITS).unwrap();
         assert!(info.section(SectionTag::CONTEXT).is_some());
         for patches in samples[16..].chunks(4) {
             let tags = |sample: &Sample| {
-                let info = crate::frame::inspect(&sample.body, &LIMITS).unwrap();
+                let info = crate::envelope::inspect(&sample.body, &LIMITS).unwrap();
                 info.sections.iter().map(|section| section.tag).collect::<Vec<_>>()
             };
             let both = [SectionTag::CONTEXT, SectionTag::PATCH];

@@ -1,11 +1,11 @@
-//! The twin of [`crate::frame::apply`]: builds the whole state after a frame, then looks at it.
+//! The twin of [`crate::paper::decoder`]: builds the whole state after a frame, then looks at it.
 
 use std::sync::Arc;
 
 use crate::Limits;
 use crate::block::{BlockError, decompress};
-use crate::cells::{Bucket, Cell, ENTRIES_PER_BUCKET, Layout, POINTS_PER_CELL};
-use crate::frame::{FrameError, FrameKind, Pose, SectionTag, State, inspect};
+use crate::envelope::{FrameError, FrameKind, SectionTag, inspect};
+use crate::paper::{Bucket, Cell, ENTRIES_PER_BUCKET, Layout, POINTS_PER_CELL, Pose, State};
 use crate::wire::words;
 
 /// Why the twin refused a frame; coarser than [`FrameError`].
@@ -28,7 +28,7 @@ pub enum Refused {
 /// The state after a frame body, from scratch.
 ///
 /// # Errors
-/// Refuses exactly what [`crate::frame::apply`] refuses.
+/// Refuses exactly what [`crate::paper::decoder`] refuses.
 pub fn apply(state: &State, body: &[u8], limits: &Limits) -> Result<State, Refused> {
     let info = inspect(body, limits)?;
     if info.packing != state.layout().format().packing() {

@@ -1,13 +1,13 @@
-//! The twin of [`crate::cells::PaperEncoder`]: no dirty lists, no counters, no hash that is kept up.
+//! The twin of [`crate::paper::Encoder`]: no dirty lists, no counters, no hash that is kept up.
 
 use std::sync::Arc;
 
 use crate::block::{BlockCoder, Compressor};
-use crate::cells::{
+use crate::envelope::{EncodeError, EncodedFrame, FrameKind, FrameMeta};
+use crate::paper::{
     Bucket, Cell, ENTRIES_PER_BUCKET, Entry, Layout, Occupancy, POINTS_PER_CELL, Placement, PointSample,
-    bucket_of, cell_id,
+    Pose, Records, State, bucket_of, cell_id, write_body,
 };
-use crate::frame::{EncodeError, EncodedFrame, FrameKind, FrameMeta, Pose, Records, State, write_body};
 
 /// A point as last put.
 #[derive(Debug, Clone, Copy)]
@@ -20,7 +20,7 @@ struct Put {
     placement: Placement,
 }
 
-/// Does what [`crate::cells::PaperEncoder`] does, slowly. Arguments must be valid: it indexes by them.
+/// Does what [`crate::paper::Encoder`] does, slowly. Arguments must be valid: it indexes by them.
 #[derive(Debug)]
 pub struct NaiveEncoder {
     layout: Arc<Layout>,
@@ -38,7 +38,7 @@ pub struct NaiveEncoder {
 }
 
 impl NaiveEncoder {
-    /// An encoder with no points yet, as [`crate::cells::PaperEncoder::new`].
+    /// An encoder with no points yet, as [`crate::paper::Encoder::new`].
     #[must_use]
     pub fn new(layout: Arc<Layout>, points: &[u32]) -> NaiveEncoder {
         let owners = points.iter().enumerate();
@@ -55,7 +55,7 @@ impl NaiveEncoder {
         }
     }
 
-    /// Puts a point, as [`crate::cells::PaperEncoder::put`].
+    /// Puts a point, as [`crate::paper::Encoder::put`].
     pub fn put(&mut self, point: usize, sample: &PointSample) -> Placement {
         let instance = self.instances[point];
         let located = self.layout.instances()[instance].grid.locate(sample.local);
@@ -70,19 +70,19 @@ impl NaiveEncoder {
         self.settle(point)
     }
 
-    /// Removes a point, as [`crate::cells::PaperEncoder::remove`].
+    /// Removes a point, as [`crate::paper::Encoder::remove`].
     pub fn remove(&mut self, point: usize) {
         self.take_out(point);
         self.points[point] = None;
     }
 
-    /// Sets a pose, as [`crate::cells::PaperEncoder::set_pose`].
+    /// Sets a pose, as [`crate::paper::Encoder::set_pose`].
     pub fn set_pose(&mut self, instance: usize, pose: Pose) {
         self.poses[instance] = pose;
     }
 
-    /// Tries every point without a slot again, as [`crate::cells::PaperEncoder::retry_homeless`].
-    pub fn retry_homeless(&mut self) {
+    /// Tries every point without a slot again, as [`crate::paper::Encoder::retry_unplaced`].
+    pub fn retry_unplaced(&mut self) {
         for point in 0..self.points.len() {
             if self.points[point].is_some() {
                 self.settle(point);
@@ -90,7 +90,7 @@ impl NaiveEncoder {
         }
     }
 
-    /// Counts everything, as [`crate::cells::PaperEncoder::counts`].
+    /// Counts everything, as [`crate::paper::Encoder::counts`].
     #[must_use]
     pub fn counts(&self) -> Occupancy {
         let count =
@@ -118,7 +118,7 @@ impl NaiveEncoder {
         &self.sent
     }
 
-    /// Writes a frame, as [`crate::cells::PaperEncoder::finish`].
+    /// Writes a frame, as [`crate::paper::Encoder::finish`].
     ///
     /// # Errors
     /// [`EncodeError::Block`].

@@ -2,12 +2,12 @@
 
 use std::cmp::Reverse;
 
-use super::change_model::ChangeModel;
-use super::changes::Changes;
-use super::writer::SectionWriter;
+use super::model::change::ChangeModel;
+use super::section::changes::Changes;
+use super::section::writer::SectionWriter;
 use super::{BLOCK_POINTS, State};
 use crate::block::BlockCoder;
-use crate::frame::{EncodeError, FrameMeta, SectionTag, header_bytes};
+use crate::envelope::{EncodeError, FrameMeta, SectionTag, header_bytes};
 use crate::memory;
 
 /// How many bytes a delta takes at most, and how long a point may wait for its turn.

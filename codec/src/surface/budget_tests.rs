@@ -6,7 +6,7 @@ use super::tests::{CODERS, client, meta, offer, stream};
 use super::*;
 use crate::Limits;
 use crate::block::BlockCoder;
-use crate::frame::{EncodedFrame, FrameKind, SectionTag};
+use crate::envelope::{EncodedFrame, FrameKind, SectionTag};
 use crate::reference::NaiveSurfaceEncoder;
 
 const KEY: FrameKind = FrameKind::Key;
@@ -52,7 +52,7 @@ impl Walk {
 
     fn offer(&self, encoder: &mut Encoder) {
         for (point, ao) in (0..).zip(&self.ao) {
-            encoder.offer(point, *ao).unwrap();
+            encoder.set_ao(point, *ao).unwrap();
         }
     }
 }
@@ -76,7 +76,7 @@ proptest! {
     ) {
         let mut encoder = budgeted(threshold, bytes, longest_age);
         let mut state = client(&encoder);
-        let mut applier = Applier::new();
+        let mut decoder = Decoder::new();
         let mut walk = Walk::new(state.layout().points(), seed);
         let mut offered: Vec<Vec<u8>> = Vec::new();
         for number in 0..30 {
@@ -84,7 +84,7 @@ proptest! {
             walk.offer(&mut encoder);
             let kind = if number == 0 { KEY } else { DELTA };
             let frame = encoder.finish(meta(kind, number), CODERS[coder]).unwrap();
-            applier.apply(&mut state, &frame.body, &Limits::default()).unwrap();
+            decoder.decode(&mut state, &frame.body, &Limits::default()).unwrap();
             prop_assert_eq!(&state, encoder.state());
             let postponed = *encoder.postponed().unwrap();
             prop_assert_eq!(postponed.used as usize, frame.body.len());
@@ -111,7 +111,7 @@ proptest! {
             (0..12).map(|number| {
                 let late = if number < 3 { 300 } else { walk.ao.len() };
                 for (point, ao) in (0..).zip(&walk.ao[..late]) {
-                    encoder.offer(point, *ao).unwrap();
+                    encoder.set_ao(point, *ao).unwrap();
                 }
                 let kind = if number % 9 == 0 { KEY } else { DELTA };
                 let body = encoder.finish(meta(kind, number), CODERS[coder]).unwrap().body;
@@ -140,7 +140,7 @@ proptest! {
         for number in 0..200 {
             walk.offer(&mut encoder);
             for (point, ao) in (0..).zip(&walk.ao) {
-                naive.offer(point, *ao);
+                naive.set_ao(point, *ao);
             }
             let kind = if number == 0 { KEY } else { DELTA };
             let (mut ranked, _) = naive.ranked();
@@ -252,8 +252,8 @@ fn the_order_beats_that_of_age_alone() {
     for number in 0..150 {
         walk.offer(&mut encoder);
         for (point, ao) in (0..).zip(&walk.ao) {
-            by_product.offer(point, *ao);
-            by_age.offer(point, *ao);
+            by_product.set_ao(point, *ao);
+            by_age.set_ao(point, *ao);
         }
         let kind = if number == 0 { KEY } else { DELTA };
         let sent = changes(&encoder.finish(meta(kind, number), BlockCoder::Range).unwrap());

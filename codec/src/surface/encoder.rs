@@ -3,17 +3,16 @@
 use std::sync::Arc;
 
 use super::budget::{Budget, Postponed, Queue, Unfinished};
-use super::changes::Changes;
 use super::keyframe::Parcels;
-use super::marks::SetBits;
+use super::section::changes::Changes;
+use super::section::marks::SetBits;
+use super::section::writer::SectionWriter;
 use super::state::{geometry_words, value_words};
-use super::writer::SectionWriter;
 use super::{BLOCK_POINTS, Geometry, GeometryError, Layout, State};
-use crate::StateHash;
 use crate::block::BlockCoder;
-use crate::frame::{EncodeError, EncodedFrame, FrameKind, FrameMeta, Packing, Profile, assemble};
+use crate::envelope::{EncodeError, EncodedFrame, FrameKind, FrameMeta, Packing, Profile, assemble};
 use crate::hash::Kind;
-use crate::memory;
+use crate::{StateHash, memory};
 
 /// How a stream is encoded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -119,7 +118,7 @@ impl Encoder {
     /// Bytes of memory held for the stream: what clients hold, points and layout included, what was offered, and buffers that
     /// are kept between frames.
     #[must_use]
-    pub fn memory_bytes(&self) -> usize {
+    pub fn heap_bytes(&self) -> usize {
         let Encoder { sent, geometry, offered, dirty, arriving, is_arriving, changes, writer, queue, .. } =
             self;
         let carried = geometry.iter().zip(&sent.geometry).map(|(ours, theirs)| match (ours, theirs) {
@@ -139,7 +138,7 @@ impl Encoder {
     /// All points of a block go out together the first time, blocks in the order of their first offers; points of it
     /// that were not offered go out as open.
     #[inline]
-    pub fn offer(&mut self, point: u32, ao: u8) -> Option<bool> {
+    pub fn set_ao(&mut self, point: u32, ao: u8) -> Option<bool> {
         let layout = &self.sent.layout;
         if !layout.points_of(self.instance as u32).contains(&(point as usize)) {
             self.instance = layout.instance_of(point)?;

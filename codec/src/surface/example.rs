@@ -2,14 +2,15 @@
 
 use std::sync::Arc;
 
-use super::change_model::ChangeModel;
-use super::changes::Changes;
+use super::model::change::ChangeModel;
+use super::model::curve;
+use super::section::changes::Changes;
 use super::*;
 use crate::Limits;
 use crate::block::BlockCoder;
-use crate::frame::example::{SPEC, dump, fenced, hex};
-use crate::frame::{EncodedFrame, FrameIndex, FrameKind, FrameMeta, StreamTime};
+use crate::envelope::{EncodedFrame, FrameIndex, FrameKind, FrameMeta, StreamTime};
 use crate::hash::{Kind, term};
+use crate::paper::example::{SPEC, dump, fenced, hex};
 use crate::range::{Bits, RangeEncoder, Slot, logistic};
 
 /// A floor of three points.
@@ -41,10 +42,10 @@ fn frames(coder: BlockCoder) -> [EncodedFrame; 2] {
         changed_points,
     };
     for (point, ao) in [(0, 255), (1, 200), (2, 100)] {
-        encoder.offer(point, ao).unwrap();
+        encoder.set_ao(point, ao).unwrap();
     }
     let key = encoder.finish(meta(FrameKind::Key, 1, 3), BlockCoder::Stored).unwrap();
-    encoder.offer(1, 100).unwrap();
+    encoder.set_ao(1, 100).unwrap();
     [key, encoder.finish(meta(FrameKind::Delta, 2, 1), coder).unwrap()]
 }
 
@@ -58,7 +59,7 @@ fn the_dumps_in_the_specification_are_what_the_code_writes() {
     for delta in ["surface-delta", "range-delta"] {
         let mut state = State::new(Arc::clone(encoder().state().layout()));
         for name in ["surface-keyframe", delta] {
-            Applier::new().apply(&mut state, &dump(name), &Limits::default()).unwrap();
+            Decoder::new().decode(&mut state, &dump(name), &Limits::default()).unwrap();
         }
         assert_eq!(state.values(0), [255, 104, 100]);
     }
@@ -95,7 +96,7 @@ impl Bits for Noting<'_> {
 fn the_decisions_in_the_specification_are_those_of_the_code() {
     let [key, range] = frames(BlockCoder::Range);
     let mut state = State::new(Arc::clone(encoder().state().layout()));
-    Applier::new().apply(&mut state, &key.body, &Limits::default()).unwrap();
+    Decoder::new().decode(&mut state, &key.body, &Limits::default()).unwrap();
     let mut changes = Changes { quantum: 12, ..Changes::default() };
     changes.push(1, -8);
     let mut block = Vec::new();

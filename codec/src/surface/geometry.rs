@@ -1,6 +1,7 @@
 //! The points of a set at rest, rounded and in the order that the wire has them in.
 
-use super::{SetLayout, curve};
+use super::SetLayout;
+use super::model::curve;
 use crate::hash::fold_words;
 use crate::memory;
 use crate::quant::oct;

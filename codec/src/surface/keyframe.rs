@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
-use super::geometry_section::Sets;
-use super::values::Values;
-use super::writer::{FrameModels, SectionWriter};
+use super::section::geometry::Sets;
+use super::section::values::Values;
+use super::section::writer::{FrameModels, SectionWriter};
 use super::{Geometry, Layout, State};
 use crate::block::BlockCoder;
-use crate::frame::{EncodeError, FrameKind, FrameMeta, Packing, Profile, assemble};
+use crate::envelope::{EncodeError, FrameKind, FrameMeta, Packing, Profile, assemble};
 
 /// Fewest blocks of a parcel: a section costs some ten bytes.
 const PARCEL_BLOCKS: usize = 64;

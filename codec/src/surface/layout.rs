@@ -1,9 +1,8 @@
 //! What both sides know of a stream before its first frame.
 
 use super::BLOCK_POINTS;
-use crate::Limits;
-use crate::cells::MAX_GRID_DIM;
-use crate::memory;
+use crate::paper::MAX_GRID_DIM;
+use crate::{Limits, memory};
 
 /// The points of one mesh at rest: how many, and the lattice that their positions are rounded to.
 #[derive(Debug, Clone, Copy, PartialEq)]

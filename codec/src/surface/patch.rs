@@ -1,10 +1,10 @@
 //! Patches: deltas that bring clients which missed frames to the newest state.
 
-use super::patch_section::Patch;
-use super::writer::SectionWriter;
-use super::{BLOCK_POINTS, Ledger, State};
+use super::section::patch::Patch;
+use super::section::writer::SectionWriter;
+use super::{BLOCK_POINTS, ChangeLog, State};
 use crate::block::BlockCoder;
-use crate::frame::{EncodeError, FrameIndex, FrameKind, FrameMeta, Packing, Profile, assemble};
+use crate::envelope::{EncodeError, FrameIndex, FrameKind, FrameMeta, Packing, Profile, assemble};
 
 /// Furthest that a patch reaches back, in frames: what the range coder has numbers for.
 const FURTHEST: u32 = (1 << 31) - 1;
@@ -17,22 +17,22 @@ const FURTHEST: u32 = (1 << 31) - 1;
 /// as much as in a [`super::keyframe`] and lets it read the updates that follow; without, it reads patches and keyframes
 /// only.
 ///
-/// `None` when only a keyframe helps: `ledger` has not followed `state`, or does not know what a client of frame `base`
-/// missed ([`Ledger::missed`]), or there is no point yet.
+/// `None` when only a keyframe helps: `change log` has not followed `state`, or does not know what a client of frame `base`
+/// missed ([`ChangeLog::changed_since`]), or there is no point yet.
 ///
 /// # Errors
 /// [`EncodeError::Block`] for a level that the coder does not have, or where it finds no memory.
 pub fn patch(
     state: &State,
-    ledger: &Ledger,
+    log: &ChangeLog,
     base: FrameIndex,
     meta: FrameMeta,
     coder: BlockCoder,
     context: bool,
 ) -> Result<Option<Vec<u8>>, EncodeError> {
     let back = meta.frame.0.checked_sub(base.0).filter(|back| (1..=FURTHEST).contains(back));
-    let followed = state.frame.is_some() && ledger.frame() == state.frame;
-    let (Some(back), Some(missed)) = (back, ledger.missed(base).filter(|_| followed)) else {
+    let followed = state.frame.is_some() && log.frame() == state.frame;
+    let (Some(back), Some(missed)) = (back, log.changed_since(base).filter(|_| followed)) else {
         return Ok(None);
     };
     let mut patch = Patch { back, ..Patch::default() };

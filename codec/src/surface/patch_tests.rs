@@ -4,13 +4,12 @@ use proptest::prelude::*;
 
 use super::tests::{CODERS, ao, meta, refuse};
 use super::*;
-use crate::Limits;
 use crate::block::{BlockCoder, CoderId};
-use crate::frame::{
+use crate::envelope::{
     FrameError, FrameIndex, FrameKind, Packing, Profile, SectionInfo, SectionTag, assemble, inspect,
 };
-use crate::stream;
 use crate::testing::reseal;
+use crate::{self as stream, Limits};
 
 /// What one frame of a story does: points and what is said of them.
 type Offers = Vec<(u32, u8)>;
@@ -18,7 +17,7 @@ type Offers = Vec<(u32, u8)>;
 /// A stream and everything there ever was of it.
 struct Story {
     encoder: Encoder,
-    ledger: Ledger,
+    log: ChangeLog,
     /// The state after every frame.
     states: Vec<State>,
     bodies: Vec<Vec<u8>>,
@@ -27,18 +26,18 @@ struct Story {
 impl Story {
     fn new(source: GeometrySource) -> Story {
         let encoder = tests::stream(source, 6);
-        let ledger = Ledger::new(encoder.state());
-        Story { encoder, ledger, states: Vec::new(), bodies: Vec::new() }
+        let log = ChangeLog::new(encoder.state());
+        Story { encoder, log, states: Vec::new(), bodies: Vec::new() }
     }
 
     /// Writes a frame with a number of its own: they need not follow one another.
     fn frame(&mut self, kind: FrameKind, coder: BlockCoder, offers: &Offers) {
         for (point, ao) in offers {
-            self.encoder.offer(*point, *ao);
+            self.encoder.set_ao(*point, *ao);
         }
         let number = 3 + 2 * self.states.len() as u32;
         self.bodies.push(self.encoder.finish(meta(kind, number), coder).unwrap().body);
-        self.ledger.follow(self.encoder.state());
+        self.log.record(self.encoder.state());
         self.states.push(self.encoder.state().clone());
     }
 
@@ -48,10 +47,10 @@ impl Story {
 
     fn patch(&self, base: FrameIndex, coder: BlockCoder, context: bool) -> Option<Vec<u8>> {
         let meta = meta(FrameKind::Delta, self.last().frame.unwrap().0);
-        patch(self.encoder.state(), &self.ledger, base, meta, coder, context).unwrap()
+        patch(self.encoder.state(), &self.log, base, meta, coder, context).unwrap()
     }
 
-    /// The twin of [`Ledger::missed`]: looks at all states after `base`.
+    /// The twin of [`ChangeLog::changed_since`]: looks at all states after `base`.
     fn missed(&self, base: usize) -> Option<Vec<(u32, u64)>> {
         let states = &self.states[base..];
         let same = |state: &State| {
@@ -117,17 +116,17 @@ fn a_patch_of_nothing_names_a_point_all_the_same() {
     let base = story.last().frame.unwrap();
     assert_eq!(story.patch(base, BlockCoder::Range, true), None);
     story.frame(FrameKind::Delta, BlockCoder::Range, &Vec::new());
-    assert_eq!(story.ledger.missed(base).unwrap().count(), 0);
+    assert_eq!(story.log.changed_since(base).unwrap().count(), 0);
     let body = story.patch(base, BlockCoder::Range, true).unwrap();
     let info = inspect(&body, &Limits::default()).unwrap();
     assert_eq!(info.section(SectionTag::PATCH).unwrap().records, 1);
-    let mut ledger = stream::Ledger::new(&story.states[0]);
-    story.states.iter().for_each(|state| ledger.follow(state));
+    let mut log = stream::ChangeLog::new(&story.states[0]);
+    story.states.iter().for_each(|state| log.record(state));
     let meta = meta(FrameKind::Delta, info.frame.0);
-    let same = stream::patch(story.last(), &ledger, base, meta, BlockCoder::Range, true);
+    let same = stream::patch(story.last(), &log, base, meta, BlockCoder::Range, true);
     assert_eq!(same, Ok(Some(body.clone())), "whoever carries streams of either profile");
     let mut state = story.states[story.states.len() - 2].clone();
-    Applier::new().apply(&mut state, &body, &Limits::default()).unwrap();
+    Decoder::new().decode(&mut state, &body, &Limits::default()).unwrap();
     assert_eq!(&state, story.last());
 }
 
@@ -146,7 +145,7 @@ fn what_was_learned_is_left_out_when_it_is_nothing() {
 #[test]
 fn without_a_way_there_is_no_patch() {
     let empty = Story::new(GeometrySource::Sent);
-    assert!(empty.ledger.missed(FrameIndex(0)).is_none());
+    assert!(empty.log.changed_since(FrameIndex(0)).is_none());
     let mut story = Story::new(GeometrySource::Sent);
     for _ in 0..2 {
         story.frame(FrameKind::Key, BlockCoder::Range, &Vec::new());
@@ -159,52 +158,52 @@ fn without_a_way_there_is_no_patch() {
     for other in [0, u32::MAX].map(FrameIndex) {
         assert_eq!(story.patch(other, BlockCoder::Range, false), None, "nobody knows that frame");
     }
-    let ledger = story.ledger.clone();
+    let log = story.log.clone();
     story.frame(FrameKind::Delta, BlockCoder::Range, &shadow(7));
     let meta = meta(FrameKind::Delta, story.last().frame.unwrap().0);
-    let behind = patch(story.last(), &ledger, base, meta, BlockCoder::Range, false);
-    assert_eq!(behind, Ok(None), "the ledger has not followed");
+    let behind = patch(story.last(), &log, base, meta, BlockCoder::Range, false);
+    assert_eq!(behind, Ok(None), "the log has not followed");
     // The other ball arrives.
     story.frame(FrameKind::Delta, BlockCoder::Range, &vec![(559, 9)]);
     assert_eq!(story.patch(base, BlockCoder::Range, false), None, "a block came");
 }
 
 #[test]
-fn a_ledger_of_something_else_begins_anew() {
+fn a_change_log_of_something_else_begins_anew() {
     let story = short(BlockCoder::Range);
     // Back to an earlier frame, or to the same one with other content.
-    let mut ledger = story.ledger.clone();
-    ledger.follow(story.last());
-    assert_eq!(ledger, story.ledger);
-    ledger.follow(&story.states[2]);
-    assert_eq!(ledger, Ledger::new(&story.states[2]));
+    let mut log = story.log.clone();
+    log.record(story.last());
+    assert_eq!(log, story.log);
+    log.record(&story.states[2]);
+    assert_eq!(log, ChangeLog::new(&story.states[2]));
     let mut other = story.last().clone();
     other.values[70] ^= 1;
-    let mut ledger = story.ledger.clone();
-    ledger.follow(&other);
-    assert_eq!(ledger, Ledger::new(&other));
+    let mut log = story.log.clone();
+    log.record(&other);
+    assert_eq!(log, ChangeLog::new(&other));
     let layout = Layout::new(Vec::new(), Vec::new(), &Limits::default()).unwrap();
     let mut none = State::new(std::sync::Arc::new(layout));
     none.frame = Some(FrameIndex(99));
-    ledger.follow(&none);
-    assert_eq!(ledger, Ledger::new(&none));
+    log.record(&none);
+    assert_eq!(log, ChangeLog::new(&none));
 }
 
 #[test]
 fn every_prefix_and_every_flipped_bit_of_a_patch_is_refused() {
     let story = short(BlockCoder::Range);
     for coder in CODERS {
-        let mut applier = Applier::new();
+        let mut decoder = Decoder::new();
         for context in [false, true] {
             let body = story.patch(story.states[2].frame.unwrap(), coder, context).unwrap();
             let state = &story.states[3];
             for end in (0..body.len()).step_by(1 + body.len() / 400) {
-                refuse(&mut applier, state, &body[..end], &Limits::default());
+                refuse(&mut decoder, state, &body[..end], &Limits::default());
             }
             for bit in (0..body.len() * 8).step_by(1 + body.len() / 200) {
                 let mut changed = body.clone();
                 changed[bit / 8] ^= 1 << (bit % 8);
-                refuse(&mut applier, state, &changed, &Limits::default());
+                refuse(&mut decoder, state, &changed, &Limits::default());
             }
         }
     }
@@ -214,14 +213,14 @@ fn every_prefix_and_every_flipped_bit_of_a_patch_is_refused() {
 fn flipped_bits_of_a_patch_under_a_right_checksum_are_refused_or_harmless() {
     let story = short(BlockCoder::Range);
     for coder in CODERS {
-        let mut applier = Applier::new();
+        let mut decoder = Decoder::new();
         let body = story.patch(story.states[2].frame.unwrap(), coder, false).unwrap();
         for bit in (0..body.len() * 8).step_by(1 + body.len() / 500) {
             let mut changed = body.clone();
             changed[bit / 8] ^= 1 << (bit % 8);
             reseal(&mut changed);
             let mut found = story.states[3].clone();
-            match applier.apply(&mut found, &changed, &Limits::default()) {
+            match decoder.decode(&mut found, &changed, &Limits::default()) {
                 Ok(_) => assert_eq!(found.values, story.last().values, "bit {bit}"),
                 Err(_) => assert_eq!(found, story.states[3], "bit {bit}"),
             }
@@ -249,7 +248,7 @@ fn a_patch_is_alone_in_its_delta() {
     let state = short(BlockCoder::Range).states.remove(5);
     let refused = |kind, tags: &[Tag]| {
         let sections: Vec<_> = tags.iter().map(|tag| (*tag, 1, &[0_u8; 4][..])).collect();
-        refuse(&mut Applier::new(), &state, &body(kind, &sections), &Limits::default())
+        refuse(&mut Decoder::new(), &state, &body(kind, &sections), &Limits::default())
     };
     for previous in [Tag::GEOMETRY, Tag::VALUES, Tag::CHANGES] {
         for found in [Tag::PATCH, Tag::CONTEXT] {
@@ -279,7 +278,7 @@ fn patches_that_do_not_suit_are_refused_by_name() {
     let blocks = state.present.len();
     let refused = |records, block: &[u8]| {
         let body = body(FrameKind::Delta, &[(SectionTag::PATCH, records, block)]);
-        refuse(&mut Applier::new(), state, &body, &Limits::default())
+        refuse(&mut Decoder::new(), state, &body, &Limits::default())
     };
     // The state is of frame 5, the patch of frame 14.
     let plain = |back: u8, block: usize, mask: u64| {
@@ -340,7 +339,7 @@ proptest! {
         for base in 0..frames.len() {
             let missed = story.missed(base);
             let index = story.states[base].frame.unwrap();
-            prop_assert_eq!(story.ledger.missed(index).map(Iterator::collect::<Vec<_>>), missed.clone());
+            prop_assert_eq!(story.log.changed_since(index).map(Iterator::collect::<Vec<_>>), missed.clone());
             for context in [false, true] {
                 let body = story.patch(index, CODERS[coder], context);
                 let possible = missed.is_some() && index < last.frame.unwrap() && last.present.contains(&true);
@@ -351,7 +350,7 @@ proptest! {
                 prop_assert_eq!(info.section(SectionTag::PATCH).unwrap().records, count.max(1));
                 for (at, state) in story.states.iter().enumerate().take(frames.len() - 1) {
                     let mut found = state.clone();
-                    let applied = Applier::new().apply(&mut found, &body, &Limits::default());
+                    let applied = Decoder::new().decode(&mut found, &body, &Limits::default());
                     if at < base {
                         let refused = matches!(applied, Err(FrameError::PatchBase { .. }));
                         prop_assert!(refused, "{applied:?}");
@@ -375,7 +374,7 @@ proptest! {
         for (_, offers) in &more {
             story.frame(FrameKind::Delta, CODERS[coder], offers);
             for reader in readers.iter_mut().take(3) {
-                Applier::new().apply(reader, story.bodies.last().unwrap(), &Limits::default()).unwrap();
+                Decoder::new().decode(reader, story.bodies.last().unwrap(), &Limits::default()).unwrap();
                 prop_assert_eq!(&*reader, story.last());
             }
         }

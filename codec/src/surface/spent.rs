@@ -3,12 +3,12 @@
 use std::ops::AddAssign;
 
 use super::State;
-use super::changes::Changes;
-use super::patch_model::PatchModel;
-use super::patch_section::Patch;
+use super::model::patch::PatchModel;
+use super::section::changes::Changes;
+use super::section::patch::Patch;
 use crate::Limits;
 use crate::block::CoderId;
-use crate::frame::{FrameError, SectionInfo, SectionTag, inspect};
+use crate::envelope::{FrameError, SectionInfo, SectionTag, inspect};
 use crate::range::{Bits, RangeDecoder, Subject};
 
 /// Bits of the decisions of a CHANGES or PATCH section, by what they decide; together the length of its block, but for rounding.

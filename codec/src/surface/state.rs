@@ -2,18 +2,17 @@
 
 use std::sync::Arc;
 
-use super::change_model::{ChangeModel, Known};
-use super::changes::Changes;
-use super::history::History;
+use super::model::change::{ChangeModel, Known};
+use super::model::history::History;
+use super::section::changes::Changes;
 use super::{BLOCK_POINTS, Geometry, GeometryDigest, GeometryError, Layout};
-use crate::StateHash;
-use crate::frame::FrameIndex;
+use crate::envelope::FrameIndex;
 use crate::hash::Kind;
-use crate::memory;
+use crate::{StateHash, memory};
 
 /// Geometry of the sets, AO of the points, what the coder remembers of both, and the hash over all that came.
 ///
-/// Only [`super::Applier`] and the encoder change it, so hash and content always agree.
+/// Only [`super::Decoder`] and the encoder change it, so hash and content always agree.
 #[derive(Debug, Clone, PartialEq)]
 pub struct State {
     pub(crate) layout: Arc<Layout>,

@@ -1,13 +1,15 @@
-//! Streams of made-up scenes through encoder, applier and keyframes.
+//! Streams of made-up scenes through encoder, decoder and keyframes.
 
 use std::sync::Arc;
 
 use proptest::prelude::*;
 
+use super::section::geometry;
+use super::section::writer::FrameModels;
 use super::*;
 use crate::Limits;
 use crate::block::BlockCoder;
-use crate::frame::{EncodedFrame, FrameError, FrameIndex, FrameKind, FrameMeta, StreamTime, inspect};
+use crate::envelope::{EncodedFrame, FrameError, FrameIndex, FrameKind, FrameMeta, StreamTime, inspect};
 use crate::testing::reseal;
 
 pub(super) const CODERS: [BlockCoder; 4] =
@@ -75,7 +77,7 @@ pub(super) fn ao(point: u32, frame: u32) -> u8 {
 
 pub(super) fn offer(encoder: &mut Encoder, frame: u32, points: std::ops::Range<u32>) {
     for point in points {
-        encoder.offer(point, ao(point, frame)).unwrap();
+        encoder.set_ao(point, ao(point, frame)).unwrap();
     }
 }
 
@@ -97,11 +99,11 @@ fn clients_hold_what_the_server_says_with_every_coder() {
         for source in [GeometrySource::Sent, GeometrySource::Shared] {
             let mut encoder = stream(source, 8);
             let mut state = client(&encoder);
-            let mut applier = Applier::new();
+            let mut decoder = Decoder::new();
             for number in 0..12 {
                 let frame = frames_next(&mut encoder, coder, number);
                 assert_eq!(inspect(&frame.body, &Limits::default()).as_ref(), Ok(&frame.info));
-                let info = applier.apply(&mut state, &frame.body, &Limits::default()).unwrap();
+                let info = decoder.decode(&mut state, &frame.body, &Limits::default()).unwrap();
                 assert_eq!(info, frame.info);
                 assert_eq!(&state, encoder.state(), "{coder:?} {source:?} frame {number}");
                 assert_eq!(state.hash(), state.full_hash());
@@ -142,13 +144,13 @@ fn a_keyframe_in_the_middle_of_a_group_lets_a_client_read_on() {
         let order = [(3, 1), (3, 9), (0, 2), (99, 0)];
         let body = keyframe(encoder.state(), meta(FrameKind::Key, 5), coder, &order).unwrap();
         let mut late = client(&encoder);
-        let mut applier = Applier::new();
-        applier.apply(&mut late, &body, &Limits::default()).unwrap();
+        let mut decoder = Decoder::new();
+        decoder.decode(&mut late, &body, &Limits::default()).unwrap();
         assert_eq!(&late, encoder.state());
         for number in 6..9 {
             offer(&mut encoder, number, 0..100);
             let frame = encoder.finish(meta(FrameKind::Delta, number), coder).unwrap();
-            applier.apply(&mut late, &frame.body, &Limits::default()).unwrap();
+            decoder.decode(&mut late, &frame.body, &Limits::default()).unwrap();
             assert_eq!(&late, encoder.state());
         }
     }
@@ -180,12 +182,13 @@ fn a_context_is_one_record() {
     let meta = meta(FrameKind::Key, 5);
     let body = keyframe(encoder.state(), meta, BlockCoder::Stored, &[]).unwrap();
     let mut info = inspect(&body, &Limits::default()).unwrap();
-    let context = info.sections.iter_mut().find(|section| section.tag == crate::frame::SectionTag::CONTEXT);
+    let context =
+        info.sections.iter_mut().find(|section| section.tag == crate::envelope::SectionTag::CONTEXT);
     context.unwrap().records = 2;
     let ids = (info.profile, info.packing, info.kind);
     let blocks = &body[info.header_bytes as usize..];
-    let forged = crate::frame::assemble(&meta, ids, info.hash, info.sections, blocks).body;
-    let error = refuse(&mut Applier::new(), &client(&encoder), &forged, &Limits::default());
+    let forged = crate::envelope::assemble(&meta, ids, info.hash, info.sections, blocks).body;
+    let error = refuse(&mut Decoder::new(), &client(&encoder), &forged, &Limits::default());
     assert!(matches!(error, FrameError::TooManyRecords { records: 2, places: 1, .. }), "{error}");
     let twin = crate::reference::apply_surface(&client(&encoder), &forged, &Limits::default());
     assert!(twin.is_err());
@@ -209,9 +212,9 @@ fn part_of_a_keyframe_can_be_shown() {
 }
 
 /// Applies a body that must be refused; `state` must not change.
-pub(super) fn refuse(applier: &mut Applier, state: &State, body: &[u8], limits: &Limits) -> FrameError {
+pub(super) fn refuse(decoder: &mut Decoder, state: &State, body: &[u8], limits: &Limits) -> FrameError {
     let mut found = state.clone();
-    let error = applier.apply(&mut found, body, limits).unwrap_err();
+    let error = decoder.decode(&mut found, body, limits).unwrap_err();
     assert_eq!(&found, state);
     error
 }
@@ -232,16 +235,16 @@ fn samples(coder: BlockCoder) -> Vec<(State, EncodedFrame, State)> {
 #[test]
 fn every_prefix_and_every_flipped_bit_is_refused() {
     for coder in CODERS {
-        let mut applier = Applier::new();
+        let mut decoder = Decoder::new();
         for (state, frame, _) in samples(coder) {
             let body = frame.body;
             for end in (0..body.len()).step_by(1 + body.len() / 400) {
-                refuse(&mut applier, &state, &body[..end], &Limits::default());
+                refuse(&mut decoder, &state, &body[..end], &Limits::default());
             }
             for bit in (0..body.len() * 8).step_by(1 + body.len() / 200) {
                 let mut changed = body.clone();
                 changed[bit / 8] ^= 1 << (bit % 8);
-                refuse(&mut applier, &state, &changed, &Limits::default());
+                refuse(&mut decoder, &state, &changed, &Limits::default());
             }
         }
     }
@@ -250,7 +253,7 @@ fn every_prefix_and_every_flipped_bit_is_refused() {
 #[test]
 fn flipped_bits_under_a_right_checksum_are_refused_or_harmless() {
     for coder in CODERS {
-        let mut applier = Applier::new();
+        let mut decoder = Decoder::new();
         for (state, frame, after) in samples(coder) {
             let bits = frame.body.len() * 8;
             for bit in (0..bits).step_by(1 + bits / 1500) {
@@ -258,7 +261,7 @@ fn flipped_bits_under_a_right_checksum_are_refused_or_harmless() {
                 changed[bit / 8] ^= 1 << (bit % 8);
                 reseal(&mut changed);
                 let mut found = state.clone();
-                match applier.apply(&mut found, &changed, &Limits::default()) {
+                match decoder.decode(&mut found, &changed, &Limits::default()) {
                     Ok(_) => {
                         found.frame = after.frame;
                         assert_eq!((found.hash(), &found.values), (after.hash(), &after.values), "bit {bit}");
@@ -272,21 +275,21 @@ fn flipped_bits_under_a_right_checksum_are_refused_or_harmless() {
 
 #[test]
 fn frames_out_of_order_and_of_the_other_profile_are_refused() {
-    let mut applier = Applier::new();
+    let mut decoder = Decoder::new();
     let samples = samples(BlockCoder::Range);
     let limits = Limits::default();
     let (empty, after) = (&samples[0].0, &samples[1].2);
     let delta = &samples[1].1.body;
-    assert_eq!(refuse(&mut applier, empty, delta, &limits), FrameError::NoKeyframe { offset: 2 });
+    assert_eq!(refuse(&mut decoder, empty, delta, &limits), FrameError::NoKeyframe { offset: 2 });
     let (found, last) = (FrameIndex(1), FrameIndex(1));
-    let error = refuse(&mut applier, after, delta, &limits);
+    let error = refuse(&mut decoder, after, delta, &limits);
     assert_eq!(error, FrameError::FrameOrder { offset: 4, found, last });
-    let paper = crate::frame::example::key().body;
-    let error = refuse(&mut applier, empty, &paper, &limits);
+    let paper = crate::paper::example::key().body;
+    let error = refuse(&mut decoder, empty, &paper, &limits);
     assert!(matches!(error, FrameError::ProfileOther { offset: 0, .. }), "{error}");
-    let error = refuse(&mut applier, &samples[3].0, &samples[1].1.body, &limits);
+    let error = refuse(&mut decoder, &samples[3].0, &samples[1].1.body, &limits);
     assert!(matches!(error, FrameError::FrameOrder { .. }), "{error}");
-    let skipped = refuse(&mut applier, &samples[1].0, &samples[2].1.body, &limits);
+    let skipped = refuse(&mut decoder, &samples[1].0, &samples[2].1.body, &limits);
     assert!(matches!(
         skipped,
         FrameError::Hash { .. } | FrameError::Changes { .. } | FrameError::RangeLength { .. }
@@ -298,7 +301,7 @@ fn limits_are_kept() {
     let (state, frame, _) = samples(BlockCoder::Zstd { level: 1 }).remove(0);
     let largest = frame.info.sections.iter().map(|section| section.raw_bytes).max().unwrap();
     let limits = Limits { max_block_bytes: largest - 1, ..Limits::default() };
-    let error = refuse(&mut Applier::new(), &state, &frame.body, &limits);
+    let error = refuse(&mut Decoder::new(), &state, &frame.body, &limits);
     assert!(matches!(error, FrameError::BlockTooLarge { .. }), "{error}");
     let limits = Limits { max_points: 10, ..Limits::default() };
     let layout = state.layout();
@@ -321,7 +324,7 @@ fn a_set_comes_once_and_with_points() {
             let mut bits = Vec::new();
             let points = sets.iter().map(|(_, geometry)| geometry.len()).sum::<usize>().max(1) as u32;
             if coder == BlockCoder::Range {
-                let mut models = writer::FrameModels::new();
+                let mut models = FrameModels::new();
                 let mut encoder = crate::range::RangeEncoder::new(&mut bits);
                 models.sets.code(&mut encoder, sets.len() as u32);
                 let mut next = 0;
@@ -332,19 +335,19 @@ fn a_set_comes_once_and_with_points() {
                 }
                 encoder.finish();
             } else {
-                geometry_section::write_plain(&sets, &mut bits);
+                geometry::write_plain(&sets, &mut bits);
             }
-            let section = crate::frame::SectionInfo {
-                tag: crate::frame::SectionTag::GEOMETRY,
+            let section = crate::envelope::SectionInfo {
+                tag: crate::envelope::SectionTag::GEOMETRY,
                 coder: coder.id(),
                 records: points,
-                raw_bytes: geometry_section::plain_bytes(&sets) as u32,
+                raw_bytes: geometry::plain_bytes(&sets) as u32,
                 wire_bytes: bits.len() as u32,
             };
-            let ids = (crate::frame::Profile::SURFACE, crate::frame::Packing::LATTICE, FrameKind::Key);
+            let ids = (crate::envelope::Profile::SURFACE, crate::envelope::Packing::LATTICE, FrameKind::Key);
             let meta = meta(FrameKind::Key, 0);
-            let body = crate::frame::assemble(&meta, ids, crate::StateHash(7), vec![section], &bits).body;
-            let error = refuse(&mut Applier::new(), &state, &body, &Limits::default());
+            let body = crate::envelope::assemble(&meta, ids, crate::StateHash(7), vec![section], &bits).body;
+            let error = refuse(&mut Decoder::new(), &state, &body, &Limits::default());
             let expected = GeometryProblem::Set { set };
             assert!(
                 matches!(error, FrameError::Geometry { problem, .. } if problem == expected),
@@ -372,17 +375,17 @@ fn a_set_without_points_cannot_come_for_ever() {
     let state = client(&encoder);
     let floor = encoder.state().layout().sets()[0].points;
     let raw = [2_u32.to_le_bytes(); 1000].concat();
-    let section = crate::frame::SectionInfo {
-        tag: crate::frame::SectionTag::GEOMETRY,
+    let section = crate::envelope::SectionInfo {
+        tag: crate::envelope::SectionTag::GEOMETRY,
         coder: crate::block::CoderId::STORED,
         records: floor,
         raw_bytes: raw.len() as u32,
         wire_bytes: raw.len() as u32,
     };
-    let ids = (crate::frame::Profile::SURFACE, crate::frame::Packing::LATTICE, FrameKind::Key);
+    let ids = (crate::envelope::Profile::SURFACE, crate::envelope::Packing::LATTICE, FrameKind::Key);
     let hash = crate::StateHash::default();
-    let body = crate::frame::assemble(&meta(FrameKind::Key, 0), ids, hash, vec![section], &raw).body;
-    let error = refuse(&mut Applier::new(), &state, &body, &Limits::default());
+    let body = crate::envelope::assemble(&meta(FrameKind::Key, 0), ids, hash, vec![section], &raw).body;
+    let error = refuse(&mut Decoder::new(), &state, &body, &Limits::default());
     assert!(
         matches!(error, FrameError::Geometry { problem: GeometryProblem::Set { set: 2 }, .. }),
         "{error}"
@@ -399,16 +402,16 @@ proptest! {
     ) {
         let mut encoder = stream(GeometrySource::Sent, threshold);
         let mut state = client(&encoder);
-        let mut applier = Applier::new();
+        let mut decoder = Decoder::new();
         let mut now = vec![None; 560];
         for (offers, number) in steps.iter().zip(0..) {
             for (point, ao) in offers {
                 now[*point as usize] = Some(*ao);
-                encoder.offer(*point, *ao);
+                encoder.set_ao(*point, *ao);
             }
             let kind = if u32::is_multiple_of(number, 5) { FrameKind::Key } else { FrameKind::Delta };
             let frame = encoder.finish(meta(kind, number), CODERS[coder]).unwrap();
-            applier.apply(&mut state, &frame.body, &Limits::default()).unwrap();
+            decoder.decode(&mut state, &frame.body, &Limits::default()).unwrap();
             prop_assert_eq!(&state, encoder.state());
             for (point, ao) in now.iter().enumerate() {
                 let (Some(ao), Some(slot)) = (ao, state.layout.slot(point as u32)) else { continue };
@@ -416,7 +419,7 @@ proptest! {
                 prop_assert!(error <= encoder.settings().max_error(), "{point}: off by {error} of {threshold}");
             }
         }
-        prop_assert_eq!(encoder.offer(560, 1), None);
+        prop_assert_eq!(encoder.set_ao(560, 1), None);
     }
 
     #[test]
@@ -426,17 +429,17 @@ proptest! {
     ) {
         let (state, ..) = &samples(BlockCoder::Range)[usize::from(!key) * 3];
         let meta = meta(if key { FrameKind::Key } else { FrameKind::Delta }, 100);
-        let section = crate::frame::SectionInfo {
-            tag: crate::frame::SectionTag(tag),
+        let section = crate::envelope::SectionInfo {
+            tag: crate::envelope::SectionTag(tag),
             coder: crate::block::CoderId(coder),
             records,
             raw_bytes: noise.len() as u32,
             wire_bytes: noise.len() as u32,
         };
-        let ids = (crate::frame::Profile::SURFACE, crate::frame::Packing::LATTICE, meta.kind);
-        let body = crate::frame::assemble(&meta, ids, crate::StateHash(7), vec![section], &noise).body;
+        let ids = (crate::envelope::Profile::SURFACE, crate::envelope::Packing::LATTICE, meta.kind);
+        let body = crate::envelope::assemble(&meta, ids, crate::StateHash(7), vec![section], &noise).body;
         let mut found = state.clone();
-        if Applier::new().apply(&mut found, &body, &Limits::default()).is_err() {
+        if Decoder::new().decode(&mut found, &body, &Limits::default()).is_err() {
             prop_assert_eq!(&found, state);
         }
     }

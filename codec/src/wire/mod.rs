@@ -1,8 +1,10 @@
 //! Primitives of the wire: little-endian words, varints, a reader that knows where it is. No messages.
 
+mod error;
 mod reader;
 mod varint;
 
+pub(crate) use error::{WireError, WireErrorKind};
 pub(crate) use reader::Reader;
 pub use varint::VarintProblem;
 pub(crate) use varint::{VarintFault, read_varint, varint_bytes, write_varint};

@@ -1,9 +1,8 @@
 //! A reader that is a shrinking slice and remembers its offset, so errors can say where.
 
-use super::{VarintFault, read_varint};
-use crate::frame::FrameError;
+use super::{VarintFault, WireError, WireErrorKind, read_varint};
 
-/// Reads a frame body from front to back.
+/// Reads a frame body or a section from front to back.
 pub(crate) struct Reader<'a> {
     rest: &'a [u8],
     offset: usize,
@@ -25,44 +24,54 @@ impl<'a> Reader<'a> {
     }
 
     /// Takes the next `count` bytes; `field` names them in the error.
-    pub(crate) fn take(&mut self, field: &'static str, count: usize) -> Result<&'a [u8], FrameError> {
+    pub(crate) fn take(&mut self, field: &'static str, count: usize) -> Result<&'a [u8], WireError> {
         let Some((taken, rest)) = self.rest.split_at_checked(count) else {
             let missing = count - self.rest.len();
-            return Err(FrameError::Truncated { field, offset: self.offset, missing });
+            return Err(self.error(field, WireErrorKind::Ends { missing }));
         };
         self.rest = rest;
         self.offset += count;
         Ok(taken)
     }
 
-    fn array<const N: usize>(&mut self, field: &'static str) -> Result<[u8; N], FrameError> {
+    fn array<const N: usize>(&mut self, field: &'static str) -> Result<[u8; N], WireError> {
         let mut out = [0; N];
         out.copy_from_slice(self.take(field, N)?);
         Ok(out)
     }
 
-    pub(crate) fn u8(&mut self, field: &'static str) -> Result<u8, FrameError> {
+    pub(crate) fn u8(&mut self, field: &'static str) -> Result<u8, WireError> {
         Ok(self.array::<1>(field)?[0])
     }
 
-    pub(crate) fn u32(&mut self, field: &'static str) -> Result<u32, FrameError> {
+    pub(crate) fn u32(&mut self, field: &'static str) -> Result<u32, WireError> {
         Ok(u32::from_le_bytes(self.array(field)?))
     }
 
-    pub(crate) fn u64(&mut self, field: &'static str) -> Result<u64, FrameError> {
+    pub(crate) fn u64(&mut self, field: &'static str) -> Result<u64, WireError> {
         Ok(u64::from_le_bytes(self.array(field)?))
     }
 
-    pub(crate) fn varint(&mut self, field: &'static str) -> Result<u32, FrameError> {
+    pub(crate) fn varint(&mut self, field: &'static str) -> Result<u32, WireError> {
         match read_varint(self.rest) {
             Ok((value, length)) => {
                 self.take(field, length)?;
                 Ok(value)
             }
-            Err(VarintFault::Ends) => Err(FrameError::Truncated { field, offset: self.offset, missing: 1 }),
-            Err(VarintFault::Malformed(problem)) => {
-                Err(FrameError::Varint { field, offset: self.offset, problem })
-            }
+            Err(VarintFault::Ends) => Err(self.error(field, WireErrorKind::Ends { missing: 1 })),
+            Err(VarintFault::Malformed(problem)) => Err(self.error(field, WireErrorKind::Varint(problem))),
         }
+    }
+
+    /// Checks that nothing is left.
+    pub(crate) fn end(&self) -> Result<(), WireError> {
+        match self.rest.len() {
+            0 => Ok(()),
+            extra => Err(self.error("the end", WireErrorKind::Trailing { extra })),
+        }
+    }
+
+    fn error(&self, field: &'static str, kind: WireErrorKind) -> WireError {
+        WireError { field, offset: self.offset, kind }
     }
 }

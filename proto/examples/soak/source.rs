@@ -4,11 +4,11 @@ use std::error::Error;
 use std::sync::Arc;
 
 use psao_codec::block::BlockCoder;
-use psao_codec::frame::{EncodedFrame, FrameIndex, FrameKind, FrameMeta, StreamTime};
-use psao_codec::stream::{Layout, StateRef};
+use psao_codec::envelope::{EncodedFrame, FrameIndex, FrameKind, FrameMeta, StreamTime};
 use psao_codec::surface::{
     Encoder, EncoderSettings, Geometry, GeometryDigest, GeometrySource, RestPoint, SetLayout,
 };
+use psao_codec::{Layout, StateRef};
 use psao_proto::message::{MemberEntry, Needs, PointSource, SetEntry};
 use psao_proto::{Limits, SceneEntries, SceneInfo, SceneTable};
 
@@ -56,7 +56,7 @@ impl Source {
         for point in changing {
             let phase = (point / ROW * 3 + point % ROW + frame * 5 + noise(point, frame)) % 256;
             let ao = 255 - (phase * 2).abs_diff(255).min(255);
-            self.encoder.offer(point, ao as u8).ok_or("the point is there")?;
+            self.encoder.set_ao(point, ao as u8).ok_or("the point is there")?;
         }
         let kind = if frame == 0 { FrameKind::Key } else { FrameKind::Delta };
         let time = StreamTime(u64::from(frame) * 16_667);

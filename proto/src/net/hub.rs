@@ -4,9 +4,9 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
+use psao_codec::StateRef;
 use psao_codec::block::BlockCoder;
-use psao_codec::frame::{EncodeError, FrameInfo};
-use psao_codec::stream::StateRef;
+use psao_codec::envelope::{EncodeError, FrameInfo};
 use tokio::sync::Notify;
 use tokio::time::{Instant, timeout};
 

@@ -1,6 +1,6 @@
 //! The index of a recording: where its keyframes and updates are.
 
-use psao_codec::frame::inspect;
+use psao_codec::envelope::inspect;
 
 use crate::{FrameHeader, FrameIndex, FrameType, Group, Limits, Sequence, StreamTime};
 

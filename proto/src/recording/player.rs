@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use psao_codec::block::BlockCoder;
-use psao_codec::frame::{EncodeError, FrameInfo, FrameKind, FrameMeta, inspect};
-use psao_codec::stream::{State, keyframe};
+use psao_codec::envelope::{EncodeError, FrameBody, FrameInfo, FrameKind, FrameMeta};
+use psao_codec::{State, keyframe};
 
 use super::{Damage, EditsInForce, IndexEntry, RECORD_HEAD_BYTES, Reader, ReaderError, Record, Summary};
 use crate::follow::{FollowError, Follower};
@@ -353,7 +353,8 @@ impl<'a> Player<'a> {
 
     fn state_frame(&mut self, record: &Record<'_>) -> PlayerEvent {
         let (header, body) = (record.frame.header, record.frame.payload());
-        let number = inspect(body, &self.limits.codec).ok().map(|info| info.frame);
+        let body = FrameBody::parse(body, &self.limits.codec);
+        let number = body.as_ref().ok().map(|body| body.info().frame);
         if let Some(frame) = number {
             self.count_lost(header, frame);
         }

@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use psao_codec::frame::EncodeError;
+use psao_codec::envelope::EncodeError;
 
 use super::player::Step;
 use super::{

@@ -14,7 +14,7 @@ fn play(file: &[u8]) -> (Vec<(u32, StateHash)>, PlayerStats) {
             let state = player.state().unwrap();
             assert_eq!((state.hash(), state.full_hash()), (frame.info.hash, frame.info.hash));
             let body = frame.body(file);
-            assert_eq!(psao_codec::frame::inspect(body, &Limits::default().codec).unwrap(), frame.info);
+            assert_eq!(psao_codec::envelope::inspect(body, &Limits::default().codec).unwrap(), frame.info);
             assert_eq!(body.len() as u64 + crate::HEADER_BYTES as u64, frame.wire_bytes);
             assert!(frame.body(&file[..frame.offset as usize]).is_empty());
             frames.push((frame.info.frame.0, frame.info.hash));

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use psao_codec::frame::{FrameInfo, FrameKind};
+use psao_codec::envelope::{FrameInfo, FrameKind};
 
 use crate::{FrameIndex, Micros, StateHash};
 

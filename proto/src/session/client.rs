@@ -4,8 +4,8 @@ mod datagrams;
 
 use std::sync::Arc;
 
-use psao_codec::frame::{FrameError, FrameInfo};
-use psao_codec::stream::State;
+use psao_codec::State;
+use psao_codec::envelope::{FrameBody, FrameError, FrameInfo};
 
 use super::clock::Clock;
 use super::datagram::Reassembler;
@@ -516,11 +516,15 @@ impl ClientSession {
         if header.kind == FrameType::KEYFRAME {
             self.asked = false;
         }
-        if self.options.datagrams.is_some() && follower.passes_over(header, frame.payload(), &self.limits) {
+        // The one time that the header is read and the checksum computed.
+        let body = FrameBody::parse(frame.payload(), &self.limits.codec);
+        let passed = |body: &FrameBody<'_>| follower.passes_over(header, body);
+        if self.options.datagrams.is_some() && body.as_ref().is_ok_and(passed) {
             self.stats.late_datagram_frames += 1;
             return;
         }
-        let reason = match follower.follow(header, frame.payload(), &self.limits) {
+        let number = body.as_ref().map_or_else(|_| FrameIndex::default(), |body| body.info().frame);
+        let reason = match follower.follow(header, body, &self.limits) {
             Ok(info) => {
                 self.stats.applied += 1;
                 self.acknowledge(&Ack { frame: info.frame, hash: info.hash });
@@ -534,9 +538,7 @@ impl ClientSession {
             Err(reason) => reason,
         };
         if let FollowError::Body(FrameError::Hash { stored, computed, .. }) = reason {
-            let frame = psao_codec::frame::inspect(frame.payload(), &self.limits.codec)
-                .map_or_else(|_| FrameIndex::default(), |info| info.frame);
-            return self.mismatch(frame, stored, computed, events);
+            return self.mismatch(number, stored, computed, events);
         }
         self.stats.unusable += 1;
         self.request_keyframe(match &reason {

@@ -5,7 +5,7 @@ mod datagrams;
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use psao_codec::frame::FrameKind;
+use psao_codec::envelope::FrameKind;
 
 use super::flight::Flight;
 use super::outbox::{DropPolicy, Outbox, StreamPosition};

@@ -1,6 +1,6 @@
 //! Whether a server can serve a client, from its HELLO.
 
-use psao_codec::stream::Layout;
+use psao_codec::Layout;
 
 use super::{NEWEST_VERSION, OLDEST_VERSION, SessionError, read};
 use crate::message::{Hello, MessageError, PeerLimits, Reject, RejectCode};
@@ -36,7 +36,7 @@ pub(super) fn welcome(payload: &[u8], scene: &SceneTable) -> Result<Hello, Sessi
 fn over_limits(layout: &Layout, takes: &PeerLimits) -> Option<String> {
     let instances = layout.instances() as u32;
     let needs = match layout {
-        Layout::Cells(layout) => [
+        Layout::Paper(layout) => [
             ("instances", instances, takes.instances),
             ("buckets", layout.bucket_total(), takes.buckets),
             ("cells", layout.cell_capacity(), takes.cells),

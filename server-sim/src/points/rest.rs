@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use psao_codec::cells::MAX_GRID_DIM;
+use psao_codec::paper::MAX_GRID_DIM;
 use psao_codec::surface::{Geometry, GeometryDigest, GeometryError, RestPoint, Rounded, SetLayout, State};
 use psao_proto::SceneInfo;
 use rayon::prelude::*;

@@ -3,13 +3,12 @@
 use std::sync::Arc;
 
 use psao_codec::block::BlockCoder;
-use psao_codec::cells::Placement;
-use psao_codec::frame::{FrameIndex, StreamTime};
+use psao_codec::envelope::{FrameIndex, StreamTime};
+use psao_codec::paper::Placement;
 use psao_codec::surface;
 use psao_proto::message::CameraPose;
 use psao_proto::{Profile, SceneTable};
 
-use super::cells::CellsStream;
 use super::stats::Lap;
 use super::stream::{Frame, Stream};
 use super::tracing::Tracing;
@@ -104,14 +103,11 @@ impl BothProfiles {
         paper.validate()?;
         let limits = psao_proto::Limits::default();
         let paper_table = super::grids::table(&tracing.scene, &tracing.points, &paper, &limits)?;
-        let Some(layout) = paper_table.layout().as_cells() else {
-            return Err(ServerError::Table(psao_proto::SceneError::Profile { found: Profile::PAPER }));
-        };
-        let cells = CellsStream::new(&tracing, layout, &paper)?;
+        let paper_stream = Stream::new(&tracing, paper_table.layout(), Vec::new(), &paper)?;
         Ok(Self {
             tracing,
             tables: PerProfile { paper: paper_table, surface: table },
-            streams: PerProfile { paper: Stream::Cells(Box::new(cells)), surface: stream },
+            streams: PerProfile { paper: paper_stream, surface: stream },
         })
     }
 
@@ -177,10 +173,10 @@ impl BothProfiles {
                 let Some(exact) = field.exact(point) else { continue };
                 let here = client.is_present(chunk.instance as u32, place / surface::BLOCK_POINTS);
                 errors.surface.add(held.get(place).copied().filter(|_| here), exact);
-                if let Stream::Cells(stream) = &self.streams.paper {
+                if let Some(encoder) = self.streams.paper.encoder.as_paper() {
                     let id = points.offsets()[chunk.instance] + numbers[place];
-                    let stored = stream.encoder.placement(id) == Some(Placement::Stored);
-                    errors.paper.add(stream.sent.ao(id).filter(|_| stored), exact);
+                    let stored = encoder.placement(id) == Some(Placement::Stored);
+                    errors.paper.add(encoder.sent_ao(id).filter(|_| stored), exact);
                 }
             }
         }

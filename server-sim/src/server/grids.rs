@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use psao_codec::cells::bucket_count;
+use psao_codec::paper::bucket_count;
 use psao_proto::message::{InstanceEntry, Needs, Occlusion as WireOcclusion, PointSource, Text};
 use psao_proto::{Limits, PaperInfo, SceneEntries, SceneInfo, SceneTable, TraceInfo};
 use rayon::prelude::*;

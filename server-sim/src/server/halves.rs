@@ -1,14 +1,14 @@
 //! The server in two halves that work side by side: one traces a frame while the other writes the one before.
 
+use psao_codec::StateRef;
 use psao_codec::block::BlockCoder;
-use psao_codec::frame::{FrameIndex, StreamTime};
-use psao_codec::stream::StateRef;
+use psao_codec::envelope::{FrameIndex, StreamTime};
 use psao_proto::message::{CameraPose, Edit};
 
-use super::stats::{Lap, TraceTotals};
+use super::gathered::{Gathered, Needs};
+use super::stats::Lap;
 use super::stream::{Frame, Stream};
-use super::surface::{Gathered, SurfaceStream};
-use super::tracing::Tracing;
+use super::tracing::{TraceTotals, Tracing};
 use super::{FrameStats, RayBudget, Server, ServerError, SettingsError, StageMicros, StepOutput};
 use crate::clock::Clock;
 use crate::scene::EditError;
@@ -16,15 +16,15 @@ use crate::scene::EditError;
 /// Moves the scene and traces its points.
 pub struct TracingHalf {
     tracing: Tracing,
-    /// Whether points are weighed.
-    weighed: bool,
+    /// What the encoder asks for.
+    needs: Needs,
     /// Whether no frame was traced yet.
     first: bool,
 }
 
 /// Decides what of a traced frame is sent, and writes it.
 pub struct WritingHalf {
-    stream: Box<SurfaceStream>,
+    stream: Stream,
 }
 
 /// A frame that was traced and is to be written: in the order in which frames were traced, none left out.
@@ -42,15 +42,14 @@ impl Server {
     /// Takes the server apart. What the halves write is what [`Server::step`] would.
     ///
     /// # Errors
-    /// Gives back a server of profile `paper`: what it sends depends on where the points are, which the next frame changes.
+    /// Gives back a server of profile `paper`, which is stepped as a whole.
     pub fn split(self) -> Result<(TracingHalf, WritingHalf), Box<Self>> {
-        match self {
-            Self { tracing, stream: Stream::Surface(stream), .. } => {
-                let (weighed, first) = (stream.is_weighed(), stream.encoder.state().frame().is_none());
-                Ok((TracingHalf { tracing, weighed, first }, WritingHalf { stream }))
-            }
-            whole => Err(Box::new(whole)),
+        if self.stream.encoder.needs_places() {
+            return Err(Box::new(self));
         }
+        let Self { tracing, stream, .. } = self;
+        let (needs, first) = (Needs::of(&stream.encoder), stream.last().is_none());
+        Ok((TracingHalf { tracing, needs, first }, WritingHalf { stream }))
     }
 }
 
@@ -65,7 +64,7 @@ impl TracingHalf {
     ) -> TracedFrame {
         let first = std::mem::replace(&mut self.first, false);
         let (traces, micros) = self.tracing.advance(time, views, first, &mut Lap::new(clock));
-        let gathered = Gathered::new(&self.tracing, views, first, self.weighed);
+        let gathered = Gathered::new(&self.tracing, views, first, self.needs);
         TracedFrame { index, time, first, gathered, traces, micros }
     }
 
@@ -94,13 +93,13 @@ impl WritingHalf {
     pub fn write(&mut self, traced: TracedFrame, clock: &dyn Clock) -> Result<StepOutput, ServerError> {
         let TracedFrame { index, time, first, gathered, traces, micros } = traced;
         let frame = Frame { index, time, cameras: &[] };
-        self.stream.write(gathered, first, frame, (traces, micros), &mut Lap::new(clock))
+        self.stream.write_gathered(gathered, first, frame, (traces, micros), &mut Lap::new(clock))
     }
 
     /// The state that clients hold after the last frame written.
     #[must_use]
     pub fn state(&self) -> StateRef<'_> {
-        self.stream.encoder.state().into()
+        self.stream.encoder.state()
     }
 
     /// As [`Server::keyframe`], of the last frame written; its blocks are in the order of the layout.
@@ -113,7 +112,7 @@ impl WritingHalf {
         time: StreamTime,
         coder: BlockCoder,
     ) -> Result<Vec<u8>, ServerError> {
-        self.stream.keyframe(&[], frame, time, coder)
+        Ok(self.stream.encoder.keyframe(frame, time, coder, &[])?)
     }
 }
 

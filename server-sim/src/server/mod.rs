@@ -4,9 +4,9 @@
 
 #[cfg(any(test, feature = "testing"))]
 mod both_profiles;
-mod cells;
 mod field;
 mod frame_time;
+mod gathered;
 mod grids;
 mod halves;
 mod hit_cache;
@@ -24,12 +24,11 @@ mod tracing;
 use std::fmt;
 use std::sync::Arc;
 
-use psao_codec::StateHash;
 use psao_codec::block::BlockCoder;
-use psao_codec::cells::{PaperEncoder, PointError as CodecPointError};
-use psao_codec::frame::{EncodeError, FrameIndex, FrameInfo, PoseError, StreamTime};
-use psao_codec::stream::{Layout, StateRef};
+use psao_codec::envelope::{EncodeError, FrameIndex, FrameInfo, StreamTime};
+use psao_codec::paper::{self, PointError as CodecPointError, PoseError};
 use psao_codec::surface::{Encoder as SurfaceEncoder, GeometryError};
+use psao_codec::{Layout, StateHash, StateRef};
 use psao_proto::message::{CameraPose, Edit};
 use psao_proto::{Limits, Profile, SceneError, SceneTable};
 use thiserror::Error;
@@ -48,11 +47,8 @@ use crate::ao::Tracer;
 use crate::clock::Clock;
 use crate::points::{PointCache, ScenePoints, generate_cached, order_at_rest};
 use crate::scene::{EditError, Edits, Scene};
-use crate::world::SceneBvh;
-use cells::CellsStream;
 use stats::Lap;
 use stream::{Frame, Stream};
-use surface::SurfaceStream;
 use tracing::Tracing;
 
 /// Told how far things have come, from any thread.
@@ -179,12 +175,7 @@ impl Server {
             grids::table(&scene, &points, &settings, &limits)?
         };
         let tracing = Tracing::new(scene, points, tracer, &settings, progress, exact);
-        let stream = match table.layout() {
-            Layout::Cells(layout) => Stream::Cells(Box::new(CellsStream::new(&tracing, layout, &settings)?)),
-            Layout::Surface(layout) => {
-                Stream::Surface(Box::new(SurfaceStream::new(layout, geometry, &settings)?))
-            }
-        };
+        let stream = Stream::new(&tracing, table.layout(), geometry, &settings)?;
         Ok(Self { tracing, table, stream })
     }
 
@@ -268,31 +259,25 @@ impl Server {
     /// Hash of the state that clients hold after the last step.
     #[must_use]
     pub fn hash(&self) -> StateHash {
-        self.stream.state().hash()
+        self.stream.encoder.state().hash()
     }
 
     /// The state that clients hold after the last step.
     #[must_use]
     pub fn state(&self) -> StateRef<'_> {
-        self.stream.state()
+        self.stream.encoder.state()
     }
 
     /// The encoder of a `paper` stream; `None` for one of the other profile.
     #[must_use]
-    pub fn paper(&self) -> Option<&PaperEncoder> {
-        match &self.stream {
-            Stream::Cells(stream) => Some(&stream.encoder),
-            Stream::Surface(_) => None,
-        }
+    pub fn paper(&self) -> Option<&paper::Encoder> {
+        self.stream.encoder.as_paper()
     }
 
     /// The encoder of a `surface` stream; `None` for one of the other profile.
     #[must_use]
     pub fn surface(&self) -> Option<&SurfaceEncoder> {
-        match &self.stream {
-            Stream::Cells(_) => None,
-            Stream::Surface(stream) => Some(&stream.encoder),
-        }
+        self.stream.encoder.as_surface()
     }
 
     /// A keyframe of the last step's state, for a client that joins or lost something. It carries the last step's

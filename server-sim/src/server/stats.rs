@@ -1,6 +1,6 @@
 //! What a step did, for people and reports.
 
-use psao_codec::cells::Occupancy;
+use psao_codec::paper::Occupancy;
 use psao_codec::surface::Postponed;
 
 use super::RayBacklog;

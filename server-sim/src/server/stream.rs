@@ -1,21 +1,26 @@
 //! The stream that a server writes, of either profile.
 
+use std::sync::Arc;
+
 use psao_codec::block::BlockCoder;
-use psao_codec::frame::{EncodedFrame, FrameIndex, FrameInfo, FrameKind, FrameMeta, StreamTime, keyframe};
-use psao_codec::stream::StateRef;
+use psao_codec::envelope::{EncodedFrame, FrameIndex, FrameInfo, FrameKind, FrameMeta, StreamTime};
+use psao_codec::surface::{self, EncoderSettings, Geometry};
+use psao_codec::{Encoder, Layout, memory, paper};
 use psao_proto::message::CameraPose;
 
-use super::cells::CellsStream;
-use super::surface::{Gathered, SurfaceStream};
-use super::tracing::Tracing;
-use super::{FrameStats, ServerError, StepOutput};
-use crate::server::stats::{Lap, StageMicros, TraceTotals};
+use super::gathered::{Gathered, Needs, blocks_in_view};
+use super::stats::Lap;
+use super::tracing::{TraceTotals, Tracing};
+use super::{FrameStats, ServerError, ServerSettings, StageMicros, StepOutput};
+use crate::scene::Motion;
 
-/// Decides what is sent, and writes it.
+/// Decides what is sent, and writes it: the same for every profile.
 #[derive(Debug)]
-pub(super) enum Stream {
-    Cells(Box<CellsStream>),
-    Surface(Box<SurfaceStream>),
+pub(super) struct Stream {
+    pub(super) encoder: Encoder,
+    coder: BlockCoder,
+    /// Those of the last step.
+    cameras: Vec<CameraPose>,
 }
 
 /// A frame to be written.
@@ -58,25 +63,40 @@ impl StepOutput {
 }
 
 impl Stream {
-    /// The last frame written; nothing before the first.
-    pub(super) fn last(&self) -> Option<FrameIndex> {
-        self.state().frame()
+    /// A stream that nothing was written of. `geometry` is that of the sets where points stay at rest.
+    pub(super) fn new(
+        tracing: &Tracing,
+        layout: &Layout,
+        geometry: Vec<Arc<Geometry>>,
+        settings: &ServerSettings,
+    ) -> Result<Self, ServerError> {
+        let ServerSettings { threshold, geometry: source, coder, budget, .. } = *settings;
+        let encoder = match layout {
+            Layout::Paper(layout) => {
+                let counts: Vec<u32> =
+                    tracing.points.firsts().windows(2).map(|pair| pair[1] - pair[0]).collect();
+                let instances = tracing.scene.instances().iter();
+                let deforms: Vec<bool> =
+                    instances.map(|instance| instance.motion() == Motion::Deforming).collect();
+                let encoder = paper::Encoder::new(Arc::clone(layout), &counts)?;
+                Encoder::Paper(Box::new(encoder.with_threshold(threshold, &deforms)))
+            }
+            Layout::Surface(layout) => {
+                let settings = EncoderSettings { threshold, geometry: source, budget };
+                Encoder::Surface(Box::new(surface::Encoder::new(Arc::clone(layout), geometry, settings)?))
+            }
+        };
+        Ok(Self { encoder, coder, cameras: Vec::new() })
     }
 
-    /// What clients hold.
-    pub(super) fn state(&self) -> StateRef<'_> {
-        match self {
-            Self::Cells(stream) => stream.encoder.state().into(),
-            Self::Surface(stream) => stream.encoder.state().into(),
-        }
+    /// The last frame written; nothing before the first.
+    pub(super) fn last(&self) -> Option<FrameIndex> {
+        self.encoder.state().frame()
     }
 
     /// Bytes held.
-    pub(super) fn heap_bytes(&self) -> usize {
-        match self {
-            Self::Cells(stream) => stream.heap_bytes(),
-            Self::Surface(stream) => stream.heap_bytes(),
-        }
+    pub(super) fn held(&self) -> usize {
+        self.encoder.heap_bytes() + memory::list(&self.cameras)
     }
 
     /// Writes the frame of what was traced. The first one is a keyframe.
@@ -88,22 +108,29 @@ impl Stream {
         lap: &mut Lap<'_>,
     ) -> Result<StepOutput, ServerError> {
         let first = self.last().is_none();
-        match self {
-            Self::Cells(stream) => {
-                let changed = stream.decide(tracing);
-                let decided = Decided::new(first, frame, changed, traced, lap);
-                let EncodedFrame { body, info } = stream.encode(tracing, decided.meta)?;
-                let stats = FrameStats { occupancy: Some(stream.encoder.counts()), ..decided.stats };
-                Ok(StepOutput::new(body, info, stats, lap))
-            }
-            Self::Surface(stream) => {
-                let gathered = Gathered::new(tracing, frame.cameras, first, stream.is_weighed());
-                stream.write(gathered, first, frame, traced, lap)
-            }
-        }
+        let gathered = Gathered::new(tracing, frame.cameras, first, Needs::of(&self.encoder));
+        self.write_gathered(gathered, first, frame, traced, lap)
     }
 
-    /// A keyframe of what clients hold.
+    /// Writes the frame of what was gathered.
+    pub(super) fn write_gathered(
+        &mut self,
+        gathered: Gathered,
+        first: bool,
+        frame: Frame<'_>,
+        traced: (Traces, StageMicros),
+        lap: &mut Lap<'_>,
+    ) -> Result<StepOutput, ServerError> {
+        let changed = gathered.give(&mut self.encoder)?;
+        self.cameras = gathered.cameras;
+        let decided = Decided::new(first, frame, changed, traced, lap);
+        let EncodedFrame { body, info } = self.encoder.finish(decided.meta, self.coder)?;
+        let (occupancy, postponed) = (self.encoder.occupancy(), self.encoder.postponed().copied());
+        let stats = FrameStats { occupancy, postponed, ..decided.stats };
+        Ok(StepOutput::new(body, info, stats, lap))
+    }
+
+    /// A keyframe of what clients hold, what the cameras of the last step see in a tracing first.
     pub(super) fn keyframe(
         &self,
         tracing: &Tracing,
@@ -111,13 +138,7 @@ impl Stream {
         time: StreamTime,
         coder: BlockCoder,
     ) -> Result<Vec<u8>, ServerError> {
-        match self {
-            Self::Cells(stream) => {
-                let changed_points = stream.encoder.counts().points_stored;
-                let meta = FrameMeta { kind: FrameKind::Key, frame, time, changed_points };
-                Ok(keyframe(stream.encoder.state(), meta, coder)?)
-            }
-            Self::Surface(stream) => stream.keyframe(&stream.in_view(tracing), frame, time, coder),
-        }
+        let first = blocks_in_view(tracing, &self.cameras);
+        Ok(self.encoder.keyframe(frame, time, coder, &first)?)
     }
 }

@@ -9,11 +9,10 @@ mod shortcuts;
 use std::collections::BTreeMap;
 
 use glam::Vec3;
-use psao_codec::cells::Placement;
-use psao_codec::frame::FrameKind;
-use psao_codec::stream::{Applier, State, apply};
-use psao_codec::surface::{BLOCK_POINTS, GeometrySource};
-use psao_codec::{frame, surface};
+use psao_codec::envelope::FrameKind;
+use psao_codec::paper::{self, Placement};
+use psao_codec::surface::{self, BLOCK_POINTS, GeometrySource};
+use psao_codec::{Decoder, State, apply};
 
 use super::*;
 use crate::ao::{AoSettings, Occlusion};
@@ -145,24 +144,24 @@ fn bytes_do_not_depend_on_threads() {
 
 /// What a client of `paper` holds for a point, by its place as last sent: AO bytes of the points packed alike. `None`
 /// for a point that the tables have no slot for.
-fn held_in_cells(server: &Server, state: &frame::State, instance: usize, place: usize) -> Option<u8> {
-    let Stream::Cells(stream) = &server.stream else { panic!("not of profile paper") };
+fn held_in_cells(server: &Server, state: &paper::State, instance: usize, place: usize) -> Option<u8> {
+    let encoder = server.paper().unwrap();
     let number = server.tracing.numbers(instance)[place];
     let id = server.points().offsets()[instance] + number;
-    if stream.encoder.placement(id) != Some(Placement::Stored) {
+    if encoder.placement(id) != Some(Placement::Stored) {
         return None;
     }
     let now = server.tracing.field.placed().local(instance)[place];
-    let sent = stream.sent.place(instance, number as usize).unwrap_or((now.position, now.normal));
-    let located = state.layout().instances()[instance].grid.locate(sent.0.to_array());
+    let sent = encoder.sent_place(id).unwrap_or((now.position.to_array(), now.normal.to_array()));
+    let located = state.layout().instances()[instance].grid.locate(sent.0);
     let format = state.layout().format();
-    let like = format.pack(located.frac, sent.1.to_array(), 0);
+    let like = format.pack(located.frac, sent.1, 0);
     // Accessibility is in the low bits.
     let alike = |word: &u32| word >> format.split().ao == like >> format.split().ao;
     let words = state.lookup(instance as u32, located.cell).into_iter().flat_map(|cell| cell.packed(format));
     let held: Vec<u8> = words.filter(alike).map(|word| format.unpack(word).ao).collect();
     // What the server takes the client to hold is there.
-    let sent = stream.sent.ao(id).unwrap();
+    let sent = encoder.sent_ao(id).unwrap();
     assert!(held.contains(&sent), "point {id}: sent {sent}, client {held:?}");
     Some(sent)
 }
@@ -175,14 +174,14 @@ fn held_on_surface(state: &surface::State, instance: usize, place: usize) -> u8 
 
 /// Checks every visible point that has a slot; how many that were.
 fn check_bound(server: &Server, state: &State, threshold: u8, index: FrameIndex) -> u32 {
-    let half_step = state.as_cells().map_or(0, |state| state.layout().format().max_ao_error());
+    let half_step = state.as_paper().map_or(0, |state| state.layout().format().max_ao_error());
     let mut checked = 0;
     let field = &server.tracing.field;
     for chunk in field.chunks() {
         for (place, point, ao) in field.visible(chunk) {
             let place = place.index();
             let held = match state {
-                State::Cells(state) => held_in_cells(server, state, chunk.instance, place),
+                State::Paper(state) => held_in_cells(server, state, chunk.instance, place),
                 State::Surface(state) => Some(held_on_surface(state, chunk.instance, place)),
             };
             let Some(held) = held else { continue };
@@ -202,11 +201,11 @@ fn clients_are_never_off_by_the_threshold_or_more() {
         scenes_by_profile().flat_map(|each| all.map(|settings| (each.clone(), settings)))
     {
         let mut state: Option<State> = None;
-        let mut applier = Applier::new();
+        let mut decoder = Decoder::new();
         let mut checked = 0;
         clip(&scene, ServerSettings { threshold, bits, ..settings(profile, 8.0) }, 14, |server, output| {
             let state = state.get_or_insert_with(|| State::new(server.layout()));
-            applier.apply(state, &output.body, &psao_codec::Limits::default()).unwrap();
+            decoder.decode(state, &output.body, &psao_codec::Limits::default()).unwrap();
             assert_eq!((state.hash(), state.full_hash()), (server.hash(), server.hash()));
             checked += check_bound(server, state, threshold, output.info.frame);
         });
@@ -222,7 +221,7 @@ fn a_still_scene_is_sent_once_in_every_packing() {
         let mut server =
             server(&scene, ServerSettings { threshold: 1, bits, ..settings(Profile::PAPER, 4.0) });
         let first = server.step(FrameIndex(0), time(5), &[], &NoClock).unwrap();
-        assert_eq!(first.info.packing, server.layout().as_cells().unwrap().format().packing());
+        assert_eq!(first.info.packing, server.layout().as_paper().unwrap().format().packing());
         let again = server.step(FrameIndex(1), time(5), &[], &NoClock).unwrap();
         assert_eq!((again.stats.changed, again.info.sections.len()), (0, 0), "{bits} bits");
     }
@@ -244,9 +243,9 @@ fn the_first_frame_is_a_keyframe_with_every_point() {
         assert_eq!(first.stats.changed, server.points().total());
         assert_eq!(first.stats.occupancy.is_some(), profile == Profile::PAPER);
         if let Some(counts) = first.stats.occupancy {
-            assert_eq!(counts.points_stored + counts.homeless(), server.points().total());
+            assert_eq!(counts.points_stored + counts.unplaced(), server.points().total());
             assert_eq!(counts.outside_grid, 0);
-            assert!(counts.homeless() < counts.points_stored, "{counts:?}");
+            assert!(counts.unplaced() < counts.points_stored, "{counts:?}");
         }
         let next = server.step(FrameIndex(1), time(1), &[away], &NoClock).unwrap();
         assert_eq!((next.stats.visible, next.stats.rays, next.stats.changed), (0, 0, 0));
@@ -352,7 +351,7 @@ fn what_is_in_view_comes_first() {
     let server = server(&scene, settings(Profile::SURFACE, 8.0));
     let tracing = &server.tracing;
     let seen = [camera(&scene, 0.0)];
-    let order = super::surface::in_view_first(tracing, &seen);
+    let order = gathered::in_view_first(tracing, &seen);
     let mut sorted = order.clone();
     sorted.sort_unstable();
     let chunks = tracing.field.chunks();
@@ -368,7 +367,7 @@ fn what_is_in_view_comes_first() {
     });
     let ranks: Vec<(bool, f32)> = ranks.collect();
     assert!(ranks.is_sorted() && ranks[0].0 != ranks[ranks.len() - 1].0, "{ranks:?}");
-    assert_eq!(super::surface::in_view_first(tracing, &[]), sorted);
+    assert_eq!(gathered::in_view_first(tracing, &[]), sorted);
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use psao_codec::frame::StreamTime;
+use psao_codec::envelope::StreamTime;
 use psao_codec::quant::unorm;
 use psao_proto::message::CameraPose;
 use rayon::prelude::*;

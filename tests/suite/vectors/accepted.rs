@@ -1,10 +1,9 @@
 //! The bodies that a decoder must take.
 
 use psao_codec::block::BlockCoder;
-use psao_codec::cells::{PaperEncoder, PointSample};
-use psao_codec::frame::{FrameIndex, FrameKind, FrameMeta, Pose, StreamTime, keyframe};
-use psao_codec::point::PointFormat;
-use psao_codec::surface::{self, Encoder, EncoderSettings, GeometrySource, Ledger};
+use psao_codec::envelope::{FrameIndex, FrameKind, FrameMeta, StreamTime};
+use psao_codec::paper::{self, PointFormat, PointSample, Pose, keyframe};
+use psao_codec::surface::{self, ChangeLog, Encoder, EncoderSettings, GeometrySource};
 
 use super::Vector;
 use super::scenes::{self, Stream, ao};
@@ -47,7 +46,7 @@ fn paper(
 ) {
     let Stream::Paper { layout: table, .. } = scenes::paper(layout, format) else { unreachable!() };
     let sample = |local, normal, ao| PointSample { local, normal, ao };
-    let mut encoder = PaperEncoder::new(table, &[4, 2]).unwrap();
+    let mut encoder = paper::Encoder::new(table, &[4, 2]).unwrap();
     let mut note = |part: &str, after: Option<&str>, body| {
         let name = format!("{layout}-{word}-{part}");
         let after = after.map(|part| format!("{layout}-{word}-{part}"));
@@ -78,7 +77,7 @@ struct Tape {
     layout: &'static str,
     prefix: String,
     encoder: Encoder,
-    ledger: Ledger,
+    log: ChangeLog,
     frame: u32,
     after: Option<String>,
 }
@@ -90,14 +89,14 @@ impl Tape {
         let encoder =
             Encoder::new(layout, geometry, EncoderSettings { threshold, geometry: source, budget: None })
                 .unwrap();
-        let ledger = Ledger::new(encoder.state());
-        Tape { layout: name, prefix: prefix.to_owned(), encoder, ledger, frame: 0, after: None }
+        let log = ChangeLog::new(encoder.state());
+        Tape { layout: name, prefix: prefix.to_owned(), encoder, log, frame: 0, after: None }
     }
 
     /// Says what the AO of some points is at a time.
     fn offer(&mut self, points: impl IntoIterator<Item = u32>, time: u32) {
         for point in points {
-            self.encoder.offer(point, ao(point, time)).unwrap();
+            self.encoder.set_ao(point, ao(point, time)).unwrap();
         }
     }
 
@@ -105,14 +104,14 @@ impl Tape {
     fn silent(&mut self) {
         self.frame += 1;
         self.encoder.finish(meta(FrameKind::Delta, self.frame), BlockCoder::Stored).unwrap();
-        self.ledger.follow(self.encoder.state());
+        self.log.record(self.encoder.state());
     }
 
     /// The next frame as a vector after the one before.
     fn write(&mut self, part: &str, kind: FrameKind, coder: BlockCoder, full: bool) -> Vector {
         self.frame += 1;
         let body = self.encoder.finish(meta(kind, self.frame), coder).unwrap().body;
-        self.ledger.follow(self.encoder.state());
+        self.log.record(self.encoder.state());
         let after = self.after.take().filter(|_| kind == FrameKind::Delta);
         let name = format!("{}-{part}", self.prefix);
         self.after = Some(name.clone());
@@ -131,7 +130,7 @@ impl Tape {
     fn patch(&self, part: &str, base: u32, after: &str, coder: BlockCoder, context: bool) -> Vector {
         let (state, base, meta) =
             (self.encoder.state(), FrameIndex(base), meta(FrameKind::Delta, self.frame));
-        let body = surface::patch(state, &self.ledger, base, meta, coder, context).unwrap().unwrap();
+        let body = surface::patch(state, &self.log, base, meta, coder, context).unwrap().unwrap();
         let (name, after) = (format!("{}-{part}", self.prefix), Some(format!("{}-{after}", self.prefix)));
         Vector { name, layout: self.layout, after, body, full: true }
     }
@@ -147,10 +146,10 @@ fn tiny(all: &mut Vec<Vector>) {
     for (word, coder) in [PLAIN[0], RANGE] {
         let mut tape = Tape::new(scenes::tiny(), &format!("tiny-{word}"), 8);
         for (point, ao) in [(0, 255), (1, 200), (2, 100)] {
-            tape.encoder.offer(point, ao).unwrap();
+            tape.encoder.set_ao(point, ao).unwrap();
         }
         all.push(tape.write("key", FrameKind::Key, coder, true));
-        tape.encoder.offer(1, 100).unwrap();
+        tape.encoder.set_ao(1, 100).unwrap();
         all.push(tape.write("delta", FrameKind::Delta, coder, true));
         all.push(tape.late("late", coder, &[]));
     }
@@ -168,7 +167,7 @@ fn hall(all: &mut Vec<Vector>, (word, coder): (&str, BlockCoder)) {
     all.push(tape.write("delta", FrameKind::Delta, coder, full));
     tape.offer((528..700).chain(0..410), 2);
     all.push(tape.write("arrival", FrameKind::Delta, coder, full));
-    tape.encoder.offer(points - 1, 3).unwrap();
+    tape.encoder.set_ao(points - 1, 3).unwrap();
     all.push(tape.write("arrival-alone", FrameKind::Delta, coder, full));
     all.push(tape.write("empty", FrameKind::Delta, coder, false));
     tape.offer((0..410).chain(528..700), 5);
@@ -204,7 +203,7 @@ fn shared(all: &mut Vec<Vector>) {
         // The other ball is nearly the same.
         for point in 70..134 {
             let like = if point % 11 == 0 { point } else { point - 70 };
-            tape.encoder.offer(point, ao(like, 0)).unwrap();
+            tape.encoder.set_ao(point, ao(like, 0)).unwrap();
         }
         all.push(tape.write("key", FrameKind::Key, coder, true));
         tape.offer(0..134, 1);
@@ -232,7 +231,7 @@ fn chain(all: &mut Vec<Vector>) {
         // nothing.
         let here = |point: &u32| number >= 9 || *point < points - 300 && !(128..192).contains(point);
         match number {
-            13 => (0..points).for_each(|point| assert!(tape.encoder.offer(point, point as u8).is_some())),
+            13 => (0..points).for_each(|point| assert!(tape.encoder.set_ao(point, point as u8).is_some())),
             14 => {}
             _ => tape.offer((0..points).filter(here), number),
         }

@@ -2,7 +2,8 @@
 
 use std::fmt::Write;
 
-use psao_codec::frame::{FrameError, FrameInfo, State};
+use psao_codec::envelope::{FrameError, FrameInfo};
+use psao_codec::paper::State;
 use psao_codec::surface::{self, ValueProblem};
 
 use super::Vector;

@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use psao_codec::frame::{FrameError, FrameInfo};
+use psao_codec::envelope::{FrameError, FrameInfo};
 
 use scenes::Stream;
 use stand::Stand;

@@ -1,7 +1,7 @@
 //! The bodies that a decoder must refuse, each for one reason.
 
 use psao_codec::Limits;
-use psao_codec::frame::inspect;
+use psao_codec::envelope::inspect;
 
 use super::Vector;
 

@@ -3,13 +3,12 @@
 use std::sync::Arc;
 
 use psao_codec::Limits;
-use psao_codec::cells::{self, Grid, InstanceLayout};
-use psao_codec::point::PointFormat;
+use psao_codec::paper::{self, Grid, InstanceLayout, PointFormat};
 use psao_codec::surface::{Geometry, GeometryDigest, Layout, Member, RestPoint, SetLayout};
 
 /// A layout with what belongs to it.
 pub(super) enum Stream {
-    Paper { name: &'static str, layout: Arc<cells::Layout> },
+    Paper { name: &'static str, layout: Arc<paper::Layout> },
     Surface { name: &'static str, layout: Arc<Layout>, geometry: Vec<Arc<Geometry>>, shared: bool },
 }
 
@@ -40,7 +39,7 @@ pub(super) fn paper(name: &'static str, format: PointFormat) -> Stream {
         kernel_radius: 0.125,
     };
     let instances = vec![instance([0.0; 3], 0), instance([-0.5, 0.0, 2.0], 4)];
-    let layout = cells::Layout::new(format, instances, 24, &Limits::default()).unwrap();
+    let layout = paper::Layout::new(format, instances, 24, &Limits::default()).unwrap();
     Stream::Paper { name, layout: Arc::new(layout) }
 }
 

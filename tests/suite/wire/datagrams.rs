@@ -1,7 +1,7 @@
 //! Frame bodies in pieces, and what a receiver makes of each.
 
-use psao_codec::frame::FrameKind;
-use psao_codec::stream::State;
+use psao_codec::State;
+use psao_codec::envelope::FrameKind;
 use psao_proto::message::{Ack, Message as _};
 use psao_proto::sample::SampleServer;
 use psao_proto::session::{Access, ClientOptions, ClientSession, ServerEvent, ServerSession, SharedBody};

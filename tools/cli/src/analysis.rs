@@ -8,7 +8,7 @@ use std::io::Read as _;
 use std::ops::Range;
 use std::path::Path;
 
-use psao_codec::frame::{FrameInfo, FrameKind, SectionTag};
+use psao_codec::envelope::{FrameInfo, FrameKind, SectionTag};
 use psao_proto::message::{Budget, Gap, Message, Report, Scene, SceneHeader};
 use psao_proto::recording::{Damage, FILE_HEADER_BYTES, FOOTER_BYTES, RECORD_HEAD_BYTES, Reader, Record};
 use psao_proto::{FrameType, HEADER_BYTES, Limits, Profile};
@@ -190,7 +190,7 @@ impl Analysis {
         let payload = record.frame.payload();
         match record.frame.header.kind {
             FrameType::KEYFRAME | FrameType::UPDATE => {
-                match psao_codec::frame::inspect(payload, &Limits::default().codec) {
+                match psao_codec::envelope::inspect(payload, &Limits::default().codec) {
                     Ok(info) => {
                         by_number.insert(info.frame.0, self.frames.len());
                         self.frames.push(line(record, &info));

@@ -4,7 +4,10 @@ use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use psao_codec::stream::State;
+use psao_client::picture::Picture;
+use psao_client::reconstruct::{self, Reconstruction};
+use psao_client::{AoImage, GBuffer, Size, Statistics, cast_view};
+use psao_codec::State;
 use psao_codec::surface::Geometry;
 use psao_eval::adapter::SceneView;
 use psao_eval::metric::{Comparison, Lpips, MetricError, Perceived};
@@ -47,7 +50,7 @@ pub(crate) fn scene_of(info: &SceneInfo, elsewhere: Option<&str>) -> Outcome<Arc
 /// Reconstructs the AO of every fragment from a state of either profile.
 pub(crate) fn blend(state: &State, buffer: &GBuffer) -> Outcome<Reconstruction> {
     match state {
-        State::Cells(state) => reconstruct::cells(state, buffer),
+        State::Paper(state) => reconstruct::cells(state, buffer),
         State::Surface(state) => reconstruct::surface(state, buffer),
     }
     .map_err(Failure::input)

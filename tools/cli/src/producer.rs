@@ -4,9 +4,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use indicatif::ProgressBar;
 use psao_codec::block::BlockCoder;
-use psao_codec::frame::{FrameIndex, FrameInfo, StreamTime};
-use psao_codec::stream::StateRef;
-use psao_codec::surface;
+use psao_codec::envelope::{FrameIndex, FrameInfo, StreamTime};
+use psao_codec::{StateRef, surface};
 use psao_proto::message::{Budget, CameraPose, Edit, Report, SceneHeader, StageId, StageTime};
 use psao_proto::{Micros, SceneTable};
 use psao_server::Shortcuts;

@@ -3,10 +3,9 @@
 use std::sync::Arc;
 
 use glam::Vec3;
-use psao_codec::Limits;
 use psao_codec::block::BlockCoder;
-use psao_codec::frame::{FrameIndex, StreamTime};
-use psao_codec::stream::{State, apply};
+use psao_codec::envelope::{FrameIndex, StreamTime};
+use psao_codec::{Limits, State, apply};
 use psao_proto::Profile;
 use psao_proto::message::CameraPose;
 use psao_reconstruct::reconstruct::{self, Reconstruction};
@@ -59,7 +58,7 @@ fn cube_on_floor(profile: Profile, per_m2: f32) -> Seen {
     let view = cast_view(&scene, &pose, Size::new(96, 64).unwrap()).unwrap();
     let reference = reference(&scene, &view, &AoSettings { rays: 256, ..ao }).unwrap();
     let found = match &state {
-        State::Cells(state) => reconstruct::cells(state, &view).unwrap(),
+        State::Paper(state) => reconstruct::cells(state, &view).unwrap(),
         State::Surface(state) => reconstruct::surface(state, &view).unwrap(),
     };
     Seen { view, reference, found }

@@ -3,12 +3,11 @@
 use std::sync::Arc;
 
 use glam::{Quat, Vec3};
-use psao_codec::Limits;
 use psao_codec::block::BlockCoder;
-use psao_codec::cells::{PaperEncoder, PointSample};
-use psao_codec::frame::{FrameIndex, FrameKind, FrameMeta, Pose, State, StreamTime, apply};
+use psao_codec::envelope::{FrameIndex, FrameKind, FrameMeta, StreamTime};
+use psao_codec::paper::{self, PointSample, Pose, State, apply};
 use psao_codec::quant::unorm;
-use psao_codec::surface;
+use psao_codec::{Limits, surface};
 use psao_proto::Profile;
 use psao_proto::message::CameraPose;
 use psao_reconstruct::reconstruct::{self, Reconstruction};
@@ -87,9 +86,9 @@ fn trace(world: &SceneBvh, ao: &AoSettings, instance: u32, placed: &[PlacedPoint
 }
 
 fn in_cells(server: &Server, world: &SceneBvh, placed: &[Vec<PlacedPoint>], values: &[Vec<u8>]) -> State {
-    let layout = server.layout().as_cells().unwrap();
+    let layout = server.layout().as_paper().unwrap();
     let counts: Vec<u32> = values.iter().map(|values| values.len() as u32).collect();
-    let mut encoder = PaperEncoder::new(Arc::clone(layout), &counts).unwrap();
+    let mut encoder = paper::Encoder::new(Arc::clone(layout), &counts).unwrap();
     let mut id = 0;
     for (instance, (placed, values)) in (0..).zip(placed.iter().zip(values)) {
         let at = world.placement(InstanceId(instance));
@@ -145,7 +144,7 @@ fn at_rest(server: &Server, settings: &ServerSettings, values: &[Vec<u8>]) -> su
 }
 
 #[test]
-fn points_at_rest_are_as_good_as_cells_on_a_still_scene() {
+fn points_at_rest_are_as_good_as_paper_on_a_still_scene() {
     let lists = [shapes::floor(2.0), shapes::cube(Vec3::new(0.0, 0.3, 0.0), 0.3)];
     let scene = Arc::new(Scene::from_triangles("cube on floor", &lists, 0.6).unwrap());
     let both = Both::new(&scene, 0.0, PointSettings { per_m2: 512.0, minimum: 64, seed: 1 }, 64);

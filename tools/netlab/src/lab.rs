@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use psao_codec::frame::EncodedFrame;
+use psao_codec::envelope::EncodedFrame;
 use psao_proto::message::CloseCode;
 use psao_proto::session::{ServerSession, SessionError};
 use psao_proto::{Delivery, Fanout, FanoutError, Micros, StateHash};

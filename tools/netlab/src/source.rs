@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
+use psao_codec::StateRef;
 use psao_codec::block::BlockCoder;
-use psao_codec::frame::EncodedFrame;
-use psao_codec::stream::StateRef;
+use psao_codec::envelope::EncodedFrame;
 use psao_proto::recording::{Player, PlayerEvent};
 use psao_proto::sample::SampleServer;
 use psao_proto::{Limits, Profile, SceneTable};

@@ -5,9 +5,9 @@ use std::sync::Arc;
 
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
+use psao_codec::StateRef;
 use psao_codec::block::BlockCoder;
-use psao_codec::frame::EncodedFrame;
-use psao_codec::stream::StateRef;
+use psao_codec::envelope::EncodedFrame;
 use psao_netlab::{
     ClientPlan, ClientReport, Conditions, Fault, Lab, LabError, MILLION, Mode, Report, SEND_BUFFER,
     SampleSource, Settings, Source, timeout,

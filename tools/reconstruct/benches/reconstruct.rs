@@ -10,12 +10,14 @@ use std::sync::Arc;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use glam::Vec3;
-use psao_codec::Limits;
+use psao_client::reconstruct::{self, SurfaceIndex, SurfaceReconstructor};
+use psao_client::{AtRest, GBuffer, Reconstruction, Size, Surface, Surfaces, cast_view};
 use psao_codec::block::BlockCoder;
-use psao_codec::cells::{Grid, InstanceLayout, Layout, PaperEncoder, PointSample, bucket_count};
-use psao_codec::frame::{FrameIndex, FrameKind, FrameMeta, State, StreamTime, apply};
-use psao_codec::point::PointFormat;
-use psao_codec::surface;
+use psao_codec::envelope::{FrameIndex, FrameKind, FrameMeta, StreamTime};
+use psao_codec::paper::{
+    self, Grid, InstanceLayout, Layout, PointFormat, PointSample, State, apply, bucket_count,
+};
+use psao_codec::{Limits, surface};
 use psao_proto::message::CameraPose;
 use psao_reconstruct::reconstruct::SurfaceReconstructor;
 use psao_reconstruct::{
@@ -97,7 +99,7 @@ fn in_cells(points: &[Vec<PointSample>; 3]) -> State {
         .expect("the layout is small");
     let layout = Arc::new(layout);
     let counts = points.each_ref().map(|wall| wall.len() as u32);
-    let mut encoder = PaperEncoder::new(Arc::clone(&layout), &counts).expect("three walls");
+    let mut encoder = paper::Encoder::new(Arc::clone(&layout), &counts).expect("three walls");
     for (id, sample) in (0..).zip(points.iter().flatten()) {
         encoder.put(id, sample).expect("the point exists");
     }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::Spot;
-use crate::frame::FrameKind;
+use crate::envelope::FrameKind;
 use crate::surface::{BLOCK_POINTS, EncoderSettings, Layout};
 
 /// Decides as [`crate::surface::Encoder`] does and writes nothing: no lists of what is due, no bytes.
@@ -36,8 +36,8 @@ impl NaiveSurfaceEncoder {
         }
     }
 
-    /// Says what a point's AO is now, as [`crate::surface::Encoder::offer`].
-    pub fn offer(&mut self, point: u32, ao: u8) -> Option<bool> {
+    /// Says what a point's AO is now, as [`crate::surface::Encoder::set_ao`].
+    pub fn set_ao(&mut self, point: u32, ao: u8) -> Option<bool> {
         *self.offered.get_mut(point as usize)? = Some(ao);
         Some(self.is_due(point as usize))
     }

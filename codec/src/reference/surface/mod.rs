@@ -1,4 +1,4 @@
-//! The twin of [`crate::surface::Applier`]: the whole state after a frame, built from what the format says and nothing
+//! The twin of [`crate::surface::Decoder`]: the whole state after a frame, built from what the format says and nothing
 //! else. Of the fast path it shares the range coder's primitives, the readers of the wire and the block coders.
 
 mod changes;
@@ -16,7 +16,7 @@ pub use encoder::NaiveSurfaceEncoder;
 
 use super::Refused;
 use crate::block::{CoderId, decompress};
-use crate::frame::{FrameInfo, FrameKind, Profile, SectionInfo, SectionTag, inspect};
+use crate::envelope::{FrameInfo, FrameKind, Profile, SectionInfo, SectionTag, inspect};
 use crate::hash::{Kind, term};
 use crate::range::RangeDecoder;
 use crate::surface::{BLOCK_POINTS, Layout, State};
@@ -26,7 +26,7 @@ use crate::{Limits, StateHash};
 /// The state after a frame body of profile `surface`, from scratch.
 ///
 /// # Errors
-/// Refuses exactly what [`crate::surface::Applier::apply`] refuses.
+/// Refuses exactly what [`crate::surface::Decoder::apply`] refuses.
 pub fn apply_surface(state: &State, body: &[u8], limits: &Limits) -> Result<State, Refused> {
     let info = inspect(body, limits)?;
     let follows = match (info.kind, state.frame()) {

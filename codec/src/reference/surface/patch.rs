@@ -2,7 +2,7 @@
 
 use super::changes::read_marks;
 use super::{Block, Bytes, Refused, Spot, index, rule, significant, varint_bytes};
-use crate::frame::FrameIndex;
+use crate::envelope::FrameIndex;
 use crate::range::{Bits, Mixer, Number, RangeDecoder, Slot, logistic};
 use crate::surface::{BLOCK_POINTS, State};
 

@@ -174,7 +174,7 @@ impl Backlog {
     fn count_missing(&mut self, frame: &[u8], reason: GapReason) {
         let number = kind(frame).carries_state().then(|| {
             let body = frame.get(HEADER_BYTES..).unwrap_or_default();
-            psao_codec::frame::inspect(body, &self.limits.codec).map_or(FrameIndex(0), |info| info.frame)
+            psao_codec::envelope::inspect(body, &self.limits.codec).map_or(FrameIndex(0), |info| info.frame)
         });
         let none = Gap {
             first_lost: number.unwrap_or_default(),

@@ -1,6 +1,6 @@
 //! Updates that come as datagrams, and their acknowledgements.
 
-use psao_codec::frame::FrameError;
+use psao_codec::envelope::{FrameBody, FrameError};
 
 use super::super::datagram::{Reassembly, write_ack};
 use super::{AppliedFrame, ClientEvent, ClientSession, Phase};
@@ -23,7 +23,12 @@ impl ClientSession {
             Reassembly::Whole(frame, body) => {
                 self.timers.heard();
                 let wire_bytes = body.len() as u64;
-                match follower.patch(body, &self.limits) {
+                let body = FrameBody::parse(body, &self.limits.codec);
+                let patched = body.map_err(Unusable::from).and_then(|body| {
+                    let place = follower.patch(&body, &self.limits)?;
+                    Ok((body.into_info(), place))
+                });
+                match patched {
                     Ok((info, (group, sequence))) => {
                         let ack = Ack { frame: info.frame, hash: info.hash };
                         // The newest acknowledgement says all.

@@ -1,6 +1,6 @@
 //! Updates that go as datagrams, and the acknowledgements that come as such.
 
-use psao_codec::frame::FrameKind;
+use psao_codec::envelope::FrameKind;
 
 use super::super::datagram::{read_ack, split};
 use super::super::flight::Route;

@@ -5,7 +5,7 @@ mod datagrams;
 mod slow;
 mod time;
 
-use psao_codec::frame::FrameKind;
+use psao_codec::envelope::FrameKind;
 
 use super::*;
 use crate::message::*;
@@ -95,7 +95,7 @@ impl Pair {
 
 /// A body that the codec made.
 fn body(bytes: &[u8]) -> SharedBody {
-    let info = psao_codec::frame::inspect(bytes, &Limits::default().codec).unwrap();
+    let info = psao_codec::envelope::inspect(bytes, &Limits::default().codec).unwrap();
     SharedBody::new(&info, bytes, NOW)
 }
 
@@ -437,7 +437,7 @@ fn unknown_types_are_skipped_and_known_ones_out_of_place_are_not() {
 
     let error = pair.client.handle(&frame(FrameType::HELLO, 0, 0, b""), NOW).unwrap_err();
     assert_eq!(error, SessionError::Unexpected { kind: FrameType::HELLO, state: "following the stream" });
-    let held = pair.client.state().map(psao_codec::stream::State::hash);
+    let held = pair.client.state().map(psao_codec::State::hash);
     assert_eq!(held, Some(pair.source.state().hash()), "an error does not cost the state");
     let events = pair.server.handle(&pair.client.take_output(), NOW).unwrap();
     assert!(matches!(&events[..], [ServerEvent::Closed(c)] if c.code == CloseCode::PROTOCOL), "{events:?}");

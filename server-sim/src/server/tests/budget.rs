@@ -36,7 +36,7 @@ fn a_budget_is_kept_and_what_it_postpones_is_counted() {
     let most = demand / 3;
     let (mut waited, mut longest) = (0, 0);
     let mut client: Option<State> = None;
-    let mut applier = Applier::default();
+    let mut decoder = Decoder::default();
     let limits = psao_codec::Limits::default();
     let half = bodies(&scene, budgeted(most, 5), |server, output| {
         let postponed = output.stats.postponed.unwrap();
@@ -47,7 +47,7 @@ fn a_budget_is_kept_and_what_it_postpones_is_counted() {
         waited += postponed.points;
         longest = longest.max(postponed.oldest);
         let client = client.get_or_insert_with(|| State::new(server.layout()));
-        applier.apply(client, &output.body, &limits).unwrap();
+        decoder.decode(client, &output.body, &limits).unwrap();
         assert_eq!(client.hash(), server.hash());
     });
     assert!(waited > 0 && (1..=5).contains(&longest), "{waited} points waited, {longest} frames at most");

@@ -78,14 +78,14 @@ pub(super) fn edited(
 fn clients_follow_the_edits_and_are_never_off_by_the_threshold() {
     for (scene, profile) in scenes_by_profile() {
         let mut state: Option<State> = None;
-        let mut applier = Applier::new();
+        let mut decoder = Decoder::new();
         let mut checked = 0;
         edited(&scene, ServerSettings { threshold: 2, ..settings(profile, 8.0) }, |server, output| {
             let state = state.get_or_insert_with(|| State::new(server.layout()));
-            applier.apply(state, &output.body, &psao_codec::Limits::default()).unwrap();
+            decoder.decode(state, &output.body, &psao_codec::Limits::default()).unwrap();
             assert_eq!((state.hash(), state.full_hash()), (server.hash(), server.hash()));
             checked += check_bound(server, state, 2, output.info.frame);
-            if let State::Cells(state) = &*state {
+            if let State::Paper(state) = &*state {
                 for instance in 0..scene.instances().len() {
                     let frame = server.tracing.pose.instances()[instance].frame();
                     let held = state.pose(instance as u32).unwrap();

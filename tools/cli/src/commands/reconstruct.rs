@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::str::FromStr;
 
-use psao_codec::stream::State;
+use psao_codec::State;
 use psao_eval::sweep::Figures;
 use psao_proto::message::CameraPose;
 use psao_proto::recording::{PlayedFrame, Player, PlayerEvent, ReaderError};

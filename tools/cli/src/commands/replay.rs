@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use clap::ValueEnum;
 use psao_codec::block::BlockCoder;
-use psao_codec::frame::{FrameKind, inspect};
+use psao_codec::envelope::{FrameKind, inspect};
 use psao_proto::message::CloseCode;
 use psao_proto::net::Hub;
 use psao_proto::recording::{PlayedFrame, Player, PlayerEvent, Summary};

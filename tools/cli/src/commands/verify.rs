@@ -1,6 +1,6 @@
 //! `psao verify`: every check there is on a recording.
 
-use psao_codec::frame::FrameError;
+use psao_codec::envelope::FrameError;
 use psao_proto::recording::{Player, PlayerEvent, StoredIndex, Summary};
 use psao_proto::{FollowError, Limits};
 use serde::Serialize;
@@ -161,7 +161,7 @@ fn play(player: &mut Player<'_>, frames: u64) -> Played {
         }
     }
     bar.finish_and_clear();
-    if let Some(frame) = player.state().and_then(psao_codec::stream::State::frame) {
+    if let Some(frame) = player.state().and_then(psao_codec::State::frame) {
         check_from_scratch(player, frame.0, &mut played);
     }
     played

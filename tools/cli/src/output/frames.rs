@@ -1,6 +1,6 @@
 //! A line for every frame that a client applied, as it happens.
 
-use psao_codec::frame::FrameInfo;
+use psao_codec::envelope::FrameInfo;
 use psao_proto::message::Budget;
 use serde::Serialize;
 
@@ -65,7 +65,7 @@ impl FrameLog {
         let line = Line {
             frame: info.frame.0,
             time_s: info.time.0 as f64 / 1e6,
-            kind: if info.kind == psao_codec::frame::FrameKind::Key { "key" } else { "delta" },
+            kind: if info.kind == psao_codec::envelope::FrameKind::Key { "key" } else { "delta" },
             wire_bytes,
             changed_points: info.changed_points,
             state_hash: format!("{:016x}", info.hash.0),

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
 
-use psao_codec::frame::SectionTag;
+use psao_codec::envelope::SectionTag;
 use psao_proto::recording::{DamageKind, Player, PlayerEvent, Reader, StoredIndex, Summary};
 use psao_proto::{FrameType, Limits, StateHash};
 

@@ -4,11 +4,10 @@ use std::sync::Arc;
 
 use psao_codec::Limits;
 use psao_codec::block::BlockCoder;
-use psao_codec::cells::{Grid, InstanceLayout, Layout, PaperEncoder, PointSample};
-use psao_codec::frame::{FrameIndex, FrameKind, FrameMeta, State, StreamTime, apply};
-use psao_codec::point::PointFormat;
+use psao_codec::envelope::{FrameIndex, FrameKind, FrameMeta, StreamTime};
+use psao_codec::paper::ResendAo;
+use psao_codec::paper::{self, Grid, InstanceLayout, Layout, PointFormat, PointSample, State, apply};
 use psao_codec::quant::unorm;
-use psao_server::delta::ResendAo;
 
 use super::{Case, StressError};
 
@@ -54,7 +53,7 @@ fn worst_difference(format: PointFormat) -> Result<f64, StressError> {
     let instance = InstanceLayout { grid, first_bucket: 0, bucket_count: 1, kernel_radius: 0.5 };
     let limits = Limits::default();
     let layout = Arc::new(Layout::new(format, vec![instance], 1, &limits).map_err(StressError::new)?);
-    let mut encoder = PaperEncoder::new(Arc::clone(&layout), &[1]).map_err(StressError::new)?;
+    let mut encoder = paper::Encoder::new(Arc::clone(&layout), &[1]).map_err(StressError::new)?;
     let mut client = State::new(layout);
     let rule = ResendAo { threshold: THRESHOLD, format };
     let mut sent = None;

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use psao_codec::cells::{ENTRIES_PER_BUCKET, bucket_of, cell_id};
+use psao_codec::paper::{ENTRIES_PER_BUCKET, bucket_of, cell_id};
 
 use super::{Case, StressError};
 

@@ -4,9 +4,10 @@ use std::sync::Arc;
 
 use psao_codec::Limits;
 use psao_codec::block::BlockCoder;
-use psao_codec::cells::{Grid, InstanceLayout, Layout, Occupancy, PaperEncoder, PointSample};
-use psao_codec::frame::{FrameIndex, FrameKind, FrameMeta, State, StreamTime, apply};
-use psao_codec::point::PointFormat;
+use psao_codec::envelope::{FrameIndex, FrameKind, FrameMeta, StreamTime};
+use psao_codec::paper::{
+    self, Grid, InstanceLayout, Layout, Occupancy, PointFormat, PointSample, State, apply,
+};
 
 use super::{Case, StressError};
 
@@ -56,7 +57,7 @@ fn unaccounted(
     let layout = Arc::new(
         Layout::new(PointFormat::Bits32, vec![instance], cell_capacity, &limits).map_err(StressError::new)?,
     );
-    let mut encoder = PaperEncoder::new(Arc::clone(&layout), &[POINTS]).map_err(StressError::new)?;
+    let mut encoder = paper::Encoder::new(Arc::clone(&layout), &[POINTS]).map_err(StressError::new)?;
     let mut client = State::new(layout);
     for point in 0..POINTS {
         encoder.put(point, &sample(point, dims)).map_err(StressError::new)?;
@@ -68,24 +69,29 @@ fn unaccounted(
     for point in (0..POINTS).step_by(2) {
         encoder.remove(point).map_err(StressError::new)?;
     }
-    encoder.retry_homeless();
+    encoder.retry_unplaced();
     worst = worst.max(settle(&mut encoder, &mut client, 1, POINTS / 2)?);
     Ok(f64::from(worst))
 }
 
 /// Sends a frame and says how many of the `put` points neither the counts nor the client's cells explain.
-fn settle(encoder: &mut PaperEncoder, client: &mut State, frame: u32, put: u32) -> Result<u32, StressError> {
+fn settle(
+    encoder: &mut paper::Encoder,
+    client: &mut State,
+    frame: u32,
+    put: u32,
+) -> Result<u32, StressError> {
     let kind = if frame == 0 { FrameKind::Key } else { FrameKind::Delta };
     let meta =
         FrameMeta { kind, frame: FrameIndex(frame), time: StreamTime(u64::from(frame)), changed_points: put };
     let encoded = encoder.finish(meta, BlockCoder::Stored).map_err(StressError::new)?;
     apply(client, &encoded.body, &Limits::default()).map_err(StressError::new)?;
     let counts = encoder.counts();
-    let entries = client.buckets().iter().flat_map(psao_codec::cells::Bucket::entries);
+    let entries = client.buckets().iter().flat_map(paper::Bucket::entries);
     let cells = entries.filter(|entry| entry.is_used()).map(|entry| entry.cell() as usize);
     let held: usize = cells.map(|cell| client.cells()[cell].points(client.layout().format()).count()).sum();
     let held = u32::try_from(held).unwrap_or(u32::MAX);
-    Ok(put.abs_diff(counts.points_stored + counts.homeless()).max(held.abs_diff(counts.points_stored)))
+    Ok(put.abs_diff(counts.points_stored + counts.unplaced()).max(held.abs_diff(counts.points_stored)))
 }
 
 /// Point number `point`, cell by cell through the grid.

@@ -1,7 +1,6 @@
 //! Positions in 5 bits an axis of a cell, 3 or 2 in the narrow packings: how far a point is off when it comes out (paper, section 3.2).
 
-use psao_codec::cells::Grid;
-use psao_codec::point::PointFormat;
+use psao_codec::paper::{Grid, PointFormat};
 
 use super::{Case, StressError};
 

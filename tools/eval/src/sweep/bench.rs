@@ -1,6 +1,6 @@
 //! Measures one setting, or one method.
 
-use psao_codec::stream::State;
+use psao_codec::State;
 use psao_reconstruct::reconstruct::{self, Reconstruction, SurfaceReconstructor};
 use psao_reconstruct::{AoImage, GBuffer, ReconstructError};
 use psao_server::clock::Clock;
@@ -238,7 +238,7 @@ struct Client {
 impl Client {
     fn draw(&mut self, state: &State, buffer: &GBuffer) -> Result<Reconstruction, ReconstructError> {
         match state {
-            State::Cells(state) => reconstruct::cells(state, buffer),
+            State::Paper(state) => reconstruct::cells(state, buffer),
             State::Surface(state) => self.surface.reconstruct(state, buffer),
         }
     }
@@ -269,7 +269,7 @@ mod tests {
     use std::sync::Arc;
 
     use glam::Vec3;
-    use psao_codec::frame::FrameInfo;
+    use psao_codec::envelope::FrameInfo;
     use psao_reconstruct::Size;
     use psao_server::ao::AoSettings;
     use psao_server::points::PointSettings;

@@ -17,7 +17,7 @@ mod setting;
 mod texture;
 mod views;
 
-use psao_codec::frame::{FrameError, FrameIndex};
+use psao_codec::envelope::{FrameError, FrameIndex};
 use psao_proto::message::MessageError;
 use psao_reconstruct::{CameraError, ReconstructError};
 use psao_server::server::ServerError;

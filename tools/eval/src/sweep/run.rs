@@ -2,10 +2,9 @@
 
 use std::sync::Arc;
 
-use psao_codec::Limits;
 use psao_codec::block::BlockCoder;
-use psao_codec::frame::{FrameIndex, FrameInfo, StreamTime};
-use psao_codec::stream::{Applier, State};
+use psao_codec::envelope::{FrameIndex, FrameInfo, StreamTime};
+use psao_codec::{Decoder, Limits, State};
 use psao_proto::{HEADER_BYTES, SceneTable};
 use psao_server::clock::Clock;
 use psao_server::points::PointCache;
@@ -79,7 +78,7 @@ pub(super) struct Run<'a> {
     pub(super) clock: &'a dyn Clock,
     pub(super) server: Server,
     pub(super) state: State,
-    pub(super) applier: Applier,
+    pub(super) decoder: Decoder,
     pub(super) fps: f64,
     pub(super) frames: u32,
     pub(super) points: u32,
@@ -105,7 +104,7 @@ impl<'a> Run<'a> {
             state: State::new(table.layout()),
             points: table.point_count(),
             server,
-            applier: Applier::new(),
+            decoder: Decoder::new(),
             fps,
             frames,
             bytes,
@@ -127,7 +126,7 @@ impl<'a> Run<'a> {
         let camera = [self.clip.scene.camera(f64::from(frame) / self.fps)];
         let output = self.server.step(FrameIndex(frame), self.time(frame), &camera, self.clock)?;
         let start = self.clock.micros();
-        let applied = self.applier.apply(&mut self.state, &output.body, &Limits::default());
+        let applied = self.decoder.decode(&mut self.state, &output.body, &Limits::default());
         let decode = self.clock.micros().saturating_sub(start);
         applied.map_err(|error| SweepError::Frame { frame: FrameIndex(frame), error })?;
         let bytes = (self.clip.count)(&output.info);

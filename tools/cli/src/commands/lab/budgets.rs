@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use psao_codec::block::BlockCoder;
-use psao_codec::frame::{FrameIndex, FrameKind, FrameMeta, StreamTime};
+use psao_codec::envelope::{FrameIndex, FrameKind, FrameMeta, StreamTime};
 use psao_codec::surface::{BLOCK_POINTS, Budget, Encoder, EncoderSettings, Geometry, GeometrySource, Layout};
 use psao_server::clock::NoClock;
 use psao_server::scene::Scene;
@@ -196,7 +196,7 @@ impl Offers {
                 encoder.weigh(instance, block, *weight);
             }
         }
-        let differs = |(point, ao): (u32, &u8)| u32::from(encoder.offer(point, *ao).unwrap_or(false));
+        let differs = |(point, ao): (u32, &u8)| u32::from(encoder.set_ao(point, *ao).unwrap_or(false));
         (0..).zip(&self.ao).map(differs).sum()
     }
 }

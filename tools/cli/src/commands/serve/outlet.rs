@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use psao_codec::frame::{FrameInfo, FrameKind};
-use psao_codec::stream::StateRef;
+use psao_codec::StateRef;
+use psao_codec::envelope::{FrameInfo, FrameKind};
 use psao_proto::Micros;
 use psao_proto::message::{Close, CloseCode, Edit};
 use psao_proto::net::Hub;

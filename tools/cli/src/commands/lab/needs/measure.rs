@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use indicatif::ProgressBar;
 use psao_codec::block::BlockCoder;
-use psao_codec::frame::{FrameIndex, SectionTag, StreamTime, inspect};
+use psao_codec::envelope::{FrameIndex, SectionTag, StreamTime, inspect};
 use psao_codec::surface::GeometrySource;
 use psao_proto::{Limits, Profile};
 use psao_server::Shortcuts;

@@ -4,9 +4,9 @@ use std::path::Path;
 use std::sync::Arc;
 
 use psao_codec::block::BlockCoder;
-use psao_codec::frame::{FrameIndex, StreamTime};
-use psao_codec::stream::{Applier, State};
+use psao_codec::envelope::{FrameIndex, StreamTime};
 use psao_codec::surface::{Spent, preview, spent};
+use psao_codec::{Decoder, State};
 use psao_eval::adapter::SceneView;
 use psao_eval::metric::Comparison;
 use psao_eval::reference::reference;
@@ -64,19 +64,19 @@ pub(super) struct Seen {
 /// A client that follows one profile.
 struct Client {
     state: State,
-    applier: Applier,
+    decoder: Decoder,
     name: &'static str,
 }
 
 impl Client {
     fn new(name: &'static str, table: &SceneTable) -> Self {
-        Self { state: State::new(table.layout()), applier: Applier::new(), name }
+        Self { state: State::new(table.layout()), decoder: Decoder::new(), name }
     }
 
     /// Applies a frame; its hash must be the server's.
     fn follow(&mut self, output: &StepOutput) -> Outcome<Line> {
         let start = Stopwatch::start();
-        let applied = self.applier.apply(&mut self.state, &output.body, &Limits::default().codec);
+        let applied = self.decoder.decode(&mut self.state, &output.body, &Limits::default().codec);
         let decode_ms = start.millis();
         applied.map_err(|error| {
             let (name, frame) = (self.name, output.info.frame);

@@ -233,7 +233,7 @@ fn measure(
     Ok(())
 }
 
-fn count(info: &psao_codec::frame::FrameInfo) -> Bytes {
+fn count(info: &psao_codec::envelope::FrameInfo) -> Bytes {
     let parts = parts_of(info);
     Bytes { paper: paper_bytes(&parts), wire: parts.iter().sum() }
 }

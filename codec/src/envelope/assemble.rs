@@ -1,0 +1,27 @@
+//! Puts the header of a frame before its blocks.
+
+use super::header::write_header;
+use super::{
+    CRC_OFFSET, EncodedFrame, FrameInfo, FrameKind, FrameMeta, Packing, Profile, SectionInfo, body_crc,
+};
+use crate::StateHash;
+
+/// Puts header and blocks together.
+pub(crate) fn assemble(
+    meta: &FrameMeta,
+    (profile, packing, kind): (Profile, Packing, FrameKind),
+    hash: StateHash,
+    sections: Vec<SectionInfo>,
+    blocks: &[u8],
+) -> EncodedFrame {
+    let (frame, time, changed_points) = (meta.frame, meta.time, meta.changed_points);
+    let mut info =
+        FrameInfo { profile, packing, kind, frame, time, hash, changed_points, header_bytes: 0, sections };
+    let mut body = Vec::with_capacity(blocks.len() + 96);
+    write_header(&mut body, &info);
+    info.header_bytes = body.len() as u32;
+    body.extend_from_slice(blocks);
+    let crc = body_crc(&body);
+    body[CRC_OFFSET..CRC_OFFSET + 4].copy_from_slice(&crc.to_le_bytes());
+    EncodedFrame { body, info }
+}

@@ -1,0 +1,226 @@
+//! Hash buckets: eight entries of 8 B (paper, section 3.2).
+
+use crate::paper::POINTS_PER_CELL;
+
+/// Entries of one bucket.
+pub const ENTRIES_PER_BUCKET: usize = 8;
+/// Largest cell index that an entry can hold: 22 bits.
+pub const MAX_CELL_INDEX: u32 = (1 << 22) - 1;
+
+const POINTS_SHIFT: u32 = 22;
+const POINTS_MASK: u32 = 31;
+const COUNT_SHIFT: u32 = 27;
+const COUNT_MASK: u32 = 15;
+
+/// One entry of a bucket: the raw id of a cell, and where the cell is.
+///
+/// The first word is the raw id of Eq. 1. The second, from its low end: 22 bits cell index, 5 bits points in
+/// the cell, 4 bits entries in use in this bucket (in the first entry only, 0 in the others), 1 bit 0. An
+/// entry is in use when its cell has points; an unused one is all zero.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Entry {
+    id: u32,
+    word: u32,
+}
+
+impl Entry {
+    /// An entry in use: `points` is 1 to 7 and `cell` at most [`MAX_CELL_INDEX`].
+    pub(crate) fn new(id: u32, cell: u32, points: u8) -> Entry {
+        Entry { id, word: cell | (u32::from(points) << POINTS_SHIFT) }
+    }
+
+    /// The raw id of the cell (Eq. 1).
+    #[must_use]
+    pub fn id(self) -> u32 {
+        self.id
+    }
+
+    /// Index of the cell among the cells of the state.
+    #[must_use]
+    pub fn cell(self) -> u32 {
+        self.word & MAX_CELL_INDEX
+    }
+
+    /// Points in the cell; 0 marks an unused entry.
+    #[must_use]
+    pub fn points(self) -> u8 {
+        ((self.word >> POINTS_SHIFT) & POINTS_MASK) as u8
+    }
+
+    /// Whether the entry names a cell.
+    #[must_use]
+    pub fn is_used(self) -> bool {
+        self.points() > 0
+    }
+
+    pub(crate) fn set_points(&mut self, points: u8) {
+        self.word = (self.word & !(POINTS_MASK << POINTS_SHIFT)) | (u32::from(points) << POINTS_SHIFT);
+    }
+
+    fn count(self) -> usize {
+        ((self.word >> COUNT_SHIFT) & COUNT_MASK) as usize
+    }
+
+    fn set_count(&mut self, count: usize) {
+        self.word = (self.word & !(COUNT_MASK << COUNT_SHIFT)) | ((count as u32) << COUNT_SHIFT);
+    }
+}
+
+/// A bucket: eight entries, those in use first. 64 B on the wire, 16 words: each entry's id, then its
+/// second word.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Bucket([Entry; ENTRIES_PER_BUCKET]);
+
+/// Why the content of a bucket was refused.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum BucketProblem {
+    /// An unused entry has bits set, or is followed by one in use.
+    #[error("entry {entry} is unused but not empty, or an entry in use follows it")]
+    NotCompact {
+        /// Index of the entry, 0 to 7.
+        entry: usize,
+    },
+    /// An entry claims more than seven points.
+    #[error("entry {entry} claims {points} points, a cell holds 7")]
+    Points {
+        /// Index of the entry, 0 to 7.
+        entry: usize,
+        /// Points claimed.
+        points: u8,
+    },
+    /// An entry names a cell that does not exist.
+    #[error("entry {entry} names cell {cell}, cells end at {capacity}")]
+    Cell {
+        /// Index of the entry, 0 to 7.
+        entry: usize,
+        /// The cell named.
+        cell: u32,
+        /// Cells there are.
+        capacity: u32,
+    },
+    /// The number of entries in use is wrong, or stands in an entry that is not the first, or the top bit
+    /// of an entry is set.
+    #[error("entry {entry} has wrong bits above its point count")]
+    Count {
+        /// Index of the entry, 0 to 7.
+        entry: usize,
+    },
+}
+
+impl Bucket {
+    /// All eight entries, those in use first.
+    #[must_use]
+    pub fn entries(&self) -> &[Entry; ENTRIES_PER_BUCKET] {
+        &self.0
+    }
+
+    pub(crate) fn entries_mut(&mut self) -> &mut [Entry; ENTRIES_PER_BUCKET] {
+        &mut self.0
+    }
+
+    /// The 16 words of the bucket, as on the wire.
+    #[must_use]
+    pub fn to_words(&self) -> [u32; 2 * ENTRIES_PER_BUCKET] {
+        let mut words = [0; 2 * ENTRIES_PER_BUCKET];
+        for (pair, entry) in words.chunks_exact_mut(2).zip(&self.0) {
+            pair[0] = entry.id;
+            pair[1] = entry.word;
+        }
+        words
+    }
+
+    pub(crate) fn from_words(words: &[u32; 2 * ENTRIES_PER_BUCKET]) -> Bucket {
+        Bucket(std::array::from_fn(|at| Entry { id: words[2 * at], word: words[2 * at + 1] }))
+    }
+
+    /// Puts the entries in use first (paper, section 3.4) and writes their number into the first.
+    ///
+    /// Each hole is filled with the last entry in use, which moves as few entries as can be.
+    pub(crate) fn compact(&mut self) {
+        let mut end = ENTRIES_PER_BUCKET;
+        let mut at = 0;
+        while at < end {
+            self.0[at].set_count(0);
+            if self.0[at].is_used() {
+                at += 1;
+            } else {
+                end -= 1;
+                self.0[at] = std::mem::take(&mut self.0[end]);
+            }
+        }
+        self.0[0].set_count(at);
+    }
+
+    /// Whether this is what [`Bucket::compact`] makes, with cells below `capacity`.
+    pub(crate) fn check(&self, capacity: u32) -> Result<(), BucketProblem> {
+        let used = self.0.iter().take_while(|entry| entry.is_used()).count();
+        for (at, entry) in self.0.iter().enumerate() {
+            if at >= used {
+                if *entry != Entry::default() {
+                    return Err(BucketProblem::NotCompact { entry: at });
+                }
+                continue;
+            }
+            if usize::from(entry.points()) > POINTS_PER_CELL {
+                return Err(BucketProblem::Points { entry: at, points: entry.points() });
+            }
+            if entry.cell() >= capacity {
+                return Err(BucketProblem::Cell { entry: at, cell: entry.cell(), capacity });
+            }
+            let count = if at == 0 { used } else { 0 };
+            if entry.count() != count || entry.word >> 31 != 0 {
+                return Err(BucketProblem::Count { entry: at });
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_are_where_the_text_says() {
+        let mut bucket = Bucket::default();
+        bucket.entries_mut()[2] = Entry::new(0xDEAD_BEEF, 0x2A_AAAA, 5);
+        bucket.entries_mut()[6] = Entry::new(7, 1, 7);
+        bucket.compact();
+        // The last entry in use fills the first hole, and so on.
+        let mut expected = [0; 16];
+        expected[0] = 7;
+        expected[1] = (2 << 27) | (7 << 22) | 1;
+        expected[2] = 0xDEAD_BEEF;
+        expected[3] = (5 << 22) | 0x2A_AAAA;
+        assert_eq!(bucket.to_words(), expected);
+        assert_eq!(Bucket::from_words(&expected), bucket);
+        assert_eq!(bucket.check(0x2A_AAAB), Ok(()));
+        assert_eq!(
+            bucket.check(0x2A_AAAA),
+            Err(BucketProblem::Cell { entry: 1, cell: 0x2A_AAAA, capacity: 0x2A_AAAA })
+        );
+    }
+
+    #[test]
+    fn every_flipped_bit_above_the_index_is_seen() {
+        let mut bucket = Bucket::default();
+        for (at, entry) in (1_u32..).zip(&mut bucket.entries_mut()[..3]) {
+            *entry = Entry::new(at, at, 7);
+        }
+        bucket.compact();
+        assert_eq!(bucket.check(16), Ok(()));
+        // 7 points with one bit fewer, 1 to 7, is a sound bucket again: that is for the hash to see.
+        for (word, bit) in (0..8).flat_map(|entry| (25..32).map(move |bit| (2 * entry + 1, bit))) {
+            let mut words = bucket.to_words();
+            words[word] ^= 1 << bit;
+            assert!(Bucket::from_words(&words).check(16).is_err(), "word {word}, bit {bit}");
+        }
+        for word in 6..16 {
+            let mut words = bucket.to_words();
+            words[word] ^= 1;
+            let expected = Err(BucketProblem::NotCompact { entry: word / 2 });
+            assert_eq!(Bucket::from_words(&words).check(16), expected, "word {word}");
+        }
+    }
+}

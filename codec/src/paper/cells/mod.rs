@@ -1,0 +1,14 @@
+//! The paper's structures (section 3.2): a virtual grid of cells per instance, hash buckets that find the cells in use, and
+//! cells of seven points.
+
+mod bucket;
+mod cell;
+mod grid;
+mod occupancy;
+mod slots;
+
+pub use bucket::{Bucket, BucketProblem, ENTRIES_PER_BUCKET, Entry, MAX_CELL_INDEX};
+pub use cell::{Cell, POINTS_PER_CELL};
+pub use grid::{Grid, Located, MAX_GRID_DIM, bucket_of, cell_id};
+pub use occupancy::{Occupancy, Placed, Placement};
+pub(super) use slots::{DirtySet, Site, Tables};

@@ -1,0 +1,251 @@
+//! The server's working tables: which point stands in which slot of which cell (paper, sections 3.2 to 3.4).
+
+use crate::memory;
+use crate::paper::{Bucket, Cell, Entry, POINTS_PER_CELL, Placement};
+
+/// The owner of an empty slot; no point has this id.
+const NOBODY: u32 = u32::MAX;
+
+/// Where a point belongs: a cell of an instance, by coordinate, raw id and bucket.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Site {
+    pub(crate) coord: [u32; 3],
+    pub(crate) id: u32,
+    /// Index among the buckets of the state.
+    pub(crate) bucket: u32,
+}
+
+/// One cell: its words, who owns them, and what names the cell.
+#[derive(Debug, Clone)]
+struct Slots {
+    words: [u32; POINTS_PER_CELL],
+    owners: [u32; POINTS_PER_CELL],
+    points: u8,
+    coord: [u32; 3],
+    bucket: u32,
+}
+
+impl Slots {
+    fn empty(site: Site) -> Slots {
+        Slots {
+            words: [0; POINTS_PER_CELL],
+            owners: [NOBODY; POINTS_PER_CELL],
+            points: 0,
+            coord: site.coord,
+            bucket: site.bucket,
+        }
+    }
+
+    fn slot_of(&self, owner: u32) -> Option<usize> {
+        self.owners.iter().position(|other| *other == owner)
+    }
+
+    /// Points first (paper, section 3.4); each hole is filled with the last point, which moves as few words
+    /// as can be.
+    fn compact(&mut self) {
+        let mut end = POINTS_PER_CELL;
+        let mut at = 0;
+        while at < end {
+            if self.owners[at] == NOBODY {
+                end -= 1;
+                self.words.swap(at, end);
+                self.owners.swap(at, end);
+            } else {
+                at += 1;
+            }
+        }
+    }
+}
+
+/// Indices that changed since the last frame, each once.
+#[derive(Debug, Clone)]
+pub(crate) struct DirtySet {
+    marked: Vec<bool>,
+    list: Vec<u32>,
+}
+
+impl DirtySet {
+    /// Bytes held.
+    pub(crate) fn held(&self) -> usize {
+        memory::list(&self.marked) + memory::list(&self.list)
+    }
+
+    pub(crate) fn new(places: usize) -> DirtySet {
+        DirtySet { marked: vec![false; places], list: Vec::new() }
+    }
+
+    pub(crate) fn mark(&mut self, index: u32) {
+        if let Some(marked) = self.marked.get_mut(index as usize).filter(|marked| !**marked) {
+            *marked = true;
+            self.list.push(index);
+        }
+    }
+
+    /// The indices in ascending order, so that the order of changes leaves no trace in the stream.
+    pub(crate) fn sorted(&mut self) -> &[u32] {
+        self.list.sort_unstable();
+        &self.list
+    }
+
+    pub(crate) fn clear(&mut self) {
+        for index in self.list.drain(..) {
+            self.marked[index as usize] = false;
+        }
+    }
+}
+
+/// All cells and buckets as the server changes them, holes included, and what changed.
+#[derive(Debug, Clone)]
+pub(crate) struct Tables {
+    buckets: Vec<Bucket>,
+    /// Grows as cells are first used; at most `capacity`.
+    cells: Vec<Slots>,
+    capacity: u32,
+    /// Freed cells; the last freed is the first used again, so that its stale words are the newest.
+    free: Vec<u32>,
+    /// Whether a slot, entry or cell came free since [`Tables::take_freed`].
+    freed: bool,
+    dirty_cells: DirtySet,
+    dirty_buckets: DirtySet,
+}
+
+impl Tables {
+    /// Bytes held.
+    pub(crate) fn held(&self) -> usize {
+        let Tables { buckets, cells, free, dirty_cells, dirty_buckets, .. } = self;
+        let dirty = dirty_cells.held() + dirty_buckets.held();
+        memory::list(buckets) + memory::list(cells) + memory::list(free) + dirty
+    }
+
+    pub(crate) fn new(bucket_total: u32, capacity: u32) -> Tables {
+        Tables {
+            buckets: vec![Bucket::default(); bucket_total as usize],
+            cells: Vec::new(),
+            capacity,
+            free: Vec::new(),
+            freed: false,
+            dirty_cells: DirtySet::new(capacity as usize),
+            dirty_buckets: DirtySet::new(bucket_total as usize),
+        }
+    }
+
+    /// Cells in use.
+    pub(crate) fn cells_used(&self) -> u32 {
+        (self.cells.len() - self.free.len()) as u32
+    }
+
+    /// Whether a place came free since the last call.
+    pub(crate) fn take_freed(&mut self) -> bool {
+        std::mem::take(&mut self.freed)
+    }
+
+    /// The bucket as it stands; compact after [`Tables::compact`].
+    pub(crate) fn bucket(&self, index: u32) -> Bucket {
+        self.buckets.get(index as usize).copied().unwrap_or_default()
+    }
+
+    /// A cell in use, `None` for one that is free; compact after [`Tables::compact`].
+    pub(crate) fn cell(&self, index: u32) -> Option<Cell> {
+        self.cells
+            .get(index as usize)
+            .filter(|slots| slots.points > 0)
+            .map(|slots| Cell::from_words(slots.words))
+    }
+
+    /// Buckets and cells that changed since [`Tables::clear_dirty`]; ascending after [`Tables::compact`].
+    pub(crate) fn dirty(&self) -> (&[u32], &[u32]) {
+        (&self.dirty_buckets.list, &self.dirty_cells.list)
+    }
+
+    pub(crate) fn clear_dirty(&mut self) {
+        self.dirty_buckets.clear();
+        self.dirty_cells.clear();
+    }
+
+    /// Finds a slot for a point that has none: the cell, or why there is none.
+    pub(crate) fn insert(&mut self, site: Site, point: u32, word: u32) -> Result<u32, Placement> {
+        let cell = self.find_or_allocate(site)?;
+        let slots = &mut self.cells[cell as usize];
+        let Some(slot) = slots.slot_of(NOBODY) else { return Err(Placement::CellFull) };
+        slots.owners[slot] = point;
+        slots.words[slot] = word;
+        slots.points += 1;
+        self.dirty_cells.mark(cell);
+        self.recount(cell);
+        Ok(cell)
+    }
+
+    /// The cell of a site: the one that its bucket names, else a new one.
+    fn find_or_allocate(&mut self, site: Site) -> Result<u32, Placement> {
+        let entries = self.buckets[site.bucket as usize].entries();
+        if let Some(entry) = entries.iter().find(|entry| entry.is_used() && entry.id() == site.id) {
+            let found = &self.cells[entry.cell() as usize];
+            return if found.coord == site.coord { Ok(entry.cell()) } else { Err(Placement::IdCollision) };
+        }
+        let Some(vacant) = entries.iter().position(|entry| !entry.is_used()) else {
+            return Err(Placement::BucketFull);
+        };
+        let cell = self.allocate(site).ok_or(Placement::NoCell)?;
+        // One point: the caller is about to put it there, and counts again.
+        self.buckets[site.bucket as usize].entries_mut()[vacant] = Entry::new(site.id, cell, 1);
+        Ok(cell)
+    }
+
+    fn allocate(&mut self, site: Site) -> Option<u32> {
+        if let Some(cell) = self.free.pop() {
+            self.cells[cell as usize] = Slots::empty(site);
+            return Some(cell);
+        }
+        let cell = self.cells.len() as u32;
+        (cell < self.capacity).then(|| self.cells.push(Slots::empty(site)))?;
+        Some(cell)
+    }
+
+    /// Replaces the word of a point that stands in `cell`.
+    pub(crate) fn update(&mut self, cell: u32, point: u32, word: u32) {
+        let slots = &mut self.cells[cell as usize];
+        if let Some(slot) = slots.slot_of(point).filter(|slot| slots.words[*slot] != word) {
+            slots.words[slot] = word;
+            self.dirty_cells.mark(cell);
+        }
+    }
+
+    /// Empties the slot of a point that stands in `cell`; the last one frees the cell and its entry.
+    pub(crate) fn remove(&mut self, cell: u32, point: u32) {
+        let slots = &mut self.cells[cell as usize];
+        let Some(slot) = slots.slot_of(point) else { return };
+        slots.owners[slot] = NOBODY;
+        slots.words[slot] = 0;
+        slots.points -= 1;
+        self.freed = true;
+        if slots.points == 0 {
+            self.free.push(cell);
+        }
+        self.dirty_cells.mark(cell);
+        self.recount(cell);
+    }
+
+    /// Brings the point count of a cell's bucket entry up to date; an entry of no points is cleared.
+    fn recount(&mut self, cell: u32) {
+        let Slots { bucket, points, .. } = self.cells[cell as usize];
+        self.dirty_buckets.mark(bucket);
+        let entries = self.buckets[bucket as usize].entries_mut();
+        if let Some(entry) = entries.iter_mut().find(|entry| entry.is_used() && entry.cell() == cell) {
+            if points == 0 {
+                *entry = Entry::default();
+            } else {
+                entry.set_points(points);
+            }
+        }
+    }
+
+    /// Puts what is in use first, in every cell and bucket that changed (paper, section 3.4).
+    pub(crate) fn compact(&mut self) {
+        for cell in self.dirty_cells.sorted() {
+            self.cells[*cell as usize].compact();
+        }
+        for bucket in self.dirty_buckets.sorted() {
+            self.buckets[*bucket as usize].compact();
+        }
+    }
+}

@@ -1,0 +1,429 @@
+//! Applies a frame body to a state: all of it, or nothing.
+//!
+//! Everything is decoded beside the state and checked, the hash that the state would have included; only then is the
+//! state changed.
+
+use std::sync::Arc;
+
+use super::State;
+use super::encoder::arrived;
+use super::model::change::ChangeModel;
+use super::model::context;
+use super::model::history::History;
+use super::model::patch::PatchModel;
+use super::section::changes::{ChangeProblem, Changes};
+use super::section::geometry::{self, GeometryProblem};
+use super::section::patch::Patch;
+use super::section::values::Values;
+use super::section::writer::FrameModels;
+use super::state::value_words;
+use crate::block::{CoderId, Decompressor};
+use crate::envelope::{
+    FrameBody, FrameError, FrameInfo, FrameKind, HASH_OFFSET, Profile, SectionBlock, SectionInfo, SectionTag,
+    check_follows,
+};
+use crate::hash::Kind;
+use crate::range::{Misfit, RangeDecoder};
+use crate::{Limits, StateHash};
+
+/// Applies frame bodies; keeps its buffers between them.
+#[derive(Debug, Default)]
+pub struct Decoder {
+    decompressor: Decompressor,
+    plain: Vec<u8>,
+    changes: Changes,
+    model: Option<ChangeModel>,
+    patch: Patch,
+    values: Vec<u8>,
+}
+
+impl Decoder {
+    /// A decoder with nothing allocated yet.
+    #[must_use]
+    pub fn new() -> Decoder {
+        Decoder::default()
+    }
+
+    /// Reads a frame body and applies it: [`FrameBody::parse`] and [`Decoder::apply`].
+    ///
+    /// # Errors
+    /// As [`Decoder::apply`].
+    pub fn decode(
+        &mut self,
+        state: &mut State,
+        bytes: &[u8],
+        limits: &Limits,
+    ) -> Result<FrameInfo, FrameError> {
+        let body = FrameBody::parse(bytes, limits)?;
+        self.apply(state, &body, limits)?;
+        Ok(body.into_info())
+    }
+
+    /// Applies a frame body to `state`: checks all of it, the hash of the state after included, then writes.
+    ///
+    /// A frame of changes alone allocates nothing once the buffers have grown; they hold the largest section seen, never
+    /// more than `limits.max_block_bytes`.
+    ///
+    /// # Errors
+    /// [`FrameError`] says what is wrong and where; `state` is then exactly as before.
+    pub fn apply(
+        &mut self,
+        state: &mut State,
+        body: &FrameBody<'_>,
+        limits: &Limits,
+    ) -> Result<(), FrameError> {
+        let info = body.info();
+        check_follows(info, Profile::SURFACE, state.frame)?;
+        let computed = match info.kind {
+            FrameKind::Key => {
+                let mut next = self.keyframe(state, body.blocks(), limits)?;
+                next.hash = next.full_hash();
+                let computed = check_hash(next.hash, info)?;
+                *state = next;
+                computed
+            }
+            FrameKind::Delta if info.section(SectionTag::PATCH).is_some() => {
+                self.patch(state, info, body.blocks(), limits)?
+            }
+            FrameKind::Delta => self.delta(state, info, body.blocks(), limits)?,
+        };
+        state.hash = computed;
+        state.frame = Some(info.frame);
+        Ok(())
+    }
+
+    /// The state that a keyframe makes, with the geometry that the client was given.
+    pub(super) fn keyframe<'a>(
+        &mut self,
+        state: &State,
+        blocks: impl Iterator<Item = SectionBlock<'a>>,
+        limits: &Limits,
+    ) -> Result<State, FrameError> {
+        let mut next = empty(state);
+        let mut models = None;
+        for block in blocks {
+            if block.section.tag == SectionTag::CONTEXT {
+                (next.history, next.model) = self.read_context(state, &block, limits)?;
+            } else {
+                self.parcel(&mut next, &block, models.get_or_insert_with(FrameModels::new), limits)?;
+            }
+        }
+        Ok(next)
+    }
+
+    /// Changes `state` by a delta; gives the hash after it.
+    fn delta<'a>(
+        &mut self,
+        state: &mut State,
+        info: &FrameInfo,
+        mut blocks: impl Iterator<Item = SectionBlock<'a>> + Clone,
+        limits: &Limits,
+    ) -> Result<StateHash, FrameError> {
+        let parcels = blocks.clone().filter(|block| block.section.tag != SectionTag::CHANGES);
+        let mut next = None;
+        let mut models = None;
+        for block in parcels {
+            let next = next.get_or_insert_with(|| state.clone());
+            self.parcel(next, &block, models.get_or_insert_with(FrameModels::new), limits)?;
+        }
+        let mut hash = next.as_ref().map_or(state.hash, |next| arrived(state, next));
+        self.changes.clear();
+        let mut learned = false;
+        if let Some(block) = blocks.find(|block| block.section.tag == SectionTag::CHANGES) {
+            learned = self.read_changes(state, &block, limits)?;
+            let offset = block.offset;
+            check_changes(state, &self.changes).map_err(|problem| FrameError::Changes { offset, problem })?;
+            hash = state.hash_after(hash, &self.changes);
+        }
+        let computed = check_hash(hash, info)?;
+        state.commit(&self.changes);
+        if let (true, Some(model)) = (learned, &mut self.model) {
+            std::mem::swap(&mut state.model, model);
+        }
+        if let Some(next) = next {
+            for block in (0..next.present.len()).filter(|block| !state.present[*block]) {
+                let slots = next.slots(block);
+                state.values[slots.clone()].copy_from_slice(&next.values[slots]);
+            }
+            state.present = next.present;
+            state.geometry = next.geometry;
+            state.received = next.received;
+        }
+        Ok(computed)
+    }
+
+    /// Patches `state`; gives the hash after it.
+    fn patch<'a>(
+        &mut self,
+        state: &mut State,
+        info: &FrameInfo,
+        blocks: impl Iterator<Item = SectionBlock<'a>>,
+        limits: &Limits,
+    ) -> Result<StateHash, FrameError> {
+        let mut learned = None;
+        for block in blocks {
+            if block.section.tag == SectionTag::CONTEXT {
+                learned = Some(self.read_context(state, &block, limits)?);
+            } else {
+                self.read_patch(state, info, &block, limits)?;
+            }
+        }
+        let hash = self.patch.iter().fold(state.hash, |hash, (slot, byte)| {
+            let (old, new) = (value_words(state.values[slot]), value_words(byte));
+            hash.replace(Kind::Value, slot as u32, &old, &new)
+        });
+        let computed = check_hash(hash, info)?;
+        for (slot, byte) in self.patch.iter() {
+            state.values[slot] = byte;
+        }
+        (state.history, state.model) =
+            learned.unwrap_or_else(|| (History::new(state.present.len()), ChangeModel::new()));
+        Ok(computed)
+    }
+
+    /// Reads a PATCH section into `self.patch` and checks that it suits the state.
+    fn read_patch(
+        &mut self,
+        state: &State,
+        info: &FrameInfo,
+        block: &SectionBlock<'_>,
+        limits: &Limits,
+    ) -> Result<(), FrameError> {
+        let SectionInfo { records, coder, .. } = block.section;
+        let (offset, blocks) = (block.offset, state.layout.blocks());
+        let refuse = |problem| FrameError::Patch { offset, problem };
+        if coder != CoderId::RANGE {
+            self.decompress(block, limits)?;
+            self.patch.read_plain(&self.plain, blocks, records).map_err(refuse)?;
+            check_base(self.patch.back, state, info, offset)?;
+            return self.patch.marks.check(state).map_err(refuse);
+        }
+        let mut bits = RangeDecoder::new(block.bytes);
+        let mut model = PatchModel::new();
+        self.patch.back = model.back(&mut bits, 0);
+        check_base(self.patch.back, state, info, offset)?;
+        self.values.clone_from(&state.values);
+        let known = (&*state.layout, state.present.as_slice());
+        let (most, none) = (records as usize, Patch::default());
+        let pair = (&none, &mut self.patch);
+        model.code(&mut bits, known, &mut self.values, pair, most, RangeDecoder::is_exhausted);
+        check_end(bits, block)?;
+        let found = self.patch.bytes.len();
+        if found != most {
+            return Err(refuse(ChangeProblem::Count { expected: records, found }));
+        }
+        check_plain(self.patch.plain_bytes(blocks), block)
+    }
+
+    /// Reads a CONTEXT section for a client of `state`.
+    fn read_context(
+        &mut self,
+        state: &State,
+        block: &SectionBlock<'_>,
+        limits: &Limits,
+    ) -> Result<(History, ChangeModel), FrameError> {
+        check_single(block)?;
+        self.decompress(block, limits)?;
+        let mut learned = (History::new(state.present.len()), ChangeModel::new());
+        context::read(&self.plain, &mut learned.0, &mut learned.1)
+            .map_err(|problem| FrameError::Context { offset: block.offset, problem })?;
+        Ok(learned)
+    }
+
+    /// Reads a GEOMETRY or VALUES section into `next`.
+    fn parcel(
+        &mut self,
+        next: &mut State,
+        block: &SectionBlock<'_>,
+        models: &mut FrameModels,
+        limits: &Limits,
+    ) -> Result<(), FrameError> {
+        if block.section.tag == SectionTag::GEOMETRY {
+            self.read_geometry(next, block, models, limits)
+        } else {
+            self.read_values(next, block, models, limits)
+        }
+    }
+
+    fn read_geometry(
+        &mut self,
+        next: &mut State,
+        block: &SectionBlock<'_>,
+        models: &mut FrameModels,
+        limits: &Limits,
+    ) -> Result<(), FrameError> {
+        let layout = Arc::clone(&next.layout);
+        let refuse = |problem| FrameError::Geometry { offset: block.offset, problem };
+        let records = block.section.records;
+        let sets = if block.section.coder == CoderId::RANGE {
+            let mut bits = RangeDecoder::new(block.bytes);
+            let (model, numbers) = (&mut models.geometry, &mut models.sets);
+            let none = geometry::Sets::new();
+            let coded = geometry::code(
+                model,
+                numbers,
+                &mut bits,
+                &layout,
+                &none,
+                records,
+                RangeDecoder::is_exhausted,
+            );
+            let sets = coded.map_err(refuse)?;
+            check_end(bits, block)?;
+            check_plain(geometry::plain_bytes(&sets), block)?;
+            sets
+        } else {
+            self.decompress(block, limits)?;
+            geometry::read_plain(&self.plain, &layout, records).map_err(refuse)?
+        };
+        for (set, geometry) in sets {
+            let at = set as usize;
+            if std::mem::replace(&mut next.received[at], true) {
+                return Err(refuse(GeometryProblem::Set { set }));
+            }
+            next.geometry[at] = Some(geometry);
+        }
+        Ok(())
+    }
+
+    fn read_values(
+        &mut self,
+        next: &mut State,
+        block: &SectionBlock<'_>,
+        models: &mut FrameModels,
+        limits: &Limits,
+    ) -> Result<(), FrameError> {
+        let layout = Arc::clone(&next.layout);
+        let refuse = |problem| FrameError::Values { offset: block.offset, problem };
+        let SectionInfo { records, coder, .. } = block.section;
+        let mut found = Values::default();
+        if coder == CoderId::RANGE {
+            let mut bits = RangeDecoder::new(block.bytes);
+            let known = (next.values.as_mut_slice(), next.present.as_mut_slice());
+            let none = Values::default();
+            let pair = (&none, &mut found);
+            models
+                .values
+                .code(&mut bits, &layout, known, pair, records, RangeDecoder::is_exhausted)
+                .map_err(refuse)?;
+            check_end(bits, block)?;
+            return check_plain(found.plain_bytes(), block);
+        }
+        self.decompress(block, limits)?;
+        found.read_plain(&self.plain, &layout, &mut next.present, records).map_err(refuse)?;
+        found.scatter(&layout, &mut next.values);
+        Ok(())
+    }
+
+    /// Reads a CHANGES section; whether the model, of which `self.model` is then the next one, has learned from it.
+    fn read_changes(
+        &mut self,
+        state: &State,
+        block: &SectionBlock<'_>,
+        limits: &Limits,
+    ) -> Result<bool, FrameError> {
+        let SectionInfo { records, coder, .. } = block.section;
+        let (offset, blocks) = (block.offset, state.layout.blocks());
+        let refuse = |problem| FrameError::Changes { offset, problem };
+        if coder != CoderId::RANGE {
+            self.decompress(block, limits)?;
+            self.changes.read_plain(&self.plain, blocks, records).map_err(refuse)?;
+            return Ok(false);
+        }
+        let model = self.model.get_or_insert_with(ChangeModel::new);
+        model.clone_from(&state.model);
+        let mut bits = RangeDecoder::new(block.bytes);
+        let none = Changes::default();
+        model.code(
+            &mut bits,
+            state.known(),
+            &none,
+            &mut self.changes,
+            records as usize,
+            RangeDecoder::is_exhausted,
+        );
+        let found = self.changes.levels.len();
+        if found != records as usize {
+            return Err(refuse(ChangeProblem::Count { expected: records, found }));
+        }
+        check_end(bits, block)?;
+        check_plain(self.changes.plain_bytes(blocks), block)?;
+        Ok(true)
+    }
+
+    fn decompress(&mut self, block: &SectionBlock<'_>, limits: &Limits) -> Result<(), FrameError> {
+        let SectionInfo { tag, coder, raw_bytes, .. } = block.section;
+        self.decompressor
+            .decompress(block.bytes, coder, raw_bytes, limits.max_block_bytes, &mut self.plain)
+            .map_err(|source| FrameError::Block { offset: block.offset, section: tag, source })
+    }
+}
+
+/// The empty state of the same stream, with the geometry that did not come with frames.
+fn empty(state: &State) -> State {
+    let mut next = State::new(Arc::clone(&state.layout));
+    for (set, geometry) in state.geometry.iter().enumerate() {
+        if !state.received[set] {
+            next.geometry[set].clone_from(geometry);
+        }
+    }
+    next
+}
+
+/// Checks that a section whose content is one whole says so.
+fn check_single(block: &SectionBlock<'_>) -> Result<(), FrameError> {
+    let SectionInfo { tag, records, .. } = block.section;
+    if records == 1 {
+        return Ok(());
+    }
+    Err(FrameError::TooManyRecords { offset: block.offset, section: tag, records, places: 1 })
+}
+
+/// Checks that a patch that reaches so far back from its frame suits the state, which is of an earlier one.
+fn check_base(back: u32, state: &State, info: &FrameInfo, offset: usize) -> Result<(), FrameError> {
+    let last = state.frame.unwrap_or_default();
+    match info.frame.0.checked_sub(back) {
+        Some(base) if base <= last.0 => Ok(()),
+        _ => Err(FrameError::PatchBase { offset, back, last }),
+    }
+}
+
+fn check_hash(computed: StateHash, info: &FrameInfo) -> Result<StateHash, FrameError> {
+    if computed == info.hash {
+        Ok(computed)
+    } else {
+        Err(FrameError::Hash { offset: HASH_OFFSET, stored: info.hash, computed })
+    }
+}
+
+/// Checks that changes suit the state: blocks that are here, points that there are, levels that change something.
+fn check_changes(state: &State, changes: &Changes) -> Result<(), ChangeProblem> {
+    if changes.quantum == 0 {
+        return Err(ChangeProblem::Quantum);
+    }
+    changes.marks.check(state)?;
+    for (slot, level) in changes.iter() {
+        if level.unsigned_abs() > 255 || state.changed(slot, level, changes.quantum) == state.values[slot] {
+            return Err(ChangeProblem::Level { slot: slot as u32, level: level.into() });
+        }
+    }
+    Ok(())
+}
+
+fn check_end(bits: RangeDecoder<'_>, block: &SectionBlock<'_>) -> Result<(), FrameError> {
+    bits.finish().map_err(|misfit| {
+        let extra = match misfit {
+            Misfit::Short => None,
+            Misfit::Long { extra } => Some(extra),
+        };
+        FrameError::RangeLength { offset: block.offset, section: block.section.tag, extra }
+    })
+}
+
+fn check_plain(found: usize, block: &SectionBlock<'_>) -> Result<(), FrameError> {
+    let SectionInfo { tag, raw_bytes, .. } = block.section;
+    if found == raw_bytes as usize {
+        return Ok(());
+    }
+    Err(FrameError::PlainLength { offset: block.offset, section: tag, expected: raw_bytes, found })
+}

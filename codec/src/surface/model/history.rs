@@ -1,0 +1,168 @@
+//! What is remembered of every point beside its AO: how it changed in the frames before. The range coder predicts
+//! from it; the other coders keep it up all the same, so that a stream may change between them.
+
+use crate::memory;
+use crate::surface::BLOCK_POINTS;
+
+/// What happened to the points so far, each part by slot.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct History {
+    /// Frames since the point changed, not counting the one in which it did; [`NEVER`] is any longer time.
+    pub(crate) age: Vec<u8>,
+    /// Frames between its last change and the one before, counted likewise.
+    pub(crate) period: Vec<u8>,
+    /// By how many quanta it changed last, within -127 to 127; 0 if it never did.
+    pub(crate) last: Vec<i8>,
+    /// How lively it was when it last changed, see [`History::liveliness`].
+    pub(crate) lively: Vec<u8>,
+    /// Points that changed in the last frame, one bit each, by block: the points of age 0.
+    pub(crate) recent: Vec<u64>,
+    /// Those of them that became darker.
+    pub(crate) darker: Vec<u64>,
+    /// Blocks whose `recent` is not zero.
+    stirred: Vec<u32>,
+}
+
+/// An age or period of 255 frames or more, or none.
+pub(crate) const NEVER: u8 = 255;
+
+/// What is left of liveliness after so many frames without a change: (3/4)^n in 256ths, rounded.
+const FADE: [u16; 20] = [256, 192, 144, 108, 81, 61, 46, 34, 26, 19, 14, 11, 8, 6, 5, 3, 3, 2, 1, 1];
+
+impl History {
+    /// Nothing has happened to any point of so many blocks.
+    pub(crate) fn new(blocks: usize) -> History {
+        let slots = blocks * BLOCK_POINTS;
+        History {
+            recent: vec![0; blocks],
+            darker: vec![0; blocks],
+            stirred: Vec::new(),
+            age: vec![NEVER; slots],
+            period: vec![NEVER; slots],
+            last: vec![0; slots],
+            lively: vec![0; slots],
+        }
+    }
+
+    /// Bytes held.
+    pub(crate) fn held(&self) -> usize {
+        let History { age, period, last, lively, recent, darker, stirred } = self;
+        let bytes = memory::list(age) + memory::list(period) + memory::list(last) + memory::list(lively);
+        bytes + memory::list(recent) + memory::list(darker) + memory::list(stirred)
+    }
+
+    /// A history with these parts, each by slot and as long as whole blocks.
+    pub(crate) fn of(age: Vec<u8>, period: Vec<u8>, last: Vec<i8>, lively: Vec<u8>) -> History {
+        let blocks = age.len() / BLOCK_POINTS;
+        let (recent, darker) = (vec![0; blocks], vec![0; blocks]);
+        let mut history = History { age, period, last, lively, recent, darker, stirred: Vec::new() };
+        for slot in 0..history.age.len() {
+            if history.age[slot] == 0 {
+                history.mark_recent(slot);
+            }
+        }
+        history
+    }
+
+    fn clear_recent(&mut self) {
+        for block in self.stirred.drain(..) {
+            self.recent[block as usize] = 0;
+            self.darker[block as usize] = 0;
+        }
+    }
+
+    /// A mean of the sizes of the last changes, in 32nds of a quantum and at most 255, that fades by a quarter a frame.
+    #[inline]
+    pub(crate) fn liveliness(&self, slot: usize) -> u8 {
+        let fade = FADE.get(usize::from(self.age[slot])).copied().unwrap_or(0);
+        ((u32::from(self.lively[slot]) * u32::from(fade)) >> 8) as u8
+    }
+
+    /// The quanta by which a point changed in the last frame; 0 when it did not.
+    #[inline]
+    pub(crate) fn recent(&self, slot: usize) -> i8 {
+        if self.age[slot] == 0 { self.last[slot] } else { 0 }
+    }
+
+    /// A frame has passed; the changes in it are noted afterwards.
+    pub(crate) fn grow_older(&mut self) {
+        self.age.iter_mut().for_each(|age| *age = age.saturating_add(1));
+        self.clear_recent();
+    }
+
+    /// Notes that a point has changed by `level` quanta in the frame that has just passed.
+    #[inline]
+    pub(crate) fn note(&mut self, slot: usize, level: i16) {
+        let waited = self.age[slot].saturating_sub(1);
+        let before = if self.age[slot] == NEVER { NEVER } else { waited };
+        let fade = FADE.get(usize::from(before)).copied().unwrap_or(0);
+        let left = (u32::from(self.lively[slot]) * u32::from(fade)) >> 8;
+        let size = (u32::from(level.unsigned_abs()) * 32).min(255);
+        self.lively[slot] = ((3 * left + size + 2) / 4) as u8;
+        self.period[slot] = before;
+        self.age[slot] = 0;
+        self.last[slot] = level.clamp(-127, 127) as i8;
+        self.mark_recent(slot);
+    }
+
+    /// Notes a point of age 0 in the masks.
+    fn mark_recent(&mut self, slot: usize) {
+        let (block, bit) = (slot / BLOCK_POINTS, 1 << (slot % BLOCK_POINTS));
+        if self.recent[block] == 0 {
+            self.stirred.push(block as u32);
+        }
+        self.recent[block] |= bit;
+        if self.last[slot] < 0 {
+            self.darker[block] |= bit;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ages_count_the_frames_between_changes() {
+        let mut history = History::new(1);
+        assert_eq!((history.age[0], history.recent(0), history.liveliness(0)), (NEVER, 0, 0));
+        history.grow_older();
+        history.note(0, -3);
+        assert_eq!((history.age[0], history.period[0], history.recent(0)), (0, NEVER, -3));
+        assert_eq!((history.recent[0], history.darker[0]), (1, 1));
+        for _ in 0..5 {
+            history.grow_older();
+        }
+        assert_eq!((history.age[0], history.recent(0)), (5, 0));
+        assert_eq!((history.recent[0], history.darker[0]), (0, 0));
+        history.grow_older();
+        history.note(0, 300);
+        // Five frames lay between the two changes.
+        assert_eq!((history.age[0], history.period[0], history.recent(0)), (0, 5, 127));
+        assert_eq!(history.age[1], NEVER);
+        for _ in 0..400 {
+            history.grow_older();
+        }
+        assert_eq!(history.age[0], NEVER);
+        history.note(0, 1);
+        assert_eq!((history.age[0], history.period[0]), (0, NEVER));
+    }
+
+    #[test]
+    fn liveliness_grows_with_change_and_fades_without() {
+        let mut history = History::new(1);
+        let mut before = 0;
+        for _ in 0..6 {
+            history.grow_older();
+            history.note(0, 4);
+            assert!(history.liveliness(0) > before);
+            before = history.liveliness(0);
+        }
+        for _ in 0..20 {
+            history.grow_older();
+            assert!(history.liveliness(0) <= before);
+            before = history.liveliness(0);
+        }
+        assert_eq!(before, 0);
+    }
+}

@@ -1,0 +1,60 @@
+//! What frames of profile `surface` may hold.
+
+use crate::block::CoderId;
+use crate::envelope::{FrameKind, FrameRules, Packing, Profile, SectionTag};
+
+/// The rules of profile `surface`.
+pub(crate) struct Rules;
+
+impl FrameRules for Rules {
+    fn profile(&self) -> Profile {
+        Profile::SURFACE
+    }
+
+    fn has_packing(&self, packing: Packing) -> bool {
+        packing == Packing::LATTICE
+    }
+
+    fn sections(&self) -> &'static [SectionTag] {
+        &[
+            SectionTag::GEOMETRY,
+            SectionTag::VALUES,
+            SectionTag::CHANGES,
+            SectionTag::CONTEXT,
+            SectionTag::PATCH,
+        ]
+    }
+
+    fn may_use(&self, section: SectionTag, coder: CoderId) -> bool {
+        match coder {
+            CoderId::STORED | CoderId::LZ4 | CoderId::ZSTD => true,
+            CoderId::RANGE => section != SectionTag::CONTEXT,
+            _ => false,
+        }
+    }
+
+    /// Changes and patches suit deltas only.
+    fn may_be_in(&self, section: SectionTag, kind: FrameKind) -> bool {
+        kind == FrameKind::Delta || !matches!(section, SectionTag::CHANGES | SectionTag::PATCH)
+    }
+
+    /// Tags ascend; geometry and values alone may take turns.
+    fn is_order(&self, previous: SectionTag, next: SectionTag) -> bool {
+        let parcel = |tag| matches!(tag, SectionTag::GEOMETRY | SectionTag::VALUES);
+        previous < next || parcel(previous) && parcel(next)
+    }
+
+    /// A patch is all that its delta does; what was learned may go before it.
+    fn may_be_beside(&self, previous: SectionTag, next: SectionTag, kind: FrameKind) -> bool {
+        match next {
+            SectionTag::CONTEXT => kind == FrameKind::Key,
+            SectionTag::PATCH => previous == SectionTag::CONTEXT,
+            _ => true,
+        }
+    }
+
+    /// What was learned is in a delta only before a patch.
+    fn may_be_last(&self, section: SectionTag, kind: FrameKind) -> bool {
+        kind == FrameKind::Key || section != SectionTag::CONTEXT
+    }
+}

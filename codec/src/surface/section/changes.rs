@@ -1,0 +1,223 @@
+//! Which points a frame changes and by how much, and how that looks before compression.
+//!
+//! A change is a number of *quanta*: the client adds `level * quantum` to the AO byte that it holds and keeps the
+//! result within 0 to 255. The plain layout of a CHANGES section is
+//!
+//! | bytes | field |
+//! |---|---|
+//! | 1 | quantum, 1 to 255 |
+//! | (blocks + 7) / 8 | one bit a block of 64 points, lowest first: whether a point in it changes |
+//! | 8 for each such block | one bit a point, lowest first |
+//! | 1 or 2 for each such point | the level as a varint: 0, -1, 1, -2 .. as 0, 1, 2, 3 ..; never 0 |
+
+use super::marks::Marks;
+use crate::memory;
+use crate::wire::{Reader, WireError, WireErrorKind, write_varint};
+
+/// Changes of one frame, in the order of the points.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub(crate) struct Changes {
+    /// By how much one level changes a byte.
+    pub(crate) quantum: u8,
+    /// Which points change.
+    pub(crate) marks: Marks,
+    /// By how many quanta, point by point.
+    pub(crate) levels: Vec<i16>,
+}
+
+/// Largest level either way: with a quantum of 1, from one end of the range to the other.
+pub(crate) const MAX_LEVEL: i16 = 255;
+
+/// What is wrong with changes; an offset counts bytes of the plain layout.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum ChangeProblem {
+    /// It ends inside a field.
+    #[error("it ends inside {field}, which starts at its byte {offset}")]
+    Ends {
+        /// The field.
+        field: &'static str,
+        /// Where the field starts.
+        offset: usize,
+    },
+    /// Bytes are left over.
+    #[error("{extra} B are left over after its byte {offset}")]
+    Trailing {
+        /// Where they start.
+        offset: usize,
+        /// How many.
+        extra: usize,
+    },
+    /// A quantum of zero.
+    #[error("its quantum is 0")]
+    Quantum,
+    /// A block that the layout has not, or that has not come yet.
+    #[error("block {block} has not come yet, or is none of the stream's")]
+    Absent {
+        /// Number of the block.
+        block: u32,
+    },
+    /// A block that is named without a change in it, or with points that it has not.
+    #[error("block {block} names the points {mask:#018x}")]
+    Mask {
+        /// Number of the block.
+        block: u32,
+        /// Its points, one bit each.
+        mask: u64,
+    },
+    /// A level that is none, too large, or changes nothing because the byte is at its end already.
+    #[error("point {slot} cannot change by {level} quanta")]
+    Level {
+        /// Slot of the point: its block times 64 and its place there.
+        slot: u32,
+        /// The level.
+        level: i32,
+    },
+    /// A level outside -255 to 255.
+    #[error("the level at its byte {offset} is {found} when folded, at most 510 is possible")]
+    LevelRange {
+        /// Where it is.
+        offset: usize,
+        /// What is there: 0, -1, 1, -2 .. as 0, 1, 2, 3 ...
+        found: u32,
+    },
+    /// Another number of changed points than the section table says.
+    #[error("{found} points change, the section table says {expected}")]
+    Count {
+        /// By the section table.
+        expected: u32,
+        /// In the section.
+        found: usize,
+    },
+}
+
+impl Changes {
+    /// Bytes held.
+    pub(crate) fn held(&self) -> usize {
+        self.marks.held() + memory::list(&self.levels)
+    }
+
+    /// No changes, with buffers kept.
+    pub(crate) fn clear(&mut self) {
+        self.marks.clear();
+        self.levels.clear();
+    }
+
+    /// Adds a change; `slot` is above that of the one before.
+    pub(crate) fn push(&mut self, slot: usize, level: i16) {
+        self.marks.push(slot);
+        self.levels.push(level);
+    }
+
+    /// Every change with its slot.
+    #[inline]
+    pub(crate) fn iter(&self) -> impl Iterator<Item = (usize, i16)> + '_ {
+        self.marks.slots().zip(self.levels.iter().copied())
+    }
+
+    /// Bytes of the plain layout for a stream of `blocks` blocks.
+    pub(crate) fn plain_bytes(&self, blocks: usize) -> usize {
+        let long = self.levels.iter().filter(|level| fold(**level) > 127).count();
+        1 + self.marks.plain_bytes(blocks) + self.levels.len() + long
+    }
+
+    /// Appends the plain layout.
+    pub(crate) fn write_plain(&self, blocks: usize, out: &mut Vec<u8>) {
+        out.push(self.quantum);
+        self.marks.write_plain(blocks, out);
+        for level in &self.levels {
+            write_varint(out, fold(*level));
+        }
+    }
+
+    /// Reads the plain layout, `records` changes of a stream of `blocks` blocks. Says nothing about whether the changes
+    /// suit a state.
+    pub(crate) fn read_plain(
+        &mut self,
+        raw: &[u8],
+        blocks: usize,
+        records: u32,
+    ) -> Result<(), ChangeProblem> {
+        self.clear();
+        let mut reader = Reader::new(raw);
+        self.quantum = reader.take("the quantum", 1)?[0];
+        if self.quantum == 0 {
+            return Err(ChangeProblem::Quantum);
+        }
+        self.marks.read_plain(&mut reader, blocks, records)?;
+        for _ in 0..records {
+            self.levels.push(level(&mut reader)?);
+        }
+        Ok(reader.end()?)
+    }
+}
+
+impl From<WireError> for ChangeProblem {
+    fn from(WireError { field, offset, kind }: WireError) -> ChangeProblem {
+        match kind {
+            WireErrorKind::Ends { .. } | WireErrorKind::Varint(_) => ChangeProblem::Ends { field, offset },
+            WireErrorKind::Trailing { extra } => ChangeProblem::Trailing { offset, extra },
+        }
+    }
+}
+
+/// A signed level as a number: 0, -1, 1, -2 .. as 0, 1, 2, 3 ...
+fn fold(level: i16) -> u32 {
+    ((i32::from(level) << 1) ^ (i32::from(level) >> 31)) as u32
+}
+
+/// Reads the level that comes next.
+fn level(reader: &mut Reader<'_>) -> Result<i16, ChangeProblem> {
+    let (field, offset) = ("a level", reader.offset());
+    match reader.varint(field)? {
+        folded if folded <= fold(MAX_LEVEL) => Ok(((folded >> 1) as i32 ^ -((folded & 1) as i32)) as i16),
+        found => Err(ChangeProblem::LevelRange { offset, found }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn changes() -> impl Strategy<Value = Changes> {
+        let some = prop::collection::btree_map(0_usize..700, prop_oneof![-255_i16..0, 1_i16..256], 1..80);
+        (some, 1_u8..=255).prop_map(|(some, quantum)| {
+            let mut changes = Changes { quantum, ..Changes::default() };
+            some.into_iter().for_each(|(slot, level)| changes.push(slot, level));
+            changes
+        })
+    }
+
+    proptest! {
+        #[test]
+        fn plain_changes_survive_and_no_prefix_does(changes in changes()) {
+            let mut raw = Vec::new();
+            changes.write_plain(11, &mut raw);
+            prop_assert_eq!(raw.len(), changes.plain_bytes(11));
+            let records = changes.levels.len() as u32;
+            let mut found = Changes::default();
+            prop_assert_eq!(found.read_plain(&raw, 11, records), Ok(()));
+            prop_assert_eq!(&found, &changes);
+            prop_assert_eq!(found.iter().count(), changes.levels.len());
+            for end in 0..raw.len() {
+                prop_assert!(found.read_plain(&raw[..end], 11, records).is_err());
+            }
+            raw.push(0);
+            let trailing = matches!(found.read_plain(&raw, 11, records), Err(ChangeProblem::Trailing { .. }));
+            prop_assert!(trailing);
+            let count = matches!(found.read_plain(&raw, 11, records + 1), Err(ChangeProblem::Count { .. }));
+            prop_assert!(count);
+        }
+
+        #[test]
+        fn noise_is_read_or_refused(noise in prop::collection::vec(any::<u8>(), 0..100), records in 0_u32..50) {
+            let mut found = Changes::default();
+            if found.read_plain(&noise, 11, records).is_ok() {
+                prop_assert_eq!(found.levels.len(), records as usize);
+                prop_assert_eq!(found.plain_bytes(11), noise.len());
+            }
+        }
+    }
+}

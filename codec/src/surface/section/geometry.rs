@@ -1,0 +1,222 @@
+//! GEOMETRY sections: sets and their points.
+//!
+//! The plain layout is, set after set: u32 set; for x, y and z in turn, the differences of the points' coordinates from
+//! those of the point before (the first one's from 0) as 24-bit numbers that wrap, in three planes of bytes, low bytes
+//! first; the codes of the normals in two planes of bytes, low bytes first. How many points a set has is in the layout.
+
+use std::sync::Arc;
+
+use crate::range::{Bits, Number};
+use crate::surface::geometry::Geometry;
+use crate::surface::model::curve;
+use crate::surface::model::geometry::GeometryModel;
+use crate::surface::{Layout, SetLayout};
+use crate::wire::Reader;
+
+/// Sets and their points.
+pub(crate) type Sets = Vec<(u32, Arc<Geometry>)>;
+
+/// What is wrong with the points of a set.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum GeometryProblem {
+    /// It ends early.
+    #[error("it ends after {points} points of a set")]
+    Ends {
+        /// Points read.
+        points: usize,
+    },
+    /// A set that the layout has not, one without points, or one that came already.
+    #[error("set {set} is none of the stream's, has no points, or is here already")]
+    Set {
+        /// The set.
+        set: u32,
+    },
+    /// A coordinate beyond the lattice of the set.
+    #[error("a point at node {coord:?} is outside its lattice")]
+    Outside {
+        /// Its coordinates.
+        coord: [u32; 3],
+    },
+    /// The points are not in the order of the curve.
+    #[error("point {point} of a set is out of order")]
+    Order {
+        /// The point.
+        point: usize,
+    },
+    /// A normal's code has too many bits.
+    #[error("a normal has the code {axes:?}")]
+    Normal {
+        /// Along both axes.
+        axes: [i32; 2],
+    },
+    /// More points in a half than in the whole.
+    #[error("{share} more points than one are in half of a box of {count}")]
+    Share {
+        /// Points in the half, less one.
+        share: usize,
+        /// Points in the box.
+        count: usize,
+    },
+    /// Other points than those that the layout names.
+    #[error("set {set}: the digest of the points is not the stream's")]
+    Digest {
+        /// The set.
+        set: u32,
+    },
+    /// Another number of points than the section table says.
+    #[error("{found} points, the section table says {expected}")]
+    Count {
+        /// By the section table.
+        expected: u32,
+        /// In the section.
+        found: u64,
+    },
+}
+
+/// Bytes of a point in the plain layout.
+const POINT_BYTES: usize = 11;
+
+/// Bytes of the plain layout.
+pub(crate) fn plain_bytes(sets: &Sets) -> usize {
+    sets.iter().map(|(_, geometry)| 4 + POINT_BYTES * geometry.len()).sum()
+}
+
+/// Appends the plain layout.
+pub(crate) fn write_plain(sets: &Sets, out: &mut Vec<u8>) {
+    for (set, geometry) in sets {
+        out.extend_from_slice(&set.to_le_bytes());
+        for axis in 0..3 {
+            let before = std::iter::once(0).chain(geometry.coords.iter().map(|coord| coord[axis]));
+            let differences: Vec<u32> = geometry
+                .coords
+                .iter()
+                .zip(before)
+                .map(|(coord, before)| coord[axis].wrapping_sub(before))
+                .collect();
+            for plane in 0..3 {
+                out.extend(differences.iter().map(|difference| (difference >> (8 * plane)) as u8));
+            }
+        }
+        for plane in 0..2 {
+            out.extend(geometry.normals.iter().map(|normal| (normal >> (8 * plane)) as u8));
+        }
+    }
+}
+
+/// Checks sets as they come.
+struct Incoming<'a> {
+    layout: &'a Layout,
+    expected: u32,
+    points: u64,
+    /// By set, whether it was announced: one that came again and again would take memory without end.
+    announced: Vec<bool>,
+    sets: Sets,
+}
+
+impl<'a> Incoming<'a> {
+    fn new(layout: &'a Layout, expected: u32) -> Incoming<'a> {
+        let announced = vec![false; layout.sets().len()];
+        Incoming { layout, expected, points: 0, announced, sets: Sets::new() }
+    }
+
+    /// A set is about to come: its layout, counted.
+    fn announce(&mut self, set: u32) -> Result<&'a SetLayout, GeometryProblem> {
+        let layout = self.layout.sets().get(set as usize).filter(|layout| layout.points > 0);
+        let layout = layout.ok_or(GeometryProblem::Set { set })?;
+        if std::mem::replace(&mut self.announced[set as usize], true) {
+            return Err(GeometryProblem::Set { set });
+        }
+        self.points += u64::from(layout.points);
+        let (expected, found) = (self.expected, self.points);
+        if found > u64::from(expected) { Err(GeometryProblem::Count { expected, found }) } else { Ok(layout) }
+    }
+
+    fn add(&mut self, set: u32, geometry: Geometry) -> Result<(), GeometryProblem> {
+        if geometry.digest() != geometry.layout().digest {
+            return Err(GeometryProblem::Digest { set });
+        }
+        self.sets.push((set, Arc::new(geometry)));
+        Ok(())
+    }
+
+    fn end(self) -> Result<Sets, GeometryProblem> {
+        let (expected, found) = (self.expected, self.points);
+        if found == u64::from(expected) {
+            Ok(self.sets)
+        } else {
+            Err(GeometryProblem::Count { expected, found })
+        }
+    }
+}
+
+/// Reads the plain layout: sets with `records` points in all.
+pub(crate) fn read_plain(raw: &[u8], layout: &Layout, records: u32) -> Result<Sets, GeometryProblem> {
+    let mut incoming = Incoming::new(layout, records);
+    let mut reader = Reader::new(raw);
+    while reader.remaining() > 0 {
+        let set = reader.u32("the set").map_err(|_| GeometryProblem::Ends { points: 0 })?;
+        let set_layout = incoming.announce(set)?;
+        let count = set_layout.points as usize;
+        let left = reader.remaining();
+        let ends = |_| GeometryProblem::Ends { points: left / POINT_BYTES };
+        let planes = reader.take("the points", POINT_BYTES * count).map_err(ends)?;
+        incoming.add(set, read_set(planes, set_layout, count)?)?;
+    }
+    incoming.end()
+}
+
+fn read_set(planes: &[u8], layout: &SetLayout, count: usize) -> Result<Geometry, GeometryProblem> {
+    let byte = |plane: usize, point: usize| u32::from(planes[plane * count + point]);
+    let mut coord = [0_u32; 3];
+    let mut points = Vec::with_capacity(count);
+    let mut before = (0, 0);
+    for point in 0..count {
+        for (axis, coord) in coord.iter_mut().enumerate() {
+            let difference = (0..3).fold(0, |sum, plane| sum | byte(3 * axis + plane, point) << (8 * plane));
+            *coord = coord.wrapping_add(difference) & 0xFF_FFFF;
+        }
+        if (0..3).any(|axis| coord[axis] > layout.extent[axis]) {
+            return Err(GeometryProblem::Outside { coord });
+        }
+        let normal = (byte(9, point) | byte(10, point) << 8) as u16;
+        if u32::from(normal) >> (2 * layout.normal_bits) != 0 {
+            return Err(GeometryProblem::Normal { axes: [normal.into(), 0] });
+        }
+        let key = (curve::place(coord), normal);
+        if key < before {
+            return Err(GeometryProblem::Order { point });
+        }
+        before = key;
+        points.push((coord, normal));
+    }
+    Ok(Geometry::sorted(*layout, &points))
+}
+
+/// Codes sets with `records` points in all. A writer gives them in `wanted`.
+pub(crate) fn code<B: Bits>(
+    model: &mut GeometryModel,
+    numbers: &mut Number,
+    bits: &mut B,
+    layout: &Layout,
+    wanted: &Sets,
+    records: u32,
+    stop: impl Fn(&B) -> bool,
+) -> Result<Sets, GeometryProblem> {
+    let mut incoming = Incoming::new(layout, records);
+    let count = numbers.code(bits, wanted.len() as u32);
+    let mut next = 0_u32;
+    for at in 0..count as usize {
+        let given = wanted.get(at);
+        let gap = given.map_or(0, |(set, _)| set.wrapping_sub(next) as i32);
+        let set = next.wrapping_add_signed(numbers.code_signed(bits, gap));
+        let set_layout = incoming.announce(set)?;
+        let geometry = model.code(bits, set_layout, given.map(|(_, geometry)| &**geometry), &stop)?;
+        incoming.add(set, geometry)?;
+        next = set.wrapping_add(1);
+        if stop(bits) {
+            return Err(GeometryProblem::Ends { points: 0 });
+        }
+    }
+    incoming.end()
+}

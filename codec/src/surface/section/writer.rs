@@ -1,0 +1,203 @@
+//! Writes sections: plain layouts through a block coder, or through the range coder and its models.
+
+use super::changes::Changes;
+use super::geometry::{self, Sets};
+use super::patch::Patch;
+use super::values::Values;
+use crate::block::{BlockCoder, BlockError, CoderId, Compressor};
+use crate::envelope::{EncodeError, SectionInfo, SectionTag};
+use crate::memory;
+use crate::range::{Number, RangeEncoder};
+use crate::surface::model::change::{ChangeModel, Known};
+use crate::surface::model::context;
+use crate::surface::model::geometry::GeometryModel;
+use crate::surface::model::history::History;
+use crate::surface::model::patch::PatchModel;
+use crate::surface::model::value::ValueModel;
+use crate::surface::{Layout, State};
+
+/// The blocks of one frame, and the section table that goes before them.
+#[derive(Debug, Default)]
+pub(crate) struct SectionWriter {
+    pub(crate) sections: Vec<SectionInfo>,
+    pub(crate) blocks: Vec<u8>,
+    compressor: Compressor,
+    plain: Vec<u8>,
+    found: Changes,
+}
+
+/// Models that live as long as a frame.
+pub(crate) struct FrameModels {
+    pub(crate) geometry: GeometryModel,
+    pub(crate) sets: Number,
+    pub(crate) values: ValueModel,
+}
+
+impl FrameModels {
+    pub(crate) fn new() -> FrameModels {
+        FrameModels { geometry: GeometryModel::new(), sets: Number::new(), values: ValueModel::new() }
+    }
+}
+
+impl SectionWriter {
+    /// Bytes held.
+    pub(crate) fn held(&self) -> usize {
+        let SectionWriter { sections, blocks, compressor, plain, found } = self;
+        memory::list(sections) + memory::list(blocks) + compressor.held() + memory::list(plain) + found.held()
+    }
+
+    /// Ready for the next frame.
+    pub(crate) fn clear(&mut self) {
+        self.sections.clear();
+        self.blocks.clear();
+    }
+
+    /// Ends a section whose block starts at `start`.
+    fn section(&mut self, tag: SectionTag, coder: CoderId, records: usize, raw_bytes: usize, start: usize) {
+        let wire_bytes = (self.blocks.len() - start) as u32;
+        let (records, raw_bytes) = (records as u32, raw_bytes as u32);
+        self.sections.push(SectionInfo { tag, coder, records, raw_bytes, wire_bytes });
+    }
+
+    /// Compresses what is in `plain`.
+    fn block(&mut self, tag: SectionTag, coder: BlockCoder, records: usize) -> Result<(), EncodeError> {
+        let start = self.blocks.len();
+        let id = self
+            .compressor
+            .compress(&self.plain, coder, &mut self.blocks)
+            .map_err(|source: BlockError| EncodeError::Block { section: tag, source })?;
+        self.section(tag, id, records, self.plain.len(), start);
+        Ok(())
+    }
+
+    pub(crate) fn geometry(
+        &mut self,
+        layout: &Layout,
+        sets: &Sets,
+        models: &mut FrameModels,
+        coder: BlockCoder,
+    ) -> Result<(), EncodeError> {
+        let points = sets.iter().map(|(_, geometry)| geometry.len()).sum();
+        if points == 0 {
+            return Ok(());
+        }
+        if coder == BlockCoder::Range {
+            let start = self.blocks.len();
+            let mut bits = RangeEncoder::new(&mut self.blocks);
+            let records = points as u32;
+            let coded = geometry::code(
+                &mut models.geometry,
+                &mut models.sets,
+                &mut bits,
+                layout,
+                sets,
+                records,
+                |_| false,
+            );
+            bits.finish();
+            debug_assert!(coded.is_ok(), "{coded:?}");
+            self.section(SectionTag::GEOMETRY, CoderId::RANGE, points, geometry::plain_bytes(sets), start);
+            return Ok(());
+        }
+        self.plain.clear();
+        geometry::write_plain(sets, &mut self.plain);
+        self.block(SectionTag::GEOMETRY, coder, points)
+    }
+
+    /// Writes values. `bytes` and `present` are what clients have by then, and are brought up to date.
+    pub(crate) fn values(
+        &mut self,
+        layout: &Layout,
+        (bytes, present): (&mut [u8], &mut [bool]),
+        values: &Values,
+        models: &mut FrameModels,
+        coder: BlockCoder,
+    ) -> Result<(), EncodeError> {
+        let points = values.bytes.len();
+        if coder == BlockCoder::Range {
+            let start = self.blocks.len();
+            let mut bits = RangeEncoder::new(&mut self.blocks);
+            let mut found = Values::default();
+            let pair = (values, &mut found);
+            let coded =
+                models.values.code(&mut bits, layout, (bytes, present), pair, points as u32, |_| false);
+            bits.finish();
+            debug_assert!(coded.is_ok(), "{coded:?}");
+            self.section(SectionTag::VALUES, CoderId::RANGE, points, values.plain_bytes(), start);
+            return Ok(());
+        }
+        self.plain.clear();
+        values.write_plain(&mut self.plain);
+        values.scatter(layout, bytes);
+        values.blocks().for_each(|block| present[block] = true);
+        self.block(SectionTag::VALUES, coder, points)
+    }
+
+    /// Writes changes of what is `known`, from which `model` learns. The range coder stops where they take more than `most`
+    /// bytes; then there is no section, and the answer is how many came before that.
+    pub(crate) fn changes(
+        &mut self,
+        known: Known<'_>,
+        model: &mut ChangeModel,
+        changes: &Changes,
+        coder: BlockCoder,
+        most: usize,
+    ) -> Result<Option<usize>, EncodeError> {
+        let (points, blocks) = (changes.levels.len(), known.layout.blocks());
+        if coder == BlockCoder::Range {
+            let start = self.blocks.len();
+            let most = start.saturating_add(most);
+            let mut bits = RangeEncoder::new(&mut self.blocks);
+            model.code(&mut bits, known, changes, &mut self.found, points, |bits| bits.len() > most);
+            bits.finish();
+            if self.blocks.len() > most {
+                self.blocks.truncate(start);
+                return Ok(Some(self.found.levels.len()));
+            }
+            debug_assert_eq!(&self.found, changes);
+            self.section(SectionTag::CHANGES, CoderId::RANGE, points, changes.plain_bytes(blocks), start);
+            return Ok(None);
+        }
+        self.plain.clear();
+        changes.write_plain(blocks, &mut self.plain);
+        self.block(SectionTag::CHANGES, coder, points)?;
+        Ok(None)
+    }
+
+    /// Writes a patch that leads to `state`.
+    pub(crate) fn patch(
+        &mut self,
+        state: &State,
+        patch: &Patch,
+        coder: BlockCoder,
+    ) -> Result<(), EncodeError> {
+        let (points, blocks) = (patch.bytes.len(), state.layout.blocks());
+        if coder == BlockCoder::Range {
+            let start = self.blocks.len();
+            let mut bits = RangeEncoder::new(&mut self.blocks);
+            let mut model = PatchModel::new();
+            let mut found = Patch { back: model.back(&mut bits, patch.back), ..Patch::default() };
+            let known = (&*state.layout, state.present.as_slice());
+            let mut values = state.values.clone();
+            model.code(&mut bits, known, &mut values, (patch, &mut found), points, |_| false);
+            bits.finish();
+            debug_assert_eq!(&found, patch);
+            self.section(SectionTag::PATCH, CoderId::RANGE, points, patch.plain_bytes(blocks), start);
+            return Ok(());
+        }
+        self.plain.clear();
+        patch.write_plain(blocks, &mut self.plain);
+        self.block(SectionTag::PATCH, coder, points)
+    }
+
+    /// Writes what was learned, if anything was. It is no data of points, so the range coder has no model for it.
+    pub(crate) fn context(&mut self, state: &State, coder: BlockCoder) -> Result<(), EncodeError> {
+        if state.history == History::new(state.layout.blocks()) && state.model == ChangeModel::new() {
+            return Ok(());
+        }
+        self.plain.clear();
+        context::write(&state.history, &state.model, &mut self.plain);
+        let coder = if coder == BlockCoder::Range { BlockCoder::default() } else { coder };
+        self.block(SectionTag::CONTEXT, coder, 1)
+    }
+}

@@ -267,7 +267,7 @@ impl Fanout {
             Demand::Update { base } | Demand::Patch { base } => (base, true),
             Demand::Datagrams { base } => (base, false),
         };
-        let bytes = patch(state, ledger, base, meta(FrameKind::Delta), self.coder, context)?;
+        let bytes = patch(state, log, base, meta(FrameKind::Delta), self.coder, context)?;
         let made = bytes.map(|bytes| shared(FrameKind::Delta, bytes));
         let old = self.join_keyframe.as_ref().filter(|joining| joining.frame == base);
         if let (Some(made), Some(joining)) = (&made, old)

@@ -7,11 +7,11 @@ use psao_proto::message::CameraPose;
 
 use super::ServerError;
 use super::field::Chunk;
-use super::nearness::Nearness;
+use super::screen_area::ScreenArea;
 use super::tracing::Tracing;
-use crate::bvh::Stir;
 use crate::scene::InstanceId;
 use crate::visibility::Overlap;
+use crate::world::InstanceChange;
 
 /// What the encoder of a stream asks for.
 #[derive(Debug, Clone, Copy)]
@@ -60,7 +60,8 @@ impl Gathered {
             gathered.poses = poses(tracing, first);
             order.into_iter().for_each(|chunk| gathered.place(tracing, &chunks[chunk]));
         } else {
-            let seen = |chunk: usize| tracing.field.visible(&chunks[chunk]).map(|(_, point, ao)| (point, ao));
+            let seen =
+                |chunk: usize| tracing.field.visible(&chunks[chunk]).map(|(_, point, ao)| (point.0, ao));
             gathered.points = order.into_iter().flat_map(seen).collect();
         }
         gathered
@@ -71,10 +72,10 @@ impl Gathered {
     fn place(&mut self, tracing: &Tracing, chunk: &Chunk) {
         let (numbers, local) =
             (tracing.numbers(chunk.instance), tracing.field.placed().local(chunk.instance));
-        let first = tracing.points.firsts()[chunk.instance];
+        let first = tracing.points.offsets()[chunk.instance];
         for (place, _, ao) in tracing.field.visible(chunk) {
-            let at = &local[place];
-            self.points.push((first + numbers[place], ao));
+            let at = &local[place.index()];
+            self.points.push((first + numbers[place.index()], ao));
             self.places.push((at.position.to_array(), at.normal.to_array()));
         }
     }
@@ -98,7 +99,7 @@ impl Gathered {
 
 /// Poses of the instances that moved, in the first frame of all.
 fn poses(tracing: &Tracing, first: bool) -> Vec<(u32, Pose)> {
-    let moved = |instance: usize| first || tracing.world.stirs()[instance] != Stir::Still;
+    let moved = |instance: usize| first || tracing.world.changes()[instance] != InstanceChange::Unchanged;
     let instances = tracing.pose.instances().iter().enumerate().filter(|(instance, _)| moved(*instance));
     let pose = |(instance, at): (usize, &crate::scene::InstancePose)| {
         let (translation, rotation) = (at.frame().translation.to_array(), at.frame().rotation.to_array());
@@ -120,7 +121,7 @@ pub(super) fn blocks_in_view(tracing: &Tracing, cameras: &[CameraPose]) -> Vec<(
 
 /// Weight of every block: how large its points are on the screen.
 fn weights(tracing: &Tracing, cameras: &[CameraPose]) -> Vec<(u32, usize, u16)> {
-    let near = Nearness::new(cameras);
+    let near = ScreenArea::new(cameras);
     let mut weights = Vec::new();
     for Chunk { instance, points, .. } in tracing.field.chunks() {
         let at = tracing.world.placement(InstanceId(*instance as u32));

@@ -6,9 +6,9 @@ use psao_codec::envelope::{FrameIndex, StreamTime};
 use psao_proto::message::{CameraPose, Edit};
 
 use super::gathered::{Gathered, Needs};
-use super::stats::Lap;
+use super::stats::{Lap, TraceTotals};
 use super::stream::{Frame, Stream};
-use super::tracing::{TraceTotals, Tracing};
+use super::tracing::Tracing;
 use super::{FrameStats, RayBudget, Server, ServerError, SettingsError, StageMicros, StepOutput};
 use crate::clock::Clock;
 use crate::scene::EditError;

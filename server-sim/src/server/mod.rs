@@ -47,6 +47,7 @@ use crate::ao::Tracer;
 use crate::clock::Clock;
 use crate::points::{PointCache, ScenePoints, generate_cached, order_at_rest};
 use crate::scene::{EditError, Edits, Scene};
+use crate::world::SceneBvh;
 use stats::Lap;
 use stream::{Frame, Stream};
 use tracing::Tracing;

@@ -9,8 +9,8 @@ use psao_codec::{Encoder, Layout, memory, paper};
 use psao_proto::message::CameraPose;
 
 use super::gathered::{Gathered, Needs, blocks_in_view};
-use super::stats::Lap;
-use super::tracing::{TraceTotals, Tracing};
+use super::stats::{Lap, TraceTotals};
+use super::tracing::Tracing;
 use super::{FrameStats, ServerError, ServerSettings, StageMicros, StepOutput};
 use crate::scene::Motion;
 
@@ -74,7 +74,7 @@ impl Stream {
         let encoder = match layout {
             Layout::Paper(layout) => {
                 let counts: Vec<u32> =
-                    tracing.points.firsts().windows(2).map(|pair| pair[1] - pair[0]).collect();
+                    tracing.points.offsets().windows(2).map(|pair| pair[1] - pair[0]).collect();
                 let instances = tracing.scene.instances().iter();
                 let deforms: Vec<bool> =
                     instances.map(|instance| instance.motion() == Motion::Deforming).collect();
@@ -95,7 +95,7 @@ impl Stream {
     }
 
     /// Bytes held.
-    pub(super) fn held(&self) -> usize {
+    pub(super) fn heap_bytes(&self) -> usize {
         self.encoder.heap_bytes() + memory::list(&self.cameras)
     }
 
@@ -118,7 +118,7 @@ impl Stream {
         gathered: Gathered,
         first: bool,
         frame: Frame<'_>,
-        traced: (Traces, StageMicros),
+        traced: (TraceTotals, StageMicros),
         lap: &mut Lap<'_>,
     ) -> Result<StepOutput, ServerError> {
         let changed = gathered.give(&mut self.encoder)?;

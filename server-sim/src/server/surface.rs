@@ -8,7 +8,6 @@ use psao_proto::{Limits, SceneEntries, SceneTable};
 
 use super::grids::info;
 use super::{ServerError, ServerSettings};
-use crate::points::ScenePoints;
 use crate::scene::Scene;
 
 /// The scene table of a stream whose points are in the order of `geometry`, one for every set.

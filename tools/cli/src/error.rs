@@ -4,6 +4,7 @@ use std::fmt;
 use std::path::Path;
 
 use psao_eval::reference::ReferenceError;
+use psao_proto::recording::file::FileError;
 use psao_server::points::PointError;
 use psao_server::server::SettingsError;
 

@@ -4,9 +4,6 @@ use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use psao_client::picture::Picture;
-use psao_client::reconstruct::{self, Reconstruction};
-use psao_client::{AoImage, GBuffer, Size, Statistics, cast_view};
 use psao_codec::State;
 use psao_codec::surface::Geometry;
 use psao_eval::adapter::SceneView;

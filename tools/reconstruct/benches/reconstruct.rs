@@ -10,8 +10,6 @@ use std::sync::Arc;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use glam::Vec3;
-use psao_client::reconstruct::{self, SurfaceIndex, SurfaceReconstructor};
-use psao_client::{AtRest, GBuffer, Reconstruction, Size, Surface, Surfaces, cast_view};
 use psao_codec::block::BlockCoder;
 use psao_codec::envelope::{FrameIndex, FrameKind, FrameMeta, StreamTime};
 use psao_codec::paper::{

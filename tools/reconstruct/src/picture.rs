@@ -10,9 +10,10 @@
 //! use psao_reconstruct::{Size, Surface, Surfaces, cast_view, reconstruct};
 //! use psao_codec::Limits;
 //! use psao_codec::block::BlockCoder;
-//! use psao_codec::cells::{Grid, InstanceLayout, Layout, PaperEncoder, PointSample};
-//! use psao_codec::frame::{FrameIndex, FrameKind, FrameMeta, State, StreamTime, apply};
-//! use psao_codec::point::PointFormat;
+//! use psao_codec::paper::{self, Grid, InstanceLayout, Layout, PointSample};
+//! use psao_codec::envelope::{FrameIndex, FrameKind, FrameMeta, StreamTime};
+//! use psao_codec::paper::{State, apply};
+//! use psao_codec::paper::PointFormat;
 //! use psao_proto::message::CameraPose;
 //!
 //! // The scene, which client and server share: a floor at y = 0, four metres square.
@@ -31,7 +32,7 @@
 //! let grid = Grid::new([-2.0, -0.5, -2.0], 1.0, [4, 1, 4])?;
 //! let instance = InstanceLayout { grid, first_bucket: 0, bucket_count: 4, kernel_radius: 0.5 };
 //! let layout = Arc::new(Layout::new(PointFormat::Bits32, vec![instance], 16, &Limits::default())?);
-//! let mut encoder = PaperEncoder::new(layout.clone(), &[64])?;
+//! let mut encoder = paper::Encoder::new(layout.clone(), &[64])?;
 //! for id in 0..64_u8 {
 //!     let [x, z] = [id % 8, id / 8].map(|step| (f32::from(step) + 0.5) * 0.5 - 2.0);
 //!     let ao = if x < 0.0 { 51 } else { 255 };

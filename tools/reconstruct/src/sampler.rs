@@ -1,8 +1,8 @@
 //! Ambient occlusion at any place of a surface.
 
 use glam::Vec3;
-use psao_codec::frame;
-use psao_codec::stream::StateRef;
+use psao_codec::StateRef;
+use psao_codec::paper;
 use psao_codec::surface;
 
 use crate::paper::{InstanceCells, Neighbours};
@@ -97,7 +97,7 @@ impl AoSampler {
     pub fn prepare<'a>(&mut self, state: impl Into<StateRef<'a>>) {
         match state.into() {
             StateRef::Surface(state) => self.indices.prepare(state, |_| true),
-            StateRef::Cells(_) => self.indices = SetIndices::default(),
+            StateRef::Paper(_) => self.indices = SetIndices::default(),
         }
     }
 
@@ -120,7 +120,7 @@ impl AoSampler {
                 let index = self.indices.of(state, instance)?;
                 index.blend_one(&arrived_ao(state), instance, &index.query(position, normal)).mean()
             }
-            StateRef::Cells(state) => {
+            StateRef::Paper(state) => {
                 let cells = InstanceCells::of(state, instance)?;
                 cells.blend_one(state, &cells.query(position, normal)).mean()
             }
@@ -151,7 +151,7 @@ impl AoSampler {
         let queries = Queries { positions, normals };
         match state.into() {
             StateRef::Surface(state) => self.many_at_rest(state, instance, &queries, out),
-            StateRef::Cells(state) => many_in_cells(state, instance, &queries, out),
+            StateRef::Paper(state) => many_in_cells(state, instance, &queries, out),
         }
     }
 
@@ -186,7 +186,7 @@ impl AoSampler {
 }
 
 fn many_in_cells(
-    state: &frame::State,
+    state: &paper::State,
     instance: u32,
     queries: &Queries<'_>,
     out: &mut [Option<f32>],

@@ -6,9 +6,10 @@ use glam::{DVec3, Vec3};
 use proptest::prelude::*;
 use psao_codec::Limits;
 use psao_codec::block::BlockCoder;
-use psao_codec::cells::{Grid, InstanceLayout, Layout, PaperEncoder, PointSample};
-use psao_codec::frame::{FrameIndex, FrameKind, FrameMeta, Pose, State, StreamTime, apply};
-use psao_codec::point::PointFormat;
+use psao_codec::envelope::{FrameIndex, FrameKind, FrameMeta, StreamTime};
+use psao_codec::paper::PointFormat;
+use psao_codec::paper::{self, Grid, InstanceLayout, Layout, PointSample};
+use psao_codec::paper::{Pose, State, apply};
 use psao_codec::surface::{self, Geometry, GeometryDigest, Member, RestPoint, Rounded, SetLayout};
 
 /// An instance for [`state`].
@@ -39,7 +40,7 @@ pub(crate) fn state_of(format: PointFormat, instances: &[TestInstance]) -> State
     });
     let layout = Arc::new(Layout::new(format, layouts.collect(), 4_096, &Limits::default()).unwrap());
     let counts: Vec<u32> = instances.iter().map(|i| u32::try_from(i.points.len()).unwrap()).collect();
-    let mut encoder = PaperEncoder::new(layout.clone(), &counts).unwrap();
+    let mut encoder = paper::Encoder::new(layout.clone(), &counts).unwrap();
     let mut id = 0;
     for (number, instance) in (0_u32..).zip(instances) {
         encoder.set_pose(number, instance.pose).unwrap();

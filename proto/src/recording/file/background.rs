@@ -155,7 +155,7 @@ mod tests {
     use std::path::Path;
     use std::sync::mpsc;
 
-    use psao_codec::frame::{EncodedFrame, FrameKind};
+    use psao_codec::envelope::{EncodedFrame, FrameKind};
 
     use super::*;
     use crate::message::{Close, CloseCode};

@@ -9,7 +9,7 @@
 //! record, once the disk takes bytes again; the failure is reported at the end.
 //!
 //! ```
-//! use psao_codec::frame::FrameKind;
+//! use psao_codec::envelope::{FrameKind};
 //! use psao_proto::recording::file::{Recorder, RecorderOptions};
 //! use psao_proto::sample::SampleServer;
 //!

@@ -5,7 +5,7 @@ use std::io::ErrorKind;
 use std::path::Path;
 use std::time::Instant;
 
-use psao_codec::frame::FrameKind;
+use psao_codec::envelope::FrameKind;
 
 use super::background::Background;
 use super::disk::{Disk, RecordingFile};

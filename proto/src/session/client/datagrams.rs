@@ -24,7 +24,7 @@ impl ClientSession {
                 self.timers.heard();
                 let wire_bytes = body.len() as u64;
                 let body = FrameBody::parse(body, &self.limits.codec);
-                let patched = body.map_err(Unusable::from).and_then(|body| {
+                let patched = body.map_err(FollowError::from).and_then(|body| {
                     let place = follower.patch(&body, &self.limits)?;
                     Ok((body.into_info(), place))
                 });

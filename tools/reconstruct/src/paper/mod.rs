@@ -3,7 +3,7 @@
 mod neighbours;
 
 use glam::Vec3;
-use psao_codec::frame::State;
+use psao_codec::paper::State;
 
 pub(crate) use self::neighbours::{InstanceCells, Neighbours};
 use crate::kernel::{Blend, PointwiseBlend, Query};

@@ -1,8 +1,8 @@
 //! The points around a place: the 2 x 2 x 2 cells nearest to it, unpacked (paper, section 3.5).
 
 use glam::Vec3;
-use psao_codec::cells::{Grid, POINTS_PER_CELL};
-use psao_codec::frame::State;
+use psao_codec::paper::State;
+use psao_codec::paper::{Grid, POINTS_PER_CELL};
 
 use crate::kernel::{Group, LANES};
 

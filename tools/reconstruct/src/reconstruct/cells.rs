@@ -1,7 +1,7 @@
 //! Ambient occlusion of every fragment from cells of points (paper, section 3.5, Eq. 2 to 4).
 
 use glam::{Mat3, Quat, Vec3};
-use psao_codec::frame::{Pose, State};
+use psao_codec::paper::{Pose, State};
 
 use super::outcome::{ReconstructError, Reconstruction};
 use super::walk::{check_instances, walk};

@@ -2,8 +2,8 @@ use std::sync::Arc;
 
 use glam::DVec3;
 use proptest::prelude::*;
-use psao_codec::cells::{Grid, PointSample};
-use psao_codec::frame::Pose;
+use psao_codec::paper::Pose;
+use psao_codec::paper::{Grid, PointSample};
 
 use super::*;
 use crate::testing::{Margins, TestInstance, points, reference, state, surface_state, unit};

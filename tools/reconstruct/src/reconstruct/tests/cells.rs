@@ -2,9 +2,9 @@
 
 use glam::{Quat, Vec3};
 use proptest::prelude::*;
-use psao_codec::cells::{Grid, PointSample};
-use psao_codec::frame::{Pose, State};
-use psao_codec::point::PointFormat;
+use psao_codec::paper::PointFormat;
+use psao_codec::paper::{Grid, PointSample};
+use psao_codec::paper::{Pose, State};
 
 use super::{Bounds, check, on_one_thread, row};
 use crate::reconstruct::cells::ToLocal;

@@ -13,7 +13,7 @@ fn surface_layout() -> Layout {
 }
 
 #[test]
-fn a_paper_stream_is_followed_as_by_the_paper_applier() {
+fn a_paper_stream_is_followed_as_by_the_paper_decoder() {
     let story = story(BlockCoder::default());
     let mut state = State::new(&Layout::Paper(Arc::clone(story.empty.layout())));
     let mut decoder = Decoder::new();

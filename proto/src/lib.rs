@@ -12,7 +12,7 @@
 //! | [`Fanout`] | one stream for many sessions: shared updates, patches for whoever fell behind |
 //! | [`recording`] | a file of the same frames: writer, reader, index, player |
 //! | `net` | TCP around the sessions, behind the feature `tokio` |
-//! | [`sample`], [`fuzzing`] | a tiny stream to try things with; bodies of the fuzz targets |
+//! | [`sample`] | a tiny stream to try things with |
 //!
 //! Outside `net` nothing here does I/O, reads a clock or draws a random number: bytes and a time go in, events and bytes
 //! come out. The protocol is written down in `docs/spec/protocol.md`, the file format in `docs/spec/recording.md`.
@@ -104,6 +104,8 @@
 mod fanout;
 mod follow;
 mod framer;
+#[cfg(any(test, feature = "testing"))]
+#[doc(hidden)]
 pub mod fuzzing;
 mod limits;
 pub mod message;

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::*;
 use crate::block::BlockCoder;
 use crate::envelope::{FrameError, FrameKind, Profile};
-use crate::testing::{layout, meta, story};
+use crate::testing::{layout, meta, sample, story};
 
 fn surface_layout() -> Layout {
     let layout = surface::Layout::new(Vec::new(), Vec::new(), &Limits::default()).unwrap();
@@ -81,10 +81,10 @@ fn the_encoder_resends_by_the_threshold() {
     let mut plain = made();
     let mut encoder = Encoder::Paper(Box::new(made().with_threshold(8, &[false, true])));
     assert!(encoder.needs_places() && !encoder.needs_weights());
-    let at = |x: f32, ao| crate::testing::sample([x, 0.1, 0.1], ao);
+    let at = |x: f32, ao| sample([x, 0.1, 0.1], ao);
     // The order of the calls is not that of the ids.
-    for (point, sample) in [(3, at(0.9, 10)), (0, at(0.1, 100)), (2, at(0.6, 50))] {
-        assert_eq!(encoder.set_point(point, &sample), Ok(true));
+    for (point, now) in [(3, at(0.9, 10)), (0, at(0.1, 100)), (2, at(0.6, 50))] {
+        assert_eq!(encoder.set_point(point, &now), Ok(true));
     }
     for (point, sample) in [(0, at(0.1, 100)), (2, at(0.6, 50)), (3, at(0.9, 10))] {
         plain.put(point, &sample).unwrap();

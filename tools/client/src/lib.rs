@@ -19,11 +19,8 @@
 //! use psao_client::{Size, Surface, Surfaces, raster, reconstruct};
 //! use psao_codec::Limits;
 //! use psao_codec::block::BlockCoder;
-//! use psao_codec::paper::{Grid, InstanceLayout, Layout, PointSample};
-//! use psao_codec::paper;
 //! use psao_codec::envelope::{FrameIndex, FrameKind, FrameMeta, StreamTime};
-//! use psao_codec::paper::{State, apply};
-//! use psao_codec::paper::PointFormat;
+//! use psao_codec::paper::{Encoder, Grid, InstanceLayout, Layout, PointFormat, PointSample, State, apply};
 //! use psao_proto::message::CameraPose;
 //!
 //! // The scene, which client and server share: a floor at y = 0, four metres square.
@@ -42,7 +39,7 @@
 //! let grid = Grid::new([-2.0, -0.5, -2.0], 1.0, [4, 1, 4])?;
 //! let instance = InstanceLayout { grid, first_bucket: 0, bucket_count: 4, kernel_radius: 0.5 };
 //! let layout = Arc::new(Layout::new(PointFormat::Bits32, vec![instance], 16, &Limits::default())?);
-//! let mut encoder = paper::Encoder::new(layout.clone(), &[64])?;
+//! let mut encoder = Encoder::new(layout.clone(), &[64])?;
 //! for id in 0..64_u8 {
 //!     let [x, z] = [id % 8, id / 8].map(|step| (f32::from(step) + 0.5) * 0.5 - 2.0);
 //!     let ao = if x < 0.0 { 51 } else { 255 };

@@ -11,8 +11,9 @@
 //! * [`paper`]: the structures of "PSAO: Point-Based Split Rendering for Ambient Occlusion"
 //!   (sections 3.1 to 3.5), points of 32, 24 or 16 bits in hashed cells. The baseline.
 //!
-//! [`Layout`], [`State`], [`Decoder`] and [`ChangeLog`] are of either; [`envelope`] is what their frames share. The wire format is specified in `docs/spec/codec.md`. The crate does no I/O, reads no
-//! clock and draws no randomness: the same calls give the same bytes on any machine.
+//! [`Layout`], [`State`], [`Encoder`], [`Decoder`] and [`ChangeLog`] are of either; [`envelope`] is what their frames share. The
+//! wire format is specified in `docs/spec/codec.md`. The crate does no I/O, reads no clock and draws no randomness: the same
+//! calls give the same bytes on any machine.
 //!
 //! # Send AO changes of points at rest
 //!
@@ -211,6 +212,8 @@ mod change_log;
 mod decoder;
 mod encoder;
 pub mod envelope;
+#[cfg(any(test, feature = "testing"))]
+#[doc(hidden)]
 pub mod fuzzing;
 mod hash;
 mod layout;
@@ -220,6 +223,8 @@ pub mod paper;
 mod profiles;
 pub mod quant;
 mod range;
+#[cfg(any(test, feature = "testing"))]
+#[doc(hidden)]
 pub mod reference;
 mod state;
 pub mod surface;

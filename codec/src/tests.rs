@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::*;
 use crate::block::BlockCoder;
 use crate::envelope::{FrameError, FrameKind, Profile};
-use crate::testing::{layout, meta, story};
+use crate::testing::{layout, meta, sample, story};
 
 fn surface_layout() -> Layout {
     let layout = surface::Layout::new(Vec::new(), Vec::new(), &Limits::default()).unwrap();
@@ -13,7 +13,7 @@ fn surface_layout() -> Layout {
 }
 
 #[test]
-fn a_paper_stream_is_followed_as_by_the_paper_applier() {
+fn a_paper_stream_is_followed_as_by_the_paper_decoder() {
     let story = story(BlockCoder::default());
     let mut state = State::new(&Layout::Paper(Arc::clone(story.empty.layout())));
     let mut decoder = Decoder::new();
@@ -73,4 +73,36 @@ fn layouts_and_states_know_their_profile() {
         assert_eq!(state.as_surface_mut().is_some(), state.as_paper().is_none());
         assert_eq!((state.hash(), state.frame()), (StateHash::default(), None));
     }
+}
+
+#[test]
+fn the_encoder_resends_by_the_threshold() {
+    let made = || paper::Encoder::new(layout(), &[2, 2]).unwrap();
+    let mut plain = made();
+    let mut encoder = Encoder::Paper(Box::new(made().with_threshold(8, &[false, true])));
+    assert!(encoder.needs_places() && !encoder.needs_weights());
+    let at = |x: f32, ao| sample([x, 0.1, 0.1], ao);
+    // The order of the calls is not that of the ids.
+    for (point, now) in [(3, at(0.9, 10)), (0, at(0.1, 100)), (2, at(0.6, 50))] {
+        assert_eq!(encoder.set_point(point, &now), Ok(true));
+    }
+    for (point, sample) in [(0, at(0.1, 100)), (2, at(0.6, 50)), (3, at(0.9, 10))] {
+        plain.put(point, &sample).unwrap();
+    }
+    let key = |frame| meta(FrameKind::Key, frame);
+    let coder = BlockCoder::Stored;
+    assert_eq!(encoder.finish(key(0), coder), plain.finish(key(0), coder));
+    // Too little of AO; enough of AO; a move of what deforms.
+    let next = [(0, at(0.1, 107)), (2, at(0.6, 58)), (3, at(0.6, 10))];
+    let due: Vec<bool> =
+        next.iter().map(|(point, sample)| encoder.set_point(*point, sample).unwrap()).collect();
+    assert_eq!(due, [false, true, true]);
+    next[1..].iter().for_each(|(point, sample)| assert!(plain.put(*point, sample).is_ok()));
+    plain.retry_unplaced();
+    let delta = meta(FrameKind::Delta, 1);
+    assert_eq!(encoder.finish(delta, coder), plain.finish(delta, coder));
+    let (sent, place) = encoder.as_paper().map(|paper| (paper.sent_ao(2), paper.sent_place(3))).unwrap();
+    assert_eq!((sent, place), (Some(58), Some(([0.6, 0.1, 0.1], [0.0, 1.0, 0.0]))));
+    let unknown = encoder.set_point(4, &at(0.0, 0));
+    assert_eq!(unknown, Err(paper::PointError::Unknown { point: 4, count: 4 }));
 }

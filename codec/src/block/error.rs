@@ -39,6 +39,14 @@ pub enum BlockError {
         /// The id on the wire.
         found: CoderId,
     },
+    /// The crate was built without the coder.
+    #[error(
+        "this program was built without the block coder {coder}: build psao-codec with its feature {coder}"
+    )]
+    Feature {
+        /// The coder, and the feature that brings it.
+        coder: CoderId,
+    },
     /// The range coder was asked to code bytes.
     #[error("the range coder codes sections of profile surface only: choose zstd, lz4 or none")]
     NoModel,

@@ -8,7 +8,15 @@
 //! | 3 | the adaptive range coder, which codes whole sections of profile `surface` with their models, no bytes |
 
 mod error;
+#[cfg(feature = "lz4")]
 mod lz4;
+#[cfg(not(feature = "lz4"))]
+#[path = "no_lz4.rs"]
+mod lz4;
+#[cfg(not(feature = "zstd"))]
+#[path = "no_zstd.rs"]
+mod zstd;
+#[cfg(feature = "zstd")]
 mod zstd;
 
 pub use error::{BlockError, CoderId};
@@ -104,7 +112,7 @@ impl Compressor {
     /// # Errors
     /// [`BlockError::Level`] for a level outside 1 to 22, [`BlockError::NoModel`] for [`BlockCoder::Range`],
     /// [`BlockError::Coder`] when the coder fails (it
-    /// could not allocate its memory). `out` is then as before.
+    /// could not allocate its memory), [`BlockError::Feature`] for one that the crate was built without. `out` is then as before.
     pub fn compress(
         &mut self,
         raw: &[u8],
@@ -152,7 +160,7 @@ impl Decompressor {
     ///
     /// # Errors
     /// [`BlockError::UnknownCoder`], [`BlockError::TooLarge`], [`BlockError::Length`] when the block holds
-    /// more or fewer bytes than `raw_bytes`, and [`BlockError::Corrupt`]. What `out` holds is then unsaid.
+    /// more or fewer bytes than `raw_bytes`, [`BlockError::Feature`] and [`BlockError::Corrupt`]. What `out` holds is then unsaid.
     pub fn decompress(
         &mut self,
         stored: &[u8],

@@ -439,7 +439,7 @@ mod tests {
     }
 
     #[test]
-    fn an_applier_goes_on_after_a_bad_frame() {
+    fn a_decoder_goes_on_after_a_bad_frame() {
         let Story { empty: mut state, after_delta, key, delta, .. } = story(BlockCoder::default());
         let mut decoder = Decoder::new();
         decoder.decode(&mut state, &key.body, &limits()).unwrap();

@@ -88,6 +88,7 @@ impl<const N: usize> Mixer<N> {
     };
 
     /// Codes a decision: the opinions of `slots` are weighed, and all learn from what it was.
+    #[cfg(any(test, feature = "testing"))]
     pub(crate) fn code<B: Bits>(
         &mut self,
         logistic: &Logistic,

@@ -34,8 +34,10 @@ pub use encoder::{Encoder, EncoderSettings, GeometrySource};
 pub use geometry::{Geometry, GeometryDigest, GeometryError, RestPoint, Rounded};
 pub use keyframe::keyframe;
 pub use layout::{Layout, LayoutError, Member, SetLayout};
+#[cfg(any(test, feature = "testing"))]
 pub(crate) use model::change::{ChangeModel, Opinions};
 pub use model::context::ContextProblem;
+#[cfg(any(test, feature = "testing"))]
 pub(crate) use model::history::{History, NEVER};
 pub use patch::patch;
 pub use preview::{Preview, preview};

@@ -9,7 +9,7 @@ use crate::envelope::{
     FrameError, FrameIndex, FrameKind, Packing, Profile, SectionInfo, SectionTag, assemble, inspect,
 };
 use crate::testing::reseal;
-use crate::{self as stream, Limits};
+use crate::{self as of_either, Limits};
 
 /// What one frame of a story does: points and what is said of them.
 type Offers = Vec<(u32, u8)>;
@@ -120,10 +120,10 @@ fn a_patch_of_nothing_names_a_point_all_the_same() {
     let body = story.patch(base, BlockCoder::Range, true).unwrap();
     let info = inspect(&body, &Limits::default()).unwrap();
     assert_eq!(info.section(SectionTag::PATCH).unwrap().records, 1);
-    let mut log = stream::ChangeLog::new(&story.states[0]);
+    let mut log = of_either::ChangeLog::new(&story.states[0]);
     story.states.iter().for_each(|state| log.record(state));
     let meta = meta(FrameKind::Delta, info.frame.0);
-    let same = stream::patch(story.last(), &log, base, meta, BlockCoder::Range, true);
+    let same = of_either::patch(story.last(), &log, base, meta, BlockCoder::Range, true);
     assert_eq!(same, Ok(Some(body.clone())), "whoever carries streams of either profile");
     let mut state = story.states[story.states.len() - 2].clone();
     Decoder::new().decode(&mut state, &body, &Limits::default()).unwrap();

@@ -5,7 +5,7 @@ use crate::envelope::{EncodeError, FrameIndex, FrameMeta};
 use crate::{StateRef, surface};
 
 /// Which points changed in which frame of a stream, see [`surface::ChangeLog`]. Of profile `paper` nothing is known.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct ChangeLog(Option<Box<surface::ChangeLog>>);
 
 impl ChangeLog {
@@ -18,10 +18,17 @@ impl ChangeLog {
         })
     }
 
+    /// Returns the points that changed after frame `base`, as [`surface::ChangeLog::changed_since`]. `None` when that cannot be
+    /// said, which in profile `paper` is always.
+    #[must_use]
+    pub fn changed_since(&self, base: FrameIndex) -> Option<impl Iterator<Item = (u32, u64)> + '_> {
+        self.0.as_ref()?.changed_since(base)
+    }
+
     /// Whether a client of frame `base` can be told what it missed.
     #[must_use]
     pub fn reaches(&self, base: FrameIndex) -> bool {
-        self.0.as_ref().is_some_and(|log| log.changed_since(base).is_some())
+        self.changed_since(base).is_some()
     }
 
     /// Notes what the last frame changed; to be called after every frame, as [`surface::ChangeLog::record`].

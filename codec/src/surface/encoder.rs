@@ -157,6 +157,16 @@ impl Encoder {
         Some(differs)
     }
 
+    /// Returns how many points the next frame will send: those of blocks that were never sent, and those that differ by the
+    /// threshold. With a [`Budget`] some of them may have to wait.
+    #[must_use]
+    pub fn pending_points(&self) -> u32 {
+        let layout = &self.sent.layout;
+        let arriving: usize = self.arriving.iter().map(|block| layout.block_len(*block as usize)).sum();
+        let changed: u32 = self.dirty.iter().map(|mask| mask.count_ones()).sum();
+        changed + arriving as u32
+    }
+
     /// Says how much the points of an instance's block `block` count when not all fit a [`Budget`]: with twice the weight a
     /// difference counts twice. 1 until said otherwise; 0 counts as 1. Nothing comes of it where there is no such block, or no
     /// budget.

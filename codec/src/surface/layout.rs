@@ -1,6 +1,6 @@
 //! What both sides know of a stream before its first frame.
 
-use super::BLOCK_POINTS;
+use super::{BLOCK_POINTS, RestPoint};
 use crate::paper::MAX_GRID_DIM;
 use crate::{Limits, memory};
 
@@ -202,6 +202,14 @@ impl Layout {
         Some(self.slot_in(self.instance_of(point)?, point))
     }
 
+    /// Returns the instance of a block and its points, counted from the instance's first. `None` where there is no such block.
+    #[must_use]
+    pub fn points_of_block(&self, block: usize) -> Option<(u32, std::ops::Range<u32>)> {
+        let instance = *self.owners.get(block)?;
+        let first = ((block - self.first_blocks[instance as usize] as usize) * BLOCK_POINTS) as u32;
+        Some((instance, first..first + self.block_len(block) as u32))
+    }
+
     /// The sets.
     #[must_use]
     pub fn sets(&self) -> &[SetLayout] {
@@ -238,6 +246,32 @@ impl Layout {
 }
 
 impl SetLayout {
+    /// Returns the layout of a lattice that covers these points: with this step, or the finest that a lattice can have where
+    /// the points are too far apart for it. Without points it has one node. Number and digest of the points are filled in
+    /// by [`Geometry::round`](super::Geometry::round).
+    #[must_use]
+    pub fn covering(points: &[RestPoint], step: f32, normal_bits: u8, kernel_radius: f32) -> SetLayout {
+        let axis = |axis: usize| points.iter().map(move |point| point.position[axis]);
+        let (low, high): ([f32; 3], [f32; 3]) = if points.is_empty() {
+            ([0.0; 3], [0.0; 3])
+        } else {
+            let low = std::array::from_fn(|at| axis(at).fold(f32::INFINITY, f32::min));
+            (low, std::array::from_fn(|at| axis(at).fold(f32::NEG_INFINITY, f32::max)))
+        };
+        let size: [f32; 3] = std::array::from_fn(|at| (high[at] - low[at]).max(0.0));
+        let finest = size.into_iter().fold(0.0, f32::max) / (MAX_GRID_DIM - 2) as f32;
+        let step = step.max(finest);
+        SetLayout {
+            origin: low,
+            step,
+            extent: size.map(|axis| ((axis / step).ceil() as u32).min(MAX_GRID_DIM - 1)),
+            normal_bits,
+            points: 0,
+            kernel_radius,
+            digest: super::GeometryDigest::default(),
+        }
+    }
+
     /// The position of a lattice node, metres, rest space.
     #[inline]
     #[must_use]

@@ -4,6 +4,7 @@ use std::io::ErrorKind;
 use std::net::SocketAddr;
 use std::time::Duration;
 
+use psao_codec::State;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 use tokio::time::{Instant, timeout};
@@ -283,6 +284,12 @@ impl Connection {
     /// [`flush`](Self::flush) or [`next_events`](Self::next_events).
     pub const fn session(&mut self) -> &mut ClientSession {
         &mut self.session
+    }
+
+    /// Returns the state after the last frame; `None` before the scene is known.
+    #[must_use]
+    pub fn state(&self) -> Option<&State> {
+        self.session.state()
     }
 
     /// Returns the time by the session's clock: microseconds since the connection began.

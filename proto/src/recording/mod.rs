@@ -18,6 +18,7 @@ mod edits;
 #[cfg(feature = "fs")]
 pub mod file;
 mod index;
+mod owned_player;
 mod player;
 mod reader;
 mod recover;
@@ -33,6 +34,7 @@ pub use cat::Concatenation;
 pub use cut::{Bounds, RangeError, cut};
 pub use edits::EditsInForce;
 pub use index::{INDEX_ENTRY_BYTES, IndexEntry};
+pub use owned_player::OwnedPlayer;
 pub use player::{PlayedFrame, Player, PlayerError, PlayerEvent, PlayerStats};
 pub use reader::{Damage, DamageKind, Reader, ReaderError, Record};
 pub use recover::recover;

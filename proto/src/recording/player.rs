@@ -176,6 +176,12 @@ impl Step<'_> {
 #[derive(Debug)]
 pub struct Player<'a> {
     reader: Reader<'a>,
+    playback: Playback,
+}
+
+/// What playing records has led to so far.
+#[derive(Debug)]
+pub(super) struct Playback {
     limits: Limits,
     assembler: SceneAssembler,
     scene: Option<Arc<SceneTable>>,
@@ -196,18 +202,7 @@ impl<'a> Player<'a> {
     /// # Errors
     /// [`ReaderError`] when the bytes are not a recording that this version reads.
     pub fn new(bytes: &'a [u8], limits: Limits) -> Result<Self, ReaderError> {
-        Ok(Self {
-            reader: Reader::with_limits(bytes, limits)?,
-            limits,
-            assembler: SceneAssembler::default(),
-            scene: None,
-            follower: None,
-            edits: EditsInForce::default(),
-            current: None,
-            last: None,
-            damaged: false,
-            stats: PlayerStats::default(),
-        })
+        Ok(Self { reader: Reader::with_limits(bytes, limits)?, playback: Playback::new(limits) })
     }
 
     /// Goes on to whatever comes next; `None` at the end of the file.
@@ -221,15 +216,7 @@ impl<'a> Player<'a> {
 
     /// As [`next_event`](Self::next_event), record by record.
     pub(super) fn next_step(&mut self) -> Option<Step<'a>> {
-        match self.reader.next()? {
-            Ok(record) => Some(Step { record: Some(record), event: self.record(&record) }),
-            Err(damage) => {
-                self.damaged = true;
-                self.stats.damages += 1;
-                self.stats.damaged_bytes += damage.lost_bytes;
-                Some(Step { record: None, event: Some(PlayerEvent::Damage(damage)) })
-            }
-        }
+        self.playback.step(&mut self.reader)
     }
 
     /// Goes to the last keyframe that is not behind entry `entry` of the summary's index, with the scene and the edits
@@ -247,7 +234,7 @@ impl<'a> Player<'a> {
             self.reader.seek(offset);
             // What is bad in it shows when the keyframe cannot be applied.
             if let Some(Ok(record)) = self.reader.next() {
-                let _ = self.record(&record);
+                let _ = self.playback.record(&record);
             }
         }
         self.seek(key);
@@ -257,34 +244,30 @@ impl<'a> Player<'a> {
     /// the keyframe will be [`FollowError::NoScene`]; [`jump`](Self::jump) sees to that.
     pub fn seek(&mut self, keyframe: &IndexEntry) {
         self.reader.seek(keyframe.offset);
-        self.last = None;
-        self.damaged = false;
-        if let Some(follower) = &mut self.follower {
-            follower.lose_place();
-        }
+        self.playback.lose_place();
     }
 
     /// The state after the last frame applied; `None` before the scene.
     #[must_use]
     pub fn state(&self) -> Option<&State> {
-        self.follower.as_ref().map(Follower::state)
+        self.playback.state()
     }
 
     /// The scene table, once it was played.
     #[must_use]
     pub const fn scene(&self) -> Option<&Arc<SceneTable>> {
-        self.scene.as_ref()
+        self.playback.scene.as_ref()
     }
 
     /// Number of the last frame applied of this scene.
     pub(super) fn last_applied(&self) -> Option<FrameIndex> {
-        self.current.map(|meta| meta.frame)
+        self.playback.current.map(|meta| meta.frame)
     }
 
     /// The edits that hold for the next frame.
     #[must_use]
     pub const fn edits(&self) -> &EditsInForce {
-        &self.edits
+        &self.playback.edits
     }
 
     /// A keyframe body of the state after the last frame applied, by the stream's own coder: what a client needs that
@@ -293,15 +276,64 @@ impl<'a> Player<'a> {
     /// # Errors
     /// [`EncodeError`], from the coder.
     pub fn keyframe(&self) -> Option<Result<Vec<u8>, EncodeError>> {
-        let (state, meta) = (self.state()?, self.current?);
-        let coder = BlockCoder::of(self.scene.as_ref()?.info().coder);
+        let (state, meta) = (self.state()?, self.playback.current?);
+        let coder = BlockCoder::of(self.scene()?.info().coder);
         Some(keyframe(state, meta, coder, &[]))
     }
 
     /// Counts so far.
     #[must_use]
     pub const fn stats(&self) -> PlayerStats {
+        self.playback.stats
+    }
+}
+
+impl Playback {
+    /// Starts with nothing played.
+    pub(super) fn new(limits: Limits) -> Self {
+        Self {
+            limits,
+            assembler: SceneAssembler::default(),
+            scene: None,
+            follower: None,
+            edits: EditsInForce::default(),
+            current: None,
+            last: None,
+            damaged: false,
+            stats: PlayerStats::default(),
+        }
+    }
+
+    /// Plays the next record of a reader; `None` at the end of its file.
+    pub(super) fn step<'a>(&mut self, reader: &mut Reader<'a>) -> Option<Step<'a>> {
+        match reader.next()? {
+            Ok(record) => Some(Step { record: Some(record), event: self.record(&record) }),
+            Err(damage) => {
+                self.damaged = true;
+                self.stats.damages += 1;
+                self.stats.damaged_bytes += damage.lost_bytes;
+                Some(Step { record: None, event: Some(PlayerEvent::Damage(damage)) })
+            }
+        }
+    }
+
+    /// Returns the state after the last frame applied; `None` before the scene.
+    pub(super) fn state(&self) -> Option<&State> {
+        self.follower.as_ref().map(Follower::state)
+    }
+
+    /// Returns counts so far.
+    pub(super) const fn stats(&self) -> PlayerStats {
         self.stats
+    }
+
+    /// Waits for a keyframe, as after a jump.
+    fn lose_place(&mut self) {
+        self.last = None;
+        self.damaged = false;
+        if let Some(follower) = &mut self.follower {
+            follower.lose_place();
+        }
     }
 
     fn record(&mut self, record: &Record<'_>) -> Option<PlayerEvent> {

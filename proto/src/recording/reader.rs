@@ -118,6 +118,14 @@ pub struct Reader<'a> {
     patience: u64,
 }
 
+/// Where a reader is in its file.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Position {
+    at: usize,
+    /// Payload bytes that may still be checked in vain.
+    patience: u64,
+}
+
 /// Whether bytes are a file header with a good checksum.
 fn is_file_header(head: &[u8; FILE_HEADER_BYTES]) -> bool {
     head.starts_with(&FILE_MAGIC) && sealed(head)
@@ -161,6 +169,16 @@ impl<'a> Reader<'a> {
             }
         }
         Ok(reader)
+    }
+
+    /// Goes on where another reader of the same bytes was.
+    pub(super) const fn resume(bytes: &'a [u8], limits: Limits, position: Position) -> Self {
+        Self { bytes, limits, at: position.at, patience: position.patience }
+    }
+
+    /// Returns where the reader is.
+    pub(super) const fn position(&self) -> Position {
+        Position { at: self.at, patience: self.patience }
     }
 
     /// Goes to a record: the next item is the one at `offset`, as of [`Record::offset`] or an index. What is there is

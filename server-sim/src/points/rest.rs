@@ -3,14 +3,12 @@
 
 use std::sync::Arc;
 
-use psao_codec::paper::MAX_GRID_DIM;
-use psao_codec::surface::{Geometry, GeometryDigest, GeometryError, RestPoint, Rounded, SetLayout, State};
+use psao_codec::surface::{Geometry, GeometryError, RestPoint, Rounded, SetLayout, State};
 use psao_proto::SceneInfo;
 use rayon::prelude::*;
 use thiserror::Error;
 
 use super::{PointError, PointSet, PointSettings, ScenePoints, SurfacePoint, generate};
-use crate::bvh::Bounds;
 use crate::scene::{PosedMesh, Scene};
 
 /// How finely the points of a `surface` stream are rounded.
@@ -126,23 +124,10 @@ pub fn make_shared_geometry(
     Ok(())
 }
 
-/// The lattice of a set: as fine as said, or as fine as it can be on a mesh that is very large for its points.
+/// Returns the lattice of a set: of this precision, or as fine as it can be on a mesh that is very large for its points.
 fn lattice(set: &PointSet, points: &[RestPoint], precision: GeometryPrecision, kernel: f32) -> SetLayout {
-    let bounds = Bounds::around(points.iter().map(|point| point.position.into()));
-    let (low, size) =
-        if points.is_empty() { (glam::Vec3::ZERO, glam::Vec3::ZERO) } else { (bounds.min(), bounds.size()) };
-    let most = (MAX_GRID_DIM - 2) as f32;
-    let step = (set.radius() / precision.steps).max(size.max_element() / most);
-    SetLayout {
-        origin: low.to_array(),
-        step,
-        extent: size.to_array().map(|axis| ((axis / step).ceil() as u32).min(MAX_GRID_DIM - 1)),
-        normal_bits: precision.normal_bits,
-        kernel_radius: kernel * set.radius(),
-        // Filled in when the points are rounded.
-        points: 0,
-        digest: GeometryDigest::default(),
-    }
+    let step = set.radius() / precision.steps;
+    SetLayout::covering(points, step, precision.normal_bits, kernel * set.radius())
 }
 
 #[cfg(test)]

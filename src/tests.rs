@@ -233,3 +233,35 @@ fn the_sample_of_the_examples_plays_and_is_what_the_example_records() {
     }
     assert_eq!(frames, 90);
 }
+
+/// Removes the indentation that all lines share.
+fn flush_left(text: &str) -> String {
+    let indent = |line: &str| line.len() - line.trim_start().len();
+    let least = text.lines().filter(|line| !line.trim().is_empty()).map(indent).min().unwrap_or(0);
+    let lines = text.lines().map(|line| line.get(least..).unwrap_or_default());
+    lines.collect::<Vec<_>>().join("\n")
+}
+
+#[test]
+fn the_readme_quotes_the_examples() {
+    let folder = env!("CARGO_MANIFEST_DIR");
+    let readme = std::fs::read_to_string(format!("{folder}/README.md")).unwrap();
+    let mut quoted = std::collections::BTreeSet::new();
+    for part in readme.split("<!-- examples/").skip(1) {
+        let (name, rest) = part.split_once(" -->\n```rust\n").unwrap();
+        let quote = rest.split_once("\n```").unwrap().0;
+        let example = std::fs::read_to_string(format!("{folder}/examples/{name}")).unwrap();
+        let lines: Vec<&str> = example.lines().collect();
+        let stands = |window: &[&str]| flush_left(&window.join("\n")) == quote;
+        assert!(lines.windows(quote.lines().count()).any(stands), "{name} does not have: {quote}");
+        quoted.insert(name.to_owned());
+    }
+    for entry in std::fs::read_dir(format!("{folder}/examples")).unwrap() {
+        let name = entry.unwrap().file_name().into_string().unwrap();
+        if let Some(path) = name.strip_suffix(".rs") {
+            assert!(quoted.contains(&name), "{path} is not in the README");
+            let lines = std::fs::read_to_string(format!("{folder}/examples/{name}")).unwrap().lines().count();
+            assert!(lines < 60, "{name} has {lines} lines");
+        }
+    }
+}

@@ -168,8 +168,8 @@ pub fn cut<E>(
             out.toll.start_after(player.stats().lost, before);
         }
         match (&step.event, &step.record) {
-            (Some(PlayerEvent::Frame(_)), Some(record)) if !begun && offset >= first_entry.offset => {
-                out.begin(record, &player)?;
+            (Some(PlayerEvent::Frame(frame)), Some(record)) if !begun && offset >= first_entry.offset => {
+                out.begin(record, &frame.info, &player)?;
                 begun = true;
             }
             // An edit after the last frame is part of none.

@@ -46,7 +46,7 @@ pub fn recover<E>(
             copy.mark(&player, number)?;
             copy.toll.wrote_frame();
         }
-        copy.append(record.frame.bytes)?;
+        copy.append(record.frame.bytes, step.event.as_ref())?;
     }
     copy.mark(&player, None)?;
     (copy.put)(&copy.writer.finish()?).map_err(RewriteError::Put)?;
@@ -65,11 +65,17 @@ impl<E, P: FnMut(&[u8]) -> Result<(), E>> Recovery<P> {
     /// Marks what is lost before frame `next`.
     fn mark(&mut self, player: &Player<'_>, next: Option<FrameIndex>) -> Result<(), RewriteError<E>> {
         let Some(gap) = self.toll.settle(player.stats().lost, next) else { return Ok(()) };
-        self.append(&Numbering::default().message(&gap)?)
+        self.append(&Numbering::default().message(&gap)?, None)
     }
 
-    fn append(&mut self, frame: &[u8]) -> Result<(), RewriteError<E>> {
-        let record = self.writer.append(self.arrival, frame)?;
+    /// Writes a frame, of which `event` is what the player made of it.
+    fn append(&mut self, frame: &[u8], event: Option<&PlayerEvent>) -> Result<(), RewriteError<E>> {
+        let record = match event {
+            Some(PlayerEvent::Frame(played)) => {
+                self.writer.append_parsed(self.arrival, frame, Some(&played.info))?
+            }
+            _ => self.writer.append(self.arrival, frame)?,
+        };
         (self.put)(&record).map_err(RewriteError::Put)
     }
 }

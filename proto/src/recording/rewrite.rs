@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use psao_codec::envelope::EncodeError;
+use psao_codec::envelope::{EncodeError, FrameInfo};
 
 use super::player::Step;
 use super::{
@@ -234,7 +234,12 @@ impl<E, P: FnMut(&[u8]) -> Result<(), E>> Rewriter<P> {
 
     /// Starts with the state after the frame that the player has just applied: scene, edits, keyframe. The keyframe is
     /// the recorded one, if it is one and the smaller.
-    pub(super) fn begin(&mut self, record: &Record<'_>, player: &Player<'_>) -> Result<(), RewriteError<E>> {
+    pub(super) fn begin(
+        &mut self,
+        record: &Record<'_>,
+        info: &FrameInfo,
+        player: &Player<'_>,
+    ) -> Result<(), RewriteError<E>> {
         self.coming = player.scene().cloned();
         for edit in player.edits().iter() {
             self.message(record.arrival, FrameType::EDIT, &edit.to_payload()?)?;
@@ -246,9 +251,9 @@ impl<E, P: FnMut(&[u8]) -> Result<(), E>> Rewriter<P> {
         let made = player.keyframe().transpose()?;
         match &made {
             Some(made) if !is_keyframe || made.len() < recorded.len() => {
-                self.state_frame(record.arrival, FrameType::KEYFRAME, made)
+                self.state_frame(record.arrival, FrameType::KEYFRAME, info, made)
             }
-            _ => self.state_frame(record.arrival, record.frame.header.kind, recorded),
+            _ => self.state_frame(record.arrival, record.frame.header.kind, info, recorded),
         }
     }
 
@@ -262,9 +267,9 @@ impl<E, P: FnMut(&[u8]) -> Result<(), E>> Rewriter<P> {
         let (kind, payload) = (record.frame.header.kind, record.frame.payload());
         match (&step.event, kind) {
             (Some(PlayerEvent::Scene(table)), _) => self.coming = Some(table.clone()),
-            (Some(PlayerEvent::Frame(_)), _) => {
+            (Some(PlayerEvent::Frame(frame)), _) => {
                 self.gap(record.arrival, player)?;
-                self.state_frame(record.arrival, kind, payload)?;
+                self.state_frame(record.arrival, kind, &frame.info, payload)?;
             }
             (Some(PlayerEvent::Closed(_)), _) => {
                 self.close = Some((self.arrives(record.arrival), payload.to_vec()));
@@ -305,14 +310,22 @@ impl<E, P: FnMut(&[u8]) -> Result<(), E>> Rewriter<P> {
     pub(super) fn finish(&mut self) -> Result<u64, RewriteError<E>> {
         if let Some((arrival, payload)) = self.close.take() {
             let frame = self.numbering.control(FrameType::CLOSE, &payload);
-            self.append(arrival, &frame)?;
+            self.append(arrival, &frame, None)?;
         }
         let end = self.writer.finish()?;
         (self.put)(&end).map_err(RewriteError::Put)?;
         Ok(self.writer.file_bytes())
     }
 
-    fn state_frame(&mut self, arrival: Micros, kind: FrameType, body: &[u8]) -> Result<(), RewriteError<E>> {
+    /// Writes a keyframe or update, of which `info` is the header. A keyframe made of a state has another header than the
+    /// recorded frame, but the same number and time, and an index needs no more.
+    fn state_frame(
+        &mut self,
+        arrival: Micros,
+        kind: FrameType,
+        info: &FrameInfo,
+        body: &[u8],
+    ) -> Result<(), RewriteError<E>> {
         let arrival = self.arrives(arrival);
         self.settle_scene(arrival)?;
         let frame = match kind {
@@ -321,7 +334,7 @@ impl<E, P: FnMut(&[u8]) -> Result<(), E>> Rewriter<P> {
         };
         self.close = None;
         self.toll.wrote_frame();
-        self.append(arrival, &frame)
+        self.append(arrival, &frame, Some(info))
     }
 
     fn message(&mut self, arrival: Micros, kind: FrameType, payload: &[u8]) -> Result<(), RewriteError<E>> {
@@ -333,7 +346,7 @@ impl<E, P: FnMut(&[u8]) -> Result<(), E>> Rewriter<P> {
         self.settle_scene(arrival)?;
         let in_a_group = kind != FrameType::GAP;
         let numbering = if in_a_group { self.numbering } else { Numbering::default() };
-        self.append(arrival, &numbering.control(kind, payload))
+        self.append(arrival, &numbering.control(kind, payload), None)
     }
 
     /// Writes the scene table that came, unless it is the one in force and no edit has changed it: then the next keyframe
@@ -344,7 +357,7 @@ impl<E, P: FnMut(&[u8]) -> Result<(), E>> Rewriter<P> {
             return Ok(());
         }
         for frame in self.numbering.scene(&table)? {
-            self.append(arrival, &frame)?;
+            self.append(arrival, &frame, None)?;
         }
         self.scene = Some(table);
         self.edits = EditsInForce::default();
@@ -356,8 +369,13 @@ impl<E, P: FnMut(&[u8]) -> Result<(), E>> Rewriter<P> {
         here.plus(arrival.since(there))
     }
 
-    fn append(&mut self, arrival: Micros, frame: &[u8]) -> Result<(), RewriteError<E>> {
-        let record = self.writer.append(arrival, frame)?;
+    fn append(
+        &mut self,
+        arrival: Micros,
+        frame: &[u8],
+        info: Option<&FrameInfo>,
+    ) -> Result<(), RewriteError<E>> {
+        let record = self.writer.append_parsed(arrival, frame, info)?;
         self.last_arrival = self.last_arrival.max(arrival);
         (self.put)(&record).map_err(RewriteError::Put)
     }

@@ -2,6 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use psao_codec::envelope::FrameBody;
+
 use super::index::read_index;
 use super::{Damage, FOOTER_BYTES, IndexEntry, Reader, ReaderError, parse_footer};
 use crate::message::{Close, Gap, Message, Scene};
@@ -93,10 +95,11 @@ impl Summary {
             }
             summary.first_arrival.get_or_insert(record.arrival);
             summary.last_arrival = summary.last_arrival.max(Some(record.arrival));
-            summary.index.extend(IndexEntry::of(record.offset(), header, payload, &limits));
-            if header.kind.carries_state() && group != Some(header.group) {
-                group = Some(header.group);
-                summary.groups += 1;
+            if header.kind.carries_state() {
+                if let Ok(body) = FrameBody::parse(payload, &limits.codec) {
+                    summary.index.push(IndexEntry::new(record.offset(), header, body.info()));
+                }
+                summary.groups += u32::from(group.replace(header.group) != Some(header.group));
             }
             match header.kind {
                 FrameType::CLOSE => summary.close = Close::from_payload(payload).ok(),

@@ -18,11 +18,11 @@ pub enum FollowError {
     Gap {
         /// Group of the frame that should have come.
         expected_group: Group,
-        /// Its place.
+        /// Its position.
         expected_sequence: Sequence,
         /// Group of the frame that came.
         found_group: Group,
-        /// Its place.
+        /// Its position.
         found_sequence: Sequence,
     },
     /// The body cannot be applied; a hash that differs is [`FrameError::Hash`].
@@ -42,18 +42,18 @@ pub enum FollowError {
     Waiting,
 }
 
-/// The state of a stream and the place in it.
+/// The state of a stream and the position in it.
 #[derive(Debug)]
 pub(crate) struct Follower {
     decoder: Decoder,
     state: State,
     /// Place of the last frame applied; `None` while only a keyframe can be applied.
-    place: Option<(Group, Sequence)>,
+    position: Option<(Group, Sequence)>,
 }
 
 impl Follower {
     pub(crate) fn new(layout: &Layout) -> Self {
-        Self { decoder: Decoder::new(), state: State::new(layout), place: None }
+        Self { decoder: Decoder::new(), state: State::new(layout), position: None }
     }
 
     pub(crate) const fn state(&self) -> &State {
@@ -62,12 +62,12 @@ impl Follower {
 
     /// Whether the state is that of the last frame that came.
     pub(crate) const fn is_current(&self) -> bool {
-        self.place.is_some()
+        self.position.is_some()
     }
 
     /// Refuses updates until the next keyframe.
-    pub(crate) const fn lose_place(&mut self) {
-        self.place = None;
+    pub(crate) const fn lose_position(&mut self) {
+        self.position = None;
     }
 
     /// Applies a KEYFRAME or UPDATE frame, of which `body` is what reading its payload gave.
@@ -79,60 +79,60 @@ impl Follower {
     ) -> Result<FrameInfo, FollowError> {
         let keyframe = header.kind == FrameType::KEYFRAME;
         if !keyframe {
-            self.check_place(header)?;
+            self.check_position(header)?;
         }
         // Until this frame turns out well, nothing may build on it.
-        self.place = None;
+        self.position = None;
         let kind = if keyframe { FrameKind::Key } else { FrameKind::Delta };
         let body = body?;
         if body.info().kind != kind {
             return Err(FollowError::Kind { frame: header.kind });
         }
         self.decoder.apply(&mut self.state, &body, &limits.codec)?;
-        self.place = Some((header.group, header.sequence));
+        self.position = Some((header.group, header.sequence));
         Ok(body.into_info())
     }
 
-    /// Applies a patch that came beside the frames in order, as datagrams do; gives the place in those as well. Whatever
+    /// Applies a patch that came beside the frames in order, as datagrams do; gives the position in those as well. Whatever
     /// is wrong with it, the state stays current.
     pub(crate) fn patch(
         &mut self,
         body: &FrameBody<'_>,
         limits: &Limits,
     ) -> Result<(Group, Sequence), FollowError> {
-        let place = self.place.ok_or(FollowError::Waiting)?;
+        let position = self.position.ok_or(FollowError::Waiting)?;
         if body.info().kind != FrameKind::Delta {
             return Err(FollowError::Kind { frame: FrameType::UPDATE });
         }
         self.decoder.apply(&mut self.state, body, &limits.codec)?;
-        Ok(place)
+        Ok(position)
     }
 
-    /// Whether an UPDATE is no newer than a patch that came beside the frames in order and made it superfluous. Its place is
+    /// Whether an UPDATE is no newer than a patch that came beside the frames in order and made it superfluous. Its position is
     /// taken as that of a frame applied.
-    pub(crate) fn passes_over(&mut self, header: FrameHeader, body: &FrameBody<'_>) -> bool {
+    pub(crate) fn skip_superseded(&mut self, header: FrameHeader, body: &FrameBody<'_>) -> bool {
         let follows = |(group, sequence): (Group, Sequence)| {
             header.kind == FrameType::UPDATE && (group, sequence.next()) == (header.group, header.sequence)
         };
         let info = body.info();
-        let old = self.place.is_some_and(follows)
+        let old = self.position.is_some_and(follows)
             && info.kind == FrameKind::Delta
             && Some(info.frame) <= self.state.frame();
         if old {
-            self.place = Some((header.group, header.sequence));
+            self.position = Some((header.group, header.sequence));
         }
         old
     }
 
-    fn check_place(&mut self, header: FrameHeader) -> Result<(), FollowError> {
-        let Some((expected_group, last)) = self.place else {
+    fn check_position(&mut self, header: FrameHeader) -> Result<(), FollowError> {
+        let Some((expected_group, last)) = self.position else {
             return Err(FollowError::Waiting);
         };
         let (expected_sequence, found_group, found_sequence) = (last.next(), header.group, header.sequence);
         if (expected_group, expected_sequence) == (found_group, found_sequence) {
             return Ok(());
         }
-        self.place = None;
+        self.position = None;
         Err(FollowError::Gap { expected_group, expected_sequence, found_group, found_sequence })
     }
 }

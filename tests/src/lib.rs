@@ -1,4 +1,4 @@
-//! Point-based ambient occlusion streams: suites across the crates. This library holds what the suites share.
+//! Point-based ambient occlusion streams: suites across the crates. This library holds their shared helpers.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -10,12 +10,13 @@ use psao_server::points::PointSettings;
 use psao_server::scene::Scene;
 use psao_server::server::{Server, ServerError, ServerSettings, StepOutput};
 
-/// The folder with real scenes and reference figures, which is no part of the repository: `$PSAO_SHARED`, or `shared`
-/// beside the repository. Without it the caller skips, and a line says so; with `PSAO_REQUIRE_SHARED` set, that is a
-/// failure.
+/// Returns `part` of the folder with real scenes and reference figures, or `None` without that folder.
+///
+/// The folder is `$PSAO_SHARED`, or `shared` beside the repository. It is not part of the repository. A missing folder
+/// prints a line, so that a skipped test is visible.
 ///
 /// # Panics
-/// As said, when the folder is required and missing.
+/// When the folder is missing and `PSAO_REQUIRE_SHARED` is set.
 #[must_use]
 pub fn shared(part: &str) -> Option<PathBuf> {
     let beside = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared"));
@@ -28,9 +29,9 @@ pub fn shared(part: &str) -> Option<PathBuf> {
     None
 }
 
-/// Settings of a stream that is traced in a moment: few points, few rays, no compression to speak of.
+/// Returns settings for a quick test: few points, few rays, fast compression.
 #[must_use]
-pub fn small(scene: &Scene, threshold: u8) -> ServerSettings {
+pub fn fast_settings(scene: &Scene, threshold: u8) -> ServerSettings {
     ServerSettings {
         points: PointSettings { per_m2: 2.0, minimum: 24, seed: 1 },
         ao: AoSettings { rays: 16, radius: scene.ao_radius_m(), ..AoSettings::default() },
@@ -40,7 +41,7 @@ pub fn small(scene: &Scene, threshold: u8) -> ServerSettings {
     }
 }
 
-/// A server of a scene that reports to nobody.
+/// Creates a server of a scene without progress reports.
 ///
 /// # Errors
 /// As [`Server::new`].
@@ -48,7 +49,7 @@ pub fn server(scene: &Arc<Scene>, settings: ServerSettings) -> Result<Server, Se
     Server::new(scene.clone(), settings, Arc::new(|_| ()))
 }
 
-/// Frame `number` of a server at 60 Hz, every point in view.
+/// Makes frame `number` of a server at 60 Hz with every point in view.
 ///
 /// # Errors
 /// As [`Server::step`].

@@ -1,9 +1,9 @@
-//! Every file of the committed fuzz corpora runs through its target's body.
+//! Replays every file of the committed fuzz corpora through its target's body.
 
 use std::fs;
 use std::path::Path;
 
-/// What a target does with a file's bytes.
+/// Body of a fuzz target, which takes the bytes of a file.
 type Body = fn(&[u8]);
 
 /// Targets of `fuzz/` and their bodies.
@@ -21,7 +21,7 @@ fn fuzz() -> &'static Path {
     Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../fuzz"))
 }
 
-/// Names in a folder of `fuzz/`, sorted.
+/// Returns the sorted names in a folder of `fuzz/`.
 fn names(folder: &str) -> Vec<String> {
     let entries = fs::read_dir(fuzz().join(folder)).unwrap();
     let mut names: Vec<String> =
@@ -52,8 +52,8 @@ fn every_target_has_a_corpus_and_is_replayed() {
     assert_eq!(names("fuzz_targets"), sources);
 }
 
-/// The seeds are what `cargo run -p psao-proto --features testing --example corpus -- fuzz/corpus` writes
-/// today.
+/// The committed seeds equal those that `cargo run -p psao-proto --features testing --example corpus -- fuzz/corpus`
+/// writes.
 #[test]
 fn the_seeds_are_up_to_date() {
     for seed in psao_proto::fuzzing::seeds().unwrap() {

@@ -1,36 +1,36 @@
-//! A traced scene over bad networks: frames larger than those of the sample that the lab's own tests stream.
+//! A traced scene over bad networks. Its frames are larger than those of the sample in the lab's own tests.
 
 use std::sync::Arc;
 
 use psao_codec::StateRef;
 use psao_codec::block::BlockCoder;
 use psao_codec::envelope::EncodedFrame;
-use psao_netlab::{ClientPlan, Conditions, Fault, Lab, LabError, Mode, Settings, Source};
+use psao_netlab::{ClientPlan, Conditions, Fault, Lab, LabError, LabSettings, Mode, Source};
 use psao_proto::{Micros, Profile, SceneTable};
 use psao_server::scene::Scene;
 use psao_server::server::{Server, ServerSettings};
 
-use psao_tests::{server, small, step};
+use psao_tests::{fast_settings, server, step};
 
-/// A scene as it is traced.
-struct Traced {
+/// A source that traces a scene.
+struct TracedSource {
     scene: Arc<SceneTable>,
     server: Server,
     coder: BlockCoder,
     next: u32,
 }
 
-impl Traced {
+impl TracedSource {
     fn new(profile: Profile) -> Self {
         let scene = Arc::new(Scene::load("robot-lab").unwrap());
-        let settings = ServerSettings { profile, ..small(&scene, 2) };
+        let settings = ServerSettings { profile, ..fast_settings(&scene, 2) };
         let coder = settings.coder;
         let server = server(&scene, settings).unwrap();
         Self { scene: Arc::new(server.table().clone()), server, coder, next: 0 }
     }
 }
 
-impl Source for Traced {
+impl Source for TracedSource {
     fn scene(&self) -> &Arc<SceneTable> {
         &self.scene
     }
@@ -68,7 +68,7 @@ fn clients_of_a_traced_scene_are_right_and_current_on_bad_networks() {
                 plans.push(plan);
             }
         }
-        let mut lab = Lab::new(Traced::new(profile), Settings::default(), plans).unwrap();
+        let mut lab = Lab::new(TracedSource::new(profile), LabSettings::default(), plans).unwrap();
         lab.run_until(Micros::from_secs(9)).unwrap();
         let report = lab.report();
         assert_eq!(report.wrong_hashes, 0);
@@ -84,7 +84,8 @@ fn clients_of_a_traced_scene_are_right_and_current_on_bad_networks() {
 fn frames_of_many_datagrams_go_over_the_connection() {
     let tiny = Conditions { loss: 50_000, delay: 40_000, mtu: 100, ..Conditions::default() };
     let plans = [Mode::Stream, Mode::Datagram].map(|mode| ClientPlan::symmetric(mode, tiny));
-    let mut lab = Lab::new(Traced::new(Profile::SURFACE), Settings::default(), plans.into()).unwrap();
+    let mut lab =
+        Lab::new(TracedSource::new(Profile::SURFACE), LabSettings::default(), plans.into()).unwrap();
     lab.run_until(Micros::from_secs(8)).unwrap();
     let report = lab.report();
     let [stream, datagram] = &report.clients[..] else { unreachable!() };

@@ -1,4 +1,4 @@
-//! From a scene through the server and the wire to the client, on every scene there is.
+//! Streams of every scene, from the server over the wire to the client.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -10,7 +10,7 @@ use psao_reconstruct::{Size, cast_view, reconstruct};
 use psao_server::scene::Scene;
 use psao_server::server::{Server, ServerSettings};
 
-use psao_tests::{server, shared, small, step};
+use psao_tests::{fast_settings, server, shared, step};
 
 /// Streams the first frames of a scene into a client in both profiles, and draws the last one.
 fn stream(name: &str, frames: u32) {
@@ -21,7 +21,7 @@ fn stream(name: &str, frames: u32) {
 }
 
 fn stream_as(profile: Profile, name: &str, scene: &Arc<Scene>, frames: u32) {
-    let mut server = server(scene, ServerSettings { profile, ..small(scene, 2) }).unwrap();
+    let mut server = server(scene, ServerSettings { profile, ..fast_settings(scene, 2) }).unwrap();
     let mut state = State::new(server.layout());
     let mut decoder = Decoder::new();
     for number in 0..frames {
@@ -38,7 +38,7 @@ fn stream_as(profile: Profile, name: &str, scene: &Arc<Scene>, frames: u32) {
             server.points().total(),
             "{name}: every point is stored or counted"
         );
-        // So few points make cells larger than what they cover, and full.
+        // At this low density, cells are large and full.
         assert!(counts.points_stored * 2 > server.points().total(), "{name}: {counts:?}");
     }
     draw(name, scene, &server, &state);

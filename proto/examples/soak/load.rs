@@ -27,7 +27,7 @@ pub(crate) struct Load {
 
 /// What a server did.
 #[derive(Debug, Default)]
-pub(crate) struct Served {
+pub(crate) struct ServerTally {
     pub(crate) frames: u64,
     /// Ticks that the frame loop missed since the one before took too long.
     pub(crate) late: u64,
@@ -44,7 +44,7 @@ pub(crate) struct Served {
 
 /// What a good client saw.
 #[derive(Debug)]
-pub(crate) struct Followed {
+pub(crate) struct ClientTally {
     pub(crate) frames: u64,
     pub(crate) per_second: f64,
     /// Updates that could not be applied, wrong hashes among them.
@@ -70,12 +70,12 @@ pub(crate) async fn serve(
     hub: &Hub,
     source: &mut Source,
     load: Load,
-    mut watch: impl FnMut(&Served, &Hub),
-) -> Result<Served> {
+    mut watch: impl FnMut(&ServerTally, &Hub),
+) -> Result<ServerTally> {
     if !hub.wait_joined(load.clients, Duration::from_secs(60)).await {
         return Err(format!("{} of {} clients joined within 60 s", hub.joined(), load.clients).into());
     }
-    let mut served = Served::default();
+    let mut served = ServerTally::default();
     let start = Instant::now();
     let mut ticks = interval(Duration::from_secs_f64(1.0 / load.hz));
     ticks.set_missed_tick_behavior(MissedTickBehavior::Skip);
@@ -103,7 +103,7 @@ pub(crate) async fn serve(
     Ok(served)
 }
 
-impl Served {
+impl ServerTally {
     fn count(&mut self, sent: Broadcast) {
         self.sent.updates += sent.updates;
         self.sent.keyframes += sent.keyframes;
@@ -126,7 +126,7 @@ impl Served {
 }
 
 /// Connects all clients and follows to the end; what the good ones saw.
-pub(crate) async fn follow(address: &Address, load: Load) -> Result<Vec<Followed>> {
+pub(crate) async fn follow(address: &Address, load: Load) -> Result<Vec<ClientTally>> {
     let mut stalled = Vec::new();
     for _ in 0..load.stalled.min(load.clients) {
         let mut connection = dial(address).await?;
@@ -150,8 +150,8 @@ async fn dial(address: &Address) -> Result<Connection> {
     Ok(connect(address, &ConnectOptions::default(), Limits::default()).await?)
 }
 
-async fn follow_one(mut connection: Connection) -> Followed {
-    let mut seen = Followed { frames: 0, per_second: 0.0, unusable: 0, error: None };
+async fn follow_one(mut connection: Connection) -> ClientTally {
+    let mut seen = ClientTally { frames: 0, per_second: 0.0, unusable: 0, error: None };
     let (mut first, mut last) = (None, Instant::now());
     while !connection.session().is_closed() {
         let events = match timeout(Duration::from_secs(120), connection.next_events()).await {

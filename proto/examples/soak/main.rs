@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 use std::process::Stdio;
 use std::str::FromStr;
 
-use load::{Followed, Load, Result, Served, follow, listen, serve};
+use load::{ClientTally, Load, Result, ServerTally, follow, listen, serve};
 use psao_codec::block::BlockCoder;
 use psao_proto::net::{Address, Hub};
 use source::Source;
@@ -25,7 +25,7 @@ async fn main() -> Result<()> {
         None => server(&arguments).await,
         Some(address) => {
             let seen = follow(address, arguments.load).await?;
-            tell_clients(&seen, arguments.load);
+            print_clients(&seen, arguments.load);
             Ok(())
         }
     }
@@ -87,17 +87,17 @@ async fn server(arguments: &Arguments) -> Result<()> {
         load.clients, load.stalled
     );
     let before = resident_kib();
-    let result = serve(&hub, &mut source, load, tell_progress).await;
+    let result = serve(&hub, &mut source, load, print_progress).await;
     if result.is_err() {
         clients.kill()?;
     }
     let status = clients.wait()?;
     let served = result?;
-    tell_server(&served, load, before);
+    print_server(&served, load, before);
     if status.success() { Ok(()) } else { Err("the clients failed".into()) }
 }
 
-fn tell_progress(served: &Served, hub: &Hub) {
+fn print_progress(served: &ServerTally, hub: &Hub) {
     println!(
         "{} frames; {} clients joined; {} bytes wait; server's resident memory {}",
         served.frames,
@@ -107,8 +107,8 @@ fn tell_progress(served: &Served, hub: &Hub) {
     );
 }
 
-fn tell_server(served: &Served, load: Load, before: Option<u64>) {
-    let Served { frames, late, bytes, sent, joined, left, faults, slowest, most_queued } = served;
+fn print_server(served: &ServerTally, load: Load, before: Option<u64>) {
+    let ServerTally { frames, late, bytes, sent, joined, left, faults, slowest, most_queued } = served;
     println!("server: {frames} frames in {} s at {} Hz, {late} ticks late", load.seconds, load.hz);
     println!("  {:.0} bytes a body; {joined} joined, {left} left", *bytes as f64 / (*frames).max(1) as f64);
     println!(
@@ -133,7 +133,7 @@ fn tell_server(served: &Served, load: Load, before: Option<u64>) {
     }
 }
 
-fn tell_clients(seen: &[Followed], load: Load) {
+fn print_clients(seen: &[ClientTally], load: Load) {
     let mut rates: Vec<f64> = seen.iter().map(|one| one.per_second).collect();
     rates.sort_by(f64::total_cmp);
     let at = |share: f64| {

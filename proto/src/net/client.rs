@@ -12,16 +12,16 @@ use tokio::time::{Instant, timeout};
 use super::peer::TLS_ALERT;
 use super::serve::serve;
 use super::stream::{Stream, is_local, resolve};
-use super::{Address, CHUNK, HostPort, Hub, NetError, Peer, since};
+use super::{Address, CHUNK_BYTES, HostPort, Hub, NetError, Peer, elapsed_since};
 #[cfg(feature = "tls")]
 use super::{ClientTls, TlsError};
 use crate::session::{ClientEvent, ClientOptions, ClientSession, SessionError};
 use crate::{Limits, Micros, WireFrame};
 
 /// Bytes that wait between the two ends of a connection within a process, in each direction.
-const IN_PROCESS_BYTES: usize = 256 * 1024;
+const IN_PROCESS_BUFFER_BYTES: usize = 256 * 1024;
 /// How long to look for what the server said before it closed a connection that breaks.
-const LAST_WORDS: Duration = Duration::from_secs(1);
+const FAREWELL_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// How a client connects. The default: no credentials, no authorities, so no TLS.
 #[derive(Clone, Debug, Default)]
@@ -78,8 +78,8 @@ pub async fn connect(
         return Err(NetError::TlsUnused { address: address.to_string() });
     }
     let started = Instant::now();
-    let patience = Duration::from_micros(limits.handshake.0);
-    let stream = timeout(patience, open(address, options))
+    let connect_timeout = Duration::from_micros(limits.handshake.0);
+    let stream = timeout(connect_timeout, open(address, options))
         .await
         .map_err(|_| NetError::ConnectTimeout { address: address.to_string(), waited: limits.handshake })??;
     let session = ClientSession::with(limits, options.session.clone());
@@ -90,7 +90,7 @@ pub async fn connect(
 /// hub wants a token, this client has it.
 #[must_use]
 pub fn connect_in_process(hub: &Hub, limits: Limits) -> Connection {
-    let (ours, theirs) = tokio::io::duplex(IN_PROCESS_BYTES);
+    let (ours, theirs) = tokio::io::duplex(IN_PROCESS_BUFFER_BYTES);
     tokio::spawn(serve(hub.clone(), Peer::InProcess, Box::new(theirs)));
     let options = ClientOptions { token: hub.token().cloned(), ..ClientOptions::default() };
     let session = ClientSession::with(limits, options);
@@ -169,7 +169,7 @@ impl Connection {
     ) -> Self {
         // The deadline of the handshake counts from the start of the connection. Nothing has failed yet.
         let _ = session.tick(Micros(0));
-        Self { address, stream, session, started, limits, buffer: vec![0; CHUNK] }
+        Self { address, stream, session, started, limits, buffer: vec![0; CHUNK_BYTES] }
     }
 
     /// Sends what waits, then waits for bytes from the server and returns the events they make: none, one or many.
@@ -199,7 +199,7 @@ impl Connection {
         let count = match sent {
             Ok(()) => self.read().await?,
             // Whoever closes a connection may have said why before.
-            Err(broken) => match timeout(LAST_WORDS, self.read()).await {
+            Err(broken) => match timeout(FAREWELL_TIMEOUT, self.read()).await {
                 Ok(Ok(count)) => count,
                 Ok(Err(NetError::Broken { .. } | NetError::Disconnected { .. })) | Err(_) => {
                     return Err(broken);
@@ -208,8 +208,8 @@ impl Connection {
             },
         };
         let bytes = self.buffer.get(..count).unwrap_or_default();
-        let result = self.session.handle_with(bytes, since(self.started), tap);
-        self.farewell(result).await
+        let result = self.session.handle_with(bytes, elapsed_since(self.started), tap);
+        self.finish_with(result).await
     }
 
     /// Reads into the buffer: at least one byte. Calls the session whenever it wants to be called.
@@ -220,12 +220,12 @@ impl Connection {
             let result = match deadline {
                 None => read.await,
                 Some(deadline) => {
-                    let left = Duration::from_micros(deadline.since(since(self.started)).0);
+                    let left = Duration::from_micros(deadline.since(elapsed_since(self.started)).0);
                     match timeout(left, read).await {
                         Ok(result) => result,
                         Err(_) => {
-                            let result = self.session.tick(since(self.started));
-                            self.farewell(result).await?;
+                            let result = self.session.tick(elapsed_since(self.started));
+                            self.finish_with(result).await?;
                             self.flush().await?;
                             continue;
                         }
@@ -295,7 +295,7 @@ impl Connection {
     /// Returns the time by the session's clock: microseconds since the connection began.
     #[must_use]
     pub fn now(&self) -> Micros {
-        since(self.started)
+        elapsed_since(self.started)
     }
 
     /// Returns the address as it was given.
@@ -305,13 +305,13 @@ impl Connection {
     }
 
     /// Passes on what the session says. When it failed, the other end is told if that is still possible.
-    async fn farewell<T>(&mut self, result: Result<T, SessionError>) -> Result<T, NetError> {
+    async fn finish_with<T>(&mut self, result: Result<T, SessionError>) -> Result<T, NetError> {
         let source = match result {
             Ok(events) => return Ok(events),
             Err(source) => source,
         };
         // The error at hand says more than a socket that broke after it.
-        let _ = timeout(LAST_WORDS, self.flush()).await;
+        let _ = timeout(FAREWELL_TIMEOUT, self.flush()).await;
         let address = self.address.clone();
         Err(match source {
             SessionError::NotPsao { found: TLS_ALERT } => NetError::SpeaksTls { address },

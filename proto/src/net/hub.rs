@@ -10,7 +10,7 @@ use psao_codec::envelope::{EncodeError, FrameInfo};
 use tokio::sync::Notify;
 use tokio::time::{Instant, timeout};
 
-use super::{Peer, PeerError, since};
+use super::{Peer, PeerError, elapsed_since};
 use crate::message::{Budget, CameraPose, CloseCode, Edit, Report, Token};
 use crate::session::{Access, SendError, ServerEvent, ServerSession, SessionError};
 use crate::{Delivery, Fanout, FrameIndex, Limits, Micros, SceneTable};
@@ -210,7 +210,7 @@ impl Hub {
     /// Returns the time by the hub's clock: microseconds since it was created. Clients learn it from STAMPs and PONGs.
     #[must_use]
     pub fn now(&self) -> Micros {
-        since(self.shared.started)
+        elapsed_since(self.shared.started)
     }
 
     /// Gives a report to every client that is not behind.
@@ -385,7 +385,7 @@ impl Hub {
     }
 
     /// Returns the time until the deadline of the client's session, if it has one.
-    pub(super) fn patience(&self, id: ClientId) -> Option<Duration> {
+    pub(super) fn time_to_deadline(&self, id: ClientId) -> Option<Duration> {
         let inner = self.lock();
         let deadline = inner.clients.get(&id)?.session.next_deadline()?;
         Some(Duration::from_micros(deadline.since(self.now()).0))

@@ -59,9 +59,9 @@ impl ListenOptions {
     }
 
     /// Returns whether clients must show certificates.
-    fn asks_clients(&self) -> bool {
+    fn requires_client_certificates(&self) -> bool {
         #[cfg(feature = "tls")]
-        return self.tls.as_ref().is_some_and(ServerTls::asks_clients);
+        return self.tls.as_ref().is_some_and(ServerTls::requires_client_certificates);
         #[cfg(not(feature = "tls"))]
         return false;
     }
@@ -76,12 +76,13 @@ impl ListenOptions {
         if self.exposure == Exposure::OpenToEveryone || places.iter().all(is_local) {
             return Ok(());
         }
-        let lacks = match (matches!(address, Address::Tls(_)), has_token || self.asks_clients()) {
-            (true, true) => return Ok(()),
-            (true, false) => "asks nobody for a token or a certificate",
-            (false, true) => "has no TLS",
-            (false, false) => "has no TLS and asks nobody for a token or a certificate",
-        };
+        let lacks =
+            match (matches!(address, Address::Tls(_)), has_token || self.requires_client_certificates()) {
+                (true, true) => return Ok(()),
+                (true, false) => "asks nobody for a token or a certificate",
+                (false, true) => "has no TLS",
+                (false, false) => "has no TLS and asks nobody for a token or a certificate",
+            };
         Err(NetError::Exposed { address: address.to_string(), lacks })
     }
 }

@@ -82,9 +82,9 @@ use tokio::time::Instant;
 use crate::Micros;
 
 /// Bytes read or written at a time.
-const CHUNK: usize = 64 * 1024;
+const CHUNK_BYTES: usize = 64 * 1024;
 
 /// Returns the time since `start`, as the sessions take it.
-fn since(start: Instant) -> Micros {
+fn elapsed_since(start: Instant) -> Micros {
     Micros(u64::try_from(start.elapsed().as_micros()).unwrap_or(u64::MAX))
 }

@@ -7,19 +7,19 @@ use tokio::sync::Notify;
 use tokio::time::timeout;
 
 use super::stream::Stream;
-use super::{CHUNK, ClientId, Hub, Peer, PeerError};
+use super::{CHUNK_BYTES, ClientId, Hub, Peer, PeerError};
 
 /// How long the last frames of a session may take to leave, and the other end to take them.
 const LINGER: Duration = Duration::from_secs(2);
 /// Bytes read from a client at a time: what clients say is short.
-const READ_CHUNK: usize = 4 * 1024;
+const READ_CHUNK_BYTES: usize = 4 * 1024;
 
 /// Serves a client whose connection is set up.
 pub(super) async fn serve(hub: Hub, peer: Peer, stream: Stream) {
     let Some((id, wake)) = hub.add(peer) else { return };
     // Starts the session's deadline.
     hub.tick(id);
-    carry(&hub, id, &wake, stream).await;
+    run_session(&hub, id, &wake, stream).await;
     hub.remove(id);
 }
 
@@ -34,16 +34,16 @@ pub(super) async fn serve_tls(
     let Some((id, wake)) = hub.add(Peer::Tls(from)) else { return };
     // Starts the session's deadline.
     hub.tick(id);
-    let patience = hub.patience(id).unwrap_or_default();
-    let accepting = timeout(patience, tls.acceptor().accept(stream).into_fallible());
+    let deadline = hub.time_to_deadline(id).unwrap_or_default();
+    let accepting = timeout(deadline, tls.acceptor().accept(stream).into_fallible());
     tokio::select! {
         result = accepting => match result {
-            Ok(Ok(stream)) => carry(&hub, id, &wake, Box::new(stream)).await,
+            Ok(Ok(stream)) => run_session(&hub, id, &wake, Box::new(stream)).await,
             Ok(Err((error, stream))) => {
                 let fault = super::TlsError::of_handshake(&error).map(PeerError::Tls);
                 hub.fault(id, fault.unwrap_or_else(|| PeerError::broken(&error)));
                 let (mut from, mut to) = stream.into_split();
-                farewell(&mut from, &mut to).await;
+                close_gracefully(&mut from, &mut to).await;
             }
             // The session knows that its deadline has passed.
             Err(_) => drop(hub.tick(id)),
@@ -54,7 +54,7 @@ pub(super) async fn serve_tls(
 }
 
 /// Carries a session's bytes until it is over or the connection is.
-async fn carry(hub: &Hub, id: ClientId, wake: &Notify, stream: Stream) {
+async fn run_session(hub: &Hub, id: ClientId, wake: &Notify, stream: Stream) {
     let (mut from, to) = split(stream);
     let mut outgoing = Outgoing { to, bytes: Vec::new(), sent: 0 };
     tokio::select! {
@@ -63,15 +63,15 @@ async fn carry(hub: &Hub, id: ClientId, wake: &Notify, stream: Stream) {
     }
     // What waits may still go out, but for those who take nothing.
     let _ = timeout(LINGER, write_all(hub, id, wake, &mut outgoing)).await;
-    farewell(&mut from, &mut outgoing.to).await;
+    close_gracefully(&mut from, &mut outgoing.to).await;
 }
 
 /// Closes in such a way that the last frames arrive: a socket closed with bytes unread is reset, and they may be lost
 /// with it.
-async fn farewell(from: &mut (impl AsyncRead + Unpin), to: &mut (impl AsyncWrite + Unpin)) {
+async fn close_gracefully(from: &mut (impl AsyncRead + Unpin), to: &mut (impl AsyncWrite + Unpin)) {
     let closing = async {
         let _ = to.shutdown().await;
-        let mut buffer = vec![0; READ_CHUNK];
+        let mut buffer = vec![0; READ_CHUNK_BYTES];
         while matches!(from.read(&mut buffer).await, Ok(count) if count > 0) {}
     };
     let _ = timeout(LINGER, closing).await;
@@ -79,12 +79,12 @@ async fn farewell(from: &mut (impl AsyncRead + Unpin), to: &mut (impl AsyncWrite
 
 /// Reads until the connection or the session ends.
 async fn read_all(hub: &Hub, id: ClientId, from: &mut ReadHalf<Stream>) {
-    let mut buffer = vec![0; READ_CHUNK];
+    let mut buffer = vec![0; READ_CHUNK_BYTES];
     loop {
         let read = from.read(&mut buffer);
-        let result = match hub.patience(id) {
+        let result = match hub.time_to_deadline(id) {
             None => read.await,
-            Some(patience) => match timeout(patience, read).await {
+            Some(deadline) => match timeout(deadline, read).await {
                 Ok(result) => result,
                 Err(_) if hub.tick(id) => continue,
                 Err(_) => return,
@@ -117,7 +117,7 @@ async fn write_all(hub: &Hub, id: ClientId, wake: &Notify, outgoing: &mut Outgoi
         match timeout(stall, outgoing.write_some()).await {
             Ok(Ok(true)) => {}
             Ok(Ok(false)) => {
-                let (bytes, over) = hub.take_output(id, CHUNK);
+                let (bytes, over) = hub.take_output(id, CHUNK_BYTES);
                 if bytes.is_empty() && over {
                     return;
                 }

@@ -1,7 +1,7 @@
 //! Recordings one after the other.
 
 use super::rewrite::Rewriter;
-use super::{Player, RewriteError, Rewritten};
+use super::{Player, RewriteError, RewriteOutcome};
 use crate::Limits;
 
 /// Makes one recording of several, given one at a time.
@@ -47,14 +47,14 @@ impl<E, P: FnMut(&[u8]) -> Result<(), E>> Concatenation<P> {
     ///
     /// # Errors
     /// [`RewriteError`]; [`RewriteError::Reader`] when the bytes are not a recording, and then nothing was added.
-    pub fn add(&mut self, file: &[u8]) -> Result<Rewritten, RewriteError<E>> {
+    pub fn add(&mut self, file: &[u8]) -> Result<RewriteOutcome, RewriteError<E>> {
         let mut player = Player::new(file, self.limits)?;
         self.out.next_file();
         while let Some(step) = player.next_step() {
             self.out.copy(&step, &player)?;
         }
         self.out.end_of_file(player.stats().lost)?;
-        Ok(self.out.toll.take())
+        Ok(self.out.losses.take())
     }
 
     /// Ends the recording with the last CLOSE and an index; gives its length in bytes.

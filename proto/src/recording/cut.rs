@@ -1,7 +1,7 @@
 //! A piece of a recording that stands alone.
 
 use super::rewrite::{LossError, Rewriter};
-use super::{IndexEntry, Player, PlayerEvent, RewriteError, Rewritten, Summary};
+use super::{IndexEntry, Player, PlayerEvent, RewriteError, RewriteOutcome, Summary};
 use crate::{FrameIndex, Limits, StreamTime};
 
 /// Which frames are wanted: those between the first that is in the bounds and the first after it that lies beyond them.
@@ -15,7 +15,7 @@ pub enum Bounds {
 
 impl Bounds {
     /// Where an entry lies: before, in, or beyond the bounds.
-    fn place(&self, entry: &IndexEntry) -> std::cmp::Ordering {
+    fn compare(&self, entry: &IndexEntry) -> std::cmp::Ordering {
         use std::cmp::Ordering;
         let (value, from, to) = match *self {
             Self::Time(from, to) => (entry.time.0, from.0, to.0),
@@ -104,8 +104,8 @@ pub(super) struct Span {
 impl Span {
     /// The span of some bounds.
     pub(super) fn find(index: &[IndexEntry], bounds: &Bounds) -> Result<Self, RangeError> {
-        if let Some(first) = index.iter().position(|entry| bounds.place(entry).is_eq()) {
-            let after = index.iter().skip(first).position(|entry| bounds.place(entry).is_gt());
+        if let Some(first) = index.iter().position(|entry| bounds.compare(entry).is_eq()) {
+            let after = index.iter().skip(first).position(|entry| bounds.compare(entry).is_gt());
             let last = after.map_or(index.len(), |count| first + count) - 1;
             return Ok(Self { first, last });
         }
@@ -134,7 +134,7 @@ pub fn cut<E>(
     bounds: &Bounds,
     limits: Limits,
     put: impl FnMut(&[u8]) -> Result<(), E>,
-) -> Result<Rewritten, RewriteError<E>> {
+) -> Result<RewriteOutcome, RewriteError<E>> {
     let summary = Summary::scan(file, limits)?;
     let index = summary.index();
     let Span { first, last } = Span::find(index, bounds)?;
@@ -149,7 +149,7 @@ pub fn cut<E>(
     let mut player = Player::new(file, limits)?;
     player.jump(&summary, if bounds.start_at(first_entry) { first } else { first.saturating_sub(1) });
     let mut out = Rewriter::new(limits, put)?;
-    let (mut begun, mut missing) = (false, 0);
+    let (mut started, mut missing) = (false, 0);
     while let Some(step) = player.next_step() {
         let offset = step.offset();
         if offset < end {
@@ -159,35 +159,35 @@ pub fn cut<E>(
             break;
         }
         if offset < begin {
-            out.toll.start_after(player.stats().lost, player.last_applied());
+            out.losses.start_after(player.stats().lost, player.last_applied());
             continue;
         }
         if offset == first_entry.offset && bounds.start_at(first_entry) {
             // What is missing before it was not asked for.
             let before = first_entry.frame.0.checked_sub(1).map(FrameIndex);
-            out.toll.start_after(player.stats().lost, before);
+            out.losses.start_after(player.stats().lost, before);
         }
         match (&step.event, &step.record) {
-            (Some(PlayerEvent::Frame(_)), Some(record)) if !begun && offset >= first_entry.offset => {
-                out.begin(record, &player)?;
-                begun = true;
+            (Some(PlayerEvent::Frame(frame)), Some(record)) if !started && offset >= first_entry.offset => {
+                out.begin(record, &frame.info, &player)?;
+                started = true;
             }
             // An edit after the last frame is part of none.
             (Some(PlayerEvent::Edit(_)), _) if offset > last_entry.offset => {}
             _ if offset >= end && LossError::of(&step).is_some() => {}
             _ if LossError::of(&step).is_some() => out.copy(&step, &player)?,
-            _ if begun => out.copy(&step, &player)?,
+            _ if started => out.copy(&step, &player)?,
             _ => {}
         }
     }
-    if !begun {
+    if !started {
         let frames = last + 1 - first;
         return Err(RangeError::Unplayable { bounds: *bounds, frames }.into());
     }
     if after.is_some() {
-        out.forget_close();
+        out.drop_close();
     }
     out.end_of_file(missing)?;
     out.finish()?;
-    Ok(out.toll.take())
+    Ok(out.losses.take())
 }

@@ -6,7 +6,7 @@ use crate::message::{Edit, EditAction};
 
 /// What an edit is about; a newer one about the same replaces an older one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum Subject {
+enum Property {
     Pose,
     Visibility,
 }
@@ -14,21 +14,21 @@ enum Subject {
 /// The edits that make a scene differ from its animation: the newest for each instance and kind, where that is not to be
 /// as the animation has it.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct EditsInForce(BTreeMap<(u32, Subject), Edit>);
+pub struct EditsInForce(BTreeMap<(u32, Property), Edit>);
 
 impl EditsInForce {
     /// Takes an edit into account.
-    pub fn note(&mut self, edit: &Edit) {
-        let (subject, own) = match edit.action {
-            EditAction::Move { .. } => (Subject::Pose, true),
-            EditAction::Release => (Subject::Pose, false),
-            EditAction::Hide => (Subject::Visibility, true),
-            EditAction::Show => (Subject::Visibility, false),
+    pub fn apply(&mut self, edit: &Edit) {
+        let (property, overrides) = match edit.action {
+            EditAction::Move { .. } => (Property::Pose, true),
+            EditAction::Release => (Property::Pose, false),
+            EditAction::Hide => (Property::Visibility, true),
+            EditAction::Show => (Property::Visibility, false),
         };
-        if own {
-            self.0.insert((edit.instance, subject), *edit);
+        if overrides {
+            self.0.insert((edit.instance, property), *edit);
         } else {
-            self.0.remove(&(edit.instance, subject));
+            self.0.remove(&(edit.instance, property));
         }
     }
 
@@ -61,12 +61,12 @@ mod tests {
             (2, moved(0.0)),
             (2, EditAction::Release),
         ] {
-            edits.note(&Edit { instance, action });
+            edits.apply(&Edit { instance, action });
         }
         let left: Vec<_> = edits.iter().map(|edit| (edit.instance, edit.action)).collect();
         assert_eq!(left, [(3, moved(2.0)), (3, EditAction::Hide)]);
-        edits.note(&Edit { instance: 3, action: EditAction::Release });
-        edits.note(&Edit { instance: 3, action: EditAction::Show });
+        edits.apply(&Edit { instance: 3, action: EditAction::Release });
+        edits.apply(&Edit { instance: 3, action: EditAction::Show });
         assert!(edits.is_empty());
     }
 }

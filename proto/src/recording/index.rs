@@ -1,8 +1,8 @@
 //! The index of a recording: where its keyframes and updates are.
 
-use psao_codec::envelope::inspect;
+use psao_codec::envelope::FrameInfo;
 
-use crate::{FrameHeader, FrameIndex, FrameType, Group, Limits, Sequence, StreamTime};
+use crate::{FrameHeader, FrameIndex, FrameType, Group, Sequence, StreamTime};
 
 /// Bytes of one entry in an INDEX frame.
 pub const INDEX_ENTRY_BYTES: usize = 32;
@@ -28,15 +28,12 @@ pub struct IndexEntry {
 }
 
 impl IndexEntry {
-    /// The entry of the record at `offset`, or `None` when its frame carries no state or its body cannot be read.
-    pub(crate) fn of(offset: u64, header: FrameHeader, body: &[u8], limits: &Limits) -> Option<Self> {
-        if !header.kind.carries_state() {
-            return None;
-        }
-        let info = inspect(body, &limits.codec).ok()?;
+    /// Creates the entry of the keyframe or update in the record at `offset`, from the headers of its wire frame and of
+    /// its body.
+    pub(super) fn new(offset: u64, header: FrameHeader, info: &FrameInfo) -> Self {
         let FrameHeader { kind, group, sequence, .. } = header;
         let keyframe = kind == FrameType::KEYFRAME;
-        Some(Self { offset, time: info.time, frame: info.frame, group, sequence, keyframe })
+        Self { offset, time: info.time, frame: info.frame, group, sequence, keyframe }
     }
 
     fn to_bytes(self) -> [u8; INDEX_ENTRY_BYTES] {

@@ -38,7 +38,7 @@ pub use owned_player::OwnedPlayer;
 pub use player::{PlayedFrame, Player, PlayerError, PlayerEvent, PlayerStats};
 pub use reader::{Damage, DamageKind, Reader, ReaderError, Record};
 pub use recover::recover;
-pub use rewrite::{LossError, RewriteError, Rewritten};
+pub use rewrite::{LossError, RewriteError, RewriteOutcome};
 pub use summary::{StoredIndex, Summary, TypeCount, load_index};
 pub use writer::{Writer, WriterError};
 
@@ -91,7 +91,7 @@ pub(crate) fn parse_footer(bytes: &[u8; FOOTER_BYTES]) -> Option<u64> {
 }
 
 /// What is wrong with the bytes where a record should start.
-pub(crate) enum RecordFault {
+pub(crate) enum RecordError {
     /// They end before the record does.
     Ends,
     /// The arrival time does not fit its checksum.

@@ -230,7 +230,7 @@ impl<'a> Player<'a> {
             self.reader.rewind();
             return;
         };
-        for offset in summary.on_the_way(key.offset) {
+        for offset in summary.prerequisites_of(key.offset) {
             self.reader.seek(offset);
             // What is bad in it shows when the keyframe cannot be applied.
             if let Some(Ok(record)) = self.reader.next() {
@@ -244,7 +244,7 @@ impl<'a> Player<'a> {
     /// the keyframe will be [`FollowError::NoScene`]; [`jump`](Self::jump) sees to that.
     pub fn seek(&mut self, keyframe: &IndexEntry) {
         self.reader.seek(keyframe.offset);
-        self.playback.lose_place();
+        self.playback.lose_position();
     }
 
     /// The state after the last frame applied; `None` before the scene.
@@ -328,11 +328,11 @@ impl Playback {
     }
 
     /// Waits for a keyframe, as after a jump.
-    fn lose_place(&mut self) {
+    fn lose_position(&mut self) {
         self.last = None;
         self.damaged = false;
         if let Some(follower) = &mut self.follower {
-            follower.lose_place();
+            follower.lose_position();
         }
     }
 
@@ -372,7 +372,7 @@ impl Playback {
         if edit.instance as usize >= instances {
             return Err(PlayerError::NoInstance { instance: edit.instance, instances });
         }
-        self.edits.note(&edit);
+        self.edits.apply(&edit);
         Ok(PlayerEvent::Edit(edit))
     }
 

@@ -1,14 +1,14 @@
 //! Reading a recording: its records, and what was damaged.
 
 use super::{
-    FILE_HEADER_BYTES, FILE_MAGIC, FILE_VERSION, FOOTER_BYTES, RECORD_HEAD_BYTES, RecordFault, parse_footer,
+    FILE_HEADER_BYTES, FILE_MAGIC, FILE_VERSION, FOOTER_BYTES, RECORD_HEAD_BYTES, RecordError, parse_footer,
     sealed,
 };
 use crate::framer::{Split, split_frame};
 use crate::{FRAME_MAGIC, HEADER_BYTES, Limits, Micros, WireFrame, WireFrameError};
 
 /// Least bytes of a record: its head and a frame without payload.
-const LEAST_RECORD: usize = RECORD_HEAD_BYTES + HEADER_BYTES;
+const MIN_RECORD_BYTES: usize = RECORD_HEAD_BYTES + HEADER_BYTES;
 
 /// How often a reader may check the whole file's worth of payloads for records that turn out false. Honest damage
 /// checks each lost frame once; only a file made to slow readers down comes near.
@@ -90,7 +90,7 @@ pub enum DamageKind {
     Frame(WireFrameError),
     /// So many false records that looking further would take too long; the rest of the file is given up.
     #[error("too many false records; the rest of the file is given up")]
-    Hopeless,
+    TooManyFalseRecords,
 }
 
 /// A stretch of a recording that could not be read. Reading goes on behind it.
@@ -115,7 +115,7 @@ pub struct Reader<'a> {
     limits: Limits,
     at: usize,
     /// Payload bytes that may still be checked in vain.
-    patience: u64,
+    check_budget: u64,
 }
 
 /// Where a reader is in its file.
@@ -123,7 +123,7 @@ pub struct Reader<'a> {
 pub(super) struct Position {
     at: usize,
     /// Payload bytes that may still be checked in vain.
-    patience: u64,
+    check_budget: u64,
 }
 
 /// Whether bytes are a file header with a good checksum.
@@ -145,8 +145,8 @@ impl<'a> Reader<'a> {
     /// # Errors
     /// As [`new`](Self::new).
     pub fn with_limits(bytes: &'a [u8], limits: Limits) -> Result<Self, ReaderError> {
-        let patience = FALSE_RECORD_FACTOR.saturating_mul(bytes.len() as u64);
-        let mut reader = Self { bytes, limits, at: 0, patience };
+        let check_budget = FALSE_RECORD_FACTOR.saturating_mul(bytes.len() as u64);
+        let mut reader = Self { bytes, limits, at: 0, check_budget };
         match bytes.first_chunk::<FILE_HEADER_BYTES>() {
             Some(head) if is_file_header(head) => {
                 let version = u16::from_le_bytes([head[8], head[9]]);
@@ -161,11 +161,11 @@ impl<'a> Reader<'a> {
             }
             // A damaged header must not cost the records behind it.
             _ => {
-                let patience = reader.patience;
+                let check_budget = reader.check_budget;
                 if reader.find_record(0).is_none() {
                     return Err(ReaderError::NotARecording { length: bytes.len() });
                 }
-                reader.patience = patience;
+                reader.check_budget = check_budget;
             }
         }
         Ok(reader)
@@ -173,12 +173,12 @@ impl<'a> Reader<'a> {
 
     /// Goes on where another reader of the same bytes was.
     pub(super) const fn resume(bytes: &'a [u8], limits: Limits, position: Position) -> Self {
-        Self { bytes, limits, at: position.at, patience: position.patience }
+        Self { bytes, limits, at: position.at, check_budget: position.check_budget }
     }
 
     /// Returns where the reader is.
     pub(super) const fn position(&self) -> Position {
-        Position { at: self.at, patience: self.patience }
+        Position { at: self.at, check_budget: self.check_budget }
     }
 
     /// Goes to a record: the next item is the one at `offset`, as of [`Record::offset`] or an index. What is there is
@@ -206,20 +206,20 @@ impl<'a> Reader<'a> {
     }
 
     /// The record at `at`.
-    fn record_at(&mut self, at: usize) -> Result<Record<'a>, RecordFault> {
+    fn record_at(&mut self, at: usize) -> Result<Record<'a>, RecordError> {
         let bytes = self.bytes.get(at..).unwrap_or_default();
         // Fewer bytes than a footer has are the start of a record or of a footer, cut off in either case.
         if bytes.len() < FOOTER_BYTES {
-            return Err(RecordFault::Ends);
+            return Err(RecordError::Ends);
         }
         let Some((&[a0, a1, a2, a3, a4, a5, a6, a7, c0, c1, c2, c3], rest)) =
             bytes.split_first_chunk::<RECORD_HEAD_BYTES>()
         else {
-            return Err(RecordFault::Ends);
+            return Err(RecordError::Ends);
         };
         let arrival = [a0, a1, a2, a3, a4, a5, a6, a7];
         if u32::from_le_bytes([c0, c1, c2, c3]) != crc32c::crc32c(&arrival) {
-            return Err(RecordFault::Arrival);
+            return Err(RecordError::Arrival);
         }
         match split_frame(rest, &self.limits) {
             Ok(Split::Whole(header, bytes)) => {
@@ -227,27 +227,27 @@ impl<'a> Reader<'a> {
                 let frame = WireFrame { header, offset, bytes };
                 Ok(Record { arrival: Micros(u64::from_le_bytes(arrival)), frame })
             }
-            Ok(Split::Partial(_)) => Err(RecordFault::Ends),
+            Ok(Split::Partial(_)) => Err(RecordError::Ends),
             Err(fault) => {
                 if matches!(fault, WireFrameError::Checksum { .. }) {
                     // Its length is in the header that was just read.
                     let length =
                         rest.get(4..8).and_then(|l| l.first_chunk()).map_or(0, |l| u32::from_le_bytes(*l));
-                    self.patience = self.patience.saturating_sub(u64::from(length));
+                    self.check_budget = self.check_budget.saturating_sub(u64::from(length));
                 }
-                Err(RecordFault::Frame(fault))
+                Err(RecordError::Frame(fault))
             }
         }
     }
 
     /// The first place from `from` on where a whole record or a footer is.
     fn find_record(&mut self, from: usize) -> Option<usize> {
-        let last = self.bytes.len().checked_sub(LEAST_RECORD.min(FOOTER_BYTES))?;
+        let last = self.bytes.len().checked_sub(MIN_RECORD_BYTES.min(FOOTER_BYTES))?;
         let magic = FRAME_MAGIC.to_le_bytes();
         (from..=last).find(|&at| {
             let here = self.bytes.get(at..).unwrap_or_default();
             if here.get(RECORD_HEAD_BYTES..RECORD_HEAD_BYTES + 2) == Some(&magic[..]) {
-                return self.patience > 0 && self.record_at(at).is_ok();
+                return self.check_budget > 0 && self.record_at(at).is_ok();
             }
             at > 0 && here.first_chunk().is_some_and(|foot| parse_footer(foot).is_some())
         })
@@ -285,12 +285,12 @@ impl<'a> Iterator for Reader<'a> {
         let next = self.find_record(start + 1);
         self.at = next.unwrap_or(self.bytes.len());
         let kind = match fault {
-            _ if next.is_none() && self.patience == 0 => DamageKind::Hopeless,
+            _ if next.is_none() && self.check_budget == 0 => DamageKind::TooManyFalseRecords,
             _ if start < FILE_HEADER_BYTES => DamageKind::FileHeader,
-            RecordFault::Ends if next.is_some() => DamageKind::Length,
-            RecordFault::Ends => DamageKind::CutOff,
-            RecordFault::Arrival => DamageKind::Arrival,
-            RecordFault::Frame(fault) => DamageKind::Frame(fault),
+            RecordError::Ends if next.is_some() => DamageKind::Length,
+            RecordError::Ends => DamageKind::CutOff,
+            RecordError::Arrival => DamageKind::Arrival,
+            RecordError::Frame(fault) => DamageKind::Frame(fault),
         };
         Some(Err(Damage { offset: start as u64, kind, lost_bytes: (self.at - start) as u64 }))
     }
@@ -460,6 +460,6 @@ mod tests {
         }
         let (records, damages) = read(&file);
         assert!(records.is_empty(), "{records:?}");
-        assert_eq!(damages.last().unwrap().kind, DamageKind::Hopeless);
+        assert_eq!(damages.last().unwrap().kind, DamageKind::TooManyFalseRecords);
     }
 }

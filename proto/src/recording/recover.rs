@@ -1,7 +1,7 @@
 //! What is whole of a damaged recording.
 
-use super::rewrite::{LossError, Toll};
-use super::{Player, PlayerEvent, RewriteError, Rewritten, Writer};
+use super::rewrite::{LossCounter, LossError};
+use super::{Player, PlayerEvent, RewriteError, RewriteOutcome, Writer};
 use crate::{FrameIndex, FrameType, Limits, Micros, Numbering};
 
 /// Copies what is whole of a recording, byte for byte, into one with an index, and gives it to `put` piece by piece.
@@ -17,18 +17,18 @@ pub fn recover<E>(
     keep_all: bool,
     limits: Limits,
     mut put: impl FnMut(&[u8]) -> Result<(), E>,
-) -> Result<Rewritten, RewriteError<E>> {
+) -> Result<RewriteOutcome, RewriteError<E>> {
     let mut player = Player::new(file, limits)?;
     let (writer, head) = Writer::new(limits);
     put(&head).map_err(RewriteError::Put)?;
-    let mut copy = Recovery { writer, put, toll: Toll::default(), arrival: Micros(0) };
+    let mut copy = Recovery { writer, put, losses: LossCounter::default(), arrival: Micros(0) };
     while let Some(step) = player.next_step() {
         let loss = LossError::of(&step);
         let record = match (loss, step.record) {
             (None, Some(record)) => record,
             (Some(_), Some(record)) if keep_all => record,
             (loss, _) => {
-                loss.into_iter().for_each(|loss| copy.toll.add(loss));
+                loss.into_iter().for_each(|loss| copy.losses.add(loss));
                 continue;
             }
         };
@@ -43,33 +43,39 @@ pub fn recover<E>(
                 Some(PlayerEvent::Unusable { frame, .. }) => *frame,
                 _ => None,
             };
-            copy.mark(&player, number)?;
-            copy.toll.wrote_frame();
+            copy.write_gap(&player, number)?;
+            copy.losses.count_frame();
         }
-        copy.append(record.frame.bytes)?;
+        copy.append(record.frame.bytes, step.event.as_ref())?;
     }
-    copy.mark(&player, None)?;
+    copy.write_gap(&player, None)?;
     (copy.put)(&copy.writer.finish()?).map_err(RewriteError::Put)?;
-    Ok(copy.toll.take())
+    Ok(copy.losses.take())
 }
 
 /// The recording that is made.
 struct Recovery<P> {
     writer: Writer,
     put: P,
-    toll: Toll,
+    losses: LossCounter,
     arrival: Micros,
 }
 
 impl<E, P: FnMut(&[u8]) -> Result<(), E>> Recovery<P> {
     /// Marks what is lost before frame `next`.
-    fn mark(&mut self, player: &Player<'_>, next: Option<FrameIndex>) -> Result<(), RewriteError<E>> {
-        let Some(gap) = self.toll.settle(player.stats().lost, next) else { return Ok(()) };
-        self.append(&Numbering::default().message(&gap)?)
+    fn write_gap(&mut self, player: &Player<'_>, next: Option<FrameIndex>) -> Result<(), RewriteError<E>> {
+        let Some(gap) = self.losses.take_gap(player.stats().lost, next) else { return Ok(()) };
+        self.append(&Numbering::default().message(&gap)?, None)
     }
 
-    fn append(&mut self, frame: &[u8]) -> Result<(), RewriteError<E>> {
-        let record = self.writer.append(self.arrival, frame)?;
+    /// Writes a frame, of which `event` is what the player made of it.
+    fn append(&mut self, frame: &[u8], event: Option<&PlayerEvent>) -> Result<(), RewriteError<E>> {
+        let record = match event {
+            Some(PlayerEvent::Frame(played)) => {
+                self.writer.append_parsed(self.arrival, frame, Some(&played.info))?
+            }
+            _ => self.writer.append(self.arrival, frame)?,
+        };
         (self.put)(&record).map_err(RewriteError::Put)
     }
 }

@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use psao_codec::envelope::EncodeError;
+use psao_codec::envelope::{EncodeError, FrameInfo};
 
 use super::player::Step;
 use super::{
@@ -99,7 +99,7 @@ impl LossError {
     }
 
     /// Whether nothing of the stream is lost, only the file's own header.
-    fn spares_the_stream(&self) -> bool {
+    fn is_only_the_file_header(&self) -> bool {
         matches!(self, Self::Damage(damage)
             if damage.kind == DamageKind::FileHeader && damage.lost_bytes <= FILE_HEADER_BYTES as u64)
     }
@@ -107,7 +107,7 @@ impl LossError {
 
 /// What came of rewriting one recording.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Rewritten {
+pub struct RewriteOutcome {
     /// Keyframes and updates in the new one.
     pub frames: u64,
     /// Keyframes and updates that are not, as far as known.
@@ -120,8 +120,8 @@ pub struct Rewritten {
 
 /// Adds up what is lost, and makes the GAP mark for each place.
 #[derive(Debug, Default)]
-pub(super) struct Toll {
-    sum: Rewritten,
+pub(super) struct LossCounter {
+    sum: RewriteOutcome,
     /// Missing frames that the player had counted when this was settled last.
     counted: u64,
     /// Bytes and frames lost since a frame was written.
@@ -132,7 +132,7 @@ pub(super) struct Toll {
     last_lost: Option<FrameIndex>,
 }
 
-impl Toll {
+impl LossCounter {
     /// Frames up to `last` do not count here. `missing` is the player's count.
     pub(super) const fn start_after(&mut self, missing: u64, last: Option<FrameIndex>) {
         self.counted = missing;
@@ -145,7 +145,7 @@ impl Toll {
         let frames = u64::from(matches!(loss, LossError::Frame { .. }));
         self.sum.lost_bytes += bytes;
         self.sum.lost_frames += frames;
-        if !loss.spares_the_stream() {
+        if !loss.is_only_the_file_header() {
             let (all_bytes, all_frames) = self.pending.get_or_insert_default();
             *all_bytes += bytes;
             *all_frames += frames;
@@ -157,7 +157,7 @@ impl Toll {
     }
 
     /// The mark for what is lost before `next`, the next frame; `None` at the end. `missing` is the player's count.
-    pub(super) fn settle(&mut self, missing: u64, next: Option<FrameIndex>) -> Option<Gap> {
+    pub(super) fn take_gap(&mut self, missing: u64, next: Option<FrameIndex>) -> Option<Gap> {
         let unseen = missing.saturating_sub(std::mem::replace(&mut self.counted, missing));
         self.sum.lost_frames += unseen;
         let first = self.last.map_or(0, |last| last.0.saturating_add(1));
@@ -178,12 +178,12 @@ impl Toll {
     }
 
     /// A frame was written.
-    pub(super) const fn wrote_frame(&mut self) {
+    pub(super) const fn count_frame(&mut self) {
         self.sum.frames += 1;
     }
 
     /// What came of it so far; the next recording starts at nothing.
-    pub(super) fn take(&mut self) -> Rewritten {
+    pub(super) fn take(&mut self) -> RewriteOutcome {
         std::mem::take(self).sum
     }
 }
@@ -198,13 +198,13 @@ pub(super) struct Rewriter<P> {
     scene: Option<Arc<SceneTable>>,
     edits: EditsInForce,
     /// A scene table that was read and is not written yet.
-    coming: Option<Arc<SceneTable>>,
+    pending_scene: Option<Arc<SceneTable>>,
     /// An arrival in the file being read, and what it is here.
-    clock: Option<(Micros, Micros)>,
+    arrival_origin: Option<(Micros, Micros)>,
     last_arrival: Micros,
     /// The CLOSE that was read last.
-    close: Option<(Micros, Vec<u8>)>,
-    pub(super) toll: Toll,
+    last_close: Option<(Micros, Vec<u8>)>,
+    pub(super) losses: LossCounter,
 }
 
 impl<E, P: FnMut(&[u8]) -> Result<(), E>> Rewriter<P> {
@@ -217,28 +217,33 @@ impl<E, P: FnMut(&[u8]) -> Result<(), E>> Rewriter<P> {
             put,
             scene: None,
             edits: EditsInForce::default(),
-            coming: None,
-            clock: None,
+            pending_scene: None,
+            arrival_origin: None,
             last_arrival: Micros::default(),
-            close: None,
-            toll: Toll::default(),
+            last_close: None,
+            losses: LossCounter::default(),
         })
     }
 
-    /// Another file comes: its first record arrives one frame after the last one here.
+    /// Another file comes: its first record map_arrival one frame after the last one here.
     pub(super) fn next_file(&mut self) {
         let interval = self.scene.as_ref().map_or(0.0, |scene| 1e6 / f64::from(scene.info().fps));
         self.last_arrival = self.last_arrival.plus(Micros(interval.round() as u64));
-        self.clock = None;
+        self.arrival_origin = None;
     }
 
     /// Starts with the state after the frame that the player has just applied: scene, edits, keyframe. The keyframe is
     /// the recorded one, if it is one and the smaller.
-    pub(super) fn begin(&mut self, record: &Record<'_>, player: &Player<'_>) -> Result<(), RewriteError<E>> {
-        self.coming = player.scene().cloned();
+    pub(super) fn begin(
+        &mut self,
+        record: &Record<'_>,
+        info: &FrameInfo,
+        player: &Player<'_>,
+    ) -> Result<(), RewriteError<E>> {
+        self.pending_scene = player.scene().cloned();
         for edit in player.edits().iter() {
             self.message(record.arrival, FrameType::EDIT, &edit.to_payload()?)?;
-            self.edits.note(edit);
+            self.edits.apply(edit);
         }
         self.gap(record.arrival, player)?;
         let recorded = record.frame.payload();
@@ -246,32 +251,32 @@ impl<E, P: FnMut(&[u8]) -> Result<(), E>> Rewriter<P> {
         let made = player.keyframe().transpose()?;
         match &made {
             Some(made) if !is_keyframe || made.len() < recorded.len() => {
-                self.state_frame(record.arrival, FrameType::KEYFRAME, made)
+                self.state_frame(record.arrival, FrameType::KEYFRAME, info, made)
             }
-            _ => self.state_frame(record.arrival, record.frame.header.kind, recorded),
+            _ => self.state_frame(record.arrival, record.frame.header.kind, info, recorded),
         }
     }
 
     /// Takes over what the player has just read, as far as it plays.
     pub(super) fn copy(&mut self, step: &Step<'_>, player: &Player<'_>) -> Result<(), RewriteError<E>> {
         if let Some(loss) = LossError::of(step) {
-            self.toll.add(loss);
+            self.losses.add(loss);
             return Ok(());
         }
         let Some(record) = &step.record else { return Ok(()) };
         let (kind, payload) = (record.frame.header.kind, record.frame.payload());
         match (&step.event, kind) {
-            (Some(PlayerEvent::Scene(table)), _) => self.coming = Some(table.clone()),
-            (Some(PlayerEvent::Frame(_)), _) => {
+            (Some(PlayerEvent::Scene(table)), _) => self.pending_scene = Some(table.clone()),
+            (Some(PlayerEvent::Frame(frame)), _) => {
                 self.gap(record.arrival, player)?;
-                self.state_frame(record.arrival, kind, payload)?;
+                self.state_frame(record.arrival, kind, &frame.info, payload)?;
             }
             (Some(PlayerEvent::Closed(_)), _) => {
-                self.close = Some((self.arrives(record.arrival), payload.to_vec()));
+                self.last_close = Some((self.map_arrival(record.arrival), payload.to_vec()));
             }
             (Some(PlayerEvent::Edit(edit)), _) => {
                 self.message(record.arrival, kind, payload)?;
-                self.edits.note(edit);
+                self.edits.apply(edit);
             }
             // A scene table is written whole or not at all, an index is made anew, and a handshake was another file's.
             (None, FrameType::SCENE | FrameType::INDEX | FrameType::ACCEPT | FrameType::REJECT) => {}
@@ -282,7 +287,7 @@ impl<E, P: FnMut(&[u8]) -> Result<(), E>> Rewriter<P> {
 
     /// Nothing more comes of the file being read. `missing` is the player's count.
     pub(super) fn end_of_file(&mut self, missing: u64) -> Result<(), RewriteError<E>> {
-        match self.toll.settle(missing, None) {
+        match self.losses.take_gap(missing, None) {
             None => Ok(()),
             Some(gap) => self.write(self.last_arrival, FrameType::GAP, &gap.to_payload()?),
         }
@@ -290,74 +295,87 @@ impl<E, P: FnMut(&[u8]) -> Result<(), E>> Rewriter<P> {
 
     /// Writes the mark for what was lost before the frame that the player has just applied.
     fn gap(&mut self, arrival: Micros, player: &Player<'_>) -> Result<(), RewriteError<E>> {
-        match self.toll.settle(player.stats().lost, player.last_applied()) {
+        match self.losses.take_gap(player.stats().lost, player.last_applied()) {
             None => Ok(()),
             Some(gap) => self.message(arrival, FrameType::GAP, &gap.to_payload()?),
         }
     }
 
     /// The stream that is written does not end where the one that was read does.
-    pub(super) fn forget_close(&mut self) {
-        self.close = None;
+    pub(super) fn drop_close(&mut self) {
+        self.last_close = None;
     }
 
     /// Writes the CLOSE that was read last and the index; gives the length of the file.
     pub(super) fn finish(&mut self) -> Result<u64, RewriteError<E>> {
-        if let Some((arrival, payload)) = self.close.take() {
+        if let Some((arrival, payload)) = self.last_close.take() {
             let frame = self.numbering.control(FrameType::CLOSE, &payload);
-            self.append(arrival, &frame)?;
+            self.append(arrival, &frame, None)?;
         }
         let end = self.writer.finish()?;
         (self.put)(&end).map_err(RewriteError::Put)?;
         Ok(self.writer.file_bytes())
     }
 
-    fn state_frame(&mut self, arrival: Micros, kind: FrameType, body: &[u8]) -> Result<(), RewriteError<E>> {
-        let arrival = self.arrives(arrival);
-        self.settle_scene(arrival)?;
+    /// Writes a keyframe or update, of which `info` is the header. A keyframe made of a state has another header than the
+    /// recorded frame, but the same number and time, and an index needs no more.
+    fn state_frame(
+        &mut self,
+        arrival: Micros,
+        kind: FrameType,
+        info: &FrameInfo,
+        body: &[u8],
+    ) -> Result<(), RewriteError<E>> {
+        let arrival = self.map_arrival(arrival);
+        self.write_pending_scene(arrival)?;
         let frame = match kind {
             FrameType::KEYFRAME => self.numbering.keyframe(body)?,
             _ => self.numbering.update(body)?,
         };
-        self.close = None;
-        self.toll.wrote_frame();
-        self.append(arrival, &frame)
+        self.last_close = None;
+        self.losses.count_frame();
+        self.append(arrival, &frame, Some(info))
     }
 
     fn message(&mut self, arrival: Micros, kind: FrameType, payload: &[u8]) -> Result<(), RewriteError<E>> {
-        let arrival = self.arrives(arrival);
+        let arrival = self.map_arrival(arrival);
         self.write(arrival, kind, payload)
     }
 
     fn write(&mut self, arrival: Micros, kind: FrameType, payload: &[u8]) -> Result<(), RewriteError<E>> {
-        self.settle_scene(arrival)?;
+        self.write_pending_scene(arrival)?;
         let in_a_group = kind != FrameType::GAP;
         let numbering = if in_a_group { self.numbering } else { Numbering::default() };
-        self.append(arrival, &numbering.control(kind, payload))
+        self.append(arrival, &numbering.control(kind, payload), None)
     }
 
     /// Writes the scene table that came, unless it is the one in force and no edit has changed it: then the next keyframe
     /// says all there is to say.
-    fn settle_scene(&mut self, arrival: Micros) -> Result<(), RewriteError<E>> {
-        let Some(table) = self.coming.take() else { return Ok(()) };
+    fn write_pending_scene(&mut self, arrival: Micros) -> Result<(), RewriteError<E>> {
+        let Some(table) = self.pending_scene.take() else { return Ok(()) };
         if self.scene.as_ref() == Some(&table) && self.edits.is_empty() {
             return Ok(());
         }
         for frame in self.numbering.scene(&table)? {
-            self.append(arrival, &frame)?;
+            self.append(arrival, &frame, None)?;
         }
         self.scene = Some(table);
         self.edits = EditsInForce::default();
         Ok(())
     }
 
-    fn arrives(&mut self, arrival: Micros) -> Micros {
-        let (there, here) = *self.clock.get_or_insert((arrival, self.last_arrival));
+    fn map_arrival(&mut self, arrival: Micros) -> Micros {
+        let (there, here) = *self.arrival_origin.get_or_insert((arrival, self.last_arrival));
         here.plus(arrival.since(there))
     }
 
-    fn append(&mut self, arrival: Micros, frame: &[u8]) -> Result<(), RewriteError<E>> {
-        let record = self.writer.append(arrival, frame)?;
+    fn append(
+        &mut self,
+        arrival: Micros,
+        frame: &[u8],
+        info: Option<&FrameInfo>,
+    ) -> Result<(), RewriteError<E>> {
+        let record = self.writer.append_parsed(arrival, frame, info)?;
         self.last_arrival = self.last_arrival.max(arrival);
         (self.put)(&record).map_err(RewriteError::Put)
     }

@@ -9,12 +9,12 @@ use crate::{FrameIndex, FrameType, Limits, Micros, Numbering, Profile, StateHash
 
 const PROFILES: [Profile; 2] = [Profile::PAPER, Profile::SURFACE];
 
-type Rewriting = Result<(Vec<u8>, Rewritten), RewriteError<Infallible>>;
+type Rewriting = Result<(Vec<u8>, RewriteOutcome), RewriteError<Infallible>>;
 
 fn collect(
     rewrite: impl FnOnce(
         &mut dyn FnMut(&[u8]) -> Result<(), Infallible>,
-    ) -> Result<Rewritten, RewriteError<Infallible>>,
+    ) -> Result<RewriteOutcome, RewriteError<Infallible>>,
 ) -> Rewriting {
     let mut out = Vec::new();
     let done = rewrite(&mut |bytes| {
@@ -32,11 +32,11 @@ fn frames(from: u32, to: u32) -> Bounds {
     Bounds::Frames(FrameIndex(from), FrameIndex(to))
 }
 
-fn recovered(file: &[u8], keep_all: bool) -> (Vec<u8>, Rewritten) {
+fn recovered(file: &[u8], keep_all: bool) -> (Vec<u8>, RewriteOutcome) {
     collect(|put| recover(file, keep_all, Limits::default(), put)).unwrap()
 }
 
-fn joined(files: &[&[u8]]) -> (Vec<u8>, Vec<Rewritten>) {
+fn joined(files: &[&[u8]]) -> (Vec<u8>, Vec<RewriteOutcome>) {
     let mut out = Vec::new();
     let put = |bytes: &[u8]| {
         out.extend_from_slice(bytes);
@@ -56,7 +56,7 @@ fn play(file: &[u8]) -> (Vec<(u32, StateHash)>, PlayerStats) {
     while let Some(event) = player.next_event() {
         if let PlayerEvent::Frame(frame) = event {
             assert_eq!(player.state().unwrap().full_hash(), frame.info.hash);
-            assert!(frame.arrival >= arrival, "frame {} arrives earlier", frame.info.frame);
+            assert!(frame.arrival >= arrival, "frame {} map_arrival earlier", frame.info.frame);
             arrival = frame.arrival;
             frames.push((frame.info.frame.0, frame.info.hash));
         }
@@ -113,7 +113,10 @@ fn every_cut_plays_to_the_recorded_hashes_and_is_no_larger_than_it_must() {
                 let (played, stats) = play(&piece);
                 assert_eq!(played, whole[from as usize..=to as usize], "{from} to {to}");
                 assert!(stats.is_clean() && stats.gaps == 0, "{from} to {to}: {stats:?}");
-                assert_eq!(done, Rewritten { frames: u64::from(to - from + 1), ..Rewritten::default() });
+                assert_eq!(
+                    done,
+                    RewriteOutcome { frames: u64::from(to - from + 1), ..RewriteOutcome::default() }
+                );
                 let summary = Summary::scan(&piece, Limits::default()).unwrap();
                 assert_eq!(summary.stored_index(), StoredIndex::Agrees);
                 assert_eq!(summary.close().is_some(), to == 9, "{from} to {to}");

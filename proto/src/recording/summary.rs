@@ -2,6 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use psao_codec::envelope::FrameBody;
+
 use super::index::read_index;
 use super::{Damage, FOOTER_BYTES, IndexEntry, Reader, ReaderError, parse_footer};
 use crate::message::{Close, Gap, Message, Scene};
@@ -42,15 +44,15 @@ pub struct Summary {
     close: Option<Close>,
     damages: Vec<Damage>,
     gaps: Vec<Gap>,
-    marks: Vec<Mark>,
+    prerequisites: Vec<Prerequisite>,
 }
 
 /// A record that a reader needs even if it jumps over it: part of a scene table, or an edit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Mark {
+struct Prerequisite {
     offset: u64,
-    /// Whether a scene table begins here: nothing before it matters any more.
-    begins: bool,
+    /// Whether a scene table starts_scene here: nothing before it matters any more.
+    starts_scene: bool,
 }
 
 impl Summary {
@@ -70,7 +72,7 @@ impl Summary {
             close: None,
             damages: Vec::new(),
             gaps: Vec::new(),
-            marks: Vec::new(),
+            prerequisites: Vec::new(),
         };
         let mut stored = None;
         let mut group = None;
@@ -93,18 +95,19 @@ impl Summary {
             }
             summary.first_arrival.get_or_insert(record.arrival);
             summary.last_arrival = summary.last_arrival.max(Some(record.arrival));
-            summary.index.extend(IndexEntry::of(record.offset(), header, payload, &limits));
-            if header.kind.carries_state() && group != Some(header.group) {
-                group = Some(header.group);
-                summary.groups += 1;
+            if header.kind.carries_state() {
+                if let Ok(body) = FrameBody::parse(payload, &limits.codec) {
+                    summary.index.push(IndexEntry::new(record.offset(), header, body.info()));
+                }
+                summary.groups += u32::from(group.replace(header.group) != Some(header.group));
             }
             match header.kind {
                 FrameType::CLOSE => summary.close = Close::from_payload(payload).ok(),
                 FrameType::GAP => summary.gaps.extend(Gap::from_payload(payload).ok()),
                 FrameType::SCENE | FrameType::EDIT => {
                     let scene = (header.kind == FrameType::SCENE).then(|| Scene::from_payload(payload));
-                    let begins = matches!(scene, Some(Ok(Scene::Info(_))));
-                    summary.marks.push(Mark { offset: record.offset(), begins });
+                    let starts_scene = matches!(scene, Some(Ok(Scene::Info(_))));
+                    summary.prerequisites.push(Prerequisite { offset: record.offset(), starts_scene });
                 }
                 _ => {}
             }
@@ -177,13 +180,13 @@ impl Summary {
         &self.gaps
     }
 
-    /// Offsets of the records that must be played before the one at `offset`, in order: the last scene table that begins
+    /// Offsets of the records that must be played before the one at `offset`, in order: the last scene table that starts_scene
     /// before it, and the edits since.
-    pub(super) fn on_the_way(&self, offset: u64) -> impl Iterator<Item = u64> + '_ {
-        let end = self.marks.partition_point(|mark| mark.offset < offset);
-        let marks = self.marks.get(..end).unwrap_or_default();
-        let begin = marks.iter().rposition(|mark| mark.begins).unwrap_or(0);
-        marks.get(begin..).unwrap_or_default().iter().map(|mark| mark.offset)
+    pub(super) fn prerequisites_of(&self, offset: u64) -> impl Iterator<Item = u64> + '_ {
+        let end = self.prerequisites.partition_point(|mark| mark.offset < offset);
+        let prerequisites = self.prerequisites.get(..end).unwrap_or_default();
+        let begin = prerequisites.iter().rposition(|mark| mark.starts_scene).unwrap_or(0);
+        prerequisites.get(begin..).unwrap_or_default().iter().map(|mark| mark.offset)
     }
 
     /// Bytes of the recorded frames on the wire, headers included, an index left out.

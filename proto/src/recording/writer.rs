@@ -1,9 +1,13 @@
 //! Writing a recording: which bytes to append.
 
+use psao_codec::envelope::{FrameBody, FrameInfo};
+
 use super::index::{IndexEntry, write_index};
 use super::{file_header, footer};
 use crate::framer::{Split, split_frame};
-use crate::{FrameType, Group, HEADER_BYTES, Limits, Micros, Sequence, WireFrameError, write_frame};
+use crate::{
+    FrameHeader, FrameType, Group, HEADER_BYTES, Limits, Micros, Sequence, WireFrameError, write_frame,
+};
 
 /// Why nothing was appended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -93,15 +97,26 @@ impl Writer {
     /// # Errors
     /// [`WriterError`]; the recording is then as if this was never called.
     pub fn append(&mut self, arrival: Micros, frame: &[u8]) -> Result<Vec<u8>, WriterError> {
-        self.check_open()?;
-        let given = frame.len();
-        let header = match split_frame(frame, &self.limits).map_err(WriterError::NotAFrame)? {
-            Split::Whole(header, bytes) if bytes.len() == given => header,
-            Split::Whole(_, bytes) => return Err(WriterError::Length { given, frame: bytes.len() }),
-            Split::Partial(bytes) => return Err(WriterError::Length { given, frame: bytes }),
-        };
-        // A body that cannot be read is recorded all the same, as it came; an index has no use for it.
-        self.index.extend(IndexEntry::of(self.length, header, &frame[HEADER_BYTES..], &self.limits));
+        let header = self.check_frame(frame)?;
+        if header.kind.carries_state()
+            // A body that cannot be read is recorded as it came, but an index cannot name it.
+            && let Ok(body) = FrameBody::parse(&frame[HEADER_BYTES..], &self.limits.codec)
+        {
+            self.index.push(IndexEntry::new(self.length, header, body.info()));
+        }
+        Ok(self.record(arrival, frame))
+    }
+
+    /// As [`append`](Self::append), for a frame whose body was parsed before: `info` is the header of that body. Without
+    /// it the frame gets no entry in the index.
+    pub(super) fn append_parsed(
+        &mut self,
+        arrival: Micros,
+        frame: &[u8],
+        info: Option<&FrameInfo>,
+    ) -> Result<Vec<u8>, WriterError> {
+        let header = self.check_frame(frame)?;
+        self.index.extend(info.map(|info| IndexEntry::new(self.length, header, info)));
         Ok(self.record(arrival, frame))
     }
 
@@ -154,6 +169,17 @@ impl Writer {
             Status::Open => Ok(()),
             Status::Failed => Err(WriterError::Poisoned),
             Status::Finished => Err(WriterError::Finished),
+        }
+    }
+
+    /// Returns the header of the one whole frame that `frame` is, if a record may follow.
+    fn check_frame(&self, frame: &[u8]) -> Result<FrameHeader, WriterError> {
+        self.check_open()?;
+        let given = frame.len();
+        match split_frame(frame, &self.limits).map_err(WriterError::NotAFrame)? {
+            Split::Whole(header, bytes) if bytes.len() == given => Ok(header),
+            Split::Whole(_, bytes) => Err(WriterError::Length { given, frame: bytes.len() }),
+            Split::Partial(bytes) => Err(WriterError::Length { given, frame: bytes }),
         }
     }
 

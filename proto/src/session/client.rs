@@ -13,7 +13,7 @@ use super::outbox::{DropPolicy, Outbox};
 use super::timers::{Due, Timers};
 use super::{
     ClockEstimate, MIN_DATAGRAM_BYTES, NEWEST_VERSION, OLDEST_VERSION, PEER_NAME, SendError, SessionError,
-    farewell, read,
+    close_message, read,
 };
 use crate::follow::{FollowError, Follower};
 use crate::message::{
@@ -166,7 +166,7 @@ pub struct ClientSession {
     reassembler: Reassembler,
     datagrams: Vec<Vec<u8>>,
     /// A keyframe was asked for and did not come yet.
-    asked: bool,
+    keyframe_requested: bool,
     stats: ClientStats,
 }
 
@@ -201,7 +201,7 @@ impl ClientSession {
             stamp: None,
             reassembler: Reassembler::default(),
             datagrams: Vec::new(),
-            asked: false,
+            keyframe_requested: false,
             stats: ClientStats::default(),
         };
         if let Some(auth) = auth {
@@ -233,7 +233,7 @@ impl ClientSession {
     ) -> Result<Vec<ClientEvent>, SessionError> {
         self.tick(now)?;
         if !bytes.is_empty() {
-            self.timers.heard();
+            self.timers.note_received();
         }
         self.stats.wire_bytes += bytes.len() as u64;
         let mut events = Vec::new();
@@ -334,10 +334,10 @@ impl ClientSession {
 
     /// Asks for a keyframe, unless one is on its way.
     pub fn request_keyframe(&mut self, reason: KeyframeReason) {
-        if self.asked || self.send(&Request::Keyframe { reason }).is_err() {
+        if self.keyframe_requested || self.send(&Request::Keyframe { reason }).is_err() {
             return;
         }
-        self.asked = true;
+        self.keyframe_requested = true;
         self.stats.requests += 1;
     }
 
@@ -418,7 +418,7 @@ impl ClientSession {
     }
 
     fn fail(&mut self, error: SessionError) -> SessionError {
-        if let Some(close) = farewell(&error) {
+        if let Some(close) = close_message(&error) {
             self.queue(&close);
         }
         self.failed = Some(error.clone());
@@ -514,11 +514,11 @@ impl ClientSession {
         let Phase::Running(follower) = &mut self.phase else { return };
         let header = frame.header;
         if header.kind == FrameType::KEYFRAME {
-            self.asked = false;
+            self.keyframe_requested = false;
         }
         // The one time that the header is read and the checksum computed.
         let body = FrameBody::parse(frame.payload(), &self.limits.codec);
-        let passed = |body: &FrameBody<'_>| follower.passes_over(header, body);
+        let passed = |body: &FrameBody<'_>| follower.skip_superseded(header, body);
         if self.options.datagrams.is_some() && body.as_ref().is_ok_and(passed) {
             self.stats.late_datagram_frames += 1;
             return;

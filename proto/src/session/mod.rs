@@ -11,11 +11,11 @@ mod clock;
 mod datagram;
 mod error;
 mod flight;
+mod negotiation;
 mod outbox;
-mod served;
 mod server;
+mod server_event;
 mod timers;
-mod welcome;
 
 #[cfg(test)]
 mod tests;
@@ -26,8 +26,8 @@ pub use client::{AppliedFrame, ClientEvent, ClientOptions, ClientSession, Client
 pub use clock::ClockEstimate;
 pub use datagram::MIN_DATAGRAM_BYTES;
 pub use error::{SendError, SessionError};
-pub use served::{Demand, ServerEvent, ServerStats};
 pub use server::ServerSession;
+pub use server_event::{Demand, ServerEvent, ServerStats};
 
 use crate::message::{Close, CloseCode, Message, MessageError};
 use crate::{FramerError, WireFrameError};
@@ -41,7 +41,7 @@ pub const NEWEST_VERSION: u16 = 1;
 pub(crate) const PEER_NAME: &str = concat!("psao-proto ", env!("CARGO_PKG_VERSION"));
 
 /// What a session that met `error` says to the other end; `None` when the other end knows, or would not understand.
-fn farewell(error: &SessionError) -> Option<Close> {
+fn close_message(error: &SessionError) -> Option<Close> {
     let code = match error {
         SessionError::Framer(FramerError { offset: 0, error: WireFrameError::Magic { .. } })
         | SessionError::NotPsao { .. }

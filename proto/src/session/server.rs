@@ -8,12 +8,12 @@ use std::sync::Arc;
 use psao_codec::envelope::FrameKind;
 
 use super::flight::Flight;
+use super::negotiation::negotiate;
 use super::outbox::{DropPolicy, Outbox, StreamPosition};
-use super::timers::{Allowance, Due, Timers};
-use super::welcome::welcome;
+use super::timers::{Due, RateLimiter, Timers};
 use super::{
     Access, Demand, NEWEST_VERSION, PEER_NAME, SendError, ServerEvent, ServerStats, SessionError, SharedBody,
-    farewell, read,
+    close_message, read,
 };
 use crate::fanout::ClientCursor;
 use crate::message::{
@@ -51,8 +51,8 @@ pub struct ServerSession {
     position: StreamPosition,
     phase: Phase,
     timers: Timers,
-    frames_left: Allowance,
-    bytes_left: Allowance,
+    frames_left: RateLimiter,
+    bytes_left: RateLimiter,
     failed: Option<SessionError>,
     /// The client fell behind. It gets what it missed once the bytes that wait are gone.
     lagging: bool,
@@ -80,8 +80,8 @@ impl ServerSession {
             position: StreamPosition::default(),
             phase: Phase::Waiting(None),
             timers: Timers::default(),
-            frames_left: Allowance::new(limits.max_frames_per_s),
-            bytes_left: Allowance::new(limits.max_bytes_per_s),
+            frames_left: RateLimiter::new(limits.max_frames_per_s),
+            bytes_left: RateLimiter::new(limits.max_bytes_per_s),
             failed: None,
             lagging: false,
             flight: Flight::default(),
@@ -101,7 +101,7 @@ impl ServerSession {
     pub fn handle(&mut self, bytes: &[u8], now: Micros) -> Result<Vec<ServerEvent>, SessionError> {
         self.tick(now)?;
         if !bytes.is_empty() {
-            self.timers.heard();
+            self.timers.note_received();
         }
         if !self.is_closed() && !self.bytes_left.take(bytes.len(), now) {
             let limit = self.bytes_left.rate();
@@ -221,7 +221,7 @@ impl ServerSession {
         }
         let waits = !self.outbox.is_empty() && !self.fits(HEADER_BYTES + body.bytes.len());
         if waits || self.flight.len() >= self.limits.max_unacked as usize {
-            self.lag();
+            self.fall_behind();
             self.stats.dropped += 1;
             return Ok(false);
         }
@@ -282,7 +282,7 @@ impl ServerSession {
     /// Marks the first `count` bytes of [`output`](Self::output) as sent.
     pub fn advance(&mut self, count: usize) {
         if count > 0 {
-            self.timers.moved();
+            self.timers.note_progress();
         }
         self.outbox.advance(count);
     }
@@ -290,7 +290,7 @@ impl ServerSession {
     /// All bytes that wait, marked as sent.
     #[must_use]
     pub fn take_output(&mut self) -> Vec<u8> {
-        self.timers.moved();
+        self.timers.note_progress();
         self.outbox.take()
     }
 
@@ -363,7 +363,7 @@ impl ServerSession {
         self.outbox.len().saturating_add(bytes) <= self.limits.max_queue_bytes as usize
     }
 
-    fn lag(&mut self) {
+    fn fall_behind(&mut self) {
         self.drop_stale(true);
         self.stats.lags += 1;
         self.lagging = true;
@@ -404,7 +404,7 @@ impl ServerSession {
 
     fn push(&mut self, head: Vec<u8>, body: Option<Arc<[u8]>>, policy: DropPolicy) {
         if self.outbox.is_empty() {
-            self.timers.moved();
+            self.timers.note_progress();
         }
         self.stats.wire_bytes += (head.len() + body.as_ref().map_or(0, |body| body.len())) as u64;
         self.outbox.push(head, body, policy);
@@ -427,7 +427,7 @@ impl ServerSession {
             (Phase::Waiting(_), SessionError::NotPsao { .. }) => {}
             (Phase::Waiting(_), _) => self.queue(&Reject::new(RejectCode::BAD_HELLO, &error.to_string())),
             (Phase::Joined(_), _) => {
-                if let Some(close) = farewell(&error) {
+                if let Some(close) = close_message(&error) {
                     self.queue(&close);
                 }
             }
@@ -508,7 +508,7 @@ impl ServerSession {
         let before = self.flight.len();
         let right = self.flight.acknowledge(&ack, self.timers.now());
         // However fast frames go, a client that acknowledges each does not say too much.
-        self.frames_left.give_back(before - self.flight.len());
+        self.frames_left.refund(before - self.flight.len());
         if right {
             return ServerEvent::Acked(ack);
         }
@@ -522,7 +522,7 @@ impl ServerSession {
             return Err(SessionError::Unexpected { kind: FrameType::HELLO, state: "serving the client" });
         };
         self.access.check(auth.as_ref()).map_err(SessionError::BadHello)?;
-        let hello = welcome(payload, &self.scene)?;
+        let hello = negotiate(payload, &self.scene)?;
         let scene = self.position.numbering.scene(&self.scene)?;
         self.queue(&Accept {
             version: hello.newest.min(NEWEST_VERSION),

@@ -10,11 +10,11 @@ pub(super) struct Timers {
     /// First time that was set.
     started: Option<Micros>,
     /// Bytes came.
-    heard: Micros,
+    last_received: Micros,
     /// Bytes went, or began to wait.
-    moved: Micros,
+    last_progress: Micros,
     /// A PING was due.
-    pinged: Micros,
+    last_ping: Micros,
 }
 
 /// What is due.
@@ -34,19 +34,19 @@ impl Timers {
     pub(super) fn set_now(&mut self, now: Micros) {
         self.now = self.now.max(now);
         if self.started.is_none() {
-            (self.started, self.heard, self.moved, self.pinged) =
+            (self.started, self.last_received, self.last_progress, self.last_ping) =
                 (Some(self.now), self.now, self.now, self.now);
         }
     }
 
     /// Bytes came from the other end.
-    pub(super) const fn heard(&mut self) {
-        self.heard = self.now;
+    pub(super) const fn note_received(&mut self) {
+        self.last_received = self.now;
     }
 
     /// Bytes went to the other end, or the first of them began to wait.
-    pub(super) const fn moved(&mut self) {
-        self.moved = self.now;
+    pub(super) const fn note_progress(&mut self) {
+        self.last_progress = self.now;
     }
 
     /// Checks the deadline of the handshake.
@@ -58,18 +58,18 @@ impl Timers {
     /// Checks the deadlines after the handshake, and returns what is due. `waiting` tells whether bytes wait, `stalls`
     /// whether it is an error if none of them go.
     pub(super) fn open(&mut self, limits: &Limits, waiting: bool, stalls: bool) -> Result<Due, SessionError> {
-        let waited = self.now.since(self.heard);
+        let waited = self.now.since(self.last_received);
         if waited > limits.silence {
             return Err(SessionError::Silent { waited });
         }
-        let waited = self.now.since(self.moved);
+        let waited = self.now.since(self.last_progress);
         if waiting && stalls && waited > limits.stall {
             return Err(SessionError::Stalled { waited });
         }
-        if self.now.since(self.pinged) < limits.keep_alive {
+        if self.now.since(self.last_ping) < limits.keep_alive {
             return Ok(Due::Nothing);
         }
-        self.pinged = self.now;
+        self.last_ping = self.now;
         // An end with bytes to take needs no PING to show that it is alive.
         Ok(if waiting { Due::Nothing } else { Due::Ping })
     }
@@ -82,23 +82,23 @@ impl Timers {
     /// Returns the next time at which [`open`](Self::open) may say something new.
     pub(super) fn next_when_open(&self, limits: &Limits, waiting: bool, stalls: bool) -> Option<Micros> {
         self.started?;
-        let silent = self.heard.plus(limits.silence).plus(Micros(1));
-        let ping = self.pinged.plus(limits.keep_alive);
-        let stalled = (waiting && stalls).then(|| self.moved.plus(limits.stall).plus(Micros(1)));
+        let silent = self.last_received.plus(limits.silence).plus(Micros(1));
+        let ping = self.last_ping.plus(limits.keep_alive);
+        let stalled = (waiting && stalls).then(|| self.last_progress.plus(limits.stall).plus(Micros(1)));
         [Some(silent), Some(ping), stalled].into_iter().flatten().min()
     }
 }
 
 /// A token bucket: it fills at a rate, up to four seconds' worth.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Allowance {
+pub(super) struct RateLimiter {
     rate: u32,
     /// In millionths.
     left: u64,
     last: Option<Micros>,
 }
 
-impl Allowance {
+impl RateLimiter {
     pub(super) fn new(per_second: u32) -> Self {
         Self { rate: per_second, left: Self::most(per_second), last: None }
     }
@@ -120,7 +120,7 @@ impl Allowance {
     }
 
     /// Gives back tokens.
-    pub(super) fn give_back(&mut self, amount: usize) {
+    pub(super) fn refund(&mut self, amount: usize) {
         let amount = amount as u64 * 1_000_000;
         self.left = self.left.saturating_add(amount).min(Self::most(self.rate));
     }
@@ -136,13 +136,13 @@ mod tests {
 
     #[test]
     fn an_allowance_is_a_rate_with_four_seconds_at_once() {
-        let mut frames = Allowance::new(10);
+        let mut frames = RateLimiter::new(10);
         assert!(frames.take(40, Micros(0)) && !frames.take(1, Micros(0)));
-        let mut frames = Allowance::new(10);
+        let mut frames = RateLimiter::new(10);
         for tenth in 0..1000 {
             assert!(frames.take(1, Micros(tenth * 100_000)), "ten a second may go on for ever");
         }
-        let mut frames = Allowance::new(10);
+        let mut frames = RateLimiter::new(10);
         let lasted = (0..1000).find(|twentieth| !frames.take(1, Micros(twentieth * 50_000)));
         assert_eq!(lasted, Some(79), "twice the rate uses up the forty in four seconds");
         assert!(frames.take(3, Micros(u64::MAX)));

@@ -1,4 +1,4 @@
-//! The frames that a peer must take.
+//! Frames that a peer must accept.
 
 use psao_proto::message::{
     Accept, Ack, Auth, Budget, CameraPose, Close, CloseCode, CoderSet, Edit, EditAction, Gap, GapReason,
@@ -12,7 +12,7 @@ use super::messages::{
     largest_info, largest_report, least_info, limits, longest, members, most_members, paper_info,
     reject_codes, report, sets, surface_info,
 };
-use super::{Case, What};
+use super::{Case, CaseKind};
 
 pub(super) fn frames() -> Vec<Case> {
     let mut frames = Frames { all: vec![] };
@@ -32,15 +32,15 @@ pub(super) struct Frames {
 
 impl Frames {
     pub(super) fn bytes(&mut self, name: &str, bytes: Vec<u8>) {
-        self.all.push(Case { name: name.to_owned(), what: What::Frame, bytes });
+        self.all.push(Case { name: name.to_owned(), kind: CaseKind::Frame, bytes });
     }
 
     pub(super) fn frame(&mut self, name: &str, kind: FrameType, place: (u32, u32), payload: &[u8]) {
         self.bytes(name, wire(kind, place, payload));
     }
 
-    /// A message at the place that such a frame may have: what a server sends in the middle of a stream repeats that of
-    /// the keyframe or update before it.
+    /// Adds a message with a valid group and sequence. Messages that a server sends within a stream repeat those of the
+    /// keyframe or update before them.
     fn message<M: Message>(&mut self, name: &str, message: &M) {
         let later = matches!(
             M::KIND,
@@ -57,7 +57,7 @@ pub(super) fn wire(kind: FrameType, (group, sequence): (u32, u32), payload: &[u8
     out
 }
 
-/// A frame body of the empty state, which has no sections: nothing in it depends on a coder.
+/// Returns a frame body of the empty state. It has no sections, so nothing in it depends on a coder.
 pub(super) fn empty_body(profile: Profile, kind: u8, frame: u32) -> Vec<u8> {
     let packing = u8::from(profile == Profile::PAPER);
     let mut body = vec![profile.0, packing, kind, 0];
@@ -69,7 +69,7 @@ pub(super) fn empty_body(profile: Profile, kind: u8, frame: u32) -> Vec<u8> {
     body
 }
 
-/// A code as it is in a name.
+/// Returns a code as it is written in the name of a case.
 fn word(code: &impl std::fmt::Debug) -> String {
     format!("{code:?}").to_lowercase().replace('_', "-")
 }
@@ -151,7 +151,7 @@ fn requests(frames: &mut Frames) {
         aspect: f32::MAX,
     };
     frames.message("view-far", &View { camera: far });
-    // As near to the line of sight as can be told from it.
+    // The smallest angle to the line of sight that is not zero.
     let steep = CameraPose {
         eye: [0.0, 1.0, 0.0],
         target: [0.0; 3],
@@ -160,7 +160,7 @@ fn requests(frames: &mut Frames) {
         aspect: f32::from_bits(1),
     };
     frames.message("view-steep", &View { camera: steep });
-    // In binary32 the line of sight would be along `up`.
+    // Computed in binary32, the line of sight would be parallel to `up`.
     let exact = CameraPose {
         eye: [16_777_216.0, 16_777_216.0, 0.0],
         target: [-1.0, 0.0, 0.0],
@@ -173,7 +173,7 @@ fn requests(frames: &mut Frames) {
     let turn = |translation, rotation| EditAction::Move { translation, rotation };
     let moved = edit(turn([1.0, -0.0, -2.5], [0.5, -0.5, 0.5, -0.5]));
     frames.message("edit-move", &moved);
-    // Bytes as a server says them: what is done.
+    // A server sends the same bytes for an edit that is done.
     frames.frame("edit-move-done", FrameType::EDIT, (3, 7), &moved.to_payload().unwrap());
     let far = turn([f32::MAX, f32::MIN, f32::from_bits(1)], [0.0, 0.0, 0.0, 1.0004]);
     frames.message("edit-move-far", &Edit { instance: u32::MAX, action: far });
@@ -216,7 +216,7 @@ fn times(frames: &mut Frames) {
     let (sent, received, replied) = (Micros(1_234_567), Micros(70), Micros(75));
     frames.message("pong", &Pong { sent, received, replied });
     frames.message("pong-largest", &Pong { sent: most, received: most, replied: most });
-    // Clocks that cannot be are nothing that a message is refused for.
+    // A message with impossible clocks is still accepted.
     frames.message("pong-backwards", &Pong { sent, received: replied, replied: received });
     let frame = FrameIndex(5);
     frames.message("stamp", &Stamp { frame, captured: Micros(1_000), sent: Micros(1_250) });
@@ -236,7 +236,7 @@ fn ends(frames: &mut Frames) {
     let (frames_lost, bytes, reason) = (u32::MAX, u64::MAX, GapReason(255));
     let largest = Gap { first_lost: most, last_lost: most, frames: frames_lost, bytes, reason };
     frames.message("gap-largest", &largest);
-    // The stream started again in between.
+    // The stream started again within the gap.
     frames.message("gap-backwards", &Gap { last_lost: FrameIndex(0), frames: 0, bytes: 0, ..largest });
     frames.message("close-silent", &Close::new(CloseCode::DONE, ""));
     frames.message("close-unknown", &Close { code: CloseCode(u16::MAX), text: longest() });
@@ -248,7 +248,7 @@ fn bodies(frames: &mut Frames) {
     frames.frame("update", FrameType::UPDATE, (1, 1), &empty_body(Profile::PAPER, 2, 1));
     let last = (u32::MAX, u32::MAX);
     frames.frame("update-wraps", FrameType::UPDATE, last, &empty_body(Profile::SURFACE, 2, u32::MAX));
-    // What is in a body is not the frame's to refuse.
+    // A frame is accepted whatever is in its body.
     frames.frame("keyframe-of-nothing", FrameType::KEYFRAME, (2, 0), &[]);
 
     let mut entry = vec![];

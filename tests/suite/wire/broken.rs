@@ -1,4 +1,4 @@
-//! Whole frames whose payload is not the message of their type.
+//! Whole frames whose payload is not a valid message of their type.
 
 use psao_proto::message::{MAX_BATCH, Message as _};
 use psao_proto::{FrameType, Profile};
@@ -7,17 +7,17 @@ use super::Case;
 use super::accepted::{self, Frames, empty_body};
 use super::messages::{INSTANCE, MEMBER, SET, instances, members, sets};
 
-/// Bytes of a header.
+/// Bytes of a wire frame's header.
 const HEADER: usize = 20;
 const NAN: [u8; 4] = [0, 0, 0xc0, 0x7f];
 const INFINITY: [u8; 4] = [0, 0, 0x80, 0x7f];
 const ZERO: [u8; 4] = [0; 4];
 const MINUS_ONE: [u8; 4] = [0, 0, 0x80, 0xbf];
-/// The number of elements of a list or text that nobody could hold.
+/// A length of a list or text that no memory could hold.
 const ENDLESS: [u8; 8] = [0xff; 8];
 
 pub(super) fn frames() -> Vec<Case> {
-    let mut broken = Broken { good: accepted::frames(), frames: Frames { all: vec![] } };
+    let mut broken = BrokenFrames { good: accepted::frames(), frames: Frames { all: vec![] } };
     lengths(&mut broken);
     choices(&mut broken);
     texts(&mut broken);
@@ -28,13 +28,13 @@ pub(super) fn frames() -> Vec<Case> {
     broken.frames.all
 }
 
-struct Broken {
+struct BrokenFrames {
     good: Vec<Case>,
     frames: Frames,
 }
 
-impl Broken {
-    /// The payload of a good frame.
+impl BrokenFrames {
+    /// Returns the type and payload of a good frame.
     fn payload(&self, name: &str) -> (FrameType, Vec<u8>) {
         let case = self.good.iter().find(|case| case.name == name).unwrap();
         (FrameType(case.bytes[2]), case.bytes[HEADER..].to_vec())
@@ -44,14 +44,14 @@ impl Broken {
         self.frames.frame(&format!("refused-{name}"), kind, (0, 0), payload);
     }
 
-    /// A good frame's payload with other bytes at a place.
+    /// Adds a good frame's payload with `bytes` written at `at`.
     fn with(&mut self, name: &str, of: &str, at: usize, bytes: &[u8]) {
         let (kind, mut payload) = self.payload(of);
         payload[at..at + bytes.len()].copy_from_slice(bytes);
         self.add(name, kind, &payload);
     }
 
-    /// A good frame's payload of which `bytes` take the place of all from `at` on.
+    /// Adds a good frame's payload cut at `at` and continued with `bytes`.
     fn ending(&mut self, name: &str, of: &str, at: usize, bytes: &[u8]) {
         let (kind, mut payload) = self.payload(of);
         payload.truncate(at);
@@ -60,7 +60,7 @@ impl Broken {
     }
 }
 
-/// One of each message and choice.
+/// Names of one good case for each message and choice.
 const EACH: [&str; 24] = [
     "hello",
     "accept",
@@ -88,7 +88,7 @@ const EACH: [&str; 24] = [
     "gap-1",
 ];
 
-fn lengths(broken: &mut Broken) {
+fn lengths(broken: &mut BrokenFrames) {
     for name in EACH {
         let (kind, payload) = broken.payload(name);
         broken.add(&format!("{name}-ended"), kind, &payload[..payload.len() - 1]);
@@ -98,11 +98,11 @@ fn lengths(broken: &mut Broken) {
         let name = kind.name().unwrap().to_lowercase();
         broken.add(&format!("{name}-of-nothing"), kind, &[]);
     }
-    // The payload of another type.
+    // A payload of another type.
     broken.add("ack-is-an-update", FrameType::ACK, &empty_body(Profile::PAPER, 2, 1));
 }
 
-fn choices(broken: &mut Broken) {
+fn choices(broken: &mut BrokenFrames) {
     for (name, of, at, next) in [
         ("scene", "scene-members", 0, 4_u32),
         ("edit", "edit-hide", 4, 4),
@@ -111,11 +111,11 @@ fn choices(broken: &mut Broken) {
         broken.with(&format!("{name}-choice"), of, at, &next.to_le_bytes());
         broken.with(&format!("{name}-choice-largest"), of, at, &u32::MAX.to_le_bytes());
     }
-    // A choice has four bytes, not one.
+    // A choice has four bytes.
     broken.with("edit-choice-wide", "edit-hide", 4, &[3, 1, 0, 0]);
 }
 
-fn texts(broken: &mut Broken) {
+fn texts(broken: &mut BrokenFrames) {
     let text = |bytes: &[u8]| [&(bytes.len() as u64).to_le_bytes()[..], bytes].concat();
     let name = |length: usize| text(&vec![b'n'; length]);
     broken.ending("hello-name-long", "hello", 32, &name(65));
@@ -138,13 +138,13 @@ fn texts(broken: &mut Broken) {
     broken.add("scene-source-utf-8", FrameType::SCENE, &scene(&[hall, &beyond, rest]));
 }
 
-fn lists(broken: &mut Broken) {
+fn lists(broken: &mut BrokenFrames) {
     for (name, of) in [("instances", "scene-instances"), ("sets", "scene-sets"), ("members", "scene-members")]
     {
         broken.ending(&format!("scene-{name}-none"), of, 8, &[0; 8]);
         broken.with(&format!("scene-{name}-endless"), of, 8, &ENDLESS);
     }
-    // A batch of one more than there may be, put together by hand: nobody writes one.
+    // A batch with one entry too many. It is assembled by hand because the library writes none.
     let more = |first: &[u8], entry: &[u8]| {
         let count = (MAX_BATCH as u64 + 1).to_le_bytes();
         [&first[..8], &count, &entry.repeat(MAX_BATCH + 1)].concat()
@@ -166,7 +166,7 @@ fn lists(broken: &mut Broken) {
     broken.add("auth-token-endless", FrameType::AUTH, &ENDLESS);
 }
 
-fn values(broken: &mut Broken) {
+fn values(broken: &mut BrokenFrames) {
     broken.with("hello-version-0", "hello", 0, &[0, 0]);
     broken.with("hello-versions-crossed", "hello", 0, &[2, 0, 1, 0]);
     broken.with("accept-version-0", "accept", 0, &[0, 0]);
@@ -183,7 +183,7 @@ fn values(broken: &mut Broken) {
     broken.with("edit-rotation-infinite", "edit-move", 20, &[&[0; 12][..], &INFINITY].concat());
 }
 
-fn scene_values(broken: &mut Broken) {
+fn scene_values(broken: &mut BrokenFrames) {
     let info = "scene-info-paper";
     for (name, bits) in [("31", 31), ("0", 0), ("8", 8)] {
         broken.with(&format!("scene-point-bits-{name}"), info, 72, &[bits]);
@@ -198,7 +198,7 @@ fn scene_values(broken: &mut Broken) {
     broken.with("scene-margin-nan", info, 129, &NAN);
     broken.with("scene-margin-infinite", info, 129, &INFINITY);
 
-    // Of the second entry, so that every entry is looked at.
+    // In the second entry, so that a reader that checks only the first fails.
     let (instances, second) = ("scene-instances", 16 + 48);
     broken.with("scene-instance-origin-nan", instances, second + 4, &NAN);
     broken.with("scene-instance-edge-zero", instances, second + 12, &ZERO);
@@ -216,7 +216,7 @@ fn scene_values(broken: &mut Broken) {
     broken.with("scene-set-kernel-nan", sets, second + 33, &NAN);
 }
 
-fn cameras(broken: &mut Broken) {
+fn cameras(broken: &mut BrokenFrames) {
     let view = "view";
     broken.with("view-eye-nan", view, 0, &NAN);
     broken.with("view-target-infinite", view, 16, &INFINITY);

@@ -1,4 +1,4 @@
-//! Frame bodies in pieces, and what a receiver makes of each.
+//! Frame bodies cut into datagrams, and a receiver's outcome for each.
 
 use psao_codec::State;
 use psao_codec::envelope::FrameKind;
@@ -9,22 +9,22 @@ use psao_proto::{FrameIndex, Limits, Micros, Profile, StateHash};
 
 use super::accepted::empty_body;
 use super::object::Object;
-use super::{Case, What, describe};
+use super::{Case, CaseKind, describe};
 use crate::vectors::json::lines;
 
-/// The frame that a client has when the datagrams come.
+/// The frame that a client has applied before the datagrams arrive.
 const HERE: u32 = 5;
 /// Bytes of a datagram's header.
 const HEADER: usize = 20;
-/// Most bytes of a datagram here.
+/// Largest datagram of these vectors in bytes.
 const MOST: u16 = 64;
 
-/// How the bytes of a file are to be taken.
+/// Division of a file into datagrams, and the expected bodies.
 pub(super) struct Plan {
     to: Receiver,
-    /// Bytes of each datagram, in the order in which they come.
+    /// Bytes of each datagram, in the order of arrival.
     lengths: Vec<usize>,
-    /// Frames and bodies that become whole, in that order. What a client does with a body does not tell what is in it.
+    /// Frame number and bytes of each body that becomes whole, in that order. The client's counts do not show them.
     wholes: Vec<(u32, Vec<u8>)>,
 }
 
@@ -34,7 +34,7 @@ enum Receiver {
     Server,
 }
 
-/// A client that has frame [`HERE`], which it acknowledged to a server that may send datagrams from then on.
+/// Returns a client that has frame [`HERE`], and its server, which got the acknowledgement and may send datagrams.
 fn ends() -> (ClientSession, ServerSession) {
     let now = Micros(0);
     let scene = SampleServer::of(Profile::SURFACE).unwrap().scene().clone();
@@ -59,7 +59,7 @@ fn body(kind: FrameKind, frame: u32, bytes: Vec<u8>) -> SharedBody {
 }
 
 impl Plan {
-    pub(super) fn told(&self, mut bytes: &[u8]) -> String {
+    pub(super) fn json(&self, mut bytes: &[u8]) -> String {
         let (mut client, mut server) = ends();
         let mut wholes = self.wholes.iter();
         let mut items = vec![];
@@ -94,12 +94,12 @@ impl Plan {
     }
 }
 
-/// What a client counts a datagram as.
+/// Gives a datagram to a client and returns how the client counts it.
 fn given_to_client(client: &mut ClientSession, datagram: &[u8]) -> &'static str {
     let before = client.stats();
     client.handle_datagram(datagram, Micros(0));
     let after = client.stats();
-    // A body that is whole is tried; those of the vectors are no bodies, so that each comes too late.
+    // The client tries a whole body. The bodies of the vectors are not valid, so each counts as late.
     match (
         after.bad_datagrams - before.bad_datagrams,
         after.late_datagram_frames - before.late_datagram_frames,
@@ -111,7 +111,7 @@ fn given_to_client(client: &mut ClientSession, datagram: &[u8]) -> &'static str 
     }
 }
 
-/// The datagrams of a body, as a server cuts it.
+/// Returns the datagrams into which a server cuts a body.
 fn cut(frame: u32, bytes: &[u8]) -> Vec<Vec<u8>> {
     let (_, mut server) = ends();
     let body = body(FrameKind::Delta, frame, bytes.to_vec());
@@ -119,7 +119,7 @@ fn cut(frame: u32, bytes: &[u8]) -> Vec<Vec<u8>> {
     std::iter::from_fn(|| server.take_datagram()).collect()
 }
 
-/// A datagram with a header that says what it likes, and the right checksum.
+/// Returns a datagram with arbitrary header fields and the right checksum.
 fn made(kind: u8, frame: u32, (piece, pieces): (u16, u16), total: u32, content: &[u8]) -> Vec<u8> {
     let mut out = vec![0x51, 0xa0, kind, 0];
     out.extend_from_slice(&frame.to_le_bytes());
@@ -137,14 +137,14 @@ fn sealed(mut datagram: Vec<u8>) -> Vec<u8> {
     datagram
 }
 
-/// A datagram with another byte, and the right checksum.
+/// Returns a copy of `datagram` with one byte changed and the right checksum.
 fn with(datagram: &[u8], at: usize, byte: u8) -> Vec<u8> {
     let mut datagram = datagram.to_vec();
     datagram[at] = byte;
     sealed(datagram)
 }
 
-/// Bytes of a body: what is in them is nothing to whoever puts it together.
+/// Returns the bytes of a body. Their values do not matter to a reassembler.
 fn bytes(count: u8, from: u8) -> Vec<u8> {
     (0..count).map(|number| number.wrapping_mul(7).wrapping_add(from)).collect()
 }
@@ -160,7 +160,7 @@ fn case(name: &str, to: Receiver, datagrams: &[&Vec<u8>], wholes: Vec<(u32, Vec<
     let lengths = datagrams.iter().map(|datagram| datagram.len()).collect();
     let plan = Plan { to, lengths, wholes };
     let bytes = datagrams.iter().flat_map(|datagram| datagram.to_vec()).collect();
-    Case { name: format!("datagram-{name}"), what: What::Datagrams(plan), bytes }
+    Case { name: format!("datagram-{name}"), kind: CaseKind::Datagrams(plan), bytes }
 }
 
 fn pieces() -> Vec<Case> {
@@ -226,7 +226,7 @@ fn refused_pieces() -> Vec<Case> {
         .iter()
         .map(|(name, datagram)| case(&format!("refused-{name}"), Receiver::Client, &[datagram], vec![]))
         .collect();
-    // Pieces that say another length or number than the first of their frame are not of its body.
+    // Pieces with another length or count than the first piece of their frame do not belong to its body.
     let (other_length, other_number) =
         (made(1, 6, (1, 3), 99, &body[..33]), made(1, 6, (1, 4), 100, &body[..25]));
     let mixed = [&good[0], &other_length, &other_number, &good[1], &good[2]];

@@ -1,4 +1,4 @@
-//! What the json of a frame or a recording says.
+//! JSON descriptions of frames and recordings.
 
 use psao_proto::message::{
     Accept, Ack, Auth, Budget, Close, Edit, EditAction, Gap, Hello, InstanceEntry, MemberEntry, Message,
@@ -11,7 +11,7 @@ use psao_proto::{FrameHeader, FrameType, Framer, Limits, WireFrameError};
 use super::object::{Object, hex};
 use crate::vectors::json::{floats, lines, list};
 
-/// Every reason for which a frame is refused.
+/// Every reason for refusing a frame.
 pub(super) const REASONS: [&str; 11] = [
     "bound",
     "checksum",
@@ -26,7 +26,7 @@ pub(super) const REASONS: [&str; 11] = [
     "value",
 ];
 
-/// The first frame in `bytes`, which come in pieces of a size.
+/// Returns the first frame in `bytes`, given to a framer in pieces of `size` bytes.
 fn split(bytes: &[u8], size: usize) -> Result<(FrameHeader, Vec<u8>), &'static str> {
     let mut framer = Framer::new(Limits::default());
     for piece in bytes.chunks(size) {
@@ -51,10 +51,10 @@ fn split(bytes: &[u8], size: usize) -> Result<(FrameHeader, Vec<u8>), &'static s
     Err("unfinished")
 }
 
-/// The header of the frame in `bytes` and the json of its payload.
+/// Returns the header of the frame in `bytes` and the JSON of its payload.
 ///
 /// # Errors
-/// The word for why it is refused.
+/// One of [`REASONS`].
 pub(super) fn content(bytes: &[u8]) -> Result<(FrameHeader, (&'static str, String)), &'static str> {
     let whole = split(bytes, usize::MAX);
     assert_eq!(split(bytes, 1), whole, "a frame in pieces is another one");
@@ -96,7 +96,7 @@ fn reason(error: &MessageError) -> &'static str {
     }
 }
 
-/// The fields of a message; nothing when the payload is none.
+/// Returns the fields of a message; `None` for a frame type without a message.
 fn message(kind: FrameType, payload: &[u8]) -> Result<Option<Object>, MessageError> {
     let start = Object::default;
     Ok(Some(match kind {
@@ -135,7 +135,7 @@ fn message(kind: FrameType, payload: &[u8]) -> Result<Option<Object>, MessageErr
         }
         FrameType::ACK => ack(&read(payload)?),
         FrameType::AUTH => {
-            // What is read is written back the same; the message itself tells nobody.
+            // A token is not readable through its type, so it is taken from the payload written back.
             let payload = read::<Auth>(payload)?.to_payload()?;
             start().hex("token", &payload[8..])
         }
@@ -322,7 +322,7 @@ fn damaged(kind: &DamageKind) -> &'static str {
         DamageKind::Length => "length",
         DamageKind::Arrival => "arrival",
         DamageKind::Frame(_) => "frame",
-        DamageKind::Hopeless => "hopeless",
+        DamageKind::TooManyFalseRecords => "hopeless",
         other => unreachable!("{other} has no word yet"),
     }
 }

@@ -1,4 +1,4 @@
-//! Messages that the vectors are made of, and every code that has a name.
+//! Messages for the vectors, and all named codes.
 
 use psao_proto::message::{
     CameraPose, CloseCode, GapReason, InstanceBatch, InstanceEntry, KeyframeReason, MAX_BATCH, MemberBatch,
@@ -7,7 +7,7 @@ use psao_proto::message::{
 };
 use psao_proto::{CoderId, FrameIndex, Micros, Profile};
 
-/// Whether a code has a name: those without are told by their number.
+/// Returns whether a code has a name. Codes without one are shown by their number.
 fn named(code: &impl std::fmt::Debug) -> bool {
     !format!("{code:?}").ends_with(|character: char| character.is_ascii_digit())
 }
@@ -24,7 +24,7 @@ pub(super) fn keyframe_reasons() -> impl Iterator<Item = KeyframeReason> {
     (0..=u8::MAX).map(KeyframeReason).filter(named)
 }
 
-/// A reason of a GAP is told in words, so that those without a name end in their number.
+/// All named reasons of a GAP.
 pub(super) fn gap_reasons() -> impl Iterator<Item = GapReason> {
     (0..=u8::MAX).map(GapReason).filter(named)
 }
@@ -41,7 +41,7 @@ pub(super) fn limits() -> PeerLimits {
     PeerLimits { frame_bytes: 1 << 29, instances: 65_536, buckets: 1 << 22, cells: 1 << 21, points: 1 << 26 }
 }
 
-/// As many bytes as a text may have, of characters of one, two and three bytes, and what json has to mark.
+/// Returns the longest text, with characters of one, two and three bytes and characters that JSON escapes.
 pub(super) fn longest<const MAX: usize>() -> Text<MAX> {
     let mut text = String::from("\"\\\u{7}\n é ");
     while text.len() + 3 <= MAX {
@@ -93,7 +93,7 @@ pub(super) fn surface_info() -> SceneHeader {
     }
 }
 
-/// Everything as large as it goes; ids and bits that no version knows.
+/// Returns a header with the largest value in each field, and unknown ids and bits.
 pub(super) fn largest_info() -> SceneHeader {
     SceneHeader {
         name: longest(),
@@ -121,7 +121,7 @@ pub(super) fn largest_info() -> SceneHeader {
     }
 }
 
-/// Everything as small as it goes.
+/// Returns a header with the smallest value in each field.
 pub(super) fn least_info() -> SceneHeader {
     let least = f32::from_bits(1);
     SceneHeader {
@@ -186,7 +186,7 @@ pub(super) fn members(first: u32, entries: &[MemberEntry]) -> Scene {
     Scene::Members(MemberBatch { first, entries: entries.to_vec() })
 }
 
-/// As many members as a message may have, each another.
+/// Returns a message with the largest number of members, all different.
 pub(super) fn most_members() -> Scene {
     let member = |number: u32| MemberEntry { set: number / 3, needs: Needs::from_bits_retain(number % 128) };
     members(512, &(0..MAX_BATCH as u32).map(member).collect::<Vec<_>>())
@@ -218,7 +218,7 @@ pub(super) fn report() -> Report {
     }
 }
 
-/// All ones, and as many stages as a report may have, most of which no version knows.
+/// Returns a report with all bits set and the largest number of stages, most of them unknown.
 pub(super) fn largest_report() -> Report {
     let most = u32::MAX;
     Report {

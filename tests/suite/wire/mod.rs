@@ -1,4 +1,4 @@
-//! The vectors of `tests/vectors/v1/wire`: all that is around frame bodies, for peers that are not this one.
+//! The vectors of `tests/vectors/v1/wire`: everything around frame bodies, for other implementations.
 
 mod accepted;
 mod broken;
@@ -23,22 +23,22 @@ use psao_proto::{FrameType, Framer, Limits};
 use crate::vectors::compare;
 use datagrams::Plan;
 
-/// A file, and what it is to a reader.
+/// A vector: its name, its kind and its bytes.
 struct Case {
     name: String,
-    what: What,
+    kind: CaseKind,
     bytes: Vec<u8>,
 }
 
-/// What a file holds.
-enum What {
-    /// One frame, or the start of one.
+/// Content of a vector's file.
+enum CaseKind {
+    /// One wire frame, or the start of one.
     Frame,
-    /// Datagrams, one after the other.
+    /// Datagrams, one after another.
     Datagrams(Plan),
     /// A recording.
     Recording,
-    /// SCENE frames, one after the other.
+    /// SCENE frames, one after another.
     Table,
 }
 
@@ -48,18 +48,18 @@ impl Case {
         PathBuf::from(folder).join(format!("{}.{ending}", self.name))
     }
 
-    /// The file itself.
+    /// Returns the path of the vector's bytes.
     fn path(&self) -> PathBuf {
-        self.file(if matches!(self.what, What::Recording) { "psao" } else { "bin" })
+        self.file(if matches!(self.kind, CaseKind::Recording) { "psao" } else { "bin" })
     }
 
-    /// The json of these bytes.
-    fn told(&self, bytes: &[u8]) -> String {
-        match &self.what {
-            What::Frame => describe::frame(bytes),
-            What::Datagrams(plan) => plan.told(bytes),
-            What::Recording => describe::recording(bytes),
-            What::Table => tables::told(bytes),
+    /// Returns the JSON that describes `bytes`.
+    fn json(&self, bytes: &[u8]) -> String {
+        match &self.kind {
+            CaseKind::Frame => describe::frame(bytes),
+            CaseKind::Datagrams(plan) => plan.json(bytes),
+            CaseKind::Recording => describe::recording(bytes),
+            CaseKind::Table => tables::json(bytes),
         }
     }
 }
@@ -78,7 +78,7 @@ fn cases() -> Vec<Case> {
 fn the_code_writes_the_wire_vectors_as_they_are() {
     for case in cases() {
         compare(&case.path(), &case.bytes);
-        compare(&case.file("json"), case.told(&case.bytes).as_bytes());
+        compare(&case.file("json"), case.json(&case.bytes).as_bytes());
     }
 }
 
@@ -88,7 +88,7 @@ fn the_stored_wire_vectors_are_what_their_json_says() {
     let mut names = BTreeSet::new();
     for case in &cases {
         let stored = fs::read(case.path()).unwrap();
-        assert_eq!(fs::read_to_string(case.file("json")).unwrap(), case.told(&stored), "{}", case.name);
+        assert_eq!(fs::read_to_string(case.file("json")).unwrap(), case.json(&stored), "{}", case.name);
         names.extend([case.path(), case.file("json")]);
     }
     assert_eq!(names.len(), 2 * cases.len(), "a name is there twice");
@@ -98,10 +98,10 @@ fn the_stored_wire_vectors_are_what_their_json_says() {
     assert_eq!(stored, names, "a vector is there that nobody writes, or missing");
 }
 
-/// The message of every frame that is one and can be read.
+/// Returns the messages of type `M` in all whole frames.
 fn read<M: Message>(cases: &[Case]) -> Vec<M> {
     let mut messages = vec![];
-    for case in cases.iter().filter(|case| matches!(case.what, What::Frame)) {
+    for case in cases.iter().filter(|case| matches!(case.kind, CaseKind::Frame)) {
         let mut framer = Framer::new(Limits::default());
         framer.push(&case.bytes);
         if let Ok(Some(frame)) = framer.next_frame()
@@ -113,7 +113,7 @@ fn read<M: Message>(cases: &[Case]) -> Vec<M> {
     messages
 }
 
-/// The choices of a message that this version knows, the first byte of each, where one is at `at` in the payload.
+/// Returns the first bytes of all choices of a message that this version knows, for a choice at `at` in the payload.
 fn choices<M: Message>(at: usize) -> Vec<u8> {
     let known = |choice: &u8| {
         let mut payload = [0; 12];
@@ -124,7 +124,7 @@ fn choices<M: Message>(at: usize) -> Vec<u8> {
     (0..=u8::MAX).filter(known).collect()
 }
 
-/// The choices in the messages of a type, at `at` in the payload of each.
+/// Returns the choices that occur in the messages of type `M`, read at `at` in each payload.
 fn choices_met<M: Message>(cases: &[Case], at: usize) -> BTreeSet<u8> {
     read::<M>(cases).iter().map(|message| message.to_payload().unwrap()[at]).collect()
 }
@@ -134,7 +134,7 @@ fn the_wire_vectors_cover_every_type_and_choice() {
     let cases = cases();
     let types: BTreeSet<u8> = cases
         .iter()
-        .filter(|case| matches!(case.what, What::Frame))
+        .filter(|case| matches!(case.kind, CaseKind::Frame))
         .filter_map(|case| case.bytes.get(2).copied())
         .collect();
     for kind in (0..=u8::MAX).map(FrameType).filter(|kind| kind.name().is_some()) {
@@ -179,10 +179,10 @@ fn the_wire_vectors_cover_every_code() {
 fn the_wire_vectors_cover_every_reason() {
     let (mut frames, mut tables) = (BTreeSet::new(), BTreeSet::new());
     for case in cases() {
-        match case.what {
-            What::Frame => frames.extend(describe::content(&case.bytes).err()),
-            What::Table => tables.extend(tables::outcome(&case.bytes).err()),
-            What::Datagrams(_) | What::Recording => {}
+        match case.kind {
+            CaseKind::Frame => frames.extend(describe::content(&case.bytes).err()),
+            CaseKind::Table => tables.extend(tables::outcome(&case.bytes).err()),
+            CaseKind::Datagrams(_) | CaseKind::Recording => {}
         }
     }
     assert_eq!(frames.into_iter().collect::<Vec<_>>(), describe::REASONS);

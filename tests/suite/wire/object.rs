@@ -1,8 +1,8 @@
-//! Objects of a vector's json, written by hand as those of the bodies' vectors are.
+//! JSON objects in the fixed format of the vectors.
 
 use std::fmt::{Display, Write};
 
-/// Named values in the order in which they are given.
+/// A JSON object that keeps the order of its values.
 #[derive(Default)]
 pub(super) struct Object(Vec<String>);
 
@@ -20,22 +20,22 @@ impl Object {
         self.with(name, format!("\"{}\"", hex(bytes)))
     }
 
-    /// A number with a fraction, in as many digits as tell it from all others.
+    /// Adds a number with the fewest digits that identify it.
     pub(super) fn float(self, name: &str, value: f32) -> Object {
         self.with(name, format!("{value:?}"))
     }
 
-    /// In one line.
+    /// Returns the object on one line.
     pub(super) fn line(&self) -> String {
         format!("{{{}}}", self.0.join(", "))
     }
 
-    /// One value a line.
+    /// Returns the object with one value per line.
     pub(super) fn lines(&self) -> String {
         format!("{{\n{}\n}}", self.0.join(",\n"))
     }
 
-    /// The whole of a file.
+    /// Returns the text of a file that holds this object.
     pub(super) fn file(&self) -> String {
         self.lines() + "\n"
     }

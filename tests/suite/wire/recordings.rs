@@ -6,23 +6,23 @@ use psao_proto::{FrameIndex, FrameType, Limits, Micros, Profile};
 
 use super::accepted::{empty_body, wire};
 use super::messages::{INSTANCE, instances, paper_info, report};
-use super::{Case, What};
+use super::{Case, CaseKind};
 
 /// Bytes of the file header, and of a footer.
-const SIXTEEN: usize = 16;
+const ENVELOPE_BYTES: usize = 16;
 /// Bytes of a record before its frame.
-const HEAD: usize = 12;
+const RECORD_HEAD_BYTES: usize = 12;
 
 /// A recording and where its records start.
 #[derive(Clone)]
-struct Film {
+struct SampleRecording {
     file: Vec<u8>,
     starts: Vec<usize>,
 }
 
-impl Film {
-    /// Of these frames, 16,667 microseconds apart; with an index when it is finished.
-    fn of(frames: &[Vec<u8>], finished: bool) -> Film {
+impl SampleRecording {
+    /// Creates a recording of `frames`, 16,667 microseconds apart. A finished one has an index.
+    fn of(frames: &[Vec<u8>], finished: bool) -> SampleRecording {
         let (mut writer, mut file) = Writer::new(Limits::default());
         let mut starts = vec![];
         for (frame, number) in frames.iter().zip(0..) {
@@ -33,22 +33,22 @@ impl Film {
             starts.push(file.len());
             file.extend(writer.finish().unwrap());
         }
-        Film { file, starts }
+        SampleRecording { file, starts }
     }
 
-    /// The file with bits of a byte changed.
+    /// Returns the file with `bits` of the byte at `at` flipped.
     fn flipped(&self, at: usize, bits: u8) -> Vec<u8> {
         let mut file = self.file.clone();
         file[at] ^= bits;
         file
     }
 
-    /// The file up to the start of a record.
+    /// Returns the file up to the start of a record.
     fn until(&self, record: usize) -> &[u8] {
         &self.file[..self.starts[record]]
     }
 
-    /// The file from the start of a record on.
+    /// Returns the file from the start of a record to the end.
     fn from(&self, record: usize) -> &[u8] {
         &self.file[self.starts[record]..]
     }
@@ -58,7 +58,7 @@ fn message<M: Message>(message: &M, place: (u32, u32)) -> Vec<u8> {
     wire(M::KIND, place, &message.to_payload().unwrap())
 }
 
-/// A stream of two groups, from its scene to its end.
+/// Returns the frames of a stream of two groups, from scene table to CLOSE.
 fn frames() -> Vec<Vec<u8>> {
     let body = |kind, frame| empty_body(Profile::PAPER, kind, frame);
     let late = Report { frame: FrameIndex(3), ..report() };
@@ -82,7 +82,7 @@ pub(super) fn cases() -> Vec<Case> {
     files.extend(refused());
     files
         .into_iter()
-        .map(|(name, bytes)| Case { name: format!("recording-{name}"), what: What::Recording, bytes })
+        .map(|(name, bytes)| Case { name: format!("recording-{name}"), kind: CaseKind::Recording, bytes })
         .collect()
 }
 
@@ -90,12 +90,12 @@ type File = (&'static str, Vec<u8>);
 
 fn whole() -> Vec<File> {
     let frames = frames();
-    let unclosed = Film::of(&frames[..5], false);
+    let unclosed = SampleRecording::of(&frames[..5], false);
     let odd = [
         &frames[2],
         &wire(FrameType(99), (1, 0), b"of a later version"),
         &wire(FrameType::KEYFRAME, (2, 0), b"no body"),
-        // A message that is bad in itself is a whole record all the same.
+        // A record with a bad message is still a whole record.
         &wire(FrameType::CLOSE, (2, 0), b"bad"),
         &wire(FrameType::UPDATE, (u32::MAX, u32::MAX), &empty_body(Profile::SURFACE, 2, u32::MAX)),
     ];
@@ -114,56 +114,56 @@ fn whole() -> Vec<File> {
         clocks.extend(writer.append(Micros(arrival), frame).unwrap());
     }
     vec![
-        ("whole", Film::of(&frames, true).file),
-        ("no-index", Film::of(&frames, false).file),
-        ("no-header", unclosed.file[SIXTEEN..].to_vec()),
+        ("whole", SampleRecording::of(&frames, true).file),
+        ("no-index", SampleRecording::of(&frames, false).file),
+        ("no-header", unclosed.file[ENVELOPE_BYTES..].to_vec()),
         ("unclosed", unclosed.file),
-        ("unclosed-indexed", Film::of(&frames[..5], true).file),
-        ("of-nothing", Film::of(&[], false).file),
-        ("of-nothing-indexed", Film::of(&[], true).file),
-        ("gaps", Film::of(&gaps, true).file),
-        ("odd-frames", Film::of(&odd, true).file),
+        ("unclosed-indexed", SampleRecording::of(&frames[..5], true).file),
+        ("of-nothing", SampleRecording::of(&[], false).file),
+        ("of-nothing-indexed", SampleRecording::of(&[], true).file),
+        ("gaps", SampleRecording::of(&gaps, true).file),
+        ("odd-frames", SampleRecording::of(&odd, true).file),
         ("odd-clocks", clocks),
     ]
 }
 
 fn indexes() -> Vec<File> {
     let frames = frames();
-    let (film, all) = (Film::of(&frames[..4], true), Film::of(&frames, false));
-    let more = [&film.file[..], all.from(4)].concat();
+    let (sample, all) = (SampleRecording::of(&frames[..4], true), SampleRecording::of(&frames, false));
+    let more = [&sample.file[..], all.from(4)].concat();
     let film_with = |at: usize, byte: u8| {
-        let (mut file, start) = (film.file.clone(), film.starts[4]);
-        file[start + HEAD + 20 + at] = byte;
+        let (mut file, start) = (sample.file.clone(), sample.starts[4]);
+        file[start + RECORD_HEAD_BYTES + 20 + at] = byte;
         reseal(&mut file, start);
         file
     };
     let odd = wire(FrameType::INDEX, (0, 0), &[0; 33]);
-    let odd = Film::of(&[&frames[..4], &[odd]].concat(), false).file;
-    let footer = &film.file[film.file.len() - SIXTEEN..];
+    let odd = SampleRecording::of(&[&frames[..4], &[odd]].concat(), false).file;
+    let footer = &sample.file[sample.file.len() - ENVELOPE_BYTES..];
     vec![
         ("old-index", more.clone()),
-        // The second index knows of all records, the first one's included.
+        // The second index covers all records, including the first index.
         ("two-indexes", two_indexes(more)),
-        // Of its first entry: another type, another byte at its end, another time.
+        // In the first entry: another type, a padding byte, another time.
         ("index-type", film_with(28, 10)),
         ("index-padding", film_with(31, 1)),
         ("index-time", film_with(8, 1)),
         ("index-length", odd),
-        ("no-footer", film.file[..film.file.len() - SIXTEEN].to_vec()),
-        ("footer-of-nothing", [film.until(4), footer].concat()),
-        ("footer-first", [&film.file[..SIXTEEN], footer, film.from(0)].concat()),
-        ("footer-alone", [&film.file[..SIXTEEN], footer].concat()),
+        ("no-footer", sample.file[..sample.file.len() - ENVELOPE_BYTES].to_vec()),
+        ("footer-of-nothing", [sample.until(4), footer].concat()),
+        ("footer-first", [&sample.file[..ENVELOPE_BYTES], footer, sample.from(0)].concat()),
+        ("footer-alone", [&sample.file[..ENVELOPE_BYTES], footer].concat()),
     ]
 }
 
-/// Puts the right checksum into the frame of the record at `start`, which goes on to the footer.
+/// Writes the right checksum into the frame of the record at `start`, which ends at the footer.
 fn reseal(file: &mut [u8], start: usize) {
-    let (frame, end) = (start + HEAD, file.len() - SIXTEEN);
+    let (frame, end) = (start + RECORD_HEAD_BYTES, file.len() - ENVELOPE_BYTES);
     let crc = crc32c::crc32c_append(crc32c::crc32c(&file[frame..frame + 16]), &file[frame + 20..end]);
     file[frame + 16..frame + 20].copy_from_slice(&crc.to_le_bytes());
 }
 
-/// The file with an index of its own at its end.
+/// Returns the file with another index and footer at its end.
 fn two_indexes(mut file: Vec<u8>) -> Vec<u8> {
     let summary = Summary::scan(&file, Limits::default()).unwrap();
     let mut payload = vec![];
@@ -185,86 +185,86 @@ fn two_indexes(mut file: Vec<u8>) -> Vec<u8> {
 }
 
 fn cut() -> Vec<File> {
-    let film = Film::of(&frames(), true);
-    let end = film.file.len();
+    let sample = SampleRecording::of(&frames(), true);
+    let end = sample.file.len();
     vec![
-        ("cut-in-payload", film.file[..film.starts[7] - 3].to_vec()),
-        ("cut-in-frame-header", film.file[..film.starts[6] + HEAD + 7].to_vec()),
-        ("cut-in-arrival", film.file[..film.starts[6] + 5].to_vec()),
-        ("cut-after-arrival", film.file[..film.starts[6] + HEAD].to_vec()),
-        ("cut-in-index", film.file[..film.starts[8] + 50].to_vec()),
-        ("cut-in-footer", film.file[..end - 1].to_vec()),
-        ("cut-after-a-byte", film.file[..film.starts[5] + 1].to_vec()),
-        // Too few bytes for anything are cut off, whatever they are; one more is a damaged arrival.
-        ("cut-15-bytes", [film.until(6), &[0xee; 15]].concat()),
-        ("damaged-16-bytes", [film.until(6), &[0xee; 16]].concat()),
+        ("cut-in-payload", sample.file[..sample.starts[7] - 3].to_vec()),
+        ("cut-in-frame-header", sample.file[..sample.starts[6] + RECORD_HEAD_BYTES + 7].to_vec()),
+        ("cut-in-arrival", sample.file[..sample.starts[6] + 5].to_vec()),
+        ("cut-after-arrival", sample.file[..sample.starts[6] + RECORD_HEAD_BYTES].to_vec()),
+        ("cut-in-index", sample.file[..sample.starts[8] + 50].to_vec()),
+        ("cut-in-footer", sample.file[..end - 1].to_vec()),
+        ("cut-after-a-byte", sample.file[..sample.starts[5] + 1].to_vec()),
+        // Up to 15 trailing bytes count as cut off. With 16 bytes the arrival counts as damaged.
+        ("cut-15-bytes", [sample.until(6), &[0xee; 15]].concat()),
+        ("damaged-16-bytes", [sample.until(6), &[0xee; 16]].concat()),
     ]
 }
 
 fn damaged() -> Vec<File> {
-    let film = Film::of(&frames(), true);
-    let frame = |record: usize| film.starts[record] + HEAD;
-    let mut reach = film.flipped(frame(3) + 6, 1);
+    let sample = SampleRecording::of(&frames(), true);
+    let frame = |record: usize| sample.starts[record] + RECORD_HEAD_BYTES;
+    let mut reach = sample.flipped(frame(3) + 6, 1);
     let twice = {
-        let mut file = film.flipped(frame(2) + 25, 1);
+        let mut file = sample.flipped(frame(2) + 25, 1);
         file[frame(5) + 25] ^= 1;
         file
     };
     let beside = {
-        let mut file = film.flipped(frame(3) + 25, 1);
+        let mut file = sample.flipped(frame(3) + 25, 1);
         file[frame(4) + 25] ^= 1;
         file
     };
-    // Half of a record that another recorder begins again.
-    let half = [film.until(5), &film.from(5)[..40], film.from(4)].concat();
-    let junk = [film.until(3), b"what a faulty disk wrote", film.from(3)].concat();
-    let scrap = [film.until(3), &[0; 3], film.from(3)].concat();
+    // Half a record, then the whole record again, as by a recorder that retries.
+    let half = [sample.until(5), &sample.from(5)[..40], sample.from(4)].concat();
+    let junk = [sample.until(3), b"what a faulty disk wrote", sample.from(3)].concat();
+    let scrap = [sample.until(3), &[0; 3], sample.from(3)].concat();
     let sealed_magic = {
-        let mut file = film.flipped(0, 0x80);
+        let mut file = sample.flipped(0, 0x80);
         let crc = crc32c::crc32c(&file[..12]);
-        file[12..SIXTEEN].copy_from_slice(&crc.to_le_bytes());
+        file[12..ENVELOPE_BYTES].copy_from_slice(&crc.to_le_bytes());
         file
     };
-    let last = film.file.len() - SIXTEEN;
-    reach.truncate(film.starts[8]);
+    let last = sample.file.len() - ENVELOPE_BYTES;
+    reach.truncate(sample.starts[8]);
     vec![
-        ("damaged-header", film.flipped(9, 1)),
+        ("damaged-header", sample.flipped(9, 1)),
         ("damaged-header-magic", sealed_magic),
         ("damaged-header-and-record", {
-            let mut file = film.flipped(9, 1);
+            let mut file = sample.flipped(9, 1);
             file[frame(0) + 30] ^= 1;
             file
         }),
-        ("damaged-first", film.flipped(frame(0) + 30, 1)),
-        ("damaged-arrival", film.flipped(film.starts[3] + 2, 4)),
-        ("damaged-arrival-checksum", film.flipped(film.starts[3] + 9, 4)),
-        ("damaged-frame-magic", film.flipped(frame(3), 1)),
-        ("damaged-frame-type", film.flipped(frame(3) + 2, 0x10)),
-        ("damaged-frame-flags", film.flipped(frame(3) + 3, 1)),
-        ("damaged-frame-checksum", film.flipped(frame(3) + 17, 1)),
-        ("damaged-frame-payload", film.flipped(frame(3) + 22, 1)),
-        // Over the limit of any frame; a little longer than the file; shorter than it is.
-        ("damaged-length-over", film.flipped(frame(3) + 7, 0x80)),
+        ("damaged-first", sample.flipped(frame(0) + 30, 1)),
+        ("damaged-arrival", sample.flipped(sample.starts[3] + 2, 4)),
+        ("damaged-arrival-checksum", sample.flipped(sample.starts[3] + 9, 4)),
+        ("damaged-frame-magic", sample.flipped(frame(3), 1)),
+        ("damaged-frame-type", sample.flipped(frame(3) + 2, 0x10)),
+        ("damaged-frame-flags", sample.flipped(frame(3) + 3, 1)),
+        ("damaged-frame-checksum", sample.flipped(frame(3) + 17, 1)),
+        ("damaged-frame-payload", sample.flipped(frame(3) + 22, 1)),
+        // A length over the limit of all frames, one beyond the end of the file, one that is too short.
+        ("damaged-length-over", sample.flipped(frame(3) + 7, 0x80)),
         ("damaged-length-beyond", reach),
-        ("damaged-length-less", film.flipped(frame(3) + 4, 1)),
-        ("damaged-last-length", film.flipped(frame(8) + 6, 1)),
-        ("damaged-index", film.flipped(frame(8) + 30, 1)),
-        ("damaged-footer", film.flipped(last + 3, 1)),
-        ("damaged-footer-magic", film.flipped(last + 9, 1)),
+        ("damaged-length-less", sample.flipped(frame(3) + 4, 1)),
+        ("damaged-last-length", sample.flipped(frame(8) + 6, 1)),
+        ("damaged-index", sample.flipped(frame(8) + 30, 1)),
+        ("damaged-footer", sample.flipped(last + 3, 1)),
+        ("damaged-footer-magic", sample.flipped(last + 9, 1)),
         ("damaged-twice", twice),
         ("damaged-beside", beside),
         ("half-a-record", half),
         ("junk", junk),
         ("scrap", scrap),
-        ("hopeless", hopeless(&Film::of(&frames(), false))),
+        ("hopeless", hopeless(&SampleRecording::of(&frames(), false))),
     ]
 }
 
-/// Starts of records that reach over many of the others, each with a checksum that only the whole of it can disprove, and
-/// a good record behind them.
-fn hopeless(film: &Film) -> Vec<u8> {
+/// Returns a file of false records that overlap, followed by a good record. A reader must checksum each false record as
+/// a whole to refuse it.
+fn hopeless(sample: &SampleRecording) -> Vec<u8> {
     let (count, room) = (120, 4_000_u32);
-    let mut file = film.until(3).to_vec();
+    let mut file = sample.until(3).to_vec();
     for _ in 0..count {
         file.extend_from_slice(&[0; 8]);
         file.extend_from_slice(&crc32c::crc32c(&[0; 8]).to_le_bytes());
@@ -273,29 +273,29 @@ fn hopeless(film: &Film) -> Vec<u8> {
         file.extend_from_slice(&head);
     }
     file.resize(file.len() + room as usize, 0x33);
-    file.extend_from_slice(film.from(3));
+    file.extend_from_slice(sample.from(3));
     file
 }
 
 fn refused() -> Vec<File> {
-    let film = Film::of(&frames(), true);
+    let sample = SampleRecording::of(&frames(), true);
     let sealed = |at: usize, bits: u8| {
-        let mut file = film.flipped(at, bits);
+        let mut file = sample.flipped(at, bits);
         let crc = crc32c::crc32c(&file[..12]);
-        file[12..SIXTEEN].copy_from_slice(&crc.to_le_bytes());
+        file[12..ENVELOPE_BYTES].copy_from_slice(&crc.to_le_bytes());
         file
     };
-    let footer = film.file[film.file.len() - SIXTEEN..].to_vec();
+    let footer = sample.file[sample.file.len() - ENVELOPE_BYTES..].to_vec();
     vec![
         ("refused-version", sealed(8, 3)),
         ("refused-version-0", sealed(8, 1)),
         ("refused-flags", sealed(11, 0x40)),
         ("refused-empty", vec![]),
-        ("refused-short", film.file[..15].to_vec()),
+        ("refused-short", sample.file[..15].to_vec()),
         ("refused-text", b"# Recordings\n\nA recording is the frames of a stream as they were.\n".to_vec()),
         ("refused-footer", footer),
-        // Frames as they were on the wire have no arrival before them.
+        // Wire frames have no arrival time before them.
         ("refused-frames", frames().concat()),
-        ("refused-half", film.file[1..film.starts[1] - 1].to_vec()),
+        ("refused-half", sample.file[1..sample.starts[1] - 1].to_vec()),
     ]
 }

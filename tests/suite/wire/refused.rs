@@ -1,4 +1,4 @@
-//! Bytes that are no frame, or not yet one.
+//! Bytes that are not a wire frame, or only the start of one.
 
 use psao_proto::FrameType;
 
@@ -9,11 +9,11 @@ pub(super) fn frames() -> Vec<Case> {
     let mut frames = Frames { all: vec![] };
     let good = wire(FrameType::PING, (0, 0), &[7, 6, 5, 4, 3, 2, 1, 0]);
 
-    // Known after two bytes.
+    // Refused after two bytes.
     frames.bytes("refused-magic", b"51"[..].to_vec());
     frames.bytes("refused-magic-datagram", vec![0x51, 0xa0]);
     frames.bytes("refused-magic-swapped", with(&good, 0, &[0xa0, 0x50]));
-    // Known after the header; the checksum would be right.
+    // Refused after the header, although the checksum is right.
     for flag in [1, 0x80] {
         let mut bytes = with(&good, 3, &[flag]);
         bytes.truncate(20);
@@ -49,7 +49,7 @@ pub(super) fn frames() -> Vec<Case> {
     for (name, at) in [("type", 2), ("group", 8), ("sequence", 15), ("itself", 16), ("payload", 27)] {
         frames.bytes(&format!("refused-checksum-{name}"), damaged(at));
     }
-    // The checksum of header or payload alone is not the frame's.
+    // The checksum covers header and payload, not one of them.
     frames.bytes("refused-checksum-of-payload", with_crc(&good, crc32c::crc32c(&good[20..])));
     frames.bytes("refused-checksum-of-header", with_crc(&good, crc32c::crc32c(&good[..16])));
 
@@ -59,7 +59,7 @@ pub(super) fn frames() -> Vec<Case> {
     frames.all
 }
 
-/// A frame with other bytes at a place of its header, and the right checksum.
+/// Returns a copy of `frame` with `bytes` written at `at` of its header, and the right checksum.
 fn with(frame: &[u8], at: usize, bytes: &[u8]) -> Vec<u8> {
     let mut frame = frame.to_vec();
     frame[at..at + bytes.len()].copy_from_slice(bytes);

@@ -1,4 +1,4 @@
-//! SCENE frames one after the other, and the scene table that they make, or why they make none.
+//! Sequences of SCENE frames, and the scene table or error that results.
 
 use psao_proto::message::{
     Accept, InstanceEntry, MemberEntry, Message, PeerLimits, Scene, SceneHeader, SetEntry, Text,
@@ -9,12 +9,12 @@ use psao_proto::{FrameType, Framer, Limits, Micros, Profile, SceneEntries, Scene
 use super::accepted::wire;
 use super::messages::{INSTANCE, MEMBER, SET, instances, limits, members, paper_info, sets, surface_info};
 use super::object::Object;
-use super::{Case, What};
+use super::{Case, CaseKind};
 
-/// Every reason for which a table is refused.
+/// Every reason for refusing a scene table.
 pub(super) const REASONS: [&str; 5] = ["count", "layout", "order", "points", "profile"];
 
-/// What a client makes of the SCENE frames of a file: the table, nothing while more frames are to come, or why not.
+/// Gives SCENE frames to a client and returns the scene table, `None` for an unfinished table, or one of [`REASONS`].
 pub(super) fn outcome(bytes: &[u8]) -> Result<Option<Object>, &'static str> {
     let mut client = ClientSession::new(Limits::default());
     let takes: PeerLimits = limits();
@@ -40,7 +40,7 @@ pub(super) fn outcome(bytes: &[u8]) -> Result<Option<Object>, &'static str> {
     }))
 }
 
-/// The profile that a server of this table accepts with, as far as one can tell.
+/// Returns the profile for ACCEPT: that of the first SCENE frame where it is known.
 fn profile(bytes: &[u8]) -> Profile {
     let mut framer = Framer::new(Limits::default());
     framer.push(bytes);
@@ -52,7 +52,7 @@ fn profile(bytes: &[u8]) -> Profile {
     }
 }
 
-pub(super) fn told(bytes: &[u8]) -> String {
+pub(super) fn json(bytes: &[u8]) -> String {
     let object = match outcome(bytes) {
         Err(word) => Object::default().text("error", word),
         Ok(None) => Object::default().with("table", "null"),
@@ -75,15 +75,15 @@ fn reason(error: &SceneError) -> &'static str {
 fn case(name: &str, scenes: &[Scene]) -> Case {
     let frame = |scene: &Scene| wire(FrameType::SCENE, (0, 0), &scene.to_payload().unwrap());
     let bytes = scenes.iter().flat_map(frame).collect();
-    Case { name: format!("table-{name}"), what: What::Table, bytes }
+    Case { name: format!("table-{name}"), kind: CaseKind::Table, bytes }
 }
 
-/// Two instances of nine points.
+/// Returns the header of a table with two instances of nine points each.
 fn paper() -> SceneHeader {
     SceneHeader { point_count: 18, ..paper_info() }
 }
 
-/// Two sets of nine and four points, three instances of them.
+/// Returns the header of a table with sets of nine and four points, and three instances.
 fn surface() -> SceneHeader {
     SceneHeader { set_count: 2, instance_count: 3, point_count: 22, ..surface_info() }
 }
@@ -196,7 +196,7 @@ fn layouts(points: &Scene) -> Vec<Case> {
         case("refused-cells-over-limit", &[Scene::Info(crowded), instances(0, &[FIRST, SECOND])]),
         on("lattice-long", SetEntry { extent: [1, 1 << 21, 1], ..SMALL }, 0),
         on("no-such-set", SMALL, 2),
-        // Two sets that are too large together; one that is too large for its two instances.
+        // Two sets that are too large together; one set that is too large for its two instances.
         case("refused-sets-over-limit", &[Scene::Info(single), sets(0, &[half, half]), one]),
         case(
             "refused-points-over-limit",

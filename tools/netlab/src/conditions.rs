@@ -1,45 +1,45 @@
-//! What a network does to what is sent over it.
+//! Conditions and faults of a network.
 
 use psao_proto::Micros;
 use serde::Serialize;
 
 use crate::random::MILLION;
 
-/// What one direction of a network does to packets.
+/// Properties of one direction of a network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Conditions {
-    /// Packets of a million that are lost.
+    /// Lost packets per million.
     pub loss: u32,
-    /// Packets of a million that come twice.
+    /// Packets per million that arrive twice.
     pub duplicate: u32,
-    /// Packets of a million that are held back, by up to [`HELD_BACK`], so that later ones overtake them.
+    /// Packets per million that are held back by up to [`MAX_REORDER_DELAY`], so that later ones overtake them.
     pub reorder: u32,
-    /// Microseconds that every packet is on the way.
+    /// Delay of every packet, in microseconds.
     pub delay: u64,
-    /// Microseconds that it is on the way beyond that, at most; drawn for each.
+    /// Largest additional delay, in microseconds, drawn at random for each packet.
     pub jitter: u64,
-    /// Bytes a second that leave; `None` for as many as come.
+    /// Bytes that can leave per second; `None` for no limit.
     pub rate: Option<u64>,
-    /// Bytes that may wait to leave; what does not fit is dropped (a datagram) or waits in its sender (a stream).
+    /// Bytes that may wait to leave. A datagram that does not fit is dropped; bytes of a stream wait at the sender.
     pub queue_bytes: u32,
-    /// Most bytes of a packet.
+    /// Largest packet in bytes.
     pub mtu: u16,
 }
 
-/// Longest time that a reordered packet is held back: three frames at 60 Hz.
-pub const HELD_BACK: Micros = Micros(50_000);
-/// Fewest bytes that [`Conditions::mtu`] may be: those of the smallest limit of a datagram.
+/// Longest time for which a reordered packet is held back: three frames at 60 Hz.
+pub const MAX_REORDER_DELAY: Micros = Micros(50_000);
+/// Smallest allowed [`Conditions::mtu`] in bytes: the smallest datagram limit that a client may ask for.
 pub const MIN_MTU: u16 = psao_proto::session::MIN_DATAGRAM_BYTES;
 
 impl Default for Conditions {
-    /// Returns a perfect network: no loss, no delay, no limit; packets of 1,200 bytes, a queue of 64 KiB.
+    /// Returns a perfect network: no loss, no delay, no rate limit, packets of 1,200 bytes, a queue of 64 KiB.
     fn default() -> Self {
         let queue_bytes = 64 << 10;
         Self { loss: 0, duplicate: 0, reorder: 0, delay: 0, jitter: 0, rate: None, queue_bytes, mtu: 1200 }
     }
 }
 
-/// Conditions that make no sense.
+/// Why conditions or faults are invalid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ConditionsError {
@@ -51,16 +51,16 @@ pub enum ConditionsError {
         /// What was asked for.
         ppm: u32,
     },
-    /// Nothing would ever leave.
+    /// The rate is zero, so no packet would ever leave.
     #[error("a rate of 0 bytes a second: leave the rate out for a network without a limit")]
     NoRate,
-    /// Packets too small for this protocol's datagrams.
+    /// Packets are too small for this protocol's datagrams.
     #[error("packets of {mtu} bytes: the smallest that carry this protocol have {MIN_MTU}")]
     Mtu {
         /// What was asked for.
         mtu: u16,
     },
-    /// A queue that takes no packet.
+    /// The queue is smaller than one packet.
     #[error(
         "a queue of {queue_bytes} bytes takes no packet of {mtu}: make it larger, or the packets smaller"
     )]
@@ -70,7 +70,7 @@ pub enum ConditionsError {
         /// Bytes of a packet.
         mtu: u16,
     },
-    /// A time that is too long to count with.
+    /// A time is over an hour.
     #[error("{what} of {micros} microseconds: at most an hour makes sense")]
     Time {
         /// Which.
@@ -78,34 +78,34 @@ pub enum ConditionsError {
         /// What was asked for.
         micros: u64,
     },
-    /// A fault that ends before it begins.
+    /// A fault ends before it begins.
     #[error("a fault from {from} to {to} microseconds: it must end after it begins")]
     Fault {
-        /// Its beginning.
+        /// Its start, microseconds.
         from: u64,
-        /// Its end.
+        /// Its end, microseconds.
         to: u64,
     },
 }
 
 impl Conditions {
-    /// Longest time that a packet is on the way once it has left.
+    /// Returns the longest time from a packet's departure to its arrival.
     #[must_use]
     pub const fn longest_delay(&self) -> Micros {
-        let held = if self.reorder > 0 { HELD_BACK.0 } else { 0 };
+        let held = if self.reorder > 0 { MAX_REORDER_DELAY.0 } else { 0 };
         Micros(self.delay + self.jitter + held)
     }
 
-    /// Microseconds until so many bytes have left; 0 without a limit.
+    /// Returns the time that `bytes` take to leave at [`rate`](Self::rate); zero without a limit.
     #[must_use]
-    pub fn time_of(&self, bytes: u64) -> Micros {
+    pub fn serialization_delay(&self, bytes: u64) -> Micros {
         Micros(self.rate.map_or(0, |rate| bytes.saturating_mul(1_000_000).div_ceil(rate.max(1))))
     }
 
-    /// These, if they make sense.
+    /// Returns the conditions if they are valid.
     ///
     /// # Errors
-    /// [`ConditionsError`] says what does not.
+    /// [`ConditionsError`] names the field that is not.
     pub fn checked(self) -> Result<Self, ConditionsError> {
         for (what, ppm) in [("loss", self.loss), ("duplicates", self.duplicate), ("reordering", self.reorder)]
         {
@@ -128,33 +128,33 @@ impl Conditions {
     }
 }
 
-/// Something that goes wrong at a known time, in both directions.
+/// A failure of both directions of a network at a given time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Fault {
-    /// Nothing moves, and nothing is lost by it: packets on the way stand still, others wait to leave.
+    /// Nothing moves and nothing is lost. Packets in transit stand still, others wait to leave.
     Stall {
-        /// Its beginning, microseconds.
+        /// Its start, microseconds.
         from: u64,
-        /// Its end.
+        /// Its end, microseconds.
         to: u64,
     },
     /// Every packet that leaves is lost.
     Blackhole {
-        /// Its beginning, microseconds.
+        /// Its start, microseconds.
         from: u64,
-        /// Its end.
+        /// Its end, microseconds.
         to: u64,
     },
-    /// The connection breaks, and what is on the way is lost; both ends learn of it at once.
+    /// The connection breaks and everything in transit is lost. Both ends learn of it at once.
     Reset {
-        /// When, microseconds.
+        /// Its time, microseconds.
         at: u64,
     },
 }
 
 impl Fault {
-    /// When the network is as before.
+    /// Returns the time from which the network works as before.
     #[must_use]
     pub const fn end(self) -> Micros {
         match self {
@@ -163,7 +163,7 @@ impl Fault {
         }
     }
 
-    /// This, if it makes sense.
+    /// Returns the fault if it is valid.
     ///
     /// # Errors
     /// [`ConditionsError::Fault`].
@@ -177,7 +177,7 @@ impl Fault {
     }
 }
 
-/// The faults of a network, by their beginning.
+/// The faults of a network, sorted by start.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Schedule {
     stalls: Vec<(u64, u64)>,
@@ -198,8 +198,8 @@ impl Schedule {
         schedule
     }
 
-    /// When something that begins at `start` and takes `lasting` is over: during a stall it stands still.
-    pub(crate) fn after(&self, start: Micros, lasting: Micros) -> Micros {
+    /// Returns the time at which something that starts at `start` and takes `lasting` ends. Stalls do not count.
+    pub(crate) fn finish_time(&self, start: Micros, lasting: Micros) -> Micros {
         let (mut at, mut left) = (start.0, lasting.0);
         for &(from, to) in &self.stalls {
             if to <= at {
@@ -214,8 +214,8 @@ impl Schedule {
         Micros(at.saturating_add(left))
     }
 
-    /// Whether a packet that leaves at `at` is lost in a blackhole, and until when that lasts.
-    pub(crate) fn swallows(&self, at: Micros) -> Option<Micros> {
+    /// Returns the end of the blackhole that is active at `at`, if there is one: a packet that leaves then is lost.
+    pub(crate) fn blackhole_end(&self, at: Micros) -> Option<Micros> {
         let inside = |(from, to): &&(u64, u64)| (*from..*to).contains(&at.0);
         self.blackholes.iter().find(inside).map(|(_, to)| Micros(*to))
     }
@@ -229,13 +229,13 @@ mod tests {
     fn time_stands_still_in_a_stall() {
         let faults = [Fault::Stall { from: 300, to: 400 }, Fault::Stall { from: 100, to: 200 }];
         let schedule = Schedule::new(&faults);
-        let after = |start, lasting| schedule.after(Micros(start), Micros(lasting)).0;
+        let after = |start, lasting| schedule.finish_time(Micros(start), Micros(lasting)).0;
         assert_eq!([after(0, 99), after(0, 100), after(0, 150), after(50, 0)], [99, 200, 250, 50]);
         assert_eq!([after(100, 0), after(150, 10), after(199, 100), after(199, 101)], [200, 210, 400, 401]);
         assert_eq!([after(0, 250), after(400, 5), after(200, 5), after(250, 60)], [450, 405, 205, 410]);
-        // Stalls that overlap are one.
+        // Overlapping stalls act as one.
         let schedule = Schedule::new(&[Fault::Stall { from: 10, to: 30 }, Fault::Stall { from: 20, to: 50 }]);
-        assert_eq!(schedule.after(Micros(5), Micros(10)), Micros(55));
+        assert_eq!(schedule.finish_time(Micros(5), Micros(10)), Micros(55));
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! One connection: both ends of it, and the network between them.
+//! A connection: both ends, and the network between them.
 
 use std::sync::Arc;
 
@@ -11,7 +11,7 @@ use crate::link::{Link, Traffic};
 use crate::plan::{ClientPlan, Mode};
 use crate::random::Random;
 
-/// A connection that is open.
+/// An open connection.
 #[derive(Debug)]
 pub(crate) struct Connection {
     pub(crate) server: ServerSession,
@@ -21,7 +21,7 @@ pub(crate) struct Connection {
 }
 
 impl Connection {
-    /// Opens at `now`. `name` tells its chance apart from that of all others.
+    /// Opens a connection at `now`. Seed and name select its random numbers; each connection has a name of its own.
     pub(crate) fn new(
         scene: &Arc<SceneTable>,
         plan: &ClientPlan,
@@ -50,20 +50,20 @@ impl Connection {
         Ok(connection)
     }
 
-    /// When something happens next.
-    pub(crate) fn next(&self) -> Option<Micros> {
+    /// Returns the time of the next event.
+    pub(crate) fn next_event_time(&self) -> Option<Micros> {
         let ends = [self.server.next_deadline(), self.client.next_deadline()];
-        [self.down.next(), self.up.next()].into_iter().chain(ends).flatten().min()
+        [self.down.next_event_time(), self.up.next_event_time()].into_iter().chain(ends).flatten().min()
     }
 
-    /// Lets everything happen that happens now; `heard` is told what the client met.
+    /// Processes all events that are due at `now`, and calls `on_events` with those of the client.
     ///
     /// # Errors
-    /// What either end ended the session with.
+    /// The error with which either end ended the session.
     pub(crate) fn pump(
         &mut self,
         now: Micros,
-        heard: &mut dyn FnMut(&ClientSession, &[ClientEvent]),
+        on_events: &mut dyn FnMut(&ClientSession, &[ClientEvent]),
     ) -> Result<(), SessionError> {
         let due = |deadline: Option<Micros>| deadline.is_some_and(|deadline| deadline <= now);
         loop {
@@ -77,11 +77,11 @@ impl Connection {
             let bytes = self.down.receive(now);
             if !bytes.is_empty() {
                 let events = self.client.handle(&bytes, now)?;
-                heard(&self.client, &events);
+                on_events(&self.client, &events);
             }
             while let Some(datagram) = self.down.receive_datagram(now) {
                 let events = self.client.handle_datagram(&datagram, now);
-                heard(&self.client, &events);
+                on_events(&self.client, &events);
             }
             if due(self.server.next_deadline()) {
                 self.server.tick(now)?;
@@ -95,7 +95,7 @@ impl Connection {
         }
     }
 
-    /// Gives the network what the ends have to say, as far as it takes it; whether that was anything.
+    /// Passes the output of both ends to the network, as far as it takes it. Returns whether anything was passed on.
     fn send(&mut self, now: Micros) -> bool {
         let mut sent = false;
         loop {
@@ -125,17 +125,17 @@ impl Connection {
         sent
     }
 
-    /// What went down and up.
+    /// Returns the traffic down and up.
     pub(crate) fn counts(&self) -> [Traffic; 2] {
         [self.down.counts(), self.up.counts()]
     }
 
-    /// Segments sent again, down and up.
+    /// Returns the number of segments that were sent again, in both directions.
     pub(crate) const fn resent(&self) -> u64 {
         self.down.resent() + self.up.resent()
     }
 
-    /// Adds a digest of everything that went either way.
+    /// Adds the digests of both directions to `hasher`.
     pub(crate) fn digest(&self, hasher: &mut blake3::Hasher) {
         hasher.update(self.down.digest().as_bytes());
         hasher.update(self.up.digest().as_bytes());

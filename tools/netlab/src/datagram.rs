@@ -1,33 +1,33 @@
-//! A pipe for datagrams: they may be lost, come twice, or overtake each other.
+//! A pipe for datagrams, which may be lost, duplicated or reordered.
 
 use psao_proto::Micros;
 
-use crate::link::{Link, Passage};
+use crate::link::{Link, Transit};
 use crate::queue::Queue;
 
-/// Datagrams on their way in one direction.
+/// Datagrams in transit in one direction.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct DatagramPipe {
-    coming: Queue<Vec<u8>>,
+    in_transit: Queue<Vec<u8>>,
 }
 
 impl DatagramPipe {
     pub(crate) fn send(&mut self, link: &mut Link, datagram: Vec<u8>, now: Micros) {
-        if let Passage::Comes { at, again } = link.send(&datagram, now) {
-            if let Some(again) = again {
-                self.coming.push(again, datagram.clone());
+        if let Transit::Arrives { at, duplicate } = link.send(&datagram, now) {
+            if let Some(at) = duplicate {
+                self.in_transit.push(at, datagram.clone());
             }
-            self.coming.push(at, datagram);
+            self.in_transit.push(at, datagram);
         }
     }
 
-    /// Returns the next datagram that has come.
+    /// Returns the next datagram that has arrived by `now`.
     pub(crate) fn receive(&mut self, now: Micros) -> Option<Vec<u8>> {
-        self.coming.pop(now).map(|(_, datagram)| datagram)
+        self.in_transit.pop(now).map(|(_, datagram)| datagram)
     }
 
-    /// When the next one comes.
-    pub(crate) fn next(&self) -> Option<Micros> {
-        self.coming.next()
+    /// Returns the arrival time of the next datagram.
+    pub(crate) fn next_event_time(&self) -> Option<Micros> {
+        self.in_transit.next_event_time()
     }
 }

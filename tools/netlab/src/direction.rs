@@ -1,4 +1,4 @@
-//! One direction between two ends: the bytes of a connection and datagrams, over the same link.
+//! One direction between two ends. The bytes of a connection and datagrams share its link.
 
 use psao_proto::Micros;
 
@@ -6,7 +6,7 @@ use crate::datagram::DatagramPipe;
 use crate::link::{Link, Traffic};
 use crate::stream::StreamPipe;
 
-/// One direction.
+/// One direction between two ends.
 #[derive(Clone, Debug)]
 pub(crate) struct Direction {
     link: Link,
@@ -15,17 +15,18 @@ pub(crate) struct Direction {
 }
 
 impl Direction {
-    /// Over a link; acknowledgements of the bytes take `back` the other way.
-    pub(crate) fn new(link: Link, back: Micros) -> Self {
-        Self { link, stream: StreamPipe::new(back), datagrams: DatagramPipe::default() }
+    /// Creates a direction over `link`. Acknowledgements of the bytes take `ack_delay` to return.
+    pub(crate) fn new(link: Link, ack_delay: Micros) -> Self {
+        Self { link, stream: StreamPipe::new(ack_delay), datagrams: DatagramPipe::default() }
     }
 
-    /// Takes as many bytes as fit the send buffer; they go with the next [`receive`](Self::receive).
+    /// Takes the bytes that fit the send buffer and returns their number. The next [`receive`](Self::receive) sends
+    /// them.
     pub(crate) fn write(&mut self, bytes: &[u8]) -> usize {
         self.stream.write(bytes)
     }
 
-    /// Lets everything happen up to now; the bytes that came, in order.
+    /// Advances to `now` and returns the bytes that have arrived, in order.
     pub(crate) fn receive(&mut self, now: Micros) -> Vec<u8> {
         self.stream.receive(&mut self.link, now)
     }
@@ -34,26 +35,29 @@ impl Direction {
         self.datagrams.send(&mut self.link, datagram, now);
     }
 
-    /// Returns the next datagram that has come.
+    /// Returns the next datagram that has arrived by `now`.
     pub(crate) fn receive_datagram(&mut self, now: Micros) -> Option<Vec<u8>> {
         self.datagrams.receive(now)
     }
 
-    /// When something happens next.
-    pub(crate) fn next(&self) -> Option<Micros> {
-        [self.stream.next(&self.link), self.datagrams.next()].into_iter().flatten().min()
+    /// Returns the time of the next event.
+    pub(crate) fn next_event_time(&self) -> Option<Micros> {
+        [self.stream.next_event_time(&self.link), self.datagrams.next_event_time()]
+            .into_iter()
+            .flatten()
+            .min()
     }
 
     pub(crate) const fn counts(&self) -> Traffic {
         self.link.counts()
     }
 
-    /// Segments sent again.
+    /// Returns the number of segments that were sent again.
     pub(crate) const fn resent(&self) -> u64 {
         self.stream.resent()
     }
 
-    /// Returns a digest of every packet, with its time.
+    /// Returns a digest of every packet and its time.
     pub(crate) fn digest(&self) -> blake3::Hash {
         self.link.digest()
     }

@@ -1,4 +1,4 @@
-//! The lab: a source, a server, clients and the networks between them, in virtual time.
+//! The lab: a source of frames, a server, clients and the networks between them, in virtual time.
 
 use std::sync::Arc;
 
@@ -14,32 +14,32 @@ use crate::plan::ClientPlan;
 use crate::queue::Queue;
 use crate::source::Source;
 
-/// Why a lab cannot go on. What clients and networks do is never among it.
+/// Why a lab cannot go on. Clients and networks never cause it.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum LabError {
-    /// Conditions or faults that make no sense.
+    /// Conditions or faults are invalid.
     #[error(transparent)]
     Conditions(#[from] ConditionsError),
-    /// The source does not go on.
+    /// The source failed.
     #[error("the source of frames: {0}")]
     Source(String),
-    /// A keyframe or patch cannot be made.
+    /// A keyframe or patch could not be encoded.
     #[error("a body for a client: {0}")]
     Fanout(FanoutError),
 }
 
-/// What the whole lab is.
+/// Settings of a lab.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Settings {
-    /// Seed of all chance.
+pub struct LabSettings {
+    /// Seed of all random numbers.
     pub seed: u64,
-    /// Time from frame to frame, at least a microsecond.
+    /// Time between two frames of the source, at least a microsecond.
     pub period: Micros,
 }
 
-impl Default for Settings {
-    /// Seed 1, 60 frames a second.
+impl Default for LabSettings {
+    /// Returns seed 1 and 60 frames per second.
     fn default() -> Self {
         Self { seed: 1, period: Micros(16_667) }
     }
@@ -49,10 +49,19 @@ impl Default for Settings {
 enum Event {
     /// The source makes a frame.
     Frame,
-    /// A client's connection is open.
+    /// A client's connection opens.
     Open(usize),
     /// A client's connection breaks.
     Reset(usize),
+}
+
+/// A frame that the source has made.
+#[derive(Clone, Copy, Debug)]
+struct SourceFrame {
+    number: u32,
+    /// State hash after it.
+    hash: StateHash,
+    captured: Micros,
 }
 
 #[derive(Debug)]
@@ -60,25 +69,26 @@ struct Client {
     plan: ClientPlan,
     schedule: Arc<Schedule>,
     connection: Option<Connection>,
-    /// Connections so far.
+    /// Number of connections so far.
     connections: u32,
     measures: Measures,
     digest: blake3::Hasher,
 }
 
-/// A source of frames, one [`Fanout`] and some clients, each behind a network of its own.
+/// A source of frames, one [`Fanout`] and several clients, each behind a network of its own.
 ///
-/// The server gives every client the newest frame once a frame, as `net`'s hub does; sockets take what fits a send buffer;
-/// each end is told the time when it asked for that. Everything follows from the plans and the seed.
+/// At every frame of the source the server gives each client the newest frame, as `psao_proto::net::Hub` does. A
+/// connection takes the bytes that fit its send buffer. Each session gets the time at its deadlines. Plans and seed
+/// determine the run.
 ///
 /// ```
-/// use psao_netlab::{ClientPlan, Conditions, Lab, Mode, SampleSource, Settings};
+/// use psao_netlab::{ClientPlan, Conditions, Lab, LabSettings, Mode, SampleSource};
 /// use psao_proto::{Micros, Profile};
 ///
 /// let bad = Conditions { loss: 50_000, delay: 40_000, ..Conditions::default() }; // 5 %, 40 ms
 /// let plans = [Mode::Stream, Mode::Datagram].map(|mode| ClientPlan::symmetric(mode, bad));
 /// let source = SampleSource::new(Profile::SURFACE)?;
-/// let mut lab = Lab::new(source, Settings::default(), plans.into())?;
+/// let mut lab = Lab::new(source, LabSettings::default(), plans.into())?;
 /// lab.run_until(Micros::from_secs(10))?;
 /// let report = lab.report();
 /// let [stream, datagram] = &report.clients[..] else { panic!("two clients") };
@@ -89,13 +99,13 @@ struct Client {
 #[derive(Debug)]
 pub struct Lab<S> {
     source: S,
-    settings: Settings,
+    settings: LabSettings,
     fanout: Fanout,
     clients: Vec<Client>,
     queue: Queue<Event>,
     now: Micros,
-    /// Hash and capture of every frame made, in order.
-    made: Vec<(u32, StateHash, Micros)>,
+    /// Every frame of the source, in order.
+    made: Vec<SourceFrame>,
     ended: bool,
     largest_body: usize,
 }
@@ -104,14 +114,14 @@ impl<S: Source> Lab<S> {
     /// Creates a lab at time 0, before the first frame.
     ///
     /// # Errors
-    /// [`LabError::Conditions`] for plans that make no sense.
-    pub fn new(source: S, settings: Settings, plans: Vec<ClientPlan>) -> Result<Self, LabError> {
+    /// [`LabError::Conditions`] for invalid plans.
+    pub fn new(source: S, settings: LabSettings, plans: Vec<ClientPlan>) -> Result<Self, LabError> {
         let mut queue = Queue::default();
         let mut clients = Vec::new();
         queue.push(Micros(0), Event::Frame);
         for (number, plan) in plans.into_iter().enumerate() {
             let plan = plan.checked()?;
-            // A connection is open after a round trip.
+            // A connection takes a round trip to open.
             queue.push(plan.joins.plus(plan.round_trip()), Event::Open(number));
             for fault in &plan.faults {
                 if let Fault::Reset { at } = fault {
@@ -127,30 +137,30 @@ impl<S: Source> Lab<S> {
         Ok(Self { source, settings, fanout, clients, queue, now, made, ended: false, largest_body: 0 })
     }
 
-    /// Lets everything happen up to and including `end`.
+    /// Runs up to and including `end`.
     ///
     /// # Errors
     /// [`LabError`] when the source or the codec fails.
     pub fn run_until(&mut self, end: Micros) -> Result<(), LabError> {
-        while let Some(now) = self.next().filter(|now| *now <= end) {
+        while let Some(now) = self.next_event_time().filter(|now| *now <= end) {
             self.now = now;
             for number in 0..self.clients.len() {
-                if self.due(number) {
+                if self.is_due(number) {
                     self.pump(number);
                 }
             }
-            let mut framed = false;
-            let mut happened = false;
+            let mut has_frame = false;
+            let mut has_event = false;
             while let Some((_, event)) = self.queue.pop(now) {
-                framed |= event == Event::Frame;
-                happened = true;
-                self.happen(event)?;
+                has_frame |= event == Event::Frame;
+                has_event = true;
+                self.handle(event)?;
             }
             for number in 0..self.clients.len() {
-                if happened {
+                if has_event {
                     self.pump(number);
                 }
-                if framed && !self.ended {
+                if has_frame && !self.ended {
                     self.clients[number].measures.sample(now);
                 }
             }
@@ -171,25 +181,25 @@ impl<S: Source> Lab<S> {
         &self.source
     }
 
-    /// Returns whether the source has no more frames. The last one is still given to clients that lack it.
+    /// Returns whether the source has ended. Clients that lack the last frame still get it.
     #[must_use]
     pub const fn has_ended(&self) -> bool {
         self.ended
     }
 
-    /// Returns the server's session of a client, while there is one.
+    /// Returns the server's session of a client; `None` while the client is not connected.
     #[must_use]
     pub fn server(&self, client: usize) -> Option<&ServerSession> {
         Some(&self.clients.get(client)?.connection.as_ref()?.server)
     }
 
-    /// Capture of the newest frame that a client has applied.
+    /// Returns the capture time of the newest frame that a client has applied.
     #[must_use]
     pub fn newest(&self, client: usize) -> Option<Micros> {
         self.clients.get(client)?.measures.newest()
     }
 
-    /// What has been measured so far.
+    /// Returns the measurements so far.
     #[must_use]
     pub fn report(&self) -> Report {
         let mut digest = blake3::Hasher::new();
@@ -216,34 +226,34 @@ impl<S: Source> Lab<S> {
         }
     }
 
-    /// When something happens next.
-    fn next(&self) -> Option<Micros> {
-        let clients = self.clients.iter().filter_map(|client| client.connection.as_ref()?.next());
-        clients.chain(self.queue.next()).min()
+    /// Returns the time of the next event.
+    fn next_event_time(&self) -> Option<Micros> {
+        let clients = self.clients.iter().filter_map(|client| client.connection.as_ref()?.next_event_time());
+        clients.chain(self.queue.next_event_time()).min()
     }
 
-    fn due(&self, number: usize) -> bool {
-        let next = self.clients[number].connection.as_ref().and_then(Connection::next);
+    fn is_due(&self, number: usize) -> bool {
+        let next = self.clients[number].connection.as_ref().and_then(Connection::next_event_time);
         next.is_some_and(|next| next <= self.now)
     }
 
-    fn happen(&mut self, event: Event) -> Result<(), LabError> {
+    fn handle(&mut self, event: Event) -> Result<(), LabError> {
         match event {
             Event::Frame => self.frame()?,
             Event::Open(number) => self.open(number),
-            Event::Reset(number) => self.end(number, None),
+            Event::Reset(number) => self.end_connection(number, None),
         }
         Ok(())
     }
 
-    /// Lets the source make a frame, if it has one, and gives every client the newest.
+    /// Takes a frame from the source, if it has one, and gives every client the newest frame.
     fn frame(&mut self) -> Result<(), LabError> {
         self.queue.push(self.now.plus(self.settings.period.max(Micros(1))), Event::Frame);
         let made = self.source.step()?;
         self.ended = made.is_none();
         let Some(state) = self.source.state() else { return Ok(()) };
         if let Some(EncodedFrame { info, body }) = made {
-            self.made.push((info.frame.0, info.hash, self.now));
+            self.made.push(SourceFrame { number: info.frame.0, hash: info.hash, captured: self.now });
             self.largest_body = self.largest_body.max(body.len());
             self.fanout.advance(&info, body, state, self.now);
         }
@@ -269,16 +279,16 @@ impl<S: Source> Lab<S> {
         let seed = (self.settings.seed, name);
         match Connection::new(self.source.scene(), &client.plan, &client.schedule, seed, self.now) {
             Ok(connection) => client.connection = Some(connection),
-            Err(error) => self.end(number, Some(&error)),
+            Err(error) => self.end_connection(number, Some(&error)),
         }
     }
 
-    /// A connection is over; the client starts another later.
-    fn end(&mut self, number: usize, error: Option<&SessionError>) {
+    /// Ends a connection. The client connects again later.
+    fn end_connection(&mut self, number: usize, error: Option<&SessionError>) {
         let client = &mut self.clients[number];
-        // Without one it is connecting already.
+        // A client without a connection is connecting already.
         let Some(connection) = client.connection.take() else { return };
-        client.measures.ends(&connection);
+        client.measures.add_connection(&connection);
         connection.digest(&mut client.digest);
         let report = &mut client.measures.report;
         report.reconnects += 1;
@@ -296,14 +306,16 @@ impl<S: Source> Lab<S> {
         let Some(connection) = &mut client.connection else { return };
         let measures = &mut client.measures;
         let find = |frame: u32| {
-            let found = made.binary_search_by_key(&frame, |(number, ..)| *number).ok()?;
-            Some((made[found].1, made[found].2))
+            let SourceFrame { hash, captured, .. } =
+                made[made.binary_search_by_key(&frame, |made| made.number).ok()?];
+            Some((hash, captured))
         };
-        let result = connection.pump(now, &mut |client, events| measures.heard(client, events, now, find));
+        let result =
+            connection.pump(now, &mut |client, events| measures.record_events(client, events, now, find));
         match result {
-            Err(error) => self.end(number, Some(&error)),
+            Err(error) => self.end_connection(number, Some(&error)),
             Ok(()) if connection.client.is_closed() || connection.server.is_closed() => {
-                self.end(number, None);
+                self.end_connection(number, None);
             }
             Ok(()) => {}
         }

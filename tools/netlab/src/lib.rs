@@ -1,15 +1,17 @@
 //! Point-based ambient occlusion streams: a seeded network in virtual time.
 //!
-//! Sessions of `psao-proto` do no I/O and read no clock, so a network can be played to them: bytes are lost, doubled,
-//! overtaken, delayed and held up as a seed says, and minutes pass in moments. A [`Lab`] is a source of frames, a server
-//! and clients, each behind a network of its own, with [`Conditions`] and scheduled [`Fault`]s. At every frame that a client
-//! applies, its state is compared with the source's of that number; how old it was, how long a fault was felt and what it
-//! all took in bytes stands in the [`Report`]. The same seed gives the same run on any machine.
+//! Sessions of `psao-proto` do no I/O and read no clock, so a simulated network can carry their bytes. A seed decides
+//! which bytes are lost, duplicated, reordered, delayed or stalled, and minutes of virtual time take moments.
+//!
+//! A [`Lab`] holds a source of frames, a server and clients. Each client has a network of its own, with [`Conditions`]
+//! and scheduled [`Fault`]s. Whenever a client applies a frame, the lab compares its state with the source's state at
+//! that frame. The [`Report`] tells how old the frames were, how long each fault had an effect, and how many bytes were
+//! sent. The same seed gives the same run on any machine.
 //!
 //! | what | where |
 //! |---|---|
-//! | packets lost, doubled, held back; delay, rate, queue | [`Conditions`], [`Fault`] |
-//! | bytes over them, reliable and in order, with a bounded send buffer | [`SEND_BUFFER`], [`timeout`] |
+//! | packets lost, duplicated, reordered; delay, rate, queue | [`Conditions`], [`Fault`] |
+//! | reliable, ordered bytes over these packets, with a bounded send buffer | [`SEND_BUFFER_BYTES`], [`retransmission_timeout`] |
 //! | frames to stream | [`Source`], [`SampleSource`], [`RecordingSource`] |
 //! | clients | [`ClientPlan`], [`Mode`] |
 
@@ -26,11 +28,11 @@ mod random;
 mod source;
 mod stream;
 
-pub use conditions::{Conditions, ConditionsError, Fault, HELD_BACK, MIN_MTU};
-pub use lab::{Lab, LabError, Settings};
+pub use conditions::{Conditions, ConditionsError, Fault, MAX_REORDER_DELAY, MIN_MTU};
+pub use lab::{Lab, LabError, LabSettings};
 pub use link::Traffic;
 pub use measure::{ClientReport, Report, Staleness};
 pub use plan::{ClientPlan, Mode};
 pub use random::MILLION;
 pub use source::{RecordingSource, SampleSource, Source};
-pub use stream::{LEAST_TIMEOUT, MOST_TIMEOUT, SEND_BUFFER, timeout};
+pub use stream::{MAX_TIMEOUT, MIN_TIMEOUT, SEND_BUFFER_BYTES, retransmission_timeout};

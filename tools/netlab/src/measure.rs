@@ -1,4 +1,4 @@
-//! What is measured of a client, and what is made of it for people and programs.
+//! Measurements of clients, and the report of a run.
 
 use std::collections::VecDeque;
 
@@ -10,25 +10,25 @@ use crate::connection::Connection;
 use crate::link::Traffic;
 use crate::plan::ClientPlan;
 
-/// A hash computed from scratch is compared every so many frames: it takes as long as many of them.
-const FULL_HASH_EVERY: u64 = 16;
+/// Frames between two checks of the full state hash, which takes longer than many frames.
+const FULL_HASH_INTERVAL: u64 = 16;
 
-/// How old what a client shows is, in microseconds: at the end of every frame of the source, the age of the newest frame
-/// that the client has applied, counted from its capture.
+/// Percentiles of the staleness of clients, in microseconds. A sample is the age, counted from its capture, of the
+/// newest frame that a client has applied. There is one sample for each client and frame of the source.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Staleness {
-    /// Half of the samples are at most this.
+    /// Median.
     pub p50_us: u64,
-    /// 95 % are.
+    /// 95th percentile.
     pub p95_us: u64,
-    /// 99 % are.
+    /// 99th percentile.
     pub p99_us: u64,
-    /// All are.
+    /// Maximum.
     pub max_us: u64,
 }
 
 impl Staleness {
-    /// Of these samples (nearest rank); zeros when there are none.
+    /// Returns the percentiles of `samples` by nearest rank; zeros without samples.
     pub(crate) fn of(mut samples: Vec<u64>) -> Self {
         samples.sort_unstable();
         let at = |percent: usize| {
@@ -39,28 +39,28 @@ impl Staleness {
     }
 }
 
-/// What became of one client.
+/// Measurements of one client.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct ClientReport {
-    /// From when it started to connect until it had a frame; none if it never had.
+    /// Time from the start of its first attempt to connect to its first frame; none without a frame.
     pub first_frame_us: Option<u64>,
     /// Frames applied.
     pub applied: u64,
-    /// Frames applied whose state was not the source's of that number. There must be none.
+    /// Frames after which its state differed from the source's. There must be none.
     pub wrong_hashes: u64,
-    /// How old what it shows was.
+    /// Age of the newest frame that it had applied.
     pub staleness: Staleness,
-    /// Longest time from one frame applied to the next.
+    /// Longest time between two applied frames.
     pub longest_gap_us: u64,
-    /// For each fault: from its end until a frame captured after that was applied.
+    /// For each fault, the time from its end until a frame that was captured later is applied.
     pub recoveries_us: Vec<u64>,
-    /// Faults that no such frame followed.
+    /// Faults after which no such frame was applied.
     pub unrecovered: u64,
-    /// From the server.
+    /// Traffic from the server.
     pub down: Traffic,
-    /// To the server.
+    /// Traffic to the server.
     pub up: Traffic,
-    /// Segments of streams that were sent again, both ways.
+    /// Segments of the connection that were sent again, in both directions.
     pub resent: u64,
     /// Keyframes sent.
     pub keyframes: u64,
@@ -68,29 +68,29 @@ pub struct ClientReport {
     pub updates: u64,
     /// Frames sent as datagrams.
     pub datagram_frames: u64,
-    /// Times that it was brought to the newest frame by a patch, either way.
+    /// Patches sent, over the connection or as datagrams.
     pub patches: u64,
-    /// Times that it fell behind.
+    /// Number of times that it fell behind.
     pub lags: u64,
-    /// Updates and other frames that were dropped at the server.
+    /// Updates and other frames that the server dropped.
     pub dropped: u64,
-    /// Keyframes that it asked for.
+    /// Keyframes that it requested.
     pub requests: u64,
     /// Keyframes and updates that it could not apply.
     pub unusable: u64,
-    /// Bodies that came whole in datagrams and were of no use any more.
+    /// Bodies that arrived whole in datagrams but too late to apply.
     pub late: u64,
-    /// Times that it connected again.
+    /// Number of reconnections.
     pub reconnects: u64,
-    /// Of those, because a session ended with an error.
+    /// Reconnections after a session that ended with an error.
     pub failures: u64,
     /// The last of these errors.
     pub last_failure: Option<String>,
-    /// Most bytes that waited for it at the server.
+    /// Largest number of bytes that waited for it at the server.
     pub most_queued_bytes: usize,
 }
 
-/// What became of all of them.
+/// Measurements of a run.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Report {
     /// Frames that the source made.
@@ -101,26 +101,26 @@ pub struct Report {
     pub largest_body_bytes: usize,
     /// Frames applied by all clients.
     pub applied: u64,
-    /// Wrong ones among them.
+    /// Frames after which a client's state differed from the source's.
     pub wrong_hashes: u64,
-    /// Over all samples of all clients.
+    /// Staleness over the samples of all clients.
     pub staleness: Staleness,
-    /// Every client, by number.
+    /// Measurements of each client, in the order of the plans.
     pub clients: Vec<ClientReport>,
-    /// A digest of all packets of all clients with their times, hexadecimal: same seed, same digest.
+    /// Digest of all packets of all clients with their times, hexadecimal. The same seed gives the same digest.
     pub digest: String,
 }
 
-/// What is measured while the lab runs.
+/// Running measurements of a client.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Measures {
     joined: Micros,
     pub(crate) report: ClientReport,
-    /// Capture of the newest frame applied.
-    shows: Option<Micros>,
+    /// Capture time of the newest frame applied.
+    newest_applied: Option<Micros>,
     last_applied: Micros,
     pub(crate) samples: Vec<u64>,
-    /// Ends of the faults that it has not recovered from.
+    /// Ends of the faults that it did not recover from yet.
     faults: VecDeque<Micros>,
 }
 
@@ -131,8 +131,9 @@ impl Measures {
         Self { joined: plan.joins, faults: faults.into(), ..Self::default() }
     }
 
-    /// What the client met. `made` says what the source's state was at a frame, and when.
-    pub(crate) fn heard(
+    /// Records events of the client. `made` returns the source's state hash after a frame, and the frame's capture
+    /// time.
+    pub(crate) fn record_events(
         &mut self,
         client: &ClientSession,
         events: &[ClientEvent],
@@ -145,63 +146,63 @@ impl Measures {
             any = true;
             self.report.applied += 1;
             match made(frame.info.frame.0) {
-                Some((hash, captured)) if hash == frame.info.hash => self.shows(captured, now),
+                Some((hash, captured)) if hash == frame.info.hash => self.show(captured, now),
                 _ => self.report.wrong_hashes += 1,
             }
         }
         let Some(state) = client.state().filter(|_| any) else { return };
         let expected = state.frame().and_then(|frame| made(frame.0)).map(|(hash, _)| hash);
-        let full = self.report.applied.is_multiple_of(FULL_HASH_EVERY);
+        let full = self.report.applied.is_multiple_of(FULL_HASH_INTERVAL);
         if Some(state.hash()) != expected || (full && state.full_hash() != state.hash()) {
             self.report.wrong_hashes += 1;
         }
     }
 
-    /// A frame that was captured then is shown from now on.
-    fn shows(&mut self, captured: Micros, now: Micros) {
-        if self.shows.is_some() {
-            self.gap(now);
+    /// Records that a frame with this capture time is applied at `now`.
+    fn show(&mut self, captured: Micros, now: Micros) {
+        if self.newest_applied.is_some() {
+            self.extend_gap(now);
         } else {
             self.report.first_frame_us = Some(now.since(self.joined).0);
         }
         self.last_applied = now;
-        self.shows = self.shows.max(Some(captured));
+        self.newest_applied = self.newest_applied.max(Some(captured));
         while let Some(end) = self.faults.front().filter(|end| **end <= captured) {
             self.report.recoveries_us.push(now.since(*end).0);
             self.faults.pop_front();
         }
     }
 
-    /// Takes a sample at the end of a frame.
+    /// Takes a sample of the staleness at `now`.
     pub(crate) fn sample(&mut self, now: Micros) {
-        if let Some(captured) = self.shows {
-            self.gap(now);
+        if let Some(captured) = self.newest_applied {
+            self.extend_gap(now);
             self.samples.push(now.since(captured).0);
         }
     }
 
-    fn gap(&mut self, now: Micros) {
+    fn extend_gap(&mut self, now: Micros) {
         self.report.longest_gap_us = self.report.longest_gap_us.max(now.since(self.last_applied).0);
     }
 
-    /// Records that the newest frame that the client shows was captured then.
+    /// Returns the capture time of the newest frame that the client has applied.
     pub(crate) const fn newest(&self) -> Option<Micros> {
-        self.shows
+        self.newest_applied
     }
 
-    /// Returns the report, with that of an open connection.
+    /// Returns the report, including the counts of the open connection.
     pub(crate) fn report(&self, open: Option<&Connection>) -> ClientReport {
         let mut measures = self.clone();
         if let Some(connection) = open {
-            measures.ends(connection);
+            measures.add_connection(connection);
         }
         measures.report.unrecovered = self.faults.len() as u64;
         measures.report.staleness = Staleness::of(measures.samples);
         measures.report
     }
 
-    /// Adds what a connection has counted.
-    pub(crate) fn ends(&mut self, connection: &Connection) {
+    /// Adds the counts of a connection.
+    pub(crate) fn add_connection(&mut self, connection: &Connection) {
         let (server, client) = (connection.server.stats(), connection.client.stats());
         let report = &mut self.report;
         let [down, up] = connection.counts();

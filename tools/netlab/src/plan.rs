@@ -1,42 +1,42 @@
-//! What a client of the lab is and meets.
+//! Plans of the lab's clients: their networks, faults and limits.
 
 use psao_proto::{Limits, Micros};
 use serde::Serialize;
 
 use crate::conditions::{Conditions, ConditionsError, Fault};
 
-/// How updates go to a client.
+/// Transport of a client's updates.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Mode {
-    /// Over the connection, reliable and in order.
+    /// The connection, reliable and in order.
     #[default]
     Stream,
-    /// As datagrams of the size that the network takes; the rest goes over the connection.
+    /// Datagrams of the network's packet size. All other frames use the connection.
     Datagram,
 }
 
-/// One client.
+/// Plan of one client.
 #[derive(Clone, Debug)]
 pub struct ClientPlan {
-    /// How updates go to it.
+    /// Transport of its updates.
     pub mode: Mode,
     /// The network from the server to it.
     pub down: Conditions,
     /// The network from it to the server.
     pub up: Conditions,
-    /// What goes wrong.
+    /// Faults of its network.
     pub faults: Vec<Fault>,
-    /// When it starts to connect.
+    /// Time at which it starts to connect.
     pub joins: Micros,
-    /// How long it waits after a connection broke before it starts again.
+    /// Pause between a broken connection and the next attempt to connect.
     pub reconnect: Micros,
     /// The server's limits for it.
     pub limits: Limits,
 }
 
 impl Default for ClientPlan {
-    /// A client of a perfect network that is there from the start and waits for a second before it connects again.
+    /// Returns a client on a perfect network that joins at the start and reconnects after a second.
     fn default() -> Self {
         Self {
             mode: Mode::Stream,
@@ -57,10 +57,10 @@ impl ClientPlan {
         Self { mode, down: conditions, up: conditions, ..Self::default() }
     }
 
-    /// This, if it makes sense.
+    /// Returns the plan if it is valid.
     ///
     /// # Errors
-    /// [`ConditionsError`] says what does not.
+    /// [`ConditionsError`] names what is not.
     pub fn checked(self) -> Result<Self, ConditionsError> {
         self.down.checked()?;
         self.up.checked()?;
@@ -70,7 +70,7 @@ impl ClientPlan {
         Ok(self)
     }
 
-    /// Time for a packet there and one back, at worst.
+    /// Returns the longest time for a packet in each direction together.
     #[must_use]
     pub const fn round_trip(&self) -> Micros {
         self.down.longest_delay().plus(self.up.longest_delay())

@@ -1,10 +1,10 @@
-//! What is to happen, by time.
+//! A queue of future events.
 
 use std::collections::BTreeMap;
 
 use psao_proto::Micros;
 
-/// Events by time; those of the same time in the order in which they were put in.
+/// Events in order of time. Events of the same time stay in the order in which they were added.
 #[derive(Clone, Debug)]
 pub(crate) struct Queue<T> {
     events: BTreeMap<(Micros, u64), T>,
@@ -23,15 +23,15 @@ impl<T> Queue<T> {
         self.number += 1;
     }
 
-    /// Returns the next event, if its time has come.
+    /// Returns the next event with its time, if that is not after `now`.
     pub(crate) fn pop(&mut self, now: Micros) -> Option<(Micros, T)> {
         let entry = self.events.first_entry().filter(|entry| entry.key().0 <= now)?;
         let ((at, _), event) = entry.remove_entry();
         Some((at, event))
     }
 
-    /// When the next event is.
-    pub(crate) fn next(&self) -> Option<Micros> {
+    /// Returns the time of the next event.
+    pub(crate) fn next_event_time(&self) -> Option<Micros> {
         self.events.first_key_value().map(|((at, _), _)| *at)
     }
 }
@@ -46,8 +46,8 @@ mod tests {
         for (at, event) in [(5, 'c'), (3, 'a'), (5, 'd'), (3, 'b'), (9, 'e')] {
             queue.push(Micros(at), event);
         }
-        assert_eq!((queue.pop(Micros(2)), queue.next()), (None, Some(Micros(3))));
+        assert_eq!((queue.pop(Micros(2)), queue.next_event_time()), (None, Some(Micros(3))));
         let all: String = std::iter::from_fn(|| queue.pop(Micros(8))).map(|(_, event)| event).collect();
-        assert_eq!((all.as_str(), queue.next()), ("abcd", Some(Micros(9))));
+        assert_eq!((all.as_str(), queue.next_event_time()), ("abcd", Some(Micros(9))));
     }
 }

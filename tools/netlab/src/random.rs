@@ -1,13 +1,13 @@
-//! Random numbers from a seed: the same on any machine.
+//! Random numbers from a seed, the same on any machine.
 
 use rand_pcg::Pcg64Dxsm;
 use rand_pcg::rand_core::{Rng as _, SeedableRng as _};
 
-/// What `ppm`, parts of a million, are parts of.
+/// Denominator of `ppm` values (parts per million).
 pub const MILLION: u32 = 1_000_000;
 
-/// A stream of random numbers. Streams of the same seed and different names are independent, so that one client's fate
-/// does not depend on another's.
+/// A stream of random numbers. Streams of the same seed but different names are independent, so that no client's draws
+/// depend on another client.
 #[derive(Clone, Debug)]
 pub(crate) struct Random(Pcg64Dxsm);
 
@@ -22,9 +22,9 @@ impl Random {
         Self(Pcg64Dxsm::from_seed(*hasher.finalize().as_bytes()))
     }
 
-    /// Returns a number from 0 to `most`, both included, each as likely.
+    /// Returns a uniform number from 0 to `most`, both included.
     pub(crate) fn up_to(&mut self, most: u64) -> u64 {
-        // Lemire 2019: the high half of a product; what is not even about it is below 1 in 2^64 of the range.
+        // The high half of a product (Lemire 2019). Its bias is below the range divided by 2^64.
         ((u128::from(self.0.next_u64()) * (u128::from(most) + 1)) >> 64) as u64
     }
 

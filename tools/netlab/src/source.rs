@@ -1,4 +1,4 @@
-//! What is streamed: the sample that needs no scene, or a recording.
+//! Sources of frames: a sample that needs no scene, or a recording.
 
 use std::sync::Arc;
 
@@ -11,27 +11,27 @@ use psao_proto::{Limits, Profile, SceneTable};
 
 use crate::LabError;
 
-/// Something that makes one frame after the other.
+/// A producer of frames.
 pub trait Source {
     /// Returns the scene table.
     fn scene(&self) -> &Arc<SceneTable>;
-    /// Returns the block coder of its frames, for keyframes and patches.
+    /// Returns the block coder for keyframes and patches of this stream.
     fn coder(&self) -> BlockCoder;
     /// Returns the next frame; `None` at the end.
     ///
     /// # Errors
-    /// [`LabError::Source`] when it cannot go on.
+    /// [`LabError::Source`] when the source fails.
     fn step(&mut self) -> Result<Option<EncodedFrame>, LabError>;
     /// Returns the state after the last frame; `None` before the first.
     fn state(&self) -> Option<StateRef<'_>>;
 }
 
-/// The sample: endless, a few points.
+/// The built-in sample stream of a few points. It has no end.
 #[derive(Debug)]
 pub struct SampleSource(SampleServer);
 
 impl SampleSource {
-    /// Of a profile.
+    /// Creates a sample stream of `profile`.
     ///
     /// # Errors
     /// [`LabError::Source`] for a profile that is neither `paper` nor `surface`.
@@ -58,7 +58,7 @@ impl Source for SampleSource {
     }
 }
 
-/// The frames of a recording, up to its end; what is damaged in it is left out and counted.
+/// The frames of a recording. Damaged parts are skipped and counted.
 #[derive(Debug)]
 pub struct RecordingSource<'a> {
     file: &'a [u8],
@@ -68,10 +68,10 @@ pub struct RecordingSource<'a> {
 }
 
 impl<'a> RecordingSource<'a> {
-    /// Of the bytes of a whole file.
+    /// Creates a source from the bytes of a whole file.
     ///
     /// # Errors
-    /// [`LabError::Source`] when the bytes are no recording, or hold no scene table.
+    /// [`LabError::Source`] when the bytes are not a recording, or hold no scene table.
     pub fn new(file: &'a [u8]) -> Result<Self, LabError> {
         let mut player = Player::new(file, Limits::default()).map_err(|e| LabError::Source(e.to_string()))?;
         let scene = loop {
@@ -88,7 +88,7 @@ impl<'a> RecordingSource<'a> {
         Ok(Self { file, player, scene, coder })
     }
 
-    /// Frames and stretches of the file that were left out so far.
+    /// Returns the number of frames and damaged stretches that were skipped so far.
     #[must_use]
     pub const fn left_out(&self) -> u64 {
         let stats = self.player.stats();

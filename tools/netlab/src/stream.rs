@@ -1,112 +1,113 @@
-//! A pipe for bytes, reliable and in order, as TCP makes one of packets that are neither.
+//! A reliable, ordered pipe for bytes over packets that are neither, as TCP is.
 //!
-//! Bytes are cut into segments. One that is lost is sent again, and what came behind it waits for it at the receiver. What
-//! the writer may hand over is bounded by the send buffer, which keeps every byte until the receiver has it: that is what
-//! makes a sender wait for a slow network.
+//! The sender cuts bytes into segments and sends a lost segment again. Segments behind it wait at the receiver. The
+//! send buffer keeps every byte until the receiver has it, and is bounded. A full buffer makes the writer wait for a
+//! slow network.
 //!
-//! It sends as fast as the line takes, as if it knew the line's rate from the start: nothing is lost to a full queue, and
-//! loss does not slow it down, as it would TCP. Acknowledgements are never lost, only delayed. Both are in its favour.
+//! The pipe performs better than TCP in two ways. It sends at the link's rate from the start, so no packet overflows
+//! the queue and loss does not slow it down. Its acknowledgements are delayed but never lost.
 
 use std::collections::{BTreeMap, VecDeque};
 
 use psao_proto::Micros;
 
 use crate::conditions::Schedule;
-use crate::link::{Link, Passage};
+use crate::link::{Link, Transit};
 use crate::queue::Queue;
 
-/// Bytes that a sender's buffer holds.
-pub const SEND_BUFFER: usize = 256 << 10;
-/// Shortest time after which a segment that was not acknowledged is sent again.
-pub const LEAST_TIMEOUT: Micros = Micros(200_000);
-/// Longest (RFC 6298, 2.5).
-pub const MOST_TIMEOUT: Micros = Micros(60_000_000);
-/// Later segments that have come by when one counts as lost, before its time is over (RFC 6675, `DupThresh`).
-const OVERTAKEN: u8 = 3;
+/// Capacity of a sender's buffer in bytes.
+pub const SEND_BUFFER_BYTES: usize = 256 << 10;
+/// Shortest time after which an unacknowledged segment is sent again.
+pub const MIN_TIMEOUT: Micros = Micros(200_000);
+/// Longest time after which an unacknowledged segment is sent again (RFC 6298, 2.5).
+pub const MAX_TIMEOUT: Micros = Micros(60_000_000);
+/// Number of later segments whose arrival marks a segment as lost before its timeout (RFC 6675, `DupThresh`).
+const DUPLICATE_THRESHOLD: u8 = 3;
 
 #[derive(Clone, Debug)]
 struct Segment {
     bytes: Vec<u8>,
-    /// How often it was sent again.
-    again: u32,
-    /// The last one sent was lost.
+    /// Number of retransmissions.
+    resends: u32,
+    /// Whether the last transmission was lost.
     lost: bool,
-    /// Segments sent later that came before it.
+    /// Number of later segments that arrived before it.
     overtaken: u8,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Event {
-    /// A segment comes, named by its first byte.
-    Comes(u64),
-    /// It is sent again, unless it was since: so often it had been.
-    Again(u64, u32),
-    /// The sender learns that the receiver has everything before this byte.
-    Acknowledged(u64),
+    /// The segment with this first byte arrives.
+    Arrival(u64),
+    /// The segment with this first byte is sent again, if it still has this number of retransmissions.
+    Resend(u64, u32),
+    /// The sender learns that the receiver has all bytes before this one.
+    Ack(u64),
 }
 
-/// Bytes on their way in one direction.
+/// Bytes in transit in one direction.
 #[derive(Clone, Debug)]
 pub(crate) struct StreamPipe {
-    /// How long an acknowledgement is on the way.
-    back: Micros,
+    /// Delay of an acknowledgement.
+    ack_delay: Micros,
     events: Queue<Event>,
     unsent: VecDeque<u8>,
-    /// Sent and not acknowledged, by first byte.
+    /// Segments sent and not acknowledged, by first byte.
     sent: BTreeMap<u64, Segment>,
-    /// First byte not sent yet.
+    /// First byte that was not sent yet.
     next_byte: u64,
-    /// First byte that the sender does not know to have come.
-    acknowledged: u64,
+    /// First byte without an acknowledgement at the sender.
+    first_unacked: u64,
     /// First byte that the receiver lacks.
-    lacking: u64,
-    /// Segments that came before their turn.
+    next_expected: u64,
+    /// Segments that arrived out of order, by first byte.
     early: BTreeMap<u64, Vec<u8>>,
     resent: u64,
 }
 
-/// How long a sender waits for an acknowledgement: 200 ms, or two round trips if that is longer, and twice as long for every
-/// time that the same bytes were lost before.
+/// Returns how long a sender waits for an acknowledgement: two round trips, but at least [`MIN_TIMEOUT`]. The time
+/// doubles with each of the `resends` of the same bytes, up to [`MAX_TIMEOUT`].
 #[must_use]
-pub fn timeout(round_trip: Micros, again: u32) -> Micros {
-    let first = LEAST_TIMEOUT.0.max(round_trip.0.saturating_mul(2));
-    Micros(first.saturating_mul(1 << again.min(32)).min(MOST_TIMEOUT.0.max(first)))
+pub fn retransmission_timeout(round_trip: Micros, resends: u32) -> Micros {
+    let first = MIN_TIMEOUT.0.max(round_trip.0.saturating_mul(2));
+    Micros(first.saturating_mul(1 << resends.min(32)).min(MAX_TIMEOUT.0.max(first)))
 }
 
 impl StreamPipe {
-    pub(crate) fn new(back: Micros) -> Self {
+    pub(crate) fn new(ack_delay: Micros) -> Self {
         Self {
-            back,
+            ack_delay,
             events: Queue::default(),
             unsent: VecDeque::new(),
             sent: BTreeMap::new(),
             next_byte: 0,
-            acknowledged: 0,
-            lacking: 0,
+            first_unacked: 0,
+            next_expected: 0,
             early: BTreeMap::new(),
             resent: 0,
         }
     }
 
-    /// Takes as many of the bytes as fit the send buffer; they go with the next [`receive`](Self::receive).
+    /// Takes the bytes that fit the send buffer and returns their number. The next [`receive`](Self::receive) sends
+    /// them.
     pub(crate) fn write(&mut self, bytes: &[u8]) -> usize {
-        let held = self.unsent.len() + (self.next_byte - self.acknowledged) as usize;
-        let taken = bytes.len().min(SEND_BUFFER.saturating_sub(held));
+        let buffered = self.unsent.len() + (self.next_byte - self.first_unacked) as usize;
+        let taken = bytes.len().min(SEND_BUFFER_BYTES.saturating_sub(buffered));
         self.unsent.extend(&bytes[..taken]);
         taken
     }
 
-    /// Lets everything happen up to now; the bytes that came, in order.
+    /// Advances to `now` and returns the bytes that have arrived, in order.
     pub(crate) fn receive(&mut self, link: &mut Link, now: Micros) -> Vec<u8> {
         let mut out = Vec::new();
         while let Some((at, event)) = self.events.pop(now) {
-            // What should have gone before goes before.
+            // Bytes that fit the link's queue before this event leave before it.
             self.send(link, at);
             match event {
-                Event::Comes(first) => self.comes(link.schedule(), first, at, &mut out),
-                Event::Again(first, again) => self.again(link, first, again, at),
-                Event::Acknowledged(end) => {
-                    self.acknowledged = end;
+                Event::Arrival(first) => self.arrive(link.schedule(), first, at, &mut out),
+                Event::Resend(first, resends) => self.resend(link, first, resends, at),
+                Event::Ack(end) => {
+                    self.first_unacked = end;
                     self.sent = self.sent.split_off(&end);
                 }
             }
@@ -115,18 +116,18 @@ impl StreamPipe {
         out
     }
 
-    /// When something happens next.
-    pub(crate) fn next(&self, link: &Link) -> Option<Micros> {
+    /// Returns the time of the next event.
+    pub(crate) fn next_event_time(&self, link: &Link) -> Option<Micros> {
         let room = link.next_room().filter(|_| !self.unsent.is_empty());
-        [self.events.next(), room].into_iter().flatten().min()
+        [self.events.next_event_time(), room].into_iter().flatten().min()
     }
 
-    /// Segments sent again.
+    /// Returns the number of segments that were sent again.
     pub(crate) const fn resent(&self) -> u64 {
         self.resent
     }
 
-    /// Sends what the line's queue takes.
+    /// Sends what fits the link's queue.
     fn send(&mut self, link: &mut Link, now: Micros) {
         let most = usize::from(link.conditions().mtu);
         while !self.unsent.is_empty() {
@@ -137,66 +138,66 @@ impl StreamPipe {
             let bytes = self.unsent.drain(..count).collect();
             let first = self.next_byte;
             self.next_byte += count as u64;
-            self.sent.insert(first, Segment { bytes, again: 0, lost: false, overtaken: 0 });
+            self.sent.insert(first, Segment { bytes, resends: 0, lost: false, overtaken: 0 });
             self.transmit(link, first, now);
         }
     }
 
     fn transmit(&mut self, link: &mut Link, first: u64, now: Micros) {
-        let round_trip = link.conditions().longest_delay().plus(self.back);
+        let round_trip = link.conditions().longest_delay().plus(self.ack_delay);
         let Some(segment) = self.sent.get_mut(&first) else { return };
-        let passage = link.send(&segment.bytes, now);
-        segment.lost = matches!(passage, Passage::Lost { .. });
+        let transit = link.send(&segment.bytes, now);
+        segment.lost = matches!(transit, Transit::Lost { .. });
         segment.overtaken = 0;
-        match passage {
-            Passage::Lost { left } => {
-                let at = left.plus(timeout(round_trip, segment.again));
-                self.events.push(at, Event::Again(first, segment.again));
+        match transit {
+            Transit::Lost { left } => {
+                let at = left.plus(retransmission_timeout(round_trip, segment.resends));
+                self.events.push(at, Event::Resend(first, segment.resends));
             }
-            Passage::Comes { at, again } => {
-                for at in again.into_iter().chain([at]) {
-                    self.events.push(at, Event::Comes(first));
+            Transit::Arrives { at, duplicate } => {
+                for at in duplicate.into_iter().chain([at]) {
+                    self.events.push(at, Event::Arrival(first));
                 }
             }
         }
     }
 
-    /// Sends a segment again, if it is not here and was not sent again since.
-    fn again(&mut self, link: &mut Link, first: u64, again: u32, now: Micros) {
-        let Some(segment) = self.sent.get_mut(&first).filter(|segment| segment.again == again) else {
+    /// Sends a segment again, if it is unacknowledged and still has this number of retransmissions.
+    fn resend(&mut self, link: &mut Link, first: u64, resends: u32, now: Micros) {
+        let Some(segment) = self.sent.get_mut(&first).filter(|segment| segment.resends == resends) else {
             return;
         };
         if let Some(room) = link.next_room().filter(|_| !link.has_room(segment.bytes.len(), now)) {
-            self.events.push(room, Event::Again(first, again));
+            self.events.push(room, Event::Resend(first, resends));
             return;
         }
-        segment.again += 1;
+        segment.resends += 1;
         self.resent += 1;
         self.transmit(link, first, now);
     }
 
-    fn comes(&mut self, schedule: &Schedule, first: u64, now: Micros, out: &mut Vec<u8>) {
-        if first < self.lacking || self.early.contains_key(&first) {
-            return; // It came twice.
+    fn arrive(&mut self, schedule: &Schedule, first: u64, now: Micros, out: &mut Vec<u8>) {
+        if first < self.next_expected || self.early.contains_key(&first) {
+            return; // A duplicate.
         }
         let Some(segment) = self.sent.get(&first) else { return };
         self.early.insert(first, segment.bytes.clone());
-        let before = self.lacking;
-        while let Some(bytes) = self.early.remove(&self.lacking) {
-            self.lacking += bytes.len() as u64;
+        let before = self.next_expected;
+        while let Some(bytes) = self.early.remove(&self.next_expected) {
+            self.next_expected += bytes.len() as u64;
             out.extend(bytes);
         }
-        // When the sender learns what the receiver tells it now.
-        let told = schedule.after(schedule.swallows(now).unwrap_or(now), self.back);
-        if self.lacking > before {
-            self.events.push(told, Event::Acknowledged(self.lacking));
+        // The time at which the sender gets the acknowledgement that the receiver sends now.
+        let acked_at = schedule.finish_time(schedule.blackhole_end(now).unwrap_or(now), self.ack_delay);
+        if self.next_expected > before {
+            self.events.push(acked_at, Event::Ack(self.next_expected));
         }
-        // Lost ones that enough later ones have overtaken are sent again at once; what is lost a second time waits for
-        // its timeout.
-        for (&missing, segment) in self.sent.range_mut(self.lacking.min(first)..first) {
+        // A lost segment that enough later ones have overtaken is sent again at once. One that is lost a second time
+        // waits for its timeout.
+        for (&missing, segment) in self.sent.range_mut(self.next_expected.min(first)..first) {
             segment.overtaken = segment.overtaken.saturating_add(1);
-            if segment.lost && segment.again == 0 && segment.overtaken == OVERTAKEN {
-                self.events.push(told, Event::Again(missing, 0));
+            if segment.lost && segment.resends == 0 && segment.overtaken == DUPLICATE_THRESHOLD {
+                self.events.push(acked_at, Event::Resend(missing, 0));
             }
         }
     }
@@ -219,13 +220,15 @@ mod tests {
         Direction::new(link, Micros(conditions.delay))
     }
 
-    /// Writes all of it as the pipe takes it; what came, and when the last of it did.
+    /// Writes all bytes as the pipe takes them. Returns the bytes that arrived and the time of the last arrival.
     fn carry(pipe: &mut Direction, bytes: &[u8]) -> (Vec<u8>, Micros) {
         let (mut written, mut came, mut now) = (0, Vec::new(), Micros(0));
         loop {
             written += pipe.write(&bytes[written..]);
             came.extend(pipe.receive(now));
-            let Some(next) = pipe.next().filter(|_| came.len() < bytes.len()) else { return (came, now) };
+            let Some(next) = pipe.next_event_time().filter(|_| came.len() < bytes.len()) else {
+                return (came, now);
+            };
             assert!(next >= now);
             now = next;
         }
@@ -255,10 +258,10 @@ mod tests {
     #[test]
     fn the_send_buffer_is_bounded_and_frees_when_acknowledged() {
         let mut pipe = pipe(Conditions { delay: 10_000, ..Conditions::default() }, &[], 1);
-        let all = vec![7; SEND_BUFFER + 5000];
-        assert_eq!(pipe.write(&all), SEND_BUFFER);
+        let all = vec![7; SEND_BUFFER_BYTES + 5000];
+        assert_eq!(pipe.write(&all), SEND_BUFFER_BYTES);
         assert_eq!((pipe.write(&all), pipe.receive(Micros(0)).len()), (0, 0));
-        assert_eq!(pipe.receive(Micros(10_000)).len(), SEND_BUFFER);
+        assert_eq!(pipe.receive(Micros(10_000)).len(), SEND_BUFFER_BYTES);
         assert_eq!(pipe.write(&all[..5000]), 0, "the sender has not heard of it");
         pipe.receive(Micros(20_000));
         assert_eq!(pipe.write(&all[..5000]), 5000);
@@ -275,7 +278,7 @@ mod tests {
 
     #[test]
     fn what_is_lost_holds_up_what_is_behind_until_it_is_sent_again() {
-        // The first segment leaves into a blackhole, the others behind it.
+        // The first segment leaves during the blackhole, the others after it.
         let faults = [Fault::Blackhole { from: 0, to: 10 }];
         let conditions = Conditions { delay: 40_000, mtu: 100, ..Conditions::default() };
         let mut alone = pipe(conditions, &faults, 1);
@@ -286,18 +289,18 @@ mod tests {
             pipe.write(&[number as u8; 100]);
             pipe.receive(Micros(number * 20));
         }
-        while let Some(next) = pipe.next() {
+        while let Some(next) = pipe.next_event_time() {
             let bytes = pipe.receive(next);
             came.extend((!bytes.is_empty()).then_some((next, bytes.len())));
         }
-        // The third that came behind it was sent at 60 and told at 80,060; it then takes 40 ms.
+        // The third segment behind it leaves at 60 and is acknowledged at 80,060; the retransmission then takes 40 ms.
         assert_eq!((came, pipe.resent()), (vec![(Micros(120_060), 400)], 1));
     }
 
     #[test]
     fn timeouts_double_up_to_a_minute() {
-        let times = [0, 1, 2, 20].map(|again| timeout(Micros(150_000), again).0);
+        let times = [0, 1, 2, 20].map(|resends| retransmission_timeout(Micros(150_000), resends).0);
         assert_eq!(times, [300_000, 600_000, 1_200_000, 60_000_000]);
-        assert_eq!(timeout(Micros(80_000), 0), LEAST_TIMEOUT);
+        assert_eq!(retransmission_timeout(Micros(80_000), 0), MIN_TIMEOUT);
     }
 }

@@ -1,4 +1,5 @@
-//! What sessions promise on bad networks: no wrong state, current again within a bound, others unaffected.
+//! Promises of sessions on bad networks: no wrong state, recovery within a longest_recovery, no effect on other
+//! clients.
 #![expect(clippy::unwrap_used, reason = "a test says what it expected by panicking")]
 
 use std::sync::Arc;
@@ -9,44 +10,44 @@ use psao_codec::StateRef;
 use psao_codec::block::BlockCoder;
 use psao_codec::envelope::EncodedFrame;
 use psao_netlab::{
-    ClientPlan, ClientReport, Conditions, Fault, Lab, LabError, MILLION, Mode, Report, SEND_BUFFER,
-    SampleSource, Settings, Source, timeout,
+    ClientPlan, ClientReport, Conditions, Fault, Lab, LabError, LabSettings, MILLION, Mode, Report,
+    SEND_BUFFER_BYTES, SampleSource, Source, retransmission_timeout,
 };
 use psao_proto::{Limits, Micros, Profile, SceneTable};
 
 const FRAME: u64 = 16_667;
 const SECOND: u64 = 1_000_000;
-/// All that a stream may be: profile `paper` has no patches, so it has no datagrams either.
+/// All combinations of profile and mode. Profile `paper` has no patches, so it has no datagrams either.
 const STREAMS: [(Profile, Mode); 3] =
     [(Profile::SURFACE, Mode::Stream), (Profile::SURFACE, Mode::Datagram), (Profile::PAPER, Mode::Stream)];
 
 fn run(profile: Profile, seed: u64, plans: Vec<ClientPlan>, end: u64) -> Report {
-    let settings = Settings { seed, period: Micros(FRAME) };
+    let settings = LabSettings { seed, period: Micros(FRAME) };
     let mut lab = Lab::new(SampleSource::new(profile).unwrap(), settings, plans).unwrap();
     lab.run_until(Micros(end)).unwrap();
     lab.report()
 }
 
-/// 40 ms each way.
+/// A delay of 40 ms in each direction.
 fn far() -> Conditions {
     Conditions { delay: 40_000, ..Conditions::default() }
 }
 
-/// The longest that a packet and what is sent again of it may take, but for one in so many packets: `losses` in a row.
-fn carried(plan: &ClientPlan, losses: u32) -> u64 {
-    let waits: u64 = (0..losses).map(|again| timeout(plan.round_trip(), again).0).sum();
+/// Returns the longest time that a packet takes when it is lost at most `losses` times in a row.
+fn longest_delivery(plan: &ClientPlan, losses: u32) -> u64 {
+    let waits: u64 = (0..losses).map(|again| retransmission_timeout(plan.round_trip(), again).0).sum();
     waits + plan.down.longest_delay().0.max(plan.up.longest_delay().0)
 }
 
-/// The bounds of docs/network.md: from the end of a fault until a frame captured after it is applied. `losses` is how often
-/// in a row the network may lose the same thing, `body` the largest body.
-fn bound(plan: &ClientPlan, body: u64, losses: u32) -> u64 {
-    let waiting = SEND_BUFFER as u64 + u64::from(plan.down.queue_bytes) + body;
-    let drained = plan.down.time_of(waiting).0;
+/// Returns the bounds of docs/network.md: the time from the end of a fault until a frame captured after it is applied.
+/// `losses` is the number of consecutive losses of the same packet, `body` the size of the largest body.
+fn longest_recovery(plan: &ClientPlan, body: u64, losses: u32) -> u64 {
+    let waiting = SEND_BUFFER_BYTES as u64 + u64::from(plan.down.queue_bytes) + body;
+    let drained = plan.down.serialization_delay(waiting).0;
     match plan.mode {
-        // The next frame, behind everything that waits.
-        Mode::Stream => FRAME + drained + carried(plan, losses),
-        // The next frame that comes whole, each a patience after the one before.
+        // The next frame leaves behind everything that waits.
+        Mode::Stream => FRAME + drained + longest_delivery(plan, losses),
+        // Frames leave at intervals of `patience`; the first that arrives whole counts.
         Mode::Datagram => {
             let patience = 100_000 + 2 * (plan.round_trip().0 + 200_000);
             FRAME + drained + u64::from(1 + losses) * patience + plan.down.longest_delay().0
@@ -54,10 +55,10 @@ fn bound(plan: &ClientPlan, body: u64, losses: u32) -> u64 {
     }
 }
 
-/// From a reset until a frame is applied: the connection, then HELLO, ACCEPT with the scene and a keyframe.
-fn rejoined(plan: &ClientPlan, body: u64, losses: u32) -> u64 {
-    let flights = 3 * carried(plan, losses);
-    plan.reconnect.0 + plan.round_trip().0 + flights + FRAME + plan.down.time_of(body).0
+/// Returns the time from a reset until a frame is applied: reconnection, HELLO, ACCEPT with the scene, and a keyframe.
+fn longest_rejoin(plan: &ClientPlan, body: u64, losses: u32) -> u64 {
+    let flights = 3 * longest_delivery(plan, losses);
+    plan.reconnect.0 + plan.round_trip().0 + flights + FRAME + plan.down.serialization_delay(body).0
 }
 
 #[test]
@@ -83,17 +84,17 @@ fn a_client_that_joins_at_any_frame_has_the_right_state_soon() {
         let report = run(profile, 1, (0..120).map(plan).collect(), 4 * SECOND);
         assert_eq!(report.wrong_hashes, 0);
         for (frame, client) in report.clients.iter().enumerate() {
-            // The connection, HELLO, and a keyframe with the next frame.
+            // Connecting, HELLO, then a keyframe with the next frame.
             let (least, first) = (4 * 40_000, client.first_frame_us.unwrap());
             assert!((least..=least + FRAME).contains(&first), "{frame}: {first}");
             assert_eq!((client.keyframes, client.requests, client.unusable), (1, 0, 0), "{frame}");
-            // From then on every frame but those between a keyframe and its acknowledgement.
+            // From then on it gets every frame except those between the keyframe and its acknowledgement.
             assert!(client.longest_gap_us <= 2 * FRAME + 80_000, "{frame}: {}", client.longest_gap_us);
         }
     }
 }
 
-/// Losses in a row that come about once in a thousand times.
+/// Returns the number of consecutive losses whose probability is at most 1 in 1,000, at `share` per million.
 fn losses(share: u32) -> u32 {
     let mut losses = 0;
     let mut likely = f64::from(MILLION);
@@ -117,8 +118,8 @@ fn assert_recovers(plan: &ClientPlan, report: &Report, client: &ClientReport, lo
     faults.sort_by_key(|fault| fault.end());
     for (fault, recovery) in faults.iter().zip(&client.recoveries_us) {
         let most = match fault {
-            Fault::Reset { .. } => rejoined(plan, body, losses),
-            _ => bound(plan, body, losses),
+            Fault::Reset { .. } => longest_rejoin(plan, body, losses),
+            _ => longest_recovery(plan, body, losses),
         };
         assert!(
             *recovery <= most,
@@ -153,7 +154,7 @@ fn after_stalls_and_resets_clients_are_current_within_the_bound() {
 #[test]
 fn a_narrow_line_makes_frames_rarer_but_never_wrong() {
     for (profile, mode) in STREAMS {
-        // Half of what the sample takes.
+        // Half the rate of the sample.
         let narrow = Conditions { rate: Some(2_000), queue_bytes: 4_000, ..far() };
         let report = run(profile, 3, vec![ClientPlan::symmetric(mode, narrow)], 60 * SECOND);
         let client = &report.clients[0];
@@ -212,10 +213,10 @@ fn a_client_that_lagged_before_it_took_datagrams_goes_on_after_they_are_lost() {
     }
 }
 
-/// The sample, but for one frame that it says to be another than it is.
-struct Lying(SampleSource);
+/// The sample stream with a wrong state hash in one frame.
+struct WrongHashSource(SampleSource);
 
-impl Source for Lying {
+impl Source for WrongHashSource {
     fn scene(&self) -> &Arc<SceneTable> {
         self.0.scene()
     }
@@ -239,16 +240,12 @@ impl Source for Lying {
 
 #[test]
 fn a_state_that_is_not_the_sources_is_found() {
-    let source = Lying(SampleSource::new(Profile::SURFACE).unwrap());
-    let mut lab = Lab::new(source, Settings::default(), vec![ClientPlan::default()]).unwrap();
+    let source = WrongHashSource(SampleSource::new(Profile::SURFACE).unwrap());
+    let mut lab = Lab::new(source, LabSettings::default(), vec![ClientPlan::default()]).unwrap();
     lab.run_until(Micros::from_secs(2)).unwrap();
     let report = lab.report();
-    // In what came, and in the state after it.
-    assert_eq!(
-        (report.wrong_hashes, report.clients[0].keyframes),
-        (2, 2),
-        "and the server gives it a keyframe"
-    );
+    // Once for the frame and once for the state after it.
+    assert_eq!((report.wrong_hashes, report.clients[0].keyframes), (2, 2), "the server sends a keyframe");
 }
 
 fn conditions() -> impl Strategy<Value = Conditions> {

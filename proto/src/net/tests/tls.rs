@@ -248,7 +248,7 @@ async fn what_tls_needs_is_checked_before_anything_listens_or_connects() {
     let error = ClientTls::from_pem(key, None).unwrap_err().to_string();
     assert!(error.starts_with("there is no authority's certificate"), "{error}");
     let tls = made.server.server_tls(None);
-    assert_eq!(format!("{tls:?}"), "ServerTls { asks_clients: false, .. }");
+    assert_eq!(format!("{tls:?}"), "ServerTls { requires_client_certificates: false, .. }");
 }
 
 #[tokio::test]

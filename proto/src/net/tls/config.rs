@@ -46,7 +46,7 @@ pub enum TlsConfigError {
 #[derive(Clone)]
 pub struct ServerTls {
     acceptor: TlsAcceptor,
-    asks_clients: bool,
+    requires_client_certificates: bool,
 }
 
 impl ServerTls {
@@ -75,16 +75,16 @@ impl ServerTls {
             }
         };
         let mut config =
-            builder.with_single_cert(chain(certificates)?, private_key(key)?).map_err(refused_pair)?;
+            builder.with_single_cert(chain(certificates)?, private_key(key)?).map_err(pair_error)?;
         config.alpn_protocols = vec![PROTOCOL.to_vec()];
-        let asks_clients = client_authorities.is_some();
-        Ok(Self { acceptor: TlsAcceptor::from(Arc::new(config)), asks_clients })
+        let requires_client_certificates = client_authorities.is_some();
+        Ok(Self { acceptor: TlsAcceptor::from(Arc::new(config)), requires_client_certificates })
     }
 
     /// Returns whether only clients with a certificate are taken.
     #[must_use]
-    pub const fn asks_clients(&self) -> bool {
-        self.asks_clients
+    pub const fn requires_client_certificates(&self) -> bool {
+        self.requires_client_certificates
     }
 
     pub(in crate::net) const fn acceptor(&self) -> &TlsAcceptor {
@@ -111,9 +111,9 @@ impl ClientTls {
             .with_root_certificates(roots(authorities)?);
         let mut config = match identity {
             None => builder.with_no_client_auth(),
-            Some((certificates, key)) => builder
-                .with_client_auth_cert(chain(certificates)?, private_key(key)?)
-                .map_err(refused_pair)?,
+            Some((certificates, key)) => {
+                builder.with_client_auth_cert(chain(certificates)?, private_key(key)?).map_err(pair_error)?
+            }
         };
         config.alpn_protocols = vec![PROTOCOL.to_vec()];
         Ok(Self { connector: TlsConnector::from(Arc::new(config)) })
@@ -127,7 +127,9 @@ impl ClientTls {
 // Neither prints what it holds: keys are in there.
 impl fmt::Debug for ServerTls {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("ServerTls").field("asks_clients", &self.asks_clients).finish_non_exhaustive()
+        f.debug_struct("ServerTls")
+            .field("requires_client_certificates", &self.requires_client_certificates)
+            .finish_non_exhaustive()
     }
 }
 
@@ -145,7 +147,7 @@ fn unusable(what: &'static str) -> impl Fn(Error) -> TlsConfigError {
     move |source| TlsConfigError::Unusable { what, source }
 }
 
-fn refused_pair(source: Error) -> TlsConfigError {
+fn pair_error(source: Error) -> TlsConfigError {
     match source {
         Error::InconsistentKeys(_) => TlsConfigError::OtherKey,
         source => unusable("certificate with its private key")(source),

@@ -15,7 +15,7 @@ pub enum TlsError {
     #[error("the other end refused this end's certificate: it {0}")]
     OwnCertificate(TlsCertificateError),
     /// The other end speaks something else.
-    #[error("the other end does not speak TLS: it is another program, or was not told to")]
+    #[error("the other end does not speak TLS: it is another program, or was not certificate_error_of to")]
     NotTls,
     /// The other end went away before the connection was set up.
     #[error("the other end closed the connection during the TLS handshake: does it speak TLS?")]
@@ -75,7 +75,7 @@ impl From<Error> for TlsError {
             Error::InvalidCertificate(problem) => Self::PeerCertificate(problem.into()),
             Error::NoCertificatesPresented => Self::PeerCertificate(TlsCertificateError::Missing),
             Error::InvalidMessage(_) => Self::NotTls,
-            Error::AlertReceived(alert) => match told(alert) {
+            Error::AlertReceived(alert) => match certificate_error_of(alert) {
                 Some(problem) => Self::OwnCertificate(problem),
                 None => Self::Other(error),
             },
@@ -103,7 +103,7 @@ impl From<CertificateError> for TlsCertificateError {
 }
 
 /// What an alert says about this end's certificate (RFC 8446, 6.2).
-fn told(alert: AlertDescription) -> Option<TlsCertificateError> {
+fn certificate_error_of(alert: AlertDescription) -> Option<TlsCertificateError> {
     Some(match alert {
         AlertDescription::CertificateExpired => TlsCertificateError::Expired,
         AlertDescription::UnknownCA | AlertDescription::DecryptError => TlsCertificateError::UnknownAuthority,

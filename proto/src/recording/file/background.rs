@@ -17,13 +17,13 @@ use crate::Micros;
 const SYNC_INTERVAL: Micros = Micros::from_secs(1);
 
 /// The side of the stream: takes frames and never waits.
-pub(super) struct Background {
+pub(super) struct BackgroundRecorder {
     path: PathBuf,
     shared: Arc<Shared>,
     /// The thread that writes, until it is waited for.
     writer: Option<JoinHandle<Result<u64, FileError>>>,
     /// Whether it was said that the disk is too slow.
-    behind: bool,
+    told_behind: bool,
 }
 
 struct Shared {
@@ -33,7 +33,7 @@ struct Shared {
     observer: Observer,
 }
 
-impl Background {
+impl BackgroundRecorder {
     /// Starts the thread of a recording.
     pub(super) fn start(sink: impl Sink, options: RecorderOptions, clock: Clock) -> Result<Self, FileError> {
         let path = sink.path().to_owned();
@@ -48,15 +48,15 @@ impl Background {
             .name("recorder".into())
             .spawn(move || writing.write(Disk::new(sink, options.limits)))
             .map_err(FileError::Thread)?;
-        Ok(Self { path, shared, writer: Some(writer), behind: false })
+        Ok(Self { path, shared, writer: Some(writer), told_behind: false })
     }
 
     /// Takes a frame, or counts it as missing.
     pub(super) fn take(&mut self, arrival: Micros, frame: &[u8]) {
         let taken = self.shared.lock().offer(arrival, frame);
         self.shared.changed.notify_one();
-        if !taken && !self.behind {
-            self.behind = true;
+        if !taken && !self.told_behind {
+            self.told_behind = true;
             (self.shared.observer)(RecorderNotice::Behind);
         }
     }
@@ -90,7 +90,7 @@ impl Background {
     }
 }
 
-impl Drop for Background {
+impl Drop for BackgroundRecorder {
     fn drop(&mut self) {
         if self.writer.is_some() {
             // Nobody is left to tell how it went.
@@ -166,7 +166,7 @@ mod tests {
 
     /// A disk in memory, that can be behind to wait and to be full.
     #[derive(Clone)]
-    struct Memory {
+    struct MemorySink {
         file: Arc<Mutex<Vec<u8>>>,
         /// Most bytes that it holds.
         room: Arc<Mutex<usize>>,
@@ -174,13 +174,13 @@ mod tests {
         gate: Option<Arc<Mutex<mpsc::Receiver<()>>>>,
     }
 
-    impl Memory {
+    impl MemorySink {
         fn new(room: usize) -> Self {
             Self { file: Arc::default(), room: Arc::new(Mutex::new(room)), gate: None }
         }
     }
 
-    impl Sink for Memory {
+    impl Sink for MemorySink {
         fn path(&self) -> &Path {
             Path::new("memory")
         }
@@ -218,7 +218,7 @@ mod tests {
         }
     }
 
-    fn recorder(sink: &Memory, buffer: usize) -> Recorder {
+    fn recorder(sink: &MemorySink, buffer: usize) -> Recorder {
         Recorder::over(sink.clone(), RecorderOptions::default().with_buffer_bytes(buffer))
     }
 
@@ -234,7 +234,7 @@ mod tests {
     #[test]
     fn a_slow_disk_never_stops_the_stream_and_the_gap_is_marked() {
         let (words, gate) = mpsc::channel();
-        let sink = Memory { gate: Some(Arc::new(Mutex::new(gate))), ..Memory::new(usize::MAX) };
+        let sink = MemorySink { gate: Some(Arc::new(Mutex::new(gate))), ..MemorySink::new(usize::MAX) };
         let mut server = SampleServer::new().unwrap();
         let mut recorder = recorder(&sink, 3000);
         recorder.scene(server.scene()).unwrap();
@@ -257,7 +257,7 @@ mod tests {
 
     #[test]
     fn a_full_disk_keeps_what_was_written_and_goes_on_when_there_is_room() {
-        let sink = Memory::new(4000);
+        let sink = MemorySink::new(4000);
         let mut server = SampleServer::new().unwrap();
         let mut recorder = recorder(&sink, 1 << 20);
         recorder.scene(server.scene()).unwrap();
@@ -280,7 +280,7 @@ mod tests {
     #[test]
     fn a_disk_that_stays_full_leaves_whole_records() {
         for room in [0, 10, 500, 2001, 4002] {
-            let sink = Memory::new(room);
+            let sink = MemorySink::new(room);
             let mut server = SampleServer::new().unwrap();
             let mut recorder = recorder(&sink, 1 << 20);
             recorder.scene(server.scene()).unwrap();
@@ -295,14 +295,14 @@ mod tests {
 
     #[test]
     fn failures_name_the_file() {
-        let disk = Disk::new(Memory::new(0), Limits::default());
+        let disk = Disk::new(MemorySink::new(0), Limits::default());
         let failure = disk.describe(DiskError::Io(Error::from(ErrorKind::PermissionDenied)));
         assert!(failure.to_string().contains("memory"), "{failure}");
     }
 
     #[test]
     fn a_recorder_that_is_dropped_leaves_a_whole_recording() {
-        let sink = Memory::new(usize::MAX);
+        let sink = MemorySink::new(usize::MAX);
         let mut server = SampleServer::new().unwrap();
         let mut recorder = recorder(&sink, 1 << 20);
         recorder.scene(server.scene()).unwrap();
@@ -316,7 +316,7 @@ mod tests {
         let (notices, heard) = mpsc::channel();
         let observer = move |notice: RecorderNotice<'_>| notices.send(notice.to_string()).unwrap();
         let options = RecorderOptions::default().with_buffer_bytes(1 << 20).with_observer(observer);
-        let mut recorder = Recorder::over(Memory::new(0), options);
+        let mut recorder = Recorder::over(MemorySink::new(0), options);
         let mut server = SampleServer::new().unwrap();
         recorder.scene(server.scene()).unwrap();
         while recorder.missing().frames == 0 {

@@ -7,18 +7,18 @@ use crate::{FrameIndex, FrameType, HEADER_BYTES, Limits, Micros, Numbering};
 
 /// Bytes by which messages may go over the bound: a scene table, edits and a goodbye are small, and nothing makes up for
 /// them.
-const MESSAGE_ROOM: usize = 4 << 20;
+const MESSAGE_HEADROOM_BYTES: usize = 4 << 20;
 /// How long a disk that failed is left alone.
 const RETRY_DELAY: Micros = Micros::from_secs(1);
 
 /// Something to write.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Item {
+pub(super) struct BacklogItem {
     pub(super) arrival: Micros,
     pub(super) frame: Vec<u8>,
 }
 
-impl Item {
+impl BacklogItem {
     fn kind(&self) -> FrameType {
         kind(&self.frame)
     }
@@ -49,14 +49,14 @@ pub struct GapTotals {
 pub(super) struct Backlog {
     limit: usize,
     limits: Limits,
-    queue: VecDeque<Item>,
+    queue: VecDeque<BacklogItem>,
     /// Bytes in the queue and of what is being written.
     bytes: usize,
     gap: Option<Gap>,
     /// Gaps that are over.
     missing: GapTotals,
     /// When a failed disk may be tried again; `None` while the disk works.
-    retry: Option<Micros>,
+    retry_at: Option<Micros>,
     ended: bool,
 }
 
@@ -71,7 +71,7 @@ impl Backlog {
             bytes: 0,
             gap: None,
             missing,
-            retry: None,
+            retry_at: None,
             ended: false,
         }
     }
@@ -82,17 +82,20 @@ impl Backlog {
             FrameType::KEYFRAME if self.gap.is_some() => self.may_retry(arrival) && self.fits(frame.len()),
             FrameType::UPDATE | FrameType::REPORT if self.gap.is_some() => false,
             FrameType::KEYFRAME | FrameType::UPDATE | FrameType::REPORT => self.fits(frame.len()),
-            _ => self.bytes + frame.len() <= self.limit + MESSAGE_ROOM,
+            _ => self.bytes + frame.len() <= self.limit + MESSAGE_HEADROOM_BYTES,
         };
         if !taken {
-            self.count_missing(frame, if self.retry.is_some() { GapReason::FAILED } else { GapReason::SLOW });
+            self.count_missing(
+                frame,
+                if self.retry_at.is_some() { GapReason::FAILED } else { GapReason::SLOW },
+            );
             return false;
         }
         if kind(frame) == FrameType::KEYFRAME {
-            self.retry = None;
+            self.retry_at = None;
             self.end_gap(arrival);
         }
-        self.push(Item { arrival, frame: frame.to_vec() });
+        self.push(BacklogItem { arrival, frame: frame.to_vec() });
         true
     }
 
@@ -102,25 +105,25 @@ impl Backlog {
     }
 
     /// The next thing to write. Nothing while a failed disk is left alone.
-    pub(super) fn pop(&mut self) -> Option<Item> {
-        if self.retry.is_some() && !self.ended { None } else { self.queue.pop_front() }
+    pub(super) fn pop(&mut self) -> Option<BacklogItem> {
+        if self.retry_at.is_some() && !self.ended { None } else { self.queue.pop_front() }
     }
 
     /// An item was written.
-    pub(super) fn wrote(&mut self, item: &Item) {
+    pub(super) fn wrote(&mut self, item: &BacklogItem) {
         self.bytes -= item.frame.len();
     }
 
     /// An item could not be written. Frames that wait are lost; messages are kept for when the disk can be written again,
     /// at the earliest in a second, or never.
-    pub(super) fn failed(&mut self, item: Option<Item>, now: Micros, for_good: bool) {
-        self.retry = Some(if for_good { Micros(u64::MAX) } else { now.plus(RETRY_DELAY) });
-        let waiting: Vec<Item> = item.into_iter().chain(std::mem::take(&mut self.queue)).collect();
+    pub(super) fn failed(&mut self, item: Option<BacklogItem>, now: Micros, for_good: bool) {
+        self.retry_at = Some(if for_good { Micros(u64::MAX) } else { now.plus(RETRY_DELAY) });
+        let waiting: Vec<BacklogItem> = item.into_iter().chain(std::mem::take(&mut self.queue)).collect();
         for item in waiting {
             match item.kind() {
                 FrameType::GAP => {
                     self.bytes -= item.frame.len();
-                    self.reopen(&item.frame);
+                    self.reopen_gap(&item.frame);
                 }
                 kind if self.ended || kind.carries_state() || kind == FrameType::REPORT => {
                     self.bytes -= item.frame.len();
@@ -158,14 +161,14 @@ impl Backlog {
 
     /// Returns whether the disk works, or may be tried again after it failed.
     fn may_retry(&self, now: Micros) -> bool {
-        self.retry.is_none_or(|retry| now >= retry)
+        self.retry_at.is_none_or(|retry| now >= retry)
     }
 
     fn fits(&self, length: usize) -> bool {
         self.bytes == 0 || self.bytes + length <= self.limit
     }
 
-    fn push(&mut self, item: Item) {
+    fn push(&mut self, item: BacklogItem) {
         self.bytes += item.frame.len();
         self.queue.push_back(item);
     }
@@ -201,12 +204,12 @@ impl Backlog {
         self.missing.frames += u64::from(gap.frames);
         self.missing.bytes += gap.bytes;
         if let Ok(frame) = Numbering::default().message(&gap) {
-            self.push(Item { arrival, frame });
+            self.push(BacklogItem { arrival, frame });
         }
     }
 
     /// A mark that was not written goes back into the gap at hand.
-    fn reopen(&mut self, frame: &[u8]) {
+    fn reopen_gap(&mut self, frame: &[u8]) {
         let Ok(mark) = Gap::from_payload(frame.get(HEADER_BYTES..).unwrap_or_default()) else { return };
         self.missing.gaps -= 1;
         self.missing.frames -= u64::from(mark.frames);
@@ -253,11 +256,11 @@ mod tests {
         }
     }
 
-    fn gap_of(item: &Item) -> Gap {
+    fn gap_of(item: &BacklogItem) -> Gap {
         Gap::from_payload(&item.frame[HEADER_BYTES..]).unwrap()
     }
 
-    fn drain(backlog: &mut Backlog) -> Vec<Item> {
+    fn drain(backlog: &mut Backlog) -> Vec<BacklogItem> {
         std::iter::from_fn(|| {
             let item = backlog.pop()?;
             backlog.wrote(&item);
@@ -286,7 +289,10 @@ mod tests {
         assert!(backlog.offer(Micros(4), &stream.next(true)));
         assert!(!backlog.wants_keyframe(Micros(4)));
         let items = drain(&mut backlog);
-        assert_eq!(items.iter().map(Item::kind).collect::<Vec<_>>(), [FrameType::GAP, FrameType::KEYFRAME]);
+        assert_eq!(
+            items.iter().map(BacklogItem::kind).collect::<Vec<_>>(),
+            [FrameType::GAP, FrameType::KEYFRAME]
+        );
         let gap = gap_of(&items[0]);
         assert_eq!((gap.first_lost, gap.last_lost, gap.frames), (FrameIndex(1), FrameIndex(3), 3));
         assert_eq!((gap.reason, gap.bytes), (GapReason::SLOW, backlog.missing().bytes));
@@ -321,7 +327,7 @@ mod tests {
             items[..scene.len()].iter().map(|item| &item.frame).collect::<Vec<_>>(),
             scene.iter().collect::<Vec<_>>()
         );
-        let kinds: Vec<_> = items[scene.len()..].iter().map(Item::kind).collect();
+        let kinds: Vec<_> = items[scene.len()..].iter().map(BacklogItem::kind).collect();
         assert_eq!(kinds, [FrameType::GAP, FrameType::KEYFRAME, FrameType::UPDATE]);
         let gap = gap_of(&items[scene.len()]);
         assert_eq!((gap.first_lost, gap.last_lost, gap.frames), (FrameIndex(0), FrameIndex(3), 4));
@@ -350,7 +356,7 @@ mod tests {
         ) {
             let mut stream = Stream::new();
             let mut backlog = Backlog::new(limit, Limits::default());
-            let (mut offered, mut written, mut at_disk) = (0u64, Vec::new(), None::<Item>);
+            let (mut offered, mut written, mut at_disk) = (0u64, Vec::new(), None::<BacklogItem>);
             for (now, &(turn, key)) in (0..).map(Micros::from_secs).zip(&turns) {
                 match turn {
                     0..5 => {
@@ -383,9 +389,9 @@ mod tests {
             let frames = written.iter().filter(|item| item.kind().carries_state()).count() as u64;
             let missing = backlog.missing();
             prop_assert_eq!(frames + missing.frames, offered);
-            let marks: Vec<Gap> = written.iter().filter(|i| i.kind() == FrameType::GAP).map(gap_of).collect();
-            prop_assert_eq!(marks.len() as u64, missing.gaps);
-            prop_assert_eq!(marks.iter().map(|gap| u64::from(gap.frames)).sum::<u64>(), missing.frames);
+            let prerequisites: Vec<Gap> = written.iter().filter(|i| i.kind() == FrameType::GAP).map(gap_of).collect();
+            prop_assert_eq!(prerequisites.len() as u64, missing.gaps);
+            prop_assert_eq!(prerequisites.iter().map(|gap| u64::from(gap.frames)).sum::<u64>(), missing.frames);
             for pair in written.windows(2) {
                 let after_gap = pair[0].kind() == FrameType::GAP;
                 // The keyframe itself may have failed; then another gap follows.

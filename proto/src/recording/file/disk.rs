@@ -86,7 +86,7 @@ pub(super) struct Disk<S> {
     /// The file header, until the first record: they are written together, so that a file is a recording or empty.
     head: Vec<u8>,
     /// Bytes up to the end of the last whole record.
-    whole: u64,
+    whole_bytes: u64,
     /// Whether something may follow them.
     torn: bool,
 }
@@ -94,7 +94,7 @@ pub(super) struct Disk<S> {
 impl<S: Sink> Disk<S> {
     pub(super) fn new(sink: S, limits: Limits) -> Self {
         let (writer, head) = Writer::new(limits);
-        Self { sink, writer, head, whole: 0, torn: false }
+        Self { sink, writer, head, whole_bytes: 0, torn: false }
     }
 
     /// Writes one frame. After an error the recording is as before, and it may be tried again.
@@ -112,10 +112,10 @@ impl<S: Sink> Disk<S> {
         let written = self.write(&end).and_then(|()| self.sink.sync());
         if written.is_err() && self.torn {
             // Half an index would read as damage.
-            let _ = self.sink.truncate(self.whole);
+            let _ = self.sink.truncate(self.whole_bytes);
         }
         written.map_err(DiskError::Io)?;
-        Ok(self.whole)
+        Ok(self.whole_bytes)
     }
 
     /// See [`Sink::sync`].
@@ -133,7 +133,7 @@ impl<S: Sink> Disk<S> {
 
     fn write(&mut self, record: &[u8]) -> Result<()> {
         if self.torn {
-            self.sink.truncate(self.whole)?;
+            self.sink.truncate(self.whole_bytes)?;
             self.torn = false;
         }
         // One write for one record; the header goes with the first.
@@ -142,7 +142,7 @@ impl<S: Sink> Disk<S> {
         self.torn = true;
         self.sink.put(bytes)?;
         self.torn = false;
-        self.whole += bytes.len() as u64;
+        self.whole_bytes += bytes.len() as u64;
         self.head = Vec::new();
         Ok(())
     }

@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use psao_codec::envelope::FrameKind;
 
-use super::background::Background;
+use super::background::BackgroundRecorder;
 use super::disk::{Disk, RecordingFile};
 use super::{FileError, GapTotals, RecorderOptions};
 use crate::message::Message;
@@ -32,7 +32,7 @@ enum Output {
     /// Each call writes.
     Direct(Disk<RecordingFile>),
     /// A thread writes.
-    Background(Background),
+    Background(BackgroundRecorder),
 }
 
 /// A recording that was finished.
@@ -71,7 +71,7 @@ impl Recorder {
         let output = if options.waits {
             Output::Direct(Disk::new(file, options.limits))
         } else {
-            Output::Background(Background::start(file, options, clock)?)
+            Output::Background(BackgroundRecorder::start(file, options, clock)?)
         };
         Ok(Self { output, numbering: Numbering::default(), clock })
     }
@@ -179,7 +179,7 @@ impl Recorder {
     #[cfg(test)]
     pub(super) fn over(sink: impl super::disk::Sink, options: RecorderOptions) -> Self {
         let clock = Clock::start();
-        let background = Background::start(sink, options, clock).unwrap();
+        let background = BackgroundRecorder::start(sink, options, clock).unwrap();
         Self { output: Output::Background(background), numbering: Numbering::default(), clock }
     }
 }

@@ -19,9 +19,9 @@ impl ClientSession {
             (self.stats.datagrams + 1, self.stats.wire_bytes + bytes.len() as u64);
         match self.reassembler.take(bytes, follower.state().frame(), &self.limits) {
             Reassembly::Bad => self.stats.bad_datagrams += 1,
-            Reassembly::Waiting => self.timers.heard(),
+            Reassembly::Waiting => self.timers.note_received(),
             Reassembly::Whole(frame, body) => {
-                self.timers.heard();
+                self.timers.note_received();
                 let wire_bytes = body.len() as u64;
                 let body = FrameBody::parse(body, &self.limits.codec);
                 let patched = body.map_err(FollowError::from).and_then(|body| {

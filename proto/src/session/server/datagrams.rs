@@ -21,7 +21,7 @@ impl ServerSession {
             self.stats.bad_datagrams += 1;
             return None;
         };
-        self.timers.heard();
+        self.timers.note_received();
         Some(self.acked(ack))
     }
 

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use psao_proto::Limits;
-use psao_proto::recording::{RewriteError, Rewritten, recover};
+use psao_proto::recording::{RewriteError, RewriteOutcome, recover};
 
 use crate::analysis::load;
 use crate::args::{OutputArg, RecordingArg};
@@ -38,7 +38,7 @@ pub(crate) fn run(args: &Args) -> Outcome {
 pub(crate) fn rewrite(
     path: &Path,
     output: &Path,
-    make: impl FnOnce(&[u8], &mut dyn FnMut(&[u8]) -> Outcome) -> Result<Rewritten, RewriteError<Failure>>,
+    make: impl FnOnce(&[u8], &mut dyn FnMut(&[u8]) -> Outcome) -> Result<RewriteOutcome, RewriteError<Failure>>,
 ) -> Outcome {
     let bytes = load(path)?;
     let mut out = Target::create(output, &[path.to_owned()])?;
@@ -70,7 +70,7 @@ pub(crate) fn refused(path: &Path, error: RewriteError<Failure>) -> Failure {
 const LISTED: usize = 20;
 
 /// Prints what the recordings have lost; returns a failure with exit code 4 if anything is.
-pub(crate) fn ended(parts: &[(&Path, Rewritten)]) -> Outcome {
+pub(crate) fn ended(parts: &[(&Path, RewriteOutcome)]) -> Outcome {
     let (mut frames, mut bytes, mut places) = (0, 0, 0);
     for (path, part) in parts {
         for loss in part.losses.iter().take(LISTED) {

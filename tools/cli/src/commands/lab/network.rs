@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::ValueEnum;
 use psao_netlab::{
-    ClientPlan, Conditions, Fault, Lab, LabError, Mode, RecordingSource, Report, SampleSource, Settings,
+    ClientPlan, Conditions, Fault, Lab, LabError, LabSettings, Mode, RecordingSource, Report, SampleSource,
     Source,
 };
 use psao_proto::Micros;
@@ -239,7 +239,7 @@ fn play<S: Source>(
     }
     let period = Micros((1e6 / fps).round() as u64);
     (document.source, document.period_us) = (info.name.to_string(), period.0);
-    let settings = Settings { seed: args.seed, period };
+    let settings = LabSettings { seed: args.seed, period };
     let plans = vec![plan.clone(); args.clients as usize];
     let mut lab = Lab::new(source, settings, plans).map_err(|error| refused(args, error))?;
     let go = |lab: &mut Lab<S>, end| lab.run_until(end).map_err(|error| refused(args, error));

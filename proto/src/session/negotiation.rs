@@ -10,7 +10,7 @@ use crate::{CoderId, SceneTable};
 ///
 /// # Errors
 /// [`SessionError::BadHello`] with the REJECT that tells it why it cannot.
-pub(super) fn welcome(payload: &[u8], scene: &SceneTable) -> Result<Hello, SessionError> {
+pub(super) fn negotiate(payload: &[u8], scene: &SceneTable) -> Result<Hello, SessionError> {
     let reject = |code, text: &str| SessionError::BadHello(Reject::new(code, text));
     let hello: Hello = match versions(payload) {
         Some((oldest, newest)) if oldest > NEWEST_VERSION || newest < OLDEST_VERSION => {

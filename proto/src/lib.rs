@@ -13,9 +13,10 @@
 //! | [`recording`] | a file of the same frames: writer, reader, index, player |
 //! | `net` | TCP around the sessions, behind the feature `tokio` |
 //! | `recording::file` | recordings on a disk, behind the feature `fs` |
+//! | `sinks` | one stream to clients and into a recording, with what the features `tokio` and `fs` bring |
 //! | `sample`, `fuzzing` | a tiny stream for tests and these examples, and bodies of fuzz targets, behind the feature `testing` |
 //!
-//! Outside `net` and `recording::file` nothing here does I/O, reads a clock or draws a random number: bytes and a time go in, events and bytes
+//! Outside `net`, `recording::file` and `sinks` nothing here does I/O, reads a clock or draws a random number: bytes and a time go in, events and bytes
 //! come out. The protocol is written down in `docs/spec/protocol.md`, the file format in `docs/spec/recording.md`.
 //!
 //! # Connect a client and a server
@@ -124,6 +125,8 @@ pub mod recording;
 pub mod sample;
 mod scene;
 pub mod session;
+#[cfg(any(feature = "tokio", feature = "fs"))]
+pub mod sinks;
 mod units;
 
 pub use fanout::{Delivery, Fanout, FanoutError};

@@ -1,144 +1,91 @@
-//! The stream that a server writes, of either profile.
+//! The encode stage: decides what of a traced frame is sent, and writes it.
 
 use std::sync::Arc;
 
 use psao_codec::block::BlockCoder;
-use psao_codec::envelope::{EncodedFrame, FrameIndex, FrameInfo, FrameKind, FrameMeta, StreamTime};
-use psao_codec::surface::{self, EncoderSettings, Geometry};
-use psao_codec::{Encoder, Layout, memory, paper};
-use psao_proto::message::CameraPose;
+use psao_codec::envelope::{EncodeError, EncodedFrame, FrameIndex, FrameKind, FrameMeta, StreamTime};
+use psao_codec::{Encoder, StateRef};
+use psao_proto::SceneTable;
+use psao_proto::message::Budget;
 
-use super::gathered::{Gathered, Needs, blocks_in_view};
-use super::stats::{Lap, TraceTotals};
-use super::tracing::Tracing;
-use super::{FrameStats, ServerError, ServerSettings, StageMicros, StepOutput};
-use crate::scene::Motion;
+use super::stats::Lap;
+use super::traced_frame::TracedFrame;
+use super::{FrameStats, ServerError, StepOutput};
+use crate::clock::Clock;
 
-/// Decides what is sent, and writes it: the same for every profile.
+/// Decides what of a traced frame is sent, and writes it: the second stage of a [`Server`](super::Server).
 #[derive(Debug)]
-pub(super) struct Stream {
+pub struct EncodeStage {
     pub(super) encoder: Encoder,
+    table: Arc<SceneTable>,
     coder: BlockCoder,
-    /// Those of the last step.
-    cameras: Vec<CameraPose>,
 }
 
-/// A frame to be written.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Frame<'a> {
-    pub(super) index: FrameIndex,
-    pub(super) time: StreamTime,
-    pub(super) cameras: &'a [CameraPose],
-}
-
-/// A frame of which it is known what goes into it.
-pub(super) struct Decided {
-    pub(super) meta: FrameMeta,
-    pub(super) stats: FrameStats,
-}
-
-impl Decided {
-    /// `changed` points go into it; the time since the last lap went into finding them.
-    pub(super) fn new(
-        first: bool,
-        frame: Frame<'_>,
-        changed: u32,
-        (traces, mut micros): (TraceTotals, StageMicros),
-        lap: &mut Lap<'_>,
-    ) -> Self {
-        micros.decide = lap.micros();
-        let kind = if first { FrameKind::Key } else { FrameKind::Delta };
-        let meta = FrameMeta { kind, frame: frame.index, time: frame.time, changed_points: changed };
-        Self { meta, stats: FrameStats { first, ..FrameStats::traced(traces, micros) } }
+impl EncodeStage {
+    /// Makes the stage of a stream of which nothing was written.
+    pub(super) fn new(encoder: Encoder, table: SceneTable, coder: BlockCoder) -> Self {
+        Self { encoder, table: Arc::new(table), coder }
     }
-}
 
-impl StepOutput {
-    /// A frame that was written in the time since the last lap.
-    pub(super) fn new(body: Vec<u8>, info: FrameInfo, mut stats: FrameStats, lap: &mut Lap<'_>) -> Self {
+    /// Writes a traced frame. The first one is a keyframe. `clock` is read between the parts.
+    ///
+    /// # Errors
+    /// A frame index that does not grow, or a scene whose geometry is not finite at that time.
+    pub fn encode(&mut self, traced: TracedFrame, clock: &dyn Clock) -> Result<StepOutput, ServerError> {
+        let mut lap = Lap::new(clock);
+        self.encode_lap(&traced, &mut lap)
+    }
+
+    /// As [`encode`](Self::encode); the time since the last lap counts.
+    pub(super) fn encode_lap(
+        &mut self,
+        traced: &TracedFrame,
+        lap: &mut Lap<'_>,
+    ) -> Result<StepOutput, ServerError> {
+        let changed_points = traced.give(&mut self.encoder)?;
+        let mut stats = traced.stats();
+        stats.micros.decide += lap.micros();
+        let kind = if stats.first { FrameKind::Key } else { FrameKind::Delta };
+        let (frame, time) = (traced.traces.index, traced.traces.time);
+        let meta = FrameMeta { kind, frame, time, changed_points };
+        let EncodedFrame { body, info } = self.encoder.finish(meta, self.coder)?;
         stats.micros.encode = lap.micros();
-        stats.changed = info.changed_points;
-        Self { body, info, stats }
-    }
-}
-
-impl Stream {
-    /// A stream that nothing was written of. `geometry` is that of the sets where points stay at rest.
-    pub(super) fn new(
-        tracing: &Tracing,
-        layout: &Layout,
-        geometry: Vec<Arc<Geometry>>,
-        settings: &ServerSettings,
-    ) -> Result<Self, ServerError> {
-        let ServerSettings { threshold, geometry: source, coder, budget, .. } = *settings;
-        let encoder = match layout {
-            Layout::Paper(layout) => {
-                let counts: Vec<u32> =
-                    tracing.points.offsets().windows(2).map(|pair| pair[1] - pair[0]).collect();
-                let instances = tracing.scene.instances().iter();
-                let deforms: Vec<bool> =
-                    instances.map(|instance| instance.motion() == Motion::Deforming).collect();
-                let encoder = paper::Encoder::new(Arc::clone(layout), &counts)?;
-                Encoder::Paper(Box::new(encoder.with_threshold(threshold, &deforms)))
-            }
-            Layout::Surface(layout) => {
-                let settings = EncoderSettings { threshold, geometry: source, budget };
-                Encoder::Surface(Box::new(surface::Encoder::new(Arc::clone(layout), geometry, settings)?))
-            }
-        };
-        Ok(Self { encoder, coder, cameras: Vec::new() })
-    }
-
-    /// The last frame written; nothing before the first.
-    pub(super) fn last(&self) -> Option<FrameIndex> {
-        self.encoder.state().frame()
-    }
-
-    /// Bytes held.
-    pub(super) fn heap_bytes(&self) -> usize {
-        self.encoder.heap_bytes() + memory::list(&self.cameras)
-    }
-
-    /// Writes the frame of what was traced. The first one is a keyframe.
-    pub(super) fn write(
-        &mut self,
-        tracing: &Tracing,
-        frame: Frame<'_>,
-        traced: (TraceTotals, StageMicros),
-        lap: &mut Lap<'_>,
-    ) -> Result<StepOutput, ServerError> {
-        let first = self.last().is_none();
-        let gathered = Gathered::new(tracing, frame.cameras, first, Needs::of(&self.encoder));
-        self.write_gathered(gathered, first, frame, traced, lap)
-    }
-
-    /// Writes the frame of what was gathered.
-    pub(super) fn write_gathered(
-        &mut self,
-        gathered: Gathered,
-        first: bool,
-        frame: Frame<'_>,
-        traced: (TraceTotals, StageMicros),
-        lap: &mut Lap<'_>,
-    ) -> Result<StepOutput, ServerError> {
-        let changed = gathered.give(&mut self.encoder)?;
-        self.cameras = gathered.cameras;
-        let decided = Decided::new(first, frame, changed, traced, lap);
-        let EncodedFrame { body, info } = self.encoder.finish(decided.meta, self.coder)?;
         let (occupancy, postponed) = (self.encoder.occupancy(), self.encoder.postponed().copied());
-        let stats = FrameStats { occupancy, postponed, ..decided.stats };
-        Ok(StepOutput::new(body, info, stats, lap))
+        let stats = FrameStats { changed: info.changed_points, occupancy, postponed, ..stats };
+        let budget = self.encoder.as_surface().and_then(|encoder| encoder.settings().budget);
+        let budget = budget.zip(postponed).map(|(budget, left)| Budget::of_frame(info.frame, budget, left));
+        Ok(StepOutput { body, info, stats, budget })
     }
 
-    /// A keyframe of what clients hold, what the cameras of the last step see in a tracing first.
-    pub(super) fn keyframe(
+    /// Makes a keyframe of the last frame's state, for a client that joins or lost something. It carries the last frame's index
+    /// and the state's hash, so the updates that follow fit. Its blocks are in the order of the layout.
+    ///
+    /// # Errors
+    /// [`EncodeError`] when a count is over its limit.
+    pub fn keyframe(
         &self,
-        tracing: &Tracing,
         frame: FrameIndex,
         time: StreamTime,
         coder: BlockCoder,
-    ) -> Result<Vec<u8>, ServerError> {
-        let first = blocks_in_view(tracing, &self.cameras);
-        Ok(self.encoder.keyframe(frame, time, coder, &first)?)
+    ) -> Result<Vec<u8>, EncodeError> {
+        self.encoder.keyframe(frame, time, coder, &[])
+    }
+
+    /// Returns the state that clients hold after the last frame.
+    #[must_use]
+    pub fn state(&self) -> StateRef<'_> {
+        self.encoder.state()
+    }
+
+    /// Returns what clients are told first.
+    #[must_use]
+    pub fn table(&self) -> &Arc<SceneTable> {
+        &self.table
+    }
+
+    /// Returns the block coder of the stream.
+    #[must_use]
+    pub fn coder(&self) -> BlockCoder {
+        self.coder
     }
 }

@@ -5,13 +5,14 @@ use std::sync::Arc;
 use psao_codec::block::BlockCoder;
 use psao_codec::envelope::{FrameIndex, FrameKind, FrameMeta, StreamTime};
 use psao_codec::surface::{BLOCK_POINTS, Budget, Encoder, EncoderSettings, Geometry, GeometrySource, Layout};
+use psao_proto::message;
 use psao_server::clock::NoClock;
 use psao_server::scene::Scene;
 use psao_server::server::{Server, ServerSettings};
 use serde::Serialize;
 
 use crate::args::{Coder, Format, FormatArg, PointArgs, ProfileArg};
-use crate::budget::{AgeArg, BudgetTotals, message};
+use crate::budget::{AgeArg, BudgetTotals};
 use crate::cache::{Folder, as_cache};
 use crate::context::{progress, say, say_json};
 use crate::error::{Failure, Outcome};
@@ -216,7 +217,7 @@ fn write(args: &Args, traced: &Traced, budget: Option<Budget>, coder: BlockCoder
         }
         bytes += frame.body.len() as u64;
         if let Some((budget, postponed)) = budget.zip(encoder.postponed().copied()) {
-            totals.add(&message(FrameIndex(number), budget, postponed));
+            totals.add(&message::Budget::of_frame(FrameIndex(number), budget, postponed));
         }
         errors.add(traced, offers, &encoder);
     }

@@ -18,7 +18,7 @@ use super::rows::{Part, WORK};
 use crate::cache::Folder;
 use crate::context::{Stopwatch, progress};
 use crate::error::{Failure, Outcome};
-use crate::producer::{Timetable, micros, refused, show_progress};
+use crate::producer::{Timetable, refused, show_progress};
 
 /// What the runs took.
 pub(super) struct Measured {
@@ -162,7 +162,7 @@ impl Runs<'_> {
                 sum.bytes += bytes;
                 sum.rays += output.stats.rays;
                 sum.traced += u64::from(output.stats.traced);
-                sum.micros += micros(&output.stats.micros).iter().sum::<u64>();
+                sum.micros += output.stats.micros.total();
             }
             see(number as usize, output.body);
             self.bar.inc(1);

@@ -4,8 +4,8 @@ use std::str::FromStr;
 
 use clap::Args;
 use psao_codec::surface;
-use psao_proto::message::Budget;
 use psao_proto::HEADER_BYTES;
+use psao_proto::message::Budget;
 use serde::Serialize;
 
 use crate::error::{Failure, Outcome};
@@ -124,6 +124,8 @@ impl BudgetTotals {
 
 #[cfg(test)]
 mod tests {
+    use psao_proto::FrameIndex;
+
     use super::*;
 
     fn budget(text: &str, fps: f32) -> Option<u32> {

@@ -134,7 +134,7 @@ impl BothProfiles {
         let state = &self.state;
         let mut write = |stage: &mut EncodeStage| {
             let traced = TracedFrame::new(state, traces, EncoderNeeds::of(&stage.encoder), &mut lap);
-            stage.encode_lap(&traced, &mut lap)
+            stage.encode_lap(traced, &mut lap)
         };
         let paper = write(&mut self.encode.paper)?;
         let surface = write(&mut self.encode.surface)?;

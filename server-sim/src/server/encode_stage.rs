@@ -32,21 +32,20 @@ impl EncodeStage {
     /// # Errors
     /// A frame index that does not grow, or a scene whose geometry is not finite at that time.
     pub fn encode(&mut self, traced: TracedFrame, clock: &dyn Clock) -> Result<StepOutput, ServerError> {
-        let mut lap = Lap::new(clock);
-        self.encode_lap(&traced, &mut lap)
+        self.encode_lap(traced, &mut Lap::new(clock))
     }
 
     /// As [`encode`](Self::encode); the time since the last lap counts.
     pub(super) fn encode_lap(
         &mut self,
-        traced: &TracedFrame,
+        traced: TracedFrame,
         lap: &mut Lap<'_>,
     ) -> Result<StepOutput, ServerError> {
+        let (mut stats, traces) = (traced.stats(), traced.traces);
         let changed_points = traced.give(&mut self.encoder)?;
-        let mut stats = traced.stats();
         stats.micros.decide += lap.micros();
         let kind = if stats.first { FrameKind::Key } else { FrameKind::Delta };
-        let (frame, time) = (traced.traces.index, traced.traces.time);
+        let (frame, time) = (traces.index, traces.time);
         let meta = FrameMeta { kind, frame, time, changed_points };
         let EncodedFrame { body, info } = self.encoder.finish(meta, self.coder)?;
         stats.micros.encode = lap.micros();

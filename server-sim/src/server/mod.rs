@@ -197,7 +197,7 @@ impl Server {
         self.trace.first = self.state().frame().is_none();
         let mut lap = Lap::new(clock);
         let traced = self.trace.trace_lap((index, time), views, &mut lap);
-        self.encode.encode_lap(&traced, &mut lap)
+        self.encode.encode_lap(traced, &mut lap)
     }
 
     /// Takes the server apart, so that the stages run side by side: one traces a frame while the other encodes the one

@@ -89,17 +89,17 @@ impl TracedFrame {
     }
 
     /// Gives all of it to the encoder; returns how many points the next frame sends.
-    pub(super) fn give(&self, encoder: &mut Encoder) -> Result<u32, ServerError> {
-        for (instance, pose) in &self.poses {
-            encoder.set_pose(*instance, *pose)?;
+    pub(super) fn give(self, encoder: &mut Encoder) -> Result<u32, ServerError> {
+        for (instance, pose) in self.poses {
+            encoder.set_pose(instance, pose)?;
         }
         let mut changed = 0;
-        let places = self.places.iter().copied().chain(std::iter::repeat(<([f32; 3], [f32; 3])>::default()));
-        for ((point, ao), (local, normal)) in self.points.iter().zip(places) {
-            changed += u32::from(encoder.set_point(*point, &PointSample { local, normal, ao: *ao })?);
+        let places = self.places.into_iter().chain(std::iter::repeat(<([f32; 3], [f32; 3])>::default()));
+        for ((point, ao), (local, normal)) in self.points.into_iter().zip(places) {
+            changed += u32::from(encoder.set_point(point, &PointSample { local, normal, ao })?);
         }
-        for (instance, block, weight) in &self.weights {
-            encoder.set_weight(*instance, *block, *weight);
+        for (instance, block, weight) in self.weights {
+            encoder.set_weight(instance, block, weight);
         }
         Ok(changed)
     }

@@ -190,11 +190,6 @@ impl Sinks {
     }
 
     #[cfg(not(feature = "fs"))]
-    #[expect(
-        clippy::unused_self,
-        clippy::unnecessary_wraps,
-        reason = "there is no recorder without the feature `fs`"
-    )]
     fn record<M>(&mut self, _message: &M) -> Result<(), SinkError> {
         Ok(())
     }

@@ -2,7 +2,8 @@
 //!
 //! Data flows one way: a [`scene`] is posed, [`world::SceneBvh`] makes it ready for rays, [`points`] lie on its surfaces,
 //! [`ao`] traces them, and [`server::Server`] writes what changed as frame bodies. Time comes in as an argument,
-//! randomness from a seed; the same arguments give the same bytes on any machine.
+//! randomness from a seed; the same arguments give the same bytes on any machine. Only `server::live` (feature `live`), the loop
+//! of a live server, reads a clock.
 //!
 //! # Stream two frames of a built-in scene
 //!

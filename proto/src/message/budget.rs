@@ -1,5 +1,7 @@
 //! BUDGET: what a frame had to leave for later.
 
+use psao_codec::surface;
+
 use super::sealed::Payload;
 use super::{FieldError, Message, require};
 use crate::{FrameIndex, FrameType};
@@ -22,6 +24,15 @@ pub struct Budget {
 }
 
 fields!(Budget { frame as FrameIndex, budget, used, postponed, oldest, forced });
+
+impl Budget {
+    /// Returns the message about a frame that an encoder wrote with a byte budget, and what the budget postponed in it.
+    #[must_use]
+    pub fn of_frame(frame: FrameIndex, budget: surface::Budget, postponed: surface::Postponed) -> Self {
+        let surface::Postponed { points, oldest, forced, used } = postponed;
+        Self { frame, budget: budget.bytes, used, postponed: points, oldest: oldest.into(), forced }
+    }
+}
 
 impl Payload for Budget {
     fn check(&self) -> Result<(), FieldError> {

@@ -10,9 +10,9 @@ use psao_proto::message::CameraPose;
 use psao_proto::{Profile, SceneTable};
 
 use super::stats::Lap;
-use super::stream::{Frame, Stream};
-use super::tracing::Tracing;
-use super::{ProgressFn, Server, ServerError, ServerSettings, StepOutput};
+use super::trace_state::TraceState;
+use super::traced_frame::{EncoderNeeds, TracedFrame, blocks_in_view};
+use super::{EncodeStage, ProgressFn, Server, ServerError, ServerSettings, StepOutput, profile};
 use crate::clock::Clock;
 use crate::points::PointCache;
 use crate::scene::Scene;
@@ -29,9 +29,8 @@ pub struct PerProfile<T> {
 
 /// A server of both profiles. The bytes of each are those that a [`Server`] of that profile alone writes.
 pub struct BothProfiles {
-    tracing: Tracing,
-    tables: PerProfile<SceneTable>,
-    streams: PerProfile<Stream>,
+    state: TraceState,
+    encode: PerProfile<EncodeStage>,
 }
 
 /// How far what clients hold is from the AO as it was traced: neither rounded nor held back by a threshold.
@@ -98,29 +97,24 @@ impl BothProfiles {
         progress: Arc<ProgressFn>,
     ) -> Result<Self, ServerError> {
         let surface = ServerSettings { profile: Profile::SURFACE, coder: surface_coder, ..*settings };
-        let Server { tracing, table, stream } = Server::build(scene, surface, cache, progress, true)?;
+        let Server { trace, encode } = Server::build(scene, surface, cache, progress, true)?;
+        let mut state = trace.state;
         let paper = ServerSettings { profile: Profile::PAPER, ..*settings };
         paper.validate()?;
-        let limits = psao_proto::Limits::default();
-        let paper_table = super::grids::table(&tracing.scene, &tracing.points, &paper, &limits)?;
-        let paper_stream = Stream::new(&tracing, paper_table.layout(), Vec::new(), &paper)?;
-        Ok(Self {
-            tracing,
-            tables: PerProfile { paper: paper_table, surface: table },
-            streams: PerProfile { paper: paper_stream, surface: stream },
-        })
+        let paper = profile::encode_stage(&state.scene, &mut state.points, &paper)?;
+        Ok(Self { state, encode: PerProfile { paper, surface: encode } })
     }
 
     /// What clients are told first.
     #[must_use]
-    pub fn tables(&self) -> &PerProfile<SceneTable> {
-        &self.tables
+    pub fn tables(&self) -> PerProfile<&Arc<SceneTable>> {
+        PerProfile { paper: self.encode.paper.table(), surface: self.encode.surface.table() }
     }
 
     /// The scene as of the last step.
     #[must_use]
     pub fn world(&self) -> &SceneBvh {
-        &self.tracing.world
+        &self.state.world
     }
 
     /// Computes one frame as [`Server::step`] does: traces once, then writes it in both profiles.
@@ -135,11 +129,15 @@ impl BothProfiles {
         clock: &dyn Clock,
     ) -> Result<PerProfile<StepOutput>, ServerError> {
         let mut lap = Lap::new(clock);
-        let first = self.streams.paper.last().is_none();
-        let traced = self.tracing.advance(time, cameras, first, &mut lap);
-        let frame = Frame { index, time, cameras };
-        let paper = self.streams.paper.write(&self.tracing, frame, traced, &mut lap)?;
-        let surface = self.streams.surface.write(&self.tracing, frame, traced, &mut lap)?;
+        let first = self.encode.paper.state().frame().is_none();
+        let traces = self.state.advance((index, time), cameras, first, &mut lap);
+        let state = &self.state;
+        let mut write = |stage: &mut EncodeStage| {
+            let traced = TracedFrame::new(state, traces, EncoderNeeds::of(&stage.encoder), &mut lap);
+            stage.encode_lap(traced, &mut lap)
+        };
+        let paper = write(&mut self.encode.paper)?;
+        let surface = write(&mut self.encode.surface)?;
         Ok(PerProfile { paper, surface })
     }
 
@@ -153,9 +151,11 @@ impl BothProfiles {
         time: StreamTime,
         coders: PerProfile<BlockCoder>,
     ) -> Result<PerProfile<Vec<u8>>, ServerError> {
+        let first = blocks_in_view(&self.state, &self.state.cameras);
+        let Self { encode: PerProfile { paper, surface }, .. } = self;
         Ok(PerProfile {
-            paper: self.streams.paper.keyframe(&self.tracing, frame, time, coders.paper)?,
-            surface: self.streams.surface.keyframe(&self.tracing, frame, time, coders.surface)?,
+            paper: paper.encoder.keyframe(frame, time, coders.paper, &first)?,
+            surface: surface.encoder.keyframe(frame, time, coders.surface, &first)?,
         })
     }
 
@@ -164,16 +164,16 @@ impl BothProfiles {
     #[must_use]
     pub fn errors(&self, client: &surface::State) -> PerProfile<AoErrorStats> {
         let mut errors = PerProfile::<AoErrorStats>::default();
-        let Tracing { field, points, .. } = &self.tracing;
+        let TraceState { field, points, .. } = &self.state;
         for chunk in field.chunks() {
-            let numbers = self.tracing.numbers(chunk.instance);
+            let numbers = self.state.numbers(chunk.instance);
             let held = client.values(chunk.instance as u32);
             for (place, point, _) in field.visible(chunk) {
                 let place = place.index();
                 let Some(exact) = field.exact(point) else { continue };
                 let here = client.is_present(chunk.instance as u32, place / surface::BLOCK_POINTS);
                 errors.surface.add(held.get(place).copied().filter(|_| here), exact);
-                if let Some(encoder) = self.streams.paper.encoder.as_paper() {
+                if let Some(encoder) = self.encode.paper.encoder.as_paper() {
                     let id = points.offsets()[chunk.instance] + numbers[place];
                     let stored = encoder.placement(id) == Some(Placement::Stored);
                     errors.paper.add(encoder.sent_ao(id).filter(|_| stored), exact);
@@ -186,10 +186,10 @@ impl BothProfiles {
 
 impl std::fmt::Debug for BothProfiles {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self { tracing, .. } = self;
+        let Self { state, .. } = self;
         f.debug_struct("BothProfiles")
-            .field("scene", &tracing.scene.name())
-            .field("points", &tracing.points.total())
+            .field("scene", &state.scene.name())
+            .field("points", &state.points.total())
             .finish_non_exhaustive()
     }
 }

@@ -1,15 +1,13 @@
-//! Every instance's grid, buckets and kernel: the stream's static layout (paper, section 3.2).
+//! Every instance's grid, buckets and kernel: the static layout of a stream of profile `paper` (paper, section 3.2).
 
 use std::sync::Arc;
 
 use psao_codec::paper::bucket_count;
-use psao_proto::message::{InstanceEntry, Needs, Occlusion as WireOcclusion, PointSource, Text};
-use psao_proto::{Limits, PaperInfo, SceneEntries, SceneInfo, SceneTable, TraceInfo};
+use psao_proto::message::{InstanceEntry, Needs};
 use rayon::prelude::*;
 
 use super::ServerError;
 use super::settings::ServerSettings;
-use crate::ao::Occlusion;
 use crate::bvh::Bounds;
 use crate::points::{PointSet, ScenePoints};
 use crate::scene::{Geometry, InstanceId, Motion, Scene};
@@ -23,13 +21,12 @@ const ENTRIES: u64 = 8;
 /// Cells that a 22-bit cell index can name.
 const MOST_CELLS: u64 = 1 << 22;
 
-/// The scene table of a stream.
-pub(super) fn table(
+/// Grids of the instances, and the most cells that they can have together.
+pub(super) fn grids(
     scene: &Arc<Scene>,
     points: &ScenePoints,
     settings: &ServerSettings,
-    limits: &Limits,
-) -> Result<SceneTable, ServerError> {
+) -> Result<(Vec<InstanceEntry>, u32), ServerError> {
     let bounds = local_bounds(scene, settings);
     let mut first_bucket = 0u32;
     let mut cells = 0u64;
@@ -42,9 +39,7 @@ pub(super) fn table(
         first_bucket = first_bucket.checked_add(entry.bucket_count).ok_or(ServerError::Buckets)?;
         entries.push(entry);
     }
-    let paper = PaperInfo::new(cells.min(MOST_CELLS) as u32).with_table_slots(settings.table_slots);
-    let info = info(scene, settings)?.with_paper(paper);
-    Ok(SceneTable::new(info, SceneEntries::Cells(entries), limits)?)
+    Ok((entries, cells.min(MOST_CELLS) as u32))
 }
 
 fn entry(
@@ -70,31 +65,6 @@ fn entry(
         points: set.points().len() as u32,
         needs,
     }
-}
-
-/// The stream as a whole, but for what only one of the profiles has.
-pub(super) fn info(scene: &Scene, settings: &ServerSettings) -> Result<SceneInfo, ServerError> {
-    let source =
-        Text::new(scene.source()).map_err(|_| ServerError::Source { length: scene.source().len() })?;
-    let occlusion = match settings.ao.kind {
-        Occlusion::Obscurance => WireOcclusion::OBSCURANCE,
-        Occlusion::Binary => WireOcclusion::BINARY,
-    };
-    // A stream may have its minimum of points only; the wire wants a positive density.
-    let per_m2 = settings.points.per_m2.max(f32::MIN_POSITIVE);
-    let trace = TraceInfo::new(settings.ao.rays, settings.ao.radius)
-        .with_occlusion(occlusion)
-        .with_seed(settings.points.seed)
-        .with_density(per_m2, settings.points.minimum)
-        .with_view_margin(settings.view_margin);
-    let ServerSettings { fps, threshold, coder, .. } = *settings;
-    let info = SceneInfo::new(scene.name(), *scene.digest(), fps, threshold, coder.id(), PointSource::SENT);
-    Ok(info
-        .with_source(source)
-        .with_point_bits(settings.bits)
-        .with_frames_hint(settings.frames_hint)
-        .with_trace(trace)
-        .with_paper(PaperInfo::new(0).with_table_slots(settings.table_slots)))
 }
 
 /// Local bounds of every instance over the whole clip.

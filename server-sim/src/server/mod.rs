@@ -1,25 +1,29 @@
 //! The frame loop: pose, structures, points, rays, what changed, one frame body (paper, section 3.3).
 //!
-//! What is traced is the same in both profiles; a stream decides what of it is sent, and writes it.
+//! A [`Server`] is two stages. The [`TraceStage`] moves the scene and traces its points; the [`EncodeStage`] decides what is
+//! sent, and writes it. [`Server::step`] runs one after the other, `live::Pipeline` (feature `live`) runs them side by side.
+//! What is traced is the same in both profiles.
 
 #[cfg(any(test, feature = "testing"))]
 mod both_profiles;
+mod encode_stage;
 mod field;
 mod frame_time;
-mod gathered;
 mod grids;
-mod halves;
 mod hit_cache;
+#[cfg(feature = "live")]
+pub mod live;
 mod memory;
+mod profile;
 mod ray_scheduler;
 mod screen_area;
 mod settings;
 mod stats;
-mod stream;
-mod surface;
 #[cfg(test)]
 mod tests;
-mod tracing;
+mod trace_stage;
+mod trace_state;
+mod traced_frame;
 
 use std::fmt;
 use std::sync::Arc;
@@ -29,40 +33,41 @@ use psao_codec::envelope::{EncodeError, FrameIndex, FrameInfo, StreamTime};
 use psao_codec::paper::{self, PointError as CodecPointError, PoseError};
 use psao_codec::surface::{Encoder as SurfaceEncoder, GeometryError};
 use psao_codec::{Layout, StateHash, StateRef};
-use psao_proto::message::{CameraPose, Edit};
-use psao_proto::{Limits, Profile, SceneError, SceneTable};
+use psao_proto::message::{Budget, CameraPose};
+use psao_proto::{SceneError, SceneTable};
 use thiserror::Error;
 
 #[cfg(any(test, feature = "testing"))]
 #[doc(hidden)]
 pub use both_profiles::{AoErrorStats, BothProfiles, PerProfile};
+pub use encode_stage::EncodeStage;
 pub use frame_time::FrameTimeController;
-pub use halves::{TracedFrame, TracingHalf, WritingHalf};
 pub use memory::ServerMemory;
 pub use ray_scheduler::{RayBacklog, RayBudget};
 pub use settings::{ServerSettings, SettingsError};
-pub use stats::{FrameStats, Progress, StageMicros, Work};
+pub use stats::{FrameStats, FrameTotals, Progress, StageMicros, Work};
+pub use trace_stage::TraceStage;
+pub use traced_frame::TracedFrame;
 
 use crate::ao::Tracer;
 use crate::clock::Clock;
-use crate::points::{PointCache, ScenePoints, generate_cached, order_at_rest};
-use crate::scene::{EditError, Edits, Scene};
+use crate::points::{PointCache, ScenePoints, generate_cached};
+use crate::scene::{Edits, Scene};
 use crate::world::SceneBvh;
 use stats::Lap;
-use stream::{Frame, Stream};
-use tracing::Tracing;
+use trace_state::TraceState;
+use traced_frame::{EncoderNeeds, blocks_in_view};
 
 /// Told how far things have come, from any thread.
 pub type ProgressFn = dyn Fn(Progress) + Send + Sync;
 
 /// Traces a scene's points and writes what changed, frame by frame.
 ///
-/// The bytes depend on the scene, the settings and the arguments of [`Server::step`] and [`Server::edit`] alone: not on the clock, the
-/// number of threads or the machine.
+/// The bytes depend on the scene, the settings and the arguments of [`Server::step`] and [`TraceStage::edit`] alone: not on the
+/// clock, the number of threads or the machine.
 pub struct Server {
-    tracing: Tracing,
-    table: SceneTable,
-    stream: Stream,
+    trace: TraceStage,
+    encode: EncodeStage,
 }
 
 /// One frame.
@@ -74,6 +79,8 @@ pub struct StepOutput {
     pub info: FrameInfo,
     /// What it took.
     pub stats: FrameStats,
+    /// What it did with its byte budget, as clients are told; `None` without a budget.
+    pub budget: Option<Budget>,
 }
 
 /// Why a server could not be made or a frame not written.
@@ -120,9 +127,9 @@ pub enum ServerError {
 impl fmt::Debug for Server {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Server")
-            .field("scene", &self.tracing.scene.name())
-            .field("points", &self.tracing.points.total())
-            .field("profile", &self.table.profile())
+            .field("scene", &self.trace.state.scene.name())
+            .field("points", &self.points().total())
+            .field("profile", &self.table().profile())
             .finish_non_exhaustive()
     }
 }
@@ -167,17 +174,9 @@ impl Server {
         let report = |done, total| progress(Progress { work: Work::Points, done, total });
         let mut points =
             generate_cached(&scene, &settings.points, cache, &report).map_err(SettingsError::from)?;
-        let limits = Limits::default();
-        let mut geometry = Vec::new();
-        let table = if settings.profile == Profile::SURFACE {
-            geometry = order_at_rest(&scene, &mut points, settings.precision()?, settings.kernel);
-            surface::table(&scene, &geometry, &settings, &limits)?
-        } else {
-            grids::table(&scene, &points, &settings, &limits)?
-        };
-        let tracing = Tracing::new(scene, points, tracer, &settings, progress, exact);
-        let stream = Stream::new(&tracing, table.layout(), geometry, &settings)?;
-        Ok(Self { tracing, table, stream })
+        let encode = profile::encode_stage(&scene, &mut points, &settings)?;
+        let state = TraceState::new(scene, points, tracer, &settings, progress, exact);
+        Ok(Self { trace: TraceStage::new(state, EncoderNeeds::of(&encode.encoder)), encode })
     }
 
     /// Computes one frame: the points that one of `views` sees are brought up to date, and those that changed by
@@ -194,95 +193,94 @@ impl Server {
         views: &[CameraPose],
         clock: &dyn Clock,
     ) -> Result<StepOutput, ServerError> {
+        // A first frame that could not be written is traced again as a whole.
+        self.trace.first = self.state().frame().is_none();
         let mut lap = Lap::new(clock);
-        let first = self.stream.last().is_none();
-        let traced = self.tracing.advance(time, views, first, &mut lap);
-        self.stream.write(&self.tracing, Frame { index, time, cameras: views }, traced, &mut lap)
+        let traced = self.trace.trace_lap((index, time), views, &mut lap);
+        self.encode.encode_lap(traced, &mut lap)
     }
 
-    /// Changes the scene from the next step on; says whether it changed anything. Any number of edits may come before a
-    /// step: it sees where they end.
-    ///
-    /// The AO follows: of the instance itself, of what it stands near now and of what it stood near before. The first
-    /// time that a static instance moves or hides, it is taken out of the structure that all static ones share.
-    ///
-    /// # Errors
-    /// As [`Edits::apply`]; nothing has changed then.
-    pub fn edit(&mut self, edit: &Edit) -> Result<bool, EditError> {
-        self.tracing.edits.apply(edit)
+    /// Takes the server apart, so that the stages run side by side: one traces a frame while the other encodes the one
+    /// before. What the stages write is what [`Server::step`] would.
+    #[must_use]
+    pub fn into_stages(self) -> (TraceStage, EncodeStage) {
+        (self.trace, self.encode)
     }
 
-    /// Sets how many rays frames may take from the next step on: for live servers, which learn what they have time for
-    /// ([`FrameTimeController`]). The bytes then depend on what was set when.
-    ///
-    /// # Errors
-    /// [`SettingsError::RayBudget`].
-    pub fn set_ray_budget(&mut self, budget: Option<RayBudget>) -> Result<(), SettingsError> {
-        self.tracing.set_ray_budget(budget)
+    /// Returns the trace stage, to edit the scene and to set how many rays there are.
+    pub fn trace_stage(&mut self) -> &mut TraceStage {
+        &mut self.trace
     }
 
     /// Bytes of memory held now, by part.
     #[must_use]
     pub fn memory(&self) -> ServerMemory {
-        ServerMemory { stream: self.stream.heap_bytes(), ..self.tracing.heap_bytes() }
+        let traced = self.trace.state.heap_bytes();
+        ServerMemory { stream: traced.stream + self.encode.encoder.heap_bytes(), ..traced }
     }
 
     /// The edits in force from the next step on.
     #[must_use]
     pub fn edits(&self) -> &Edits {
-        &self.tracing.edits
+        self.trace.edits()
     }
 
     /// What clients are told first.
     #[must_use]
-    pub fn table(&self) -> &SceneTable {
-        &self.table
+    pub fn table(&self) -> &Arc<SceneTable> {
+        self.encode.table()
+    }
+
+    /// The block coder of the stream.
+    #[must_use]
+    pub fn coder(&self) -> BlockCoder {
+        self.encode.coder()
     }
 
     /// The layout of the stream's state.
     #[must_use]
     pub fn layout(&self) -> &Layout {
-        self.table.layout()
+        self.table().layout()
     }
 
     /// The scene as of the last step, edits included.
     #[must_use]
     pub fn world(&self) -> &SceneBvh {
-        &self.tracing.world
+        self.trace.world()
     }
 
     /// The points.
     #[must_use]
     pub fn points(&self) -> &ScenePoints {
-        &self.tracing.points
+        self.trace.points()
     }
 
     /// Hash of the state that clients hold after the last step.
     #[must_use]
     pub fn hash(&self) -> StateHash {
-        self.stream.encoder.state().hash()
+        self.encode.encoder.state().hash()
     }
 
     /// The state that clients hold after the last step.
     #[must_use]
     pub fn state(&self) -> StateRef<'_> {
-        self.stream.encoder.state()
+        self.encode.encoder.state()
     }
 
     /// The encoder of a `paper` stream; `None` for one of the other profile.
     #[must_use]
     pub fn paper(&self) -> Option<&paper::Encoder> {
-        self.stream.encoder.as_paper()
+        self.encode.encoder.as_paper()
     }
 
     /// The encoder of a `surface` stream; `None` for one of the other profile.
     #[must_use]
     pub fn surface(&self) -> Option<&SurfaceEncoder> {
-        self.stream.encoder.as_surface()
+        self.encode.encoder.as_surface()
     }
 
     /// A keyframe of the last step's state, for a client that joins or lost something. It carries the last step's
-    /// frame index and the state's hash, so the updates that follow fit.
+    /// frame index and the state's hash, so the updates that follow fit. What the last step's views see comes first.
     ///
     /// # Errors
     /// [`ServerError::Encode`].
@@ -292,6 +290,8 @@ impl Server {
         time: StreamTime,
         coder: BlockCoder,
     ) -> Result<Vec<u8>, ServerError> {
-        self.stream.keyframe(&self.tracing, frame, time, coder)
+        let state = &self.trace.state;
+        let first = blocks_in_view(state, &state.cameras);
+        Ok(self.encode.encoder.keyframe(frame, time, coder, &first)?)
     }
 }

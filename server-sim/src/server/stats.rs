@@ -1,7 +1,12 @@
 //! What a step did, for people and reports.
 
+use std::ops::AddAssign;
+
+use psao_codec::envelope::{FrameIndex, StreamTime};
 use psao_codec::paper::Occupancy;
 use psao_codec::surface::Postponed;
+use psao_proto::Micros;
+use psao_proto::message::{Report, StageId, StageTime};
 
 use super::RayBacklog;
 use crate::clock::Clock;
@@ -56,11 +61,118 @@ pub(super) struct TraceTotals {
     pub(super) waiting: Option<RayBacklog>,
 }
 
+/// What was traced of a frame, before an encoder takes it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Traces {
+    pub(super) index: FrameIndex,
+    pub(super) time: StreamTime,
+    /// Whether the frame is the stream's first.
+    pub(super) first: bool,
+    pub(super) totals: TraceTotals,
+    pub(super) micros: StageMicros,
+}
+
+impl StageMicros {
+    /// Names of the stages, in the order of [`by_stage`](Self::by_stage).
+    pub const NAMES: [&'static str; 6] =
+        ["pose", "acceleration structures", "place points", "trace rays", "decide", "encode"];
+
+    /// Returns the stages in the order in which they run, with what each took.
+    #[must_use]
+    pub fn by_stage(&self) -> [(StageId, u64); 6] {
+        let Self { pose, bvh, place, trace, decide, encode } = *self;
+        [
+            (StageId::POSE, pose),
+            (StageId::BVH, bvh),
+            (StageId::PLACE, place),
+            (StageId::TRACE, trace),
+            (StageId::DECIDE, decide),
+            (StageId::ENCODE, encode),
+        ]
+    }
+
+    /// Returns the time of all stages.
+    #[must_use]
+    pub fn total(&self) -> u64 {
+        self.by_stage().iter().map(|(_, micros)| micros).sum()
+    }
+}
+
 impl FrameStats {
-    /// Of a frame that is traced.
-    pub(super) fn traced(traces: TraceTotals, micros: StageMicros) -> Self {
-        let TraceTotals { visible, traced, rays, waiting } = traces;
-        Self { visible, traced, rays, waiting, micros, ..Self::default() }
+    /// Returns the figures of a frame that is traced and not encoded yet.
+    pub(super) fn of(traces: &Traces) -> Self {
+        let Traces { first, micros, .. } = *traces;
+        let TraceTotals { visible, traced, rays, waiting } = traces.totals;
+        Self { visible, traced, rays, waiting, first, micros, ..Self::default() }
+    }
+
+    /// Returns the REPORT of the frame; without `timings` it is the same in every run.
+    #[must_use]
+    pub fn report(&self, frame: FrameIndex, timings: bool) -> Report {
+        let tables = self.occupancy.unwrap_or_default();
+        let times = self.micros.by_stage().map(|(stage, micros)| StageTime::new(stage, Micros(micros)));
+        Report {
+            frame,
+            rays: self.rays,
+            visible: self.visible,
+            traced: self.traced,
+            changed: self.changed,
+            cells: tables.cells,
+            stored: tables.points_stored,
+            bucket_full: tables.bucket_full,
+            cell_full: tables.cell_full,
+            no_cell: tables.no_cell,
+            outside_grid: tables.outside_grid,
+            id_collisions: tables.id_collisions,
+            stages: if timings { times.into() } else { Vec::new() },
+        }
+    }
+}
+
+/// Sums over frames.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct FrameTotals {
+    /// Frames in the sums.
+    pub frames: u64,
+    /// Points in view.
+    pub visible: u64,
+    /// Points whose AO was traced.
+    pub traced: u64,
+    /// Rays traced.
+    pub rays: u64,
+    /// Points sent.
+    pub changed: u64,
+    /// Points that waited for rays, summed over the frames, and the longest wait of all.
+    pub waiting: RayBacklog,
+    /// Times.
+    pub micros: StageMicros,
+}
+
+impl FrameTotals {
+    /// Adds a frame.
+    pub fn add(&mut self, frame: &FrameStats) {
+        self.frames += 1;
+        self.visible += u64::from(frame.visible);
+        self.traced += u64::from(frame.traced);
+        self.rays += frame.rays;
+        self.changed += u64::from(frame.changed);
+        if let Some(RayBacklog { points, oldest }) = frame.waiting {
+            self.waiting.points = self.waiting.points.saturating_add(points);
+            self.waiting.oldest = self.waiting.oldest.max(oldest);
+        }
+        self.micros += frame.micros;
+    }
+}
+
+impl AddAssign for StageMicros {
+    fn add_assign(&mut self, other: Self) {
+        self.pose += other.pose;
+        self.bvh += other.bvh;
+        self.place += other.place;
+        self.trace += other.trace;
+        self.decide += other.decide;
+        self.encode += other.encode;
     }
 }
 

@@ -13,6 +13,7 @@ use psao_codec::envelope::FrameKind;
 use psao_codec::paper::{self, Placement};
 use psao_codec::surface::{self, BLOCK_POINTS, GeometrySource};
 use psao_codec::{Decoder, State, apply};
+use psao_proto::Profile;
 
 use super::*;
 use crate::ao::{AoSettings, Occlusion};
@@ -95,35 +96,34 @@ fn scenes_by_profile() -> impl Iterator<Item = (Arc<Scene>, Profile)> {
 }
 
 #[test]
-fn halves_that_work_side_by_side_write_the_same() {
+fn stages_that_work_side_by_side_write_the_same() {
     let budget = Some(surface::Budget { bytes: 400, longest_age: 9 });
-    for budget in [None, budget] {
+    for (profile, budget) in [(Profile::SURFACE, None), (Profile::SURFACE, budget), (Profile::PAPER, None)] {
         let scene = colonnade();
-        let settings = ServerSettings { budget, ..settings(Profile::SURFACE, 8.0) };
+        let settings = ServerSettings { budget, ..settings(profile, 8.0) };
         let mut bodies = Vec::new();
         clip(&scene, settings, 12, |server, output| {
             bodies.push((output.body.clone(), output.stats, server.hash()));
         });
-        let (mut front, mut back) = server(&scene, settings).split().unwrap();
+        let (mut trace, mut encode) = server(&scene, settings).into_stages();
         let (give, take) = std::sync::mpsc::sync_channel(1);
         std::thread::scope(|scope| {
             scope.spawn(move || {
                 for frame in 0..12 {
-                    let traced = front.trace(FrameIndex(frame), time(frame), &views(&scene, frame), &NoClock);
+                    let traced = trace.trace(FrameIndex(frame), time(frame), &views(&scene, frame), &NoClock);
                     give.send(traced).unwrap();
                 }
             });
             let written: Vec<_> = take
                 .into_iter()
                 .map(|traced| {
-                    let output = back.write(traced, &NoClock).unwrap();
-                    (output.body, output.stats, back.state().hash())
+                    let output = encode.encode(traced, &NoClock).unwrap();
+                    (output.body, output.stats, encode.state().hash())
                 })
                 .collect();
-            assert_eq!(written, bodies);
+            assert!(written == bodies, "{profile}");
         });
     }
-    assert!(server(&colonnade(), settings(Profile::PAPER, 8.0)).split().is_err());
 }
 
 #[test]
@@ -146,12 +146,12 @@ fn bytes_do_not_depend_on_threads() {
 /// for a point that the tables have no slot for.
 fn held_in_cells(server: &Server, state: &paper::State, instance: usize, place: usize) -> Option<u8> {
     let encoder = server.paper().unwrap();
-    let number = server.tracing.numbers(instance)[place];
+    let number = server.trace.state.numbers(instance)[place];
     let id = server.points().offsets()[instance] + number;
     if encoder.placement(id) != Some(Placement::Stored) {
         return None;
     }
-    let now = server.tracing.field.placed().local(instance)[place];
+    let now = server.trace.state.field.placed().local(instance)[place];
     let sent = encoder.sent_place(id).unwrap_or((now.position.to_array(), now.normal.to_array()));
     let located = state.layout().instances()[instance].grid.locate(sent.0);
     let format = state.layout().format();
@@ -176,7 +176,7 @@ fn held_on_surface(state: &surface::State, instance: usize, place: usize) -> u8 
 fn check_bound(server: &Server, state: &State, threshold: u8, index: FrameIndex) -> u32 {
     let half_step = state.as_paper().map_or(0, |state| state.layout().format().max_ao_error());
     let mut checked = 0;
-    let field = &server.tracing.field;
+    let field = &server.trace.state.field;
     for chunk in field.chunks() {
         for (place, point, ao) in field.visible(chunk) {
             let place = place.index();
@@ -280,7 +280,7 @@ fn points_of_deforming_instances_stay_inside_their_grids() {
 }
 
 /// AO bytes of all points by the number they were made with, for comparison between orders.
-fn by_number(tracing: &Tracing) -> Vec<Option<u8>> {
+fn by_number(tracing: &TraceState) -> Vec<Option<u8>> {
     let mut found = vec![None; tracing.points.total() as usize];
     for chunk in tracing.field.chunks() {
         let base = tracing.points.offsets()[chunk.instance];
@@ -302,7 +302,7 @@ fn both_profiles_trace_the_same_ao_and_see_the_same_points() {
             for server in [&mut paper, &mut surface] {
                 server.step(FrameIndex(frame), time(frame), &seen, &NoClock).unwrap();
             }
-            assert_eq!(by_number(&paper.tracing), by_number(&surface.tracing), "frame {frame}");
+            assert_eq!(by_number(&paper.trace.state), by_number(&surface.trace.state), "frame {frame}");
         }
     }
 }
@@ -349,9 +349,9 @@ fn both_profiles_at_once_write_what_each_writes_alone() {
 fn what_is_in_view_comes_first() {
     let scene = colonnade();
     let server = server(&scene, settings(Profile::SURFACE, 8.0));
-    let tracing = &server.tracing;
+    let tracing = &server.trace.state;
     let seen = [camera(&scene, 0.0)];
-    let order = gathered::in_view_first(tracing, &seen);
+    let order = traced_frame::in_view_first(tracing, &seen);
     let mut sorted = order.clone();
     sorted.sort_unstable();
     let chunks = tracing.field.chunks();
@@ -367,7 +367,7 @@ fn what_is_in_view_comes_first() {
     });
     let ranks: Vec<(bool, f32)> = ranks.collect();
     assert!(ranks.is_sorted() && ranks[0].0 != ranks[ranks.len() - 1].0, "{ranks:?}");
-    assert_eq!(gathered::in_view_first(tracing, &[]), sorted);
+    assert_eq!(traced_frame::in_view_first(tracing, &[]), sorted);
 }
 
 #[test]

@@ -4,8 +4,8 @@ use std::str::FromStr;
 
 use clap::Args;
 use psao_codec::surface;
+use psao_proto::HEADER_BYTES;
 use psao_proto::message::Budget;
-use psao_proto::{FrameIndex, HEADER_BYTES};
 use serde::Serialize;
 
 use crate::error::{Failure, Outcome};
@@ -50,12 +50,6 @@ impl BudgetArgs {
         };
         Ok(Some(surface::Budget { bytes, longest_age: self.age.longest_age }))
     }
-}
-
-/// Returns the message that tells clients how a frame used its budget.
-pub(crate) fn message(frame: FrameIndex, budget: surface::Budget, postponed: surface::Postponed) -> Budget {
-    let surface::Postponed { points, oldest, forced, used } = postponed;
-    Budget { frame, budget: budget.bytes, used, postponed: points, oldest: oldest.into(), forced }
 }
 
 /// Bytes of a frame body, or bits a second of wire frames.
@@ -130,6 +124,8 @@ impl BudgetTotals {
 
 #[cfg(test)]
 mod tests {
+    use psao_proto::FrameIndex;
+
     use super::*;
 
     fn budget(text: &str, fps: f32) -> Option<u32> {

@@ -5,8 +5,12 @@ use std::path::Path;
 
 use psao_eval::reference::ReferenceError;
 use psao_proto::recording::file::FileError;
+use psao_proto::sinks::SinkError;
 use psao_server::points::PointError;
 use psao_server::server::SettingsError;
+use psao_server::server::live::PipelineError;
+
+use crate::producer::refused;
 
 /// Exit codes of `psao`, as the README documents them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -94,6 +98,25 @@ impl From<FileError> for Failure {
             _ => Exit::System,
         };
         Self::new(exit, error)
+    }
+}
+
+impl From<SinkError> for Failure {
+    fn from(error: SinkError) -> Self {
+        match error {
+            SinkError::Recording(error) => error.into(),
+            error => Self::new(Exit::System, error),
+        }
+    }
+}
+
+impl From<PipelineError> for Failure {
+    fn from(error: PipelineError) -> Self {
+        match error {
+            PipelineError::Server(error) => refused(error),
+            PipelineError::Sink(error) => error.into(),
+            error => Self::new(Exit::System, error),
+        }
     }
 }
 

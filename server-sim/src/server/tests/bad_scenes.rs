@@ -36,7 +36,7 @@ fn stream(what: &str, scene: &Arc<Scene>, radius: f32) -> u32 {
 
 /// Every point of the server is somewhere, looks somewhere, and has an AO.
 fn check_numbers(what: &str, server: &Server) {
-    let field = &server.tracing.field;
+    let field = &server.trace.state.field;
     for chunk in field.chunks() {
         for place in &field.placed().local(chunk.instance)[chunk.points.clone()] {
             assert!(place.position.is_finite(), "{what}: {place:?}");

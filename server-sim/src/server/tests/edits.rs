@@ -1,9 +1,9 @@
 //! Edits: the AO follows them, whatever was traced before, and clients follow the AO.
 
-use psao_proto::message::EditAction;
+use psao_proto::message::{Edit, EditAction};
 
 use super::*;
-use crate::scene::InstanceId;
+use crate::scene::{EditError, InstanceId};
 
 /// Clips of these tests: every kind of view comes up with every kind of edit.
 const FRAMES: u32 = 18;
@@ -66,7 +66,7 @@ pub(super) fn edited(
     let mut server = server(scene, settings);
     for frame in 0..FRAMES {
         for (_, edit) in script.iter().filter(|(at, _)| *at == frame) {
-            assert_eq!(server.edit(edit), Ok(true), "frame {frame}: {edit:?}");
+            assert_eq!(server.trace_stage().edit(edit), Ok(true), "frame {frame}: {edit:?}");
         }
         let output = server.step(FrameIndex(frame), time(frame), &views(scene, frame), &NoClock).unwrap();
         check(&server, &output);
@@ -87,7 +87,7 @@ fn clients_follow_the_edits_and_are_never_off_by_the_threshold() {
             checked += check_bound(server, state, 2, output.info.frame);
             if let State::Paper(state) = &*state {
                 for instance in 0..scene.instances().len() {
-                    let frame = server.tracing.pose.instances()[instance].frame();
+                    let frame = server.trace.state.pose.instances()[instance].frame();
                     let held = state.pose(instance as u32).unwrap();
                     assert_eq!(Vec3::from(held.translation), frame.translation, "instance {instance}");
                     assert_eq!(held.rotation, frame.rotation.to_array(), "instance {instance}");
@@ -114,7 +114,7 @@ fn box_on_floor() -> Arc<Scene> {
 
 /// Mean AO byte of the floor's points within 0.5 m of the floor at this x.
 fn shade(server: &Server, x: f32) -> f32 {
-    let field = &server.tracing.field;
+    let field = &server.trace.state.field;
     let local = field.placed().local(0);
     let near =
         field.chunks().iter().filter(|chunk| chunk.instance == 0).flat_map(|chunk| field.visible(chunk));
@@ -132,7 +132,7 @@ fn the_shadow_goes_with_a_static_box_and_stays_nowhere() {
     let mut frame = 0;
     let mut step = |server: &mut Server, action: Option<EditAction>| {
         if let Some(action) = action {
-            assert_eq!(server.edit(&Edit { instance: 1, action }), Ok(true));
+            assert_eq!(server.trace_stage().edit(&Edit { instance: 1, action }), Ok(true));
         }
         let output = server.step(FrameIndex(frame), time(frame), &[], &NoClock).unwrap();
         frame += 1;
@@ -161,14 +161,14 @@ fn the_shadow_goes_with_a_static_box_and_stays_nowhere() {
 fn a_static_box_that_is_lifted_forgets_the_floor() {
     let mut server = server(&box_on_floor(), settings(Profile::SURFACE, 128.0));
     let darkest = |server: &Server| {
-        let field = &server.tracing.field;
+        let field = &server.trace.state.field;
         let own = field.chunks().iter().filter(|chunk| chunk.instance == 1);
         own.flat_map(|chunk| field.visible(chunk)).map(|(.., ao)| ao).min().unwrap()
     };
     server.step(FrameIndex(0), time(0), &[], &NoClock).unwrap();
     assert!(darkest(&server) < 230, "it stands on the floor");
     let action = EditAction::Move { translation: [0.0, 5.0, 0.0], rotation: [0.0, 0.0, 0.0, 1.0] };
-    server.edit(&Edit { instance: 1, action }).unwrap();
+    server.trace_stage().edit(&Edit { instance: 1, action }).unwrap();
     server.step(FrameIndex(1), time(1), &[], &NoClock).unwrap();
     assert_eq!(darkest(&server), 255, "nothing is near");
 }
@@ -184,10 +184,13 @@ fn edits_far_out_and_in_thousands_make_finite_frames() {
                 let far = if (step / 2 + frame) % 2 == 0 { 1e9 } else { -1e9 };
                 let rotation = [0.6, 0.0, 0.0, 0.8];
                 let action = EditAction::Move { translation: [far, far, far * 0.5], rotation };
-                assert_eq!(server.edit(&Edit { instance: step % 2, action }), Ok(true));
+                assert_eq!(server.trace_stage().edit(&Edit { instance: step % 2, action }), Ok(true));
             }
             let bad = EditAction::Move { translation: [1e30, 0.0, 0.0], rotation: [0.0, 0.0, 0.0, 1.0] };
-            assert!(matches!(server.edit(&Edit { instance: 1, action: bad }), Err(EditError::TooFar { .. })));
+            assert!(matches!(
+                server.trace_stage().edit(&Edit { instance: 1, action: bad }),
+                Err(EditError::TooFar { .. })
+            ));
             let output = server.step(FrameIndex(frame), time(frame), &[], &NoClock).unwrap();
             apply(&mut state, &output.body, &psao_codec::Limits::default()).unwrap();
             assert_eq!(state.hash(), server.hash());
@@ -204,7 +207,7 @@ fn what_is_hidden_costs_no_rays_even_where_it_walks() {
     let mut server = server(&scene, settings(Profile::SURFACE, 4.0));
     for (instance, of) in (0..).zip(scene.instances()) {
         if of.motion() != Motion::Static {
-            assert_eq!(server.edit(&Edit { instance, action: EditAction::Hide }), Ok(true));
+            assert_eq!(server.trace_stage().edit(&Edit { instance, action: EditAction::Hide }), Ok(true));
         }
     }
     let first = server.step(FrameIndex(0), time(0), &[], &NoClock).unwrap();

@@ -17,7 +17,7 @@ fn ahead(server: &mut Server, scene: &Scene, frame: u32, at: u32) -> StepOutput 
 
 /// AO bytes of every point in view.
 fn seen(server: &Server) -> Vec<(PointId, u8)> {
-    let field = &server.tracing.field;
+    let field = &server.trace.state.field;
     let points = field.chunks().iter().flat_map(|chunk| field.visible(chunk));
     points.map(|(_, point, ao)| (point, ao)).collect()
 }
@@ -75,7 +75,7 @@ fn what_is_largest_on_the_screen_goes_first() {
         server.step(FrameIndex(frame), time(frame * 30), &views(&scene, frame), &NoClock).unwrap();
     }
     let eye = Vec3::from(views(&scene, 1)[0].eye);
-    let tracing = &server.tracing;
+    let tracing = &server.trace.state;
     let stale = tracing.field.stale(true);
     let distance =
         |chunk: &field::Chunk| tracing.field.bounds(&tracing.world, chunk).distance_squared(eye).sqrt();

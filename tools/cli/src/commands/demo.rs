@@ -3,10 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use psao_codec::block::BlockCoder;
+use psao_proto::message::SceneHeader;
 use psao_proto::recording::file::{Recorder, RecorderOptions};
 use psao_proto::recording::{Player, PlayerEvent};
 use psao_proto::session::{Access, ClientEvent, ClientSession, ServerSession};
 use psao_proto::{Fanout, Limits, Micros, Profile};
+use psao_server::server::StageMicros;
 
 use super::inspect;
 use super::reconstruct::{Playback, describe};
@@ -19,7 +21,7 @@ use crate::error::{Exit, Failure, Outcome};
 use crate::output::report::{Picture, Report, Section};
 use crate::output::{number, table::Figures};
 use crate::pictures::{Drawn, SharedPoints, Shot, scene_of};
-use crate::producer::{Producer, STAGES};
+use crate::producer::open;
 
 /// Record, replay, inspect and draw a scene into one folder, in about a minute
 ///
@@ -60,24 +62,26 @@ pub(crate) fn run(args: &Args) -> Outcome {
     let folder = &args.output;
     std::fs::create_dir_all(folder).map_err(|error| Failure::writing(folder, &error))?;
     let recording = folder.join("demo.psao");
-    let mut producer = Producer::new(&args.scene, &args.tuning, args.frames)?;
+    let (mut server, timetable) = open(&args.scene, &args.tuning, args.frames)?;
     let mut recorder = Recorder::create(&recording, RecorderOptions::default().with_backpressure())?;
-    let totals = record_frames(&mut producer, &mut recorder, args.frames, &EditScript::default(), false)?;
+    let totals =
+        record_frames((&mut server, &timetable), &mut recorder, args.frames, &EditScript::default(), false)?;
+    let info = server.table().header();
     recorder.finish()?;
 
     let bytes = load(&recording)?;
     let replayed = replay(&bytes)?;
     let analysis = Analysis::of(&recording, &bytes)?;
-    let title = format!("{}: bytes per frame", producer.info().name);
+    let title = format!("{}: bytes per frame", info.name);
     let plot = inspect::plot(&analysis, title).svg();
     let plot_path = folder.join("bandwidth.svg");
     std::fs::write(&plot_path, &plot).map_err(|error| Failure::writing(&plot_path, &error))?;
     let shown = draw(args, &bytes, folder)?;
 
-    let sections = sections(&producer, &totals, &analysis, &shown, replayed);
+    let sections = sections(&info, &totals, &analysis, &shown, replayed);
     let report = Report {
-        title: format!("psao demo: {}", producer.info().name),
-        lead: super::record::summary(&producer.info(), &totals),
+        title: format!("psao demo: {}", info.name),
+        lead: super::record::summary(&info, &totals),
         sections,
         plot,
         pictures: pictures(&shown)?,
@@ -184,33 +188,33 @@ fn row<const N: usize>(cells: [String; N]) -> Vec<String> {
 }
 
 fn sections(
-    producer: &Producer,
+    info: &SceneHeader,
     totals: &Totals,
     analysis: &Analysis,
     shown: &[Shown],
     replayed: u64,
 ) -> Vec<Section> {
-    vec![points(producer, totals), bandwidth(analysis, replayed), stages(totals), quality(shown)]
+    vec![points(info, totals), bandwidth(analysis, replayed), stages(totals), quality(shown)]
 }
 
 fn heads(names: &[&str]) -> Vec<String> {
     names.iter().map(|&name| name.to_owned()).collect()
 }
 
-fn points(producer: &Producer, totals: &Totals) -> Section {
+fn points(info: &SceneHeader, totals: &Totals) -> Section {
     let later = totals.frames.saturating_sub(1).max(1);
-    let last = &totals.last;
+    let last = totals.last.occupancy.unwrap_or_default();
     let count = |value: u64| number::count(value);
-    let mut rows = vec![row(["points".into(), count(u64::from(producer.info().point_count))])];
-    let paper = producer.info().profile == Profile::PAPER;
+    let mut rows = vec![row(["points".into(), count(u64::from(info.point_count))])];
+    let paper = info.profile == Profile::PAPER;
     if paper {
         rows.extend([
-            row(["cells in use".into(), count(last.cells)]),
-            row(["points stored in cells".into(), count(last.stored)]),
-            row(["left out: bucket full".into(), count(last.bucket_full)]),
-            row(["left out: cell full".into(), count(last.cell_full)]),
-            row(["left out: no free cell".into(), count(last.no_cell)]),
-            row(["left out: cell id taken by another cell".into(), count(last.id_collisions)]),
+            row(["cells in use".into(), count(last.cells.into())]),
+            row(["points stored in cells".into(), count(last.points_stored.into())]),
+            row(["left out: bucket full".into(), count(last.bucket_full.into())]),
+            row(["left out: cell full".into(), count(last.cell_full.into())]),
+            row(["left out: no free cell".into(), count(last.no_cell.into())]),
+            row(["left out: cell id taken by another cell".into(), count(last.id_collisions.into())]),
         ]);
     }
     rows.extend([
@@ -246,23 +250,15 @@ fn bandwidth(analysis: &Analysis, replayed: u64) -> Section {
 
 fn stages(totals: &Totals) -> Section {
     let later = totals.frames.saturating_sub(1).max(1) as f64;
-    let mut rows: Vec<Vec<String>> = STAGES
-        .iter()
-        .enumerate()
-        .map(|(stage, (name, _))| {
-            row([
-                (*name).to_owned(),
-                number::millis(totals.first.micros[stage] as f64),
-                number::millis(totals.later.micros[stage] as f64 / later),
-            ])
-        })
-        .collect();
-    let sum = |micros: &[u64]| micros.iter().sum::<u64>() as f64;
-    rows.push(row([
-        "all".to_owned(),
-        number::millis(sum(&totals.first.micros)),
-        number::millis(sum(&totals.later.micros) / later),
-    ]));
+    let (first, after) = (&totals.first.micros, &totals.later.micros);
+    let times = |name: &str, first: u64, after: u64| {
+        row([name.to_owned(), number::millis(first as f64), number::millis(after as f64 / later)])
+    };
+    let by_stage = first.by_stage().into_iter().zip(after.by_stage());
+    let by_stage = StageMicros::NAMES.into_iter().zip(by_stage);
+    let mut rows: Vec<Vec<String>> =
+        by_stage.map(|(name, ((_, first), (_, after)))| times(name, first, after)).collect();
+    rows.push(times("all", first.total(), after.total()));
     Section {
         title: "Server time".to_owned(),
         heads: heads(&["stage", "first frame, ms", "a frame after it, ms"]),

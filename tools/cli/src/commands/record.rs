@@ -7,7 +7,8 @@ use psao_proto::message::{CloseCode, KeyframeReason, SceneHeader};
 use psao_proto::net::{Address, Connection};
 use psao_proto::recording::file::{Recorder, RecorderOptions};
 use psao_proto::session::{ClientEvent, ClientOptions};
-use psao_proto::{FrameType, Micros, WireFrame};
+use psao_proto::{FrameIndex, FrameType, Micros, WireFrame};
+use psao_server::server::{FrameStats, FrameTotals, Server};
 
 use crate::args::{BufferArg, TuningArgs};
 use crate::context::{Stopwatch, progress, runtime};
@@ -15,7 +16,7 @@ use crate::edit_script::EditScript;
 use crate::error::{Failure, Outcome};
 use crate::network::{ConnectArgs, peer};
 use crate::output::{number, target};
-use crate::producer::{Produced, Producer};
+use crate::producer::{Timetable, open, refused};
 
 /// Trace a scene and write its AO stream to a file, or record a running server
 ///
@@ -84,40 +85,40 @@ fn trace(args: &Args, scene: &str) -> Outcome {
     let frames = args.frames.unwrap_or(FRAMES);
     let output = target::recording(&args.output)?;
     Recorder::check_place(&output)?;
-    let mut producer = Producer::new(scene, &args.tuning, frames)?;
+    let (mut server, timetable) = open(scene, &args.tuning, frames)?;
     let edits = match &args.edits {
-        Some(path) => EditScript::load(path, producer.scene(), Some(frames))?,
+        Some(path) => EditScript::load(path, timetable.scene(), Some(frames))?,
         None => EditScript::default(),
     };
     let mut recorder = Recorder::create(&output, RecorderOptions::default().with_backpressure())?;
-    let totals = record_frames(&mut producer, &mut recorder, frames, &edits, args.timings)?;
+    let totals = record_frames((&mut server, &timetable), &mut recorder, frames, &edits, args.timings)?;
     let bytes = recorder.finish()?.bytes;
-    target::note(&args.output, summary(&producer.info(), &totals))?;
+    target::note(&args.output, summary(&server.table().header(), &totals))?;
     target::note(
         &args.output,
         format_args!("wrote {}: {} frames, {}", args.output.display(), totals.frames, number::bytes(bytes)),
     )
 }
 
-/// Sums over the frames of a recording.
+/// What the frames of a recording took.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Totals {
     pub(crate) frames: u64,
-    /// Of the first frame, then of all later ones.
-    pub(crate) first: Produced,
-    pub(crate) later: Produced,
-    pub(crate) last: Produced,
+    pub(crate) first: FrameStats,
+    /// Of all frames after the first.
+    pub(crate) later: FrameTotals,
+    pub(crate) last: FrameStats,
 }
 
 /// Records `frames` frames, the closing message included.
 pub(crate) fn record_frames(
-    producer: &mut Producer,
+    (server, timetable): (&mut Server, &Timetable),
     recorder: &mut Recorder,
     frames: u32,
     edits: &EditScript,
     timings: bool,
 ) -> Outcome<Totals> {
-    recorder.scene(producer.table())?;
+    recorder.scene(server.table())?;
     let clock = Stopwatch::start();
     let bar = progress("tracing", u64::from(frames));
     let mut totals = Totals::default();
@@ -125,30 +126,31 @@ pub(crate) fn record_frames(
     for number in 0..frames {
         let mut changes = Vec::new();
         for edit in edits.before(number) {
-            if producer.edit(edit).map_err(Failure::input)? {
+            if server.trace_stage().edit(edit).map_err(Failure::input)? {
                 changes.push(edit);
             }
         }
-        let (output, produced) = producer.step(number, &[], &clock)?;
+        let (time, views) = timetable.frame(number, &[]);
+        let output = server.step(FrameIndex(number), time, &views, &clock).map_err(refused)?;
         arrival = Micros(output.info.time.0);
         for edit in changes {
             recorder.message(arrival, edit)?;
         }
         recorder.body(arrival, output.info.kind, &output.body)?;
-        if let Some(budget) = &produced.budget {
+        if let Some(budget) = &output.budget {
             recorder.message(arrival, budget)?;
         }
         // How the tables are filled is worth a report when they were made and when all is done.
         if timings || number == 0 || number + 1 == frames {
-            recorder.message(arrival, &produced.report(output.info.frame, timings))?;
+            recorder.message(arrival, &output.stats.report(output.info.frame, timings))?;
         }
         totals.frames += 1;
         if number == 0 {
-            totals.first = produced.clone();
+            totals.first = output.stats;
         } else {
-            totals.later.add(&produced);
+            totals.later.add(&output.stats);
         }
-        totals.last = produced;
+        totals.last = output.stats;
         bar.inc(1);
     }
     bar.finish_and_clear();

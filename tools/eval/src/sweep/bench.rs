@@ -4,8 +4,9 @@ use psao_codec::State;
 use psao_reconstruct::reconstruct::{self, Reconstruction, SurfaceReconstructor};
 use psao_reconstruct::{AoImage, GBuffer, ReconstructError};
 use psao_server::clock::Clock;
+use psao_server::server::StageMicros;
 
-use super::run::{Clip, Run, SERVER_STAGES};
+use super::run::{Clip, Run};
 use super::{
     Figures, Kind, Memory, PictureFigures, Record, Setting, Spread, Stage, StreamFigures, SweepError, View,
 };
@@ -72,13 +73,13 @@ impl Bench<'_> {
         }
         let decode = Spread::of_micros(&took.decode);
         let client = [("apply", decode), ("reconstruct", Spread::of_micros(&drawn.micros))];
-        let server = (0..).zip(SERVER_STAGES).map(|(stage, name)| (name, took.server_stage(stage)));
+        let server = (0..).zip(StageMicros::NAMES).map(|(stage, name)| (name, took.server_stage(stage)));
         let stages = server
             .map(|(name, ms)| Stage { side: "server".to_owned(), name: name.to_owned(), ms })
             .chain(client.map(|(name, ms)| Stage { side: "client".to_owned(), name: name.to_owned(), ms }));
         let seconds = f64::from(bytes.frames.saturating_sub(1)) / f64::from(setting.fps);
         let mbit_s = |bytes: u64| bytes as f64 * 8.0 / 1e6 / seconds;
-        let later: Vec<u64> = took.server.iter().map(|stages| stages.iter().sum()).collect();
+        let later: Vec<u64> = took.server.iter().map(StageMicros::total).collect();
         let figures = StreamFigures {
             frames: bytes.frames,
             points,

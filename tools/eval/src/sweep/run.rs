@@ -13,10 +13,6 @@ use psao_server::server::{Server, ServerSettings, StageMicros};
 
 use super::{Setting, Spread, SweepError};
 
-/// Stages of a server's frame, in order.
-pub(super) const SERVER_STAGES: [&str; 6] =
-    ["pose", "acceleration structures", "place points", "trace rays", "decide", "encode"];
-
 /// Bytes of a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Bytes {
@@ -56,7 +52,7 @@ pub(super) struct Counted {
 pub(super) struct Took {
     pub(super) first: u64,
     /// By later frame, then stage.
-    pub(super) server: Vec<[u64; SERVER_STAGES.len()]>,
+    pub(super) server: Vec<StageMicros>,
     /// By later frame.
     pub(super) decode: Vec<u64>,
 }
@@ -68,7 +64,7 @@ impl Took {
     }
 
     pub(super) fn server_stage(&self, stage: usize) -> Spread {
-        Spread::of_micros(&self.server.iter().map(|stages| stages[stage]).collect::<Vec<_>>())
+        Spread::of_micros(&self.server.iter().map(|stages| stages.by_stage()[stage].1).collect::<Vec<_>>())
     }
 }
 
@@ -130,12 +126,11 @@ impl<'a> Run<'a> {
         let decode = self.clock.micros().saturating_sub(start);
         applied.map_err(|error| SweepError::Frame { frame: FrameIndex(frame), error })?;
         let bytes = (self.clip.count)(&output.info);
-        let StageMicros { pose, bvh, place, trace, decide, encode } = output.stats.micros;
-        let stages = [pose, bvh, place, trace, decide, encode];
+        let stages = output.stats.micros;
         self.bytes.largest = self.bytes.largest.max(output.body.len() as u64);
         if frame == 0 {
             self.bytes.first = bytes.wire;
-            self.took.first = stages.iter().sum();
+            self.took.first = stages.total();
         } else {
             self.bytes.later.paper += bytes.paper;
             self.bytes.later.wire += bytes.wire;

@@ -5,20 +5,21 @@ use std::sync::Arc;
 use psao_codec::block::BlockCoder;
 use psao_codec::envelope::{FrameIndex, FrameKind, FrameMeta, StreamTime};
 use psao_codec::surface::{BLOCK_POINTS, Budget, Encoder, EncoderSettings, Geometry, GeometrySource, Layout};
+use psao_proto::message;
 use psao_server::clock::NoClock;
 use psao_server::scene::Scene;
 use psao_server::server::{Server, ServerSettings};
 use serde::Serialize;
 
 use crate::args::{Coder, Format, FormatArg, PointArgs, ProfileArg};
-use crate::budget::{AgeArg, BudgetTotals, message};
+use crate::budget::{AgeArg, BudgetTotals};
 use crate::cache::{Folder, as_cache};
 use crate::context::{progress, say, say_json};
 use crate::error::{Failure, Outcome};
 use crate::output::csv::Csv;
 use crate::output::number;
 use crate::output::table::Figures;
-use crate::producer::{refused, settings, show_progress};
+use crate::producer::{Timetable, refused, settings, show_progress};
 use crate::quantity::Share;
 
 /// Measure the AO error that byte budgets cause
@@ -131,16 +132,13 @@ pub(crate) fn run(args: &Args) -> Outcome {
 }
 
 /// Traces the clip and keeps what every frame offers.
-fn trace(args: &Args, scene: &Scene, server: &mut Server) -> Outcome<Traced> {
+fn trace(args: &Args, scene: &Arc<Scene>, server: &mut Server) -> Outcome<Traced> {
     let bar = progress("tracing", u64::from(args.frames));
-    let fps = f64::from(args.points.fps);
+    let timetable = Timetable::new(scene, &args.points);
     let mut frames = Vec::new();
     for number in 0..args.frames {
-        let time_s = f64::from(number) / fps;
-        let time = StreamTime((time_s * 1e6).round() as u64);
-        let own = [scene.camera(time_s)];
-        let views = if args.points.all_visible { &[] } else { &own[..] };
-        server.step(FrameIndex(number), time, views, &NoClock).map_err(refused)?;
+        let (time, views) = timetable.frame(number, &[]);
+        server.step(FrameIndex(number), time, &views, &NoClock).map_err(refused)?;
         let Some(encoder) = server.surface() else { continue };
         let layout = encoder.state().layout();
         let instances = 0..layout.members().len() as u32;
@@ -216,7 +214,7 @@ fn write(args: &Args, traced: &Traced, budget: Option<Budget>, coder: BlockCoder
         }
         bytes += frame.body.len() as u64;
         if let Some((budget, postponed)) = budget.zip(encoder.postponed().copied()) {
-            totals.add(&message(FrameIndex(number), budget, postponed));
+            totals.add(&message::Budget::of_frame(FrameIndex(number), budget, postponed));
         }
         errors.add(traced, offers, &encoder);
     }

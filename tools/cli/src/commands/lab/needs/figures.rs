@@ -130,8 +130,8 @@ impl Document {
             frame: Frame {
                 first_bytes: least.first_bytes,
                 bytes: least.bytes as f64 / later,
-                traced: least.traced as f64 / later,
-                rays: least.rays as f64 / later,
+                traced: least.later.traced as f64 / later,
+                rays: least.later.rays as f64 / later,
                 ms: MedianRange::of(&measured.least_ms),
             },
             memory: Memory::of(&measured.memory),

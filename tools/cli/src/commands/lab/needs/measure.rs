@@ -11,14 +11,14 @@ use psao_proto::{Limits, Profile};
 use psao_server::Shortcuts;
 use psao_server::points::{EntryError, PointCache, PointKey};
 use psao_server::scene::Scene;
-use psao_server::server::{Progress, Server, ServerMemory, ServerSettings};
+use psao_server::server::{FrameTotals, Progress, Server, ServerMemory, ServerSettings};
 
 use super::Args;
 use super::rows::{Part, WORK};
 use crate::cache::Folder;
 use crate::context::{Stopwatch, progress};
 use crate::error::{Failure, Outcome};
-use crate::producer::{Timetable, micros, refused, show_progress};
+use crate::producer::{Timetable, refused, show_progress};
 
 /// What the runs took.
 pub(super) struct Measured {
@@ -45,11 +45,9 @@ pub(super) struct Figures {
     pub(super) first_bytes: u64,
     /// Of the frames after the first, as all that follow.
     pub(super) bytes: u64,
-    pub(super) rays: u64,
-    pub(super) traced: u64,
+    pub(super) later: FrameTotals,
     /// Bytes of POSES sections: in the first frame, and in later ones.
     poses: [u64; 2],
-    micros: u64,
 }
 
 /// What one shortcut saves.
@@ -120,8 +118,8 @@ pub(super) fn measure(
             let (shortcuts, saved) = (Shortcuts::ALL - WORK[number].shortcut, &mut work[number]);
             let with = ServerSettings { shortcuts, ..*settings };
             let (more, _) = runs.run(&with, |frame, body| saved.frames_equal &= body == bodies[frame])?;
-            saved.rays = more.rays as i64 - least.rays as i64;
-            saved.traced = more.traced as i64 - least.traced as i64;
+            saved.rays = more.later.rays as i64 - least.later.rays as i64;
+            saved.traced = more.later.traced as i64 - least.later.traced as i64;
             saved.ms.push(runs.millis(&more) - least_ms[round]);
         }
     }
@@ -160,9 +158,7 @@ impl Runs<'_> {
                 sum.first_bytes = bytes;
             } else {
                 sum.bytes += bytes;
-                sum.rays += output.stats.rays;
-                sum.traced += u64::from(output.stats.traced);
-                sum.micros += micros(&output.stats.micros).iter().sum::<u64>();
+                sum.later.add(&output.stats);
             }
             see(number as usize, output.body);
             self.bar.inc(1);
@@ -172,7 +168,7 @@ impl Runs<'_> {
 
     /// Returns the milliseconds of a frame after the first.
     fn millis(&self, figures: &Figures) -> f64 {
-        figures.micros as f64 / 1e3 / f64::from(self.args.frames - 1)
+        figures.later.micros.total() as f64 / 1e3 / f64::from(self.args.frames - 1)
     }
 
     /// Measures what sending the points takes; `least` is the stream that was asked for.

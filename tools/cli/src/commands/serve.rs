@@ -1,35 +1,32 @@
 //! `psao serve`: a live server.
 
-mod line;
-mod outlet;
-
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::str::FromStr;
 use std::time::{Duration, Instant};
 
-use psao_proto::message::{CloseCode, Edit};
+use psao_proto::message::{Close, CloseCode, Edit};
 use psao_proto::net::{Hub, HubEvent};
 use psao_proto::recording::file::Recorder;
-use psao_proto::{Limits, Micros};
-use psao_server::server::FrameTimeController;
+use psao_proto::sinks::Sinks;
+use psao_proto::{FrameIndex, Limits, Micros};
+use psao_server::server::Server;
+use psao_server::server::live::{LatePoints, Pipeline, PipelineSettings};
 
 use crate::args::{BufferArg, EditsArg, StreamArgs};
 use crate::context::runtime;
 use crate::error::Outcome;
 use crate::network::{self, ListenArgs};
 use crate::output::{number, target};
-use crate::producer::Producer;
+use crate::producer::{Timetable, open};
 use crate::quantity::TimeSpan;
-use line::{Late, Line};
-use outlet::Outlet;
 
 /// Trace a scene live and send its AO stream to clients
 ///
 /// The animation plays in a loop until Ctrl-C or --frames. Nothing is traced while no client is connected. A frame that
 /// takes longer than its time is followed by the frame that is then due; the number of skipped frames is printed at the
-/// end. To skip few, points are traced later when time is short (--frame-time). With profile surface, a frame is encoded
-/// and sent while the next one is traced.
+/// end. To skip few, points are traced later when time is short (--frame-time). A frame is encoded and sent while the
+/// next one is traced.
 ///
 /// With --record, the animation plays from the start without a client. A slow or full disk costs frames of the recording,
 /// never of the stream. Exit code 1 then means that the disk failed.
@@ -95,15 +92,15 @@ impl Args {
         Duration::from_secs_f64(1.0 / f64::from(self.stream.tuning.points.fps))
     }
 
-    /// Returns what plans the rays of frames; `None` without a time limit.
-    fn pacing(&self) -> Option<FrameTimeController> {
-        let micros = match self.frame_time {
-            _ if self.stream.tuning.ray_budget.is_some() => return None,
-            FrameTime::Off => return None,
-            FrameTime::Auto => (self.tick().as_secs_f64() * 1e6) as u64,
-            FrameTime::Time(TimeSpan(Micros(micros))) => micros,
+    /// Returns how frames are made.
+    fn pipeline(&self) -> PipelineSettings {
+        let frame_time = match self.frame_time {
+            _ if self.stream.tuning.ray_budget.is_some() => None,
+            FrameTime::Off => None,
+            FrameTime::Auto => Some(Micros((self.tick().as_secs_f64() * 1e6) as u64)),
+            FrameTime::Time(TimeSpan(time)) => Some(time),
         };
-        Some(FrameTimeController::new(micros))
+        PipelineSettings::default().with_frame_time(frame_time).with_timings(self.timings)
     }
 }
 
@@ -114,40 +111,35 @@ pub(crate) fn run(args: &Args) -> Outcome {
     if let Some(path) = &args.record {
         Recorder::check_place(&target::recording(path)?)?;
     }
-    let producer = Producer::new(&args.stream.scene, &args.stream.tuning, 0)?;
-    runtime()?.block_on(serve(args, producer))
+    let (server, timetable) = open(&args.stream.scene, &args.stream.tuning, 0)?;
+    runtime()?.block_on(serve(args, server, &timetable))
 }
 
-async fn serve(args: &Args, producer: Producer) -> Outcome {
-    let hub = Hub::new(producer.table().clone(), producer.coder(), args.network.access()?, Limits::default());
+async fn serve(args: &Args, server: Server, timetable: &Timetable) -> Outcome {
+    let table = server.table().clone();
+    let hub = Hub::new(table.clone(), server.coder(), args.network.access()?, Limits::default());
     let bound = args.network.serve(&hub).await?;
-    eprintln!("serving {} at {bound}; stop with Ctrl-C", producer.info().name);
-    let mut recorder = match &args.record {
-        Some(path) => {
-            let path = target::recording(path)?;
-            Some(Recorder::create(&path, args.buffer.options(&path))?)
-        }
-        None => None,
-    };
-    if let Some(recorder) = &mut recorder {
-        recorder.scene(producer.table())?;
+    eprintln!("serving {} at {bound}; stop with Ctrl-C", table.header().name);
+    let mut sinks = Sinks::new().with_hub(hub.clone());
+    if let Some(path) = &args.record {
+        let path = target::recording(path)?;
+        sinks = sinks.with_recorder(Recorder::create(&path, args.buffer.options(&path))?, &table)?;
     }
-    let outlet = Outlet::new(hub.clone(), recorder, args.timings);
-    let mut line = Line::new(producer, outlet, args.pacing())?;
+    let mut pipeline = Pipeline::new(server, sinks, args.pipeline())?;
     let mut counts = Counts::default();
     let ended = tokio::select! {
         () = network::stop() => Ok(()),
-        result = frames(args, &mut line, &hub, &mut counts) => result,
+        result = frames(args, (&mut pipeline, timetable), &hub, &mut counts) => result,
     };
-    // A writer that failed says more than the frame that it could not be given.
-    let (outlet, late) = tokio::task::block_in_place(|| line.finish())?;
+    // An encoder that failed says more than the frame that it could not be given.
+    let (sinks, late) = tokio::task::block_in_place(|| pipeline.finish())?;
     ended?;
     let goodbye = "the server stops";
     hub.close(CloseCode::STOPPED, goodbye, PATIENCE).await;
     handle(args.edits, None, &hub);
     counts.tell(late);
-    if let Some(bytes) = outlet.finish(goodbye)? {
-        eprintln!("recorded {}", number::bytes(bytes));
+    if let Some(recorded) = sinks.finish(&Close::new(CloseCode::STOPPED, goodbye))? {
+        eprintln!("recorded {}", number::bytes(recorded.bytes));
     }
     Ok(())
 }
@@ -161,7 +153,7 @@ struct Counts {
 
 impl Counts {
     /// Prints the totals.
-    fn tell(&self, late: Late) {
+    fn tell(&self, late: LatePoints) {
         eprintln!(
             "{} frames sent, {} skipped because the frame before took too long",
             self.sent, self.skipped
@@ -177,12 +169,17 @@ impl Counts {
     }
 }
 
-async fn frames(args: &Args, line: &mut Line, hub: &Hub, counts: &mut Counts) -> Outcome {
+async fn frames(
+    args: &Args,
+    (pipeline, timetable): (&mut Pipeline, &Timetable),
+    hub: &Hub,
+    counts: &mut Counts,
+) -> Outcome {
     let tick = args.tick();
     let mut start = Instant::now();
     let mut number = 0_u32;
     while args.frames.is_none_or(|frames| counts.sent < frames) {
-        handle(args.edits, Some(line), hub);
+        handle(args.edits, Some(pipeline), hub);
         if hub.joined() == 0 && args.record.is_none() {
             // The stream's clock stands still while nobody listens.
             let waited = Instant::now();
@@ -192,7 +189,8 @@ async fn frames(args: &Args, line: &mut Line, hub: &Hub, counts: &mut Counts) ->
         }
         tokio::time::sleep((tick * number).saturating_sub(start.elapsed())).await;
         let captured = hub.now();
-        tokio::task::block_in_place(|| line.frame(number, &hub.views(), captured))?;
+        let (time, views) = timetable.frame(number, &hub.views());
+        tokio::task::block_in_place(|| pipeline.frame(FrameIndex(number), time, &views, captured))?;
         if number == 0 {
             // The first frame traces every point; without a new start, hundreds of frames would be skipped.
             start = Instant::now();
@@ -206,12 +204,12 @@ async fn frames(args: &Args, line: &mut Line, hub: &Hub, counts: &mut Counts) ->
 }
 
 /// Applies the edits of clients, and prints which clients came and went and what was refused.
-fn handle(edits: EditsArg, mut line: Option<&mut Line>, hub: &Hub) {
+fn handle(edits: EditsArg, mut pipeline: Option<&mut Pipeline>, hub: &Hub) {
     let mut refused = BTreeMap::new();
     for event in hub.take_events() {
         match event {
             HubEvent::Edit { client, edit } => {
-                if let Err(reason) = take(edits, line.as_deref_mut(), &edit) {
+                if let Err(reason) = take(edits, pipeline.as_deref_mut(), &edit) {
                     refused.entry(client).or_insert((reason, 0_u64)).1 += 1;
                 }
             }
@@ -227,10 +225,10 @@ fn handle(edits: EditsArg, mut line: Option<&mut Line>, hub: &Hub) {
 }
 
 /// Applies an edit from the next frame on.
-fn take(edits: EditsArg, line: Option<&mut Line>, edit: &Edit) -> Result<(), String> {
-    match line {
+fn take(edits: EditsArg, pipeline: Option<&mut Pipeline>, edit: &Edit) -> Result<(), String> {
+    match pipeline {
         _ if edits == EditsArg::Deny => Err("the server runs with --edits deny".to_owned()),
         None => Err("the server stops".to_owned()),
-        Some(line) => line.edit(edit).map(drop).map_err(|error| error.to_string()),
+        Some(pipeline) => pipeline.edit(edit).map(drop).map_err(|error| error.to_string()),
     }
 }

@@ -3,15 +3,16 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use psao_codec::envelope::StreamTime;
+use psao_codec::envelope::{FrameIndex, StreamTime};
+use psao_codec::memory;
 use psao_codec::quant::unorm;
 use psao_proto::message::CameraPose;
 use rayon::prelude::*;
 
 use super::field::{Field, FieldPart, PointPlaces, flag, set};
 use super::ray_scheduler::{RayBudget, RayScheduler};
-use super::stats::{Lap, Progress, StageMicros, TraceTotals, Work};
-use super::{ProgressFn, ServerMemory, ServerSettings, SettingsError};
+use super::stats::{Lap, Progress, StageMicros, TraceTotals, Traces, Work};
+use super::{ProgressFn, ServerMemory, ServerSettings};
 use crate::ao::{Scratch, Tracer};
 use crate::bvh::{BlasHit, BodyId};
 use crate::points::{PointInSet, ScenePoints};
@@ -20,8 +21,8 @@ use crate::shortcuts::Shortcuts;
 use crate::visibility::Views;
 use crate::world::{InstanceChange, SceneBvh};
 
-/// A scene, its points, and their AO as of the last step.
-pub(super) struct Tracing {
+/// A scene, its points, and their AO as of the last traced frame.
+pub(super) struct TraceState {
     pub(super) scene: Arc<Scene>,
     pub(super) points: ScenePoints,
     pub(super) pose: ScenePose,
@@ -29,9 +30,11 @@ pub(super) struct Tracing {
     pub(super) edits: Edits,
     pub(super) world: SceneBvh,
     pub(super) field: Field,
+    /// Those of the last traced frame.
+    pub(super) cameras: Vec<CameraPose>,
     tracer: Tracer,
     pub(super) scheduler: RayScheduler,
-    ray_budget: Option<RayBudget>,
+    pub(super) ray_budget: Option<RayBudget>,
     view_margin: f32,
     shortcuts: Shortcuts,
     /// Most bytes that points may remember of their rays, and how many they do.
@@ -39,8 +42,8 @@ pub(super) struct Tracing {
     progress: Arc<ProgressFn>,
 }
 
-impl Tracing {
-    /// A scene before its first step. With `exact` the AO of every point is kept as it was traced as well.
+impl TraceState {
+    /// A scene before its first frame. With `exact` the AO of every point is kept as it was traced as well.
     pub(super) fn new(
         scene: Arc<Scene>,
         points: ScenePoints,
@@ -63,6 +66,7 @@ impl Tracing {
             edits,
             world,
             field,
+            cameras: Vec::new(),
             tracer,
             scheduler,
             ray_budget,
@@ -80,17 +84,8 @@ impl Tracing {
             points: self.points.heap_bytes() + self.field.heap_bytes() + self.scheduler.heap_bytes(),
             rays: self.tracer.heap_bytes(),
             remembered: self.memory[1],
-            stream: 0,
+            stream: memory::list(&self.cameras),
         }
-    }
-
-    /// Sets what frames may take from the next one on.
-    pub(super) fn set_ray_budget(&mut self, budget: Option<RayBudget>) -> Result<(), SettingsError> {
-        if budget.is_some_and(|budget| budget.rays == 0) {
-            return Err(SettingsError::RayBudget);
-        }
-        self.ray_budget = budget;
-        Ok(())
     }
 
     /// Numbers of an instance's points in the order in which they were made.
@@ -107,11 +102,13 @@ impl Tracing {
     /// step that is every point, whatever the cameras.
     pub(super) fn advance(
         &mut self,
-        time: StreamTime,
+        (index, time): (FrameIndex, StreamTime),
         cameras: &[CameraPose],
         first: bool,
         lap: &mut Lap<'_>,
-    ) -> (TraceTotals, StageMicros) {
+    ) -> Traces {
+        self.cameras.clear();
+        self.cameras.extend_from_slice(cameras);
         self.scene.pose_into(time.micros() as f64 * 1e-6, &mut self.pose);
         self.pose.apply(&self.edits);
         let mut micros = StageMicros { pose: lap.micros(), ..StageMicros::default() };
@@ -134,7 +131,7 @@ impl Tracing {
         let each = chunks.iter().map(|part| (part.traced, part.rays));
         traces.waiting = budget.map(|_| self.scheduler.settle(each, &stale));
         micros.trace = lap.micros();
-        (traces, micros)
+        Traces { index, time, first, totals: traces, micros }
     }
 
     /// Chooses the chunks that are traced; gives the stale points in view of each, where that matters.

@@ -26,7 +26,7 @@ impl TracedSource {
         let settings = ServerSettings { profile, ..fast_settings(&scene, 2) };
         let coder = settings.coder;
         let server = server(&scene, settings).unwrap();
-        Self { scene: Arc::new(server.table().clone()), server, coder, next: 0 }
+        Self { scene: Arc::clone(server.table()), server, coder, next: 0 }
     }
 }
 

@@ -1,4 +1,4 @@
-//! Rays and points: AO of a sample of a built-in scene's points, nearest hits and any, beside a plain twin; single rays, and sample elimination by way of point
+//! Rays and points: AO of a sample of a built-in scene's points, nearest hits and any, beside a plain reference; single rays, and sample elimination by way of point
 //! generation. Rates are per ray and per point kept.
 
 use std::sync::Arc;
@@ -32,21 +32,21 @@ fn places(world: &SceneBvh, points: &ScenePoints) -> Vec<(glam::Vec3, glam::Vec3
 }
 
 /// All rays of a sample of points: as the server traces them, and one by one through a plain tree.
-fn rays(group: &mut BenchmarkGroup<'_, WallTime>, kind: Occlusion, probe: &RayWorkload) {
+fn rays(group: &mut BenchmarkGroup<'_, WallTime>, kind: Occlusion, workload: &RayWorkload) {
     let mut scratch = Scratch::default();
-    let (rays, twin) = (probe.rays(), ReferenceTracer::new(&probe.triangles()));
+    let (rays, reference) = (workload.rays(), ReferenceTracer::new(&workload.triangles()));
     let any = kind == Occlusion::Binary;
-    let hit = |ray: &Ray| if any { twin.occluded(ray) } else { twin.closest(ray).is_finite() };
+    let hit = |ray: &Ray| if any { reference.occluded(ray) } else { reference.closest(ray).is_finite() };
     // The answer first: but for grazing rays, both hit the same.
-    let distances = probe.distances(&mut scratch);
+    let distances = workload.distances(&mut scratch);
     let differ =
         distances.iter().zip(&rays).filter(|(distance, ray)| distance.is_finite() != hit(ray)).count();
     assert!(differ * 1000 < rays.len(), "{differ} rays differ");
     let hits = distances.iter().filter(|distance| distance.is_finite()).count();
     assert!(hits > rays.len() / 100 && hits < rays.len() * 4 / 5, "{hits} hits");
     group.throughput(Throughput::Elements(rays.len() as u64));
-    group.bench_function(format!("{kind:?}"), |bencher| bencher.iter(|| probe.trace(&mut scratch)));
-    group.bench_function(format!("{kind:?}, plain twin"), |bencher| {
+    group.bench_function(format!("{kind:?}"), |bencher| bencher.iter(|| workload.trace(&mut scratch)));
+    group.bench_function(format!("{kind:?}, plain reference"), |bencher| {
         bencher.iter(|| rays.iter().filter(|ray| hit(ray)).count());
     });
 }

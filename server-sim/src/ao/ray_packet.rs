@@ -11,7 +11,7 @@ use glam::{Mat3, Vec3};
 use super::samples::PointRays;
 use crate::bvh::{
     Blas, BlasHit, BlockCulling, BlockSetup, Child, Intersection, LANES, Lanes, Lanes3, Node, PACKET_GROUPS,
-    Packed, Packed3, RayCone, TriangleSetup, Wide, bits,
+    Packed, Packed3, RayCone, TriangleSetup, WideNode, bits,
 };
 
 /// Value of a ray in `best` that has nothing left to learn: answered by any hit, or padding of the last group.
@@ -34,14 +34,14 @@ pub(super) struct RayPacket {
     /// Largest `best` of each group.
     reach: [Packed; PACKET_GROUPS / LANES],
     /// Bit per group: whether there is anything left to learn.
-    alive: u32,
+    active: u32,
     radius: f32,
     /// Rays that came into the bounds of a body, a bit each by group.
     entered: [u8; PACKET_GROUPS],
     /// Lanes of the last group that pad it.
     padding: usize,
     groups: usize,
-    stack: Vec<Entry>,
+    stack: Vec<StackEntry>,
 }
 
 /// How far a ray of a packet gets.
@@ -57,14 +57,14 @@ pub(super) enum RayReach {
 
 /// What to visit, the squared distance to its box and the groups that go there.
 #[derive(Clone, Copy, Debug)]
-struct Entry {
+struct StackEntry {
     near: f32,
     child: Child,
     groups: u32,
 }
 
 /// Eight boxes as seen from where the rays start.
-struct Boxes {
+struct BoxSetup {
     /// Bit per lane: whether any ray may meet what is in the box.
     lanes: u32,
     /// Squared.
@@ -106,7 +106,7 @@ impl Default for RayPacket {
             axes: [Packed3::ZERO; PACKET_GROUPS / LANES],
             best: [Packed::ZERO; PACKET_GROUPS],
             reach: [Packed::ZERO; PACKET_GROUPS / LANES],
-            alive: 0,
+            active: 0,
             radius: 0.0,
             entered: [0; PACKET_GROUPS],
             padding: 0,
@@ -124,7 +124,7 @@ impl RayPacket {
         self.best[..groups].fill(Packed::splat(radius));
         self.best[groups - 1].array_mut()[LANES - self.padding..].fill(RAY_DONE);
         self.reach.fill(Packed::splat(radius));
-        self.alive = u32::MAX >> (PACKET_GROUPS - groups);
+        self.active = u32::MAX >> (PACKET_GROUPS - groups);
         self.entered[..groups].fill(0);
     }
 
@@ -154,7 +154,7 @@ impl RayPacket {
                 RayReach::At(t) => t,
             };
         }
-        self.learn(group, best);
+        self.update_group(group, best);
     }
 
     /// Rays that came into the bounds of some body before their nearest hit so far.
@@ -169,7 +169,7 @@ impl RayPacket {
 
     /// Sum over the rays of what hides them: `1 - min(hit distance, R) / R`, or with `ANY` one for every hit. Summed
     /// lane by lane, so that a point without a hit is exactly open.
-    pub(super) fn hidden<const ANY: bool>(&self) -> f32 {
+    pub(super) fn occlusion_sum<const ANY: bool>(&self) -> f32 {
         let mut sum = Packed::ZERO;
         for (group, best) in self.best[..self.groups].iter().enumerate() {
             for (sum, &t) in sum.array_mut().iter_mut().zip(&best.array()[..self.used(group)]) {
@@ -193,11 +193,11 @@ impl RayPacket {
 
     /// Replaces what the rays of a group know.
     #[inline(always)]
-    fn learn(&mut self, group: usize, best: Packed) {
+    fn update_group(&mut self, group: usize, best: Packed) {
         self.best[group] = best;
         let reach = best.largest();
         self.reach[group / LANES].array_mut()[group % LANES] = reach;
-        self.alive &= !(u32::from(reach < 0.0) << group);
+        self.active &= !(u32::from(reach < 0.0) << group);
     }
 }
 
@@ -205,20 +205,20 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
     /// Shortens the rays that hit something in the body.
     #[inline(always)]
     pub(super) fn run(mut self) {
-        let (nodes, wides) = (self.blas.tree().nodes(), self.blas.wides());
-        if wides.is_empty() || self.packet.alive == 0 {
+        let (nodes, wide_nodes) = (self.blas.tree().nodes(), self.blas.wide_nodes());
+        if wide_nodes.is_empty() || self.packet.active == 0 {
             return;
         }
-        self.turn();
+        self.rotate_directions();
         self.enter(&nodes[0]);
         self.packet.stack.clear();
-        self.packet.stack.push(Entry { near: 0.0, child: Child::Inner(0), groups: self.packet.alive });
-        while let Some(Entry { child, groups, .. }) = self.packet.stack.pop() {
-            let groups = groups & self.packet.alive;
+        self.packet.stack.push(StackEntry { near: 0.0, child: Child::Inner(0), groups: self.packet.active });
+        while let Some(StackEntry { child, groups, .. }) = self.packet.stack.pop() {
+            let groups = groups & self.packet.active;
             match child {
                 _ if groups == 0 => {}
                 Child::Leaf(node) => self.leaf(&nodes[node as usize], groups),
-                Child::Inner(wide) => self.visit(&wides[wide as usize], groups),
+                Child::Inner(wide) => self.visit(&wide_nodes[wide as usize], groups),
                 Child::Vacant => {}
             }
         }
@@ -226,18 +226,18 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
 
     /// Turns the directions of the set into the body's space.
     #[inline(always)]
-    fn turn(&mut self) {
+    fn rotate_directions(&mut self) {
         let simd = self.simd;
         let [x, y, z] = self.rays.axes(&self.start.turn);
         let packet = &mut *self.packet;
         let both = packet.directions.iter_mut().zip(&mut packet.inverses);
         for (from, (to, inverse)) in self.rays.groups(self.chunk).iter().zip(both) {
-            let turned = from.load(simd).turned(x, y, z);
+            let turned = from.load(simd).rotated(x, y, z);
             *to = turned.into();
             *inverse = Lanes3 { x: inverted(turned.x), y: inverted(turned.y), z: inverted(turned.z) }.into();
         }
         for (from, to) in self.rays.cones(self.chunk).iter().zip(&mut packet.axes) {
-            *to = from.axes.load(simd).turned(x, y, z).into();
+            *to = from.axes.load(simd).rotated(x, y, z).into();
         }
     }
 
@@ -246,7 +246,7 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
     fn enter(&mut self, root: &Node) {
         let (low, high) = (root.bounds.min() - self.start.origin, root.bounds.max() - self.start.origin);
         let (low, high) = (Lanes3::splat(self.simd, low), Lanes3::splat(self.simd, high));
-        let mut groups = self.packet.alive;
+        let mut groups = self.packet.active;
         while groups != 0 {
             let group = groups.trailing_zeros() as usize % PACKET_GROUPS;
             groups &= groups - 1;
@@ -256,7 +256,7 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
 
     /// Puts the children that some of the groups go on to on the stack, the nearest last.
     #[inline(always)]
-    fn visit(&mut self, wide: &Wide, groups: u32) {
+    fn visit(&mut self, wide: &WideNode, groups: u32) {
         let boxes = self.boxes(wide);
         let first = self.packet.stack.len();
         let mut left = boxes.lanes;
@@ -264,15 +264,16 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
             let lane = left.trailing_zeros() as usize % LANES;
             left &= left - 1;
             let few = |groups: u32| groups.count_ones() <= SLAB_TEST_MAX_GROUPS;
-            let mut groups = if few(groups) { groups } else { self.touching(&boxes, lane, groups) };
+            let mut groups =
+                if few(groups) { groups } else { self.groups_touching_box(&boxes, lane, groups) };
             if few(groups) {
-                groups = self.crossing(boxes.low.at(lane), boxes.high.at(lane), groups);
+                groups = self.groups_crossing_box(boxes.low.at(lane), boxes.high.at(lane), groups);
             }
             if groups == 0 {
                 continue;
             }
             let stack = &mut self.packet.stack;
-            let entry = Entry { near: boxes.distance.array()[lane], child: wide.children[lane], groups };
+            let entry = StackEntry { near: boxes.distance.array()[lane], child: wide.children[lane], groups };
             let mut at = stack.len();
             stack.push(entry);
             while at > first && stack[at - 1].near < entry.near {
@@ -285,7 +286,7 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
 
     /// What is asked of all eight boxes of a node at once.
     #[inline(always)]
-    fn boxes(&self, wide: &Wide) -> Boxes {
+    fn boxes(&self, wide: &WideNode) -> BoxSetup {
         let simd = self.simd;
         let splat = |value: f32| Lanes::splat(simd, value);
         let (radius, zero) = (splat(self.packet.radius), splat(0.0));
@@ -310,7 +311,7 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
         let beyond = center.dot(&center) - ball;
         let apart = zero.simd_lt(beyond);
         let margin = Lanes3 { x: slack, y: slack, z: slack };
-        Boxes {
+        BoxSetup {
             lanes,
             distance: distance.into(),
             center: center.into(),
@@ -323,7 +324,7 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
 
     /// The groups whose cones touch the ball around a box and whose rays go as far as the box.
     #[inline(always)]
-    fn touching(&self, boxes: &Boxes, lane: usize, groups: u32) -> u32 {
+    fn groups_touching_box(&self, boxes: &BoxSetup, lane: usize, groups: u32) -> u32 {
         let simd = self.simd;
         let splat = |value: f32| Lanes::splat(simd, value);
         let center = Lanes3::splat(simd, boxes.center.at(lane));
@@ -344,7 +345,7 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
 
     /// The groups of which some ray crosses the box from `low` to `high`, relative to the origin.
     #[inline(always)]
-    fn crossing(&self, low: Vec3, high: Vec3, groups: u32) -> u32 {
+    fn groups_crossing_box(&self, low: Vec3, high: Vec3, groups: u32) -> u32 {
         let (low, high) = (Lanes3::splat(self.simd, low), Lanes3::splat(self.simd, high));
         let mut left = groups;
         let mut kept = 0;
@@ -400,17 +401,17 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
         while few != 0 {
             let group = few.trailing_zeros() as usize % PACKET_GROUPS;
             few &= few - 1;
-            self.by_ray(&prepared, rays_of[group].into(), group);
+            self.intersect_by_ray(&prepared, rays_of[group].into(), group);
         }
         if many != 0 {
             let culling = lanes.culling(self.start.turn.z_axis, self.packet.radius);
-            self.groups(node, &prepared, &culling, masked, many);
+            self.intersect_groups(node, &prepared, &culling, masked, many);
         }
     }
 
     /// Groups many of whose rays cross a leaf.
     #[inline(always)]
-    fn groups(
+    fn intersect_groups(
         &mut self,
         node: &Node,
         prepared: &BlockSetup,
@@ -424,7 +425,7 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
             left &= left - 1;
             let lanes = culling.lanes_met(self.simd, prepared, &self.cone(group)) & used;
             if lanes & !masked != 0 {
-                self.by_triangle(prepared, lanes & !masked, group);
+                self.intersect_by_triangle(prepared, lanes & !masked, group);
             }
             let mut lanes = lanes & masked;
             while lanes != 0 {
@@ -452,9 +453,9 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
 
     /// Some rays of a group, one by one, against the eight triangles of a block at once.
     #[inline(always)]
-    fn by_ray(&mut self, prepared: &BlockSetup, mut rays: u32, group: usize) {
+    fn intersect_by_ray(&mut self, prepared: &BlockSetup, mut rays: u32, group: usize) {
         let mut best = self.packet.best[group];
-        let mut learnt = false;
+        let mut changed = false;
         while rays != 0 {
             let ray = rays.trailing_zeros() as usize % LANES;
             rays &= rays - 1;
@@ -462,31 +463,31 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
             let known = &mut best.array_mut()[ray];
             if let Some(t) = prepared.nearest(self.simd, direction, *known) {
                 *known = if ANY { RAY_DONE } else { t };
-                learnt = true;
+                changed = true;
             }
         }
-        if learnt {
-            self.packet.learn(group, best);
+        if changed {
+            self.packet.update_group(group, best);
         }
     }
 
     /// All rays of a group against the triangles `lanes` of a block, none of them masked, one by one.
     #[inline(always)]
-    fn by_triangle(&mut self, prepared: &BlockSetup, mut lanes: u32, group: usize) {
+    fn intersect_by_triangle(&mut self, prepared: &BlockSetup, mut lanes: u32, group: usize) {
         let simd = self.simd;
         let directions = self.packet.directions[group].load(simd);
         let mut best = self.packet.best[group].load(simd);
-        let mut learnt = false;
+        let mut changed = false;
         while lanes != 0 {
             let lane = lanes.trailing_zeros() as usize % LANES;
             lanes &= lanes - 1;
             if let Some(shorter) = prepared.triangle(lane).shorten(&directions, best, ANY.then_some(RAY_DONE))
             {
-                (best, learnt) = (shorter, true);
+                (best, changed) = (shorter, true);
             }
         }
-        if learnt {
-            self.packet.learn(group, best.into());
+        if changed {
+            self.packet.update_group(group, best.into());
         }
     }
 
@@ -509,7 +510,7 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
                 best.array_mut()[ray] = if ANY { RAY_DONE } else { intersection.t };
             }
         }
-        self.packet.learn(group, best);
+        self.packet.update_group(group, best);
     }
 }
 

@@ -80,14 +80,14 @@ mod tests {
             for kind in [Occlusion::Obscurance, Occlusion::Binary] {
                 let ao = AoSettings { rays: 48, kind, ..AoSettings::default() };
                 let tracer = Tracer::new(ao).unwrap();
-                let probe = RayWorkload::new(&scene, &points, tracer.clone(), 150, 7);
-                assert_eq!(probe.points(), 150);
-                let found = probe.distances(&mut Scratch::default());
-                let twin = ReferenceTracer::new(&probe.triangles());
+                let workload = RayWorkload::new(&scene, &points, tracer.clone(), 150, 7);
+                assert_eq!(workload.points(), 150);
+                let found = workload.distances(&mut Scratch::default());
+                let reference = ReferenceTracer::new(&workload.triangles());
                 let (mut hits, mut differ) = (0, 0);
-                for (ray, &fast) in probe.rays().iter().zip(&found) {
-                    let slow = twin.closest(ray);
-                    assert_eq!(twin.occluded(ray), slow.is_finite());
+                for (ray, &fast) in workload.rays().iter().zip(&found) {
+                    let slow = reference.closest(ray);
+                    assert_eq!(reference.occluded(ray), slow.is_finite());
                     let same = match kind {
                         Occlusion::Obscurance => fast == slow || (fast - slow).abs() < 1e-4,
                         Occlusion::Binary => fast.is_finite() == slow.is_finite(),
@@ -96,16 +96,16 @@ mod tests {
                     differ += u32::from(!same);
                 }
                 assert!(hits > 500 && differ <= 3, "{name}: {differ} of {hits} hits differ");
-                let probe = Instructions::all().into_iter().fold(probe, |probe, instructions| {
-                    let probe = probe.with_tracer(tracer.clone().with_instructions(instructions));
-                    assert_eq!(probe.distances(&mut Scratch::default()), found);
-                    probe
+                let workload = Instructions::all().into_iter().fold(workload, |workload, instructions| {
+                    let workload = workload.with_tracer(tracer.clone().with_instructions(instructions));
+                    assert_eq!(workload.distances(&mut Scratch::default()), found);
+                    workload
                 });
                 let hidden: f64 =
                     found.iter().map(|&t| if t.is_finite() { 1.0 - f64::from(t / 0.6) } else { 0.0 }).sum();
                 if kind == Occlusion::Obscurance {
                     let mean = 1.0 - hidden / found.len() as f64;
-                    assert!((probe.trace(&mut Scratch::default()) - mean).abs() < 1e-5);
+                    assert!((workload.trace(&mut Scratch::default()) - mean).abs() < 1e-5);
                 }
             }
         }

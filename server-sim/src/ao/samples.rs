@@ -90,7 +90,7 @@ impl PointRays<'_> {
     #[cfg(any(test, feature = "testing"))]
     pub(super) fn directions(&self, turn: &Mat3) -> Vec<Vec3> {
         let [x, y, z] = self.axes(turn);
-        let turned = |group: &Packed3| dispatch!(Level::baseline(), simd => Packed3::from(group.load(simd).turned(x, y, z)));
+        let turned = |group: &Packed3| dispatch!(Level::baseline(), simd => Packed3::from(group.load(simd).rotated(x, y, z)));
         let all =
             self.set.groups.iter().map(turned).flat_map(|group| (0..LANES).map(move |lane| group.at(lane)));
         all.take(self.set.rays).collect()
@@ -136,7 +136,7 @@ impl SampleSet {
             })
             .collect();
         let groups = directions.len().div_ceil(LANES);
-        gather(&mut directions, groups);
+        sort_into_groups(&mut directions, groups);
         Self::from_sorted(&directions)
     }
 
@@ -192,7 +192,7 @@ fn fraction(value: f32) -> f32 {
 }
 
 /// Sorts directions so that every run of eight is close together: halves by the wider axis of the disk, to whole groups.
-fn gather(directions: &mut [Vec3], groups: usize) {
+fn sort_into_groups(directions: &mut [Vec3], groups: usize) {
     if groups <= 1 {
         return;
     }
@@ -204,8 +204,8 @@ fn gather(directions: &mut [Vec3], groups: usize) {
     directions.sort_by(|a, b| a[axis].total_cmp(&b[axis]));
     let left = groups / 2;
     let (low, high) = directions.split_at_mut(left * LANES);
-    gather(low, left);
-    gather(high, groups - left);
+    sort_into_groups(low, left);
+    sort_into_groups(high, groups - left);
 }
 
 #[cfg(test)]

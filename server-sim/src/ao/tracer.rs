@@ -20,7 +20,7 @@ pub struct Tracer {
     instructions: Instructions,
 }
 
-/// Working memory of a thread.
+/// Working self_hits of a thread.
 #[derive(Debug, Default)]
 pub struct Scratch {
     packet: RayPacket,
@@ -96,7 +96,7 @@ impl Tracer {
         &self.settings
     }
 
-    /// Bytes of memory held: the directions of all sets of rays.
+    /// Bytes of self_hits held: the directions of all sets of rays.
     #[must_use]
     pub fn heap_bytes(&self) -> usize {
         self.sets.heap_bytes()
@@ -124,7 +124,7 @@ impl Tracer {
         )
     }
 
-    /// Returns the AO of a point: `key` chooses its rays, `opaque` is asked about hits on masked triangles. `memory` must be
+    /// Returns the AO of a point: `key` chooses its rays, `opaque` is asked about hits on masked triangles. `self_hits` must be
     /// of the same point, and of its body in the same shape.
     pub(crate) fn trace(
         &self,
@@ -132,29 +132,29 @@ impl Tracer {
         key: RayKey,
         ray_frame: &RayFrame,
         opaque: &dyn Fn(BodyId, &BlasHit) -> bool,
-        memory: SelfHitCache<'_>,
+        self_hits: SelfHitCache<'_>,
         scratch: &mut Scratch,
     ) -> PointAo {
-        let place = PointQuery { bodies, key, ray_frame, opaque };
-        let mut hidden = 0.0;
-        let (alone, rays) = self.trace_all(&place, memory, scratch, &mut |packet| {
-            hidden += match self.settings.kind {
-                Occlusion::Obscurance => packet.hidden::<false>(),
-                Occlusion::Binary => packet.hidden::<true>(),
+        let query = PointQuery { bodies, key, ray_frame, opaque };
+        let mut occlusion = 0.0;
+        let (alone, rays) = self.trace_all(&query, self_hits, scratch, &mut |packet| {
+            occlusion += match self.settings.kind {
+                Occlusion::Obscurance => packet.occlusion_sum::<false>(),
+                Occlusion::Binary => packet.occlusion_sum::<true>(),
             };
         });
-        let ao = 1.0 - hidden / self.settings.rays as f32;
+        let ao = 1.0 - occlusion / self.settings.rays as f32;
         PointAo { ao: ao.clamp(0.0, 1.0), alone, rays }
     }
 
     /// Returns whether no body but its own is within reach of a point.
     pub(crate) fn is_alone(&self, bodies: &Tlas, ray_frame: &RayFrame, scratch: &mut Scratch) -> bool {
-        self.gather(bodies, ray_frame, scratch);
+        self.gather_bodies(bodies, ray_frame, scratch);
         scratch.near.iter().all(|&body| Some(body) == ray_frame.body)
     }
 
     /// Collects the bodies within reach of a point. Returns where its rays start in the world.
-    fn gather(&self, bodies: &Tlas, ray_frame: &RayFrame, scratch: &mut Scratch) -> Vec3 {
+    fn gather_bodies(&self, bodies: &Tlas, ray_frame: &RayFrame, scratch: &mut Scratch) -> Vec3 {
         let home = home_of(bodies, ray_frame);
         let origin = self.origin(ray_frame);
         let in_world = if home == Placement::IDENTITY { origin } else { home.point(origin) };
@@ -178,9 +178,9 @@ impl Tracer {
         scratch: &mut Scratch,
         all: &mut Vec<f32>,
     ) {
-        let place = PointQuery { bodies, key, ray_frame, opaque: &|_, _| true };
+        let query = PointQuery { bodies, key, ray_frame, opaque: &|_, _| true };
         let end = all.len() + self.settings.rays as usize;
-        self.trace_all(&place, SelfHitCache::Off, scratch, &mut |packet| {
+        self.trace_all(&query, SelfHitCache::Off, scratch, &mut |packet| {
             all.extend(packet.distances(self.settings.kind));
         });
         all.resize(end, f32::INFINITY);
@@ -202,15 +202,15 @@ impl Tracer {
     /// reach, and how many rays had to be traced.
     fn trace_all(
         &self,
-        place: &PointQuery<'_>,
-        memory: SelfHitCache<'_>,
+        query: &PointQuery<'_>,
+        self_hits: SelfHitCache<'_>,
         scratch: &mut Scratch,
         done: &mut dyn FnMut(&RayPacket),
     ) -> (bool, u32) {
         // All of a point is compiled once for each set of instructions.
         dispatch!(self.instructions.level(), simd => match self.settings.kind {
-            Occlusion::Obscurance => self.trace_kind::<_, false>(simd, place, memory, scratch, done),
-            Occlusion::Binary => self.trace_kind::<_, true>(simd, place, memory, scratch, done),
+            Occlusion::Obscurance => self.trace_kind::<_, false>(simd, query, self_hits, scratch, done),
+            Occlusion::Binary => self.trace_kind::<_, true>(simd, query, self_hits, scratch, done),
         })
     }
 
@@ -218,13 +218,13 @@ impl Tracer {
     fn trace_kind<S: Simd, const ANY: bool>(
         &self,
         simd: S,
-        place: &PointQuery<'_>,
-        mut memory: SelfHitCache<'_>,
+        query: &PointQuery<'_>,
+        mut self_hits: SelfHitCache<'_>,
         scratch: &mut Scratch,
         done: &mut dyn FnMut(&RayPacket),
     ) -> (bool, u32) {
-        let PointQuery { bodies, key, ray_frame, opaque } = *place;
-        let in_world = self.gather(bodies, ray_frame, scratch);
+        let PointQuery { bodies, key, ray_frame, opaque } = *query;
+        let in_world = self.gather_bodies(bodies, ray_frame, scratch);
         let (home, origin) = (home_of(bodies, ray_frame), self.origin(ray_frame));
         let frame = tangent_frame(ray_frame.normal, ray_frame.edge);
         let Scratch { packet, near, recorder, .. } = scratch;
@@ -237,7 +237,7 @@ impl Tracer {
         let own = near.first().is_some_and(|&body| Some(body) == ray_frame.body);
         if alone || !own {
             // There is nothing else, or nothing of its own, to tell apart.
-            memory = match memory {
+            self_hits = match self_hits {
                 SelfHitCache::Filled(known) if own => SelfHitCache::Filled(known),
                 _ => SelfHitCache::Off,
             };
@@ -251,8 +251,9 @@ impl Tracer {
                 from_home(&home, &body.placement, &frame, in_world)
             }
         };
-        let mut reader = if let SelfHitCache::Filled(known) = &memory { Some(known.reader()) } else { None };
-        let keep = matches!(memory, SelfHitCache::Empty(_));
+        let mut reader =
+            if let SelfHitCache::Filled(known) = &self_hits { Some(known.reader()) } else { None };
+        let keep = matches!(self_hits, SelfHitCache::Empty(_));
         recorder.clear();
         let mut traced = 0;
         for chunk in 0..rays.chunks() {
@@ -273,7 +274,7 @@ impl Tracer {
             traced += packet.traced();
             done(packet);
         }
-        if let SelfHitCache::Empty(slot) = memory {
+        if let SelfHitCache::Empty(slot) = self_hits {
             *slot = Some(Box::new(recorder.self_hits()));
         }
         (alone, traced)
@@ -481,14 +482,14 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(96))]
         #[test]
         fn bundles_see_what_single_rays_see(
-            soups in prop::collection::vec(crate::bvh::soup(), 1..4), point in any::<u32>(),
+            triangle_soups in prop::collection::vec(crate::bvh::triangle_soup(), 1..4), point in any::<u32>(),
             angles in prop::array::uniform4(0f32..6.3), home in prop::option::of(0u32..4),
             normal in prop::array::uniform3(-1f32..1.0), position in prop::array::uniform3(-1f32..1.0),
             rays in prop_oneof![Just(1u32), Just(20), Just(192)], binary in any::<bool>(), radius in 0.05f32..3.0,
         ) {
             let kind = if binary { Occlusion::Binary } else { Occlusion::Obscurance };
             let tracer = Tracer::new(AoSettings { rays, radius, kind, seed: 2 }).unwrap();
-            let list: Vec<_> = soups.into_iter().zip(angles).map(|(triangles, angle)| {
+            let list: Vec<_> = triangle_soups.into_iter().zip(angles).map(|(triangles, angle)| {
                 let rotation = Mat3::from_axis_angle(Vec3::new(0.6, 0.8, 0.0), angle);
                 (triangles, Placement { rotation, translation: Vec3::Z * angle * 0.2 })
             }).collect();

@@ -9,14 +9,14 @@ use super::block::{Block, Intersection};
 use super::bounds::Bounds;
 use super::lanes::{LANES, Lanes, bits};
 use super::tree::{Effort, Tree, VACANT};
-use super::wide::{self, Wide};
+use super::wide::{self, WideNode};
 
 /// A body's triangles, ready for rays. Triangles with a corner that is not finite are left out.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Blas {
     tree: Tree,
     /// The same tree, for ray packets.
-    wides: Vec<Wide>,
+    wide_nodes: Vec<WideNode>,
     blocks: Vec<Block>,
     /// Bit per lane of each block: a hit must ask for the texel. Empty where no triangle of the body is masked.
     masked: Vec<u8>,
@@ -43,15 +43,15 @@ impl Blas {
                 Block::new(&kept.map(|&member| triangles[member as usize]).collect::<Vec<_>>())
             })
             .collect();
-        Self { wides: wide::widen(&tree), tree, blocks, masked: Vec::new() }
+        Self { wide_nodes: wide::widen(&tree), tree, blocks, masked: Vec::new() }
     }
 
     /// Bytes held, itself included.
     pub(crate) fn heap_bytes(&self) -> usize {
-        let Self { tree, wides, blocks, masked } = self;
+        let Self { tree, wide_nodes, blocks, masked } = self;
         size_of::<Self>()
             + tree.heap_bytes()
-            + memory::list(wides)
+            + memory::list(wide_nodes)
             + memory::list(blocks)
             + memory::list(masked)
     }
@@ -82,7 +82,7 @@ impl Blas {
             }
         }
         self.tree.refit(|member| bounds_of(&triangles[member as usize]));
-        wide::refit(&mut self.wides, &self.tree);
+        wide::refit(&mut self.wide_nodes, &self.tree);
     }
 
     /// Bounds of all triangles.
@@ -109,8 +109,8 @@ impl Blas {
 
     /// The box tree with eight children per node, for ray packets; empty where the tree is.
     #[inline(always)]
-    pub(crate) fn wides(&self) -> &[Wide] {
-        &self.wides
+    pub(crate) fn wide_nodes(&self) -> &[WideNode] {
+        &self.wide_nodes
     }
 
     /// The block of a leaf that starts at `first`.
@@ -258,7 +258,7 @@ pub(crate) mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    pub(crate) fn soup() -> impl Strategy<Value = Vec<[Vec3; 3]>> {
+    pub(crate) fn triangle_soup() -> impl Strategy<Value = Vec<[Vec3; 3]>> {
         let corner = prop::array::uniform3(-2f32..2.0).prop_map(Vec3::from);
         let size = prop_oneof![Just(0f32), 0.01f32..2.0];
         let triangle = (corner, prop::array::uniform2(prop::array::uniform3(-1f32..1.0)), size)
@@ -280,7 +280,7 @@ pub(crate) mod tests {
     proptest! {
         #[test]
         fn finds_what_the_reference_finds(
-            triangles in soup(), origin in prop::array::uniform3(-3f32..3.0),
+            triangles in triangle_soup(), origin in prop::array::uniform3(-3f32..3.0),
             direction in prop::array::uniform3(-1f32..1.0), tmax in prop_oneof![Just(f32::INFINITY), 0.1f32..4.0],
             axis in prop::option::of(0usize..3),
         ) {

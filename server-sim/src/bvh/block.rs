@@ -100,11 +100,11 @@ impl Block {
         let normal = q.minus(&p).cross(&r.minus(&p));
         let plane = normal.dot(a);
         let behind = plane.simd_lt(Lanes::splat(simd, 0.0));
-        let facing = |volume: Lanes3<S>| volume.turned_about(behind);
+        let facing = |volume: Lanes3<S>| volume.negated_where(behind);
         let volumes = [facing(b.cross(c)), facing(c.cross(a)), facing(a.cross(b))];
         BlockSetupLanes {
             volumes,
-            normal: normal.turned_about(behind),
+            normal: normal.negated_where(behind),
             plane: behind.select(-plane, plane),
             corners,
         }

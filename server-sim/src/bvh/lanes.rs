@@ -201,7 +201,7 @@ impl<S: Simd> Lanes3<S> {
 
     /// The same vectors, pointing the other way where the answer is yes.
     #[inline(always)]
-    pub(crate) fn turned_about(&self, answers: LaneMask<S>) -> Self {
+    pub(crate) fn negated_where(&self, answers: LaneMask<S>) -> Self {
         Self {
             x: answers.select(-self.x, self.x),
             y: answers.select(-self.y, self.y),
@@ -228,7 +228,7 @@ impl<S: Simd> Lanes3<S> {
 
     /// Every lane as coordinates along three axes.
     #[inline(always)]
-    pub(crate) fn turned(&self, x: Vec3, y: Vec3, z: Vec3) -> Self {
+    pub(crate) fn rotated(&self, x: Vec3, y: Vec3, z: Vec3) -> Self {
         let simd = self.x.simd;
         let row = |a: f32, b: f32, c: f32| self.dot(&Self::splat(simd, Vec3::new(a, b, c)));
         Self { x: row(x.x, y.x, z.x), y: row(x.y, y.y, z.y), z: row(x.z, y.z, z.z) }
@@ -299,10 +299,10 @@ mod tests {
             assert_eq!(l.dot(&m)[i], a.at(i).dot(b.at(i)));
             assert_eq!(l.length()[i], a.at(i).length());
             assert_eq!(Packed3::from(l.minus(&m)).at(i), a.at(i) - b.at(i));
-            let about = l.turned_about(l.x.simd_lt(Lanes::splat(simd, 2.5)));
+            let about = l.negated_where(l.x.simd_lt(Lanes::splat(simd, 2.5)));
             assert_eq!(Packed3::from(about).at(i), if i < 3 { -a.at(i) } else { a.at(i) });
             let turned = x * a.at(i).x + y * a.at(i).y + z * a.at(i).z;
-            assert!((Packed3::from(l.turned(x, y, z)).at(i) - turned).length() < 1e-6);
+            assert!((Packed3::from(l.rotated(x, y, z)).at(i) - turned).length() < 1e-6);
         });
     }
 }

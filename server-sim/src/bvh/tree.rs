@@ -67,19 +67,20 @@ impl Tree {
     /// Builds over `boxes`; empty or unbounded boxes are left out. Leaves hold at most `leaf` boxes, and each leaf's
     /// run in [`Tree::order`] starts at a multiple of `stride` (1 = no padding).
     pub(crate) fn build(boxes: &[Bounds], leaf: usize, stride: usize, effort: Effort) -> Self {
-        let groups = Groups::of(boxes);
-        if groups.runs.is_empty() {
+        let equal_boxes = EqualBoxes::of(boxes);
+        if equal_boxes.runs.is_empty() {
             return Self::default();
         }
-        let aabbs: Vec<Aabb> = groups
+        let aabbs: Vec<Aabb> = equal_boxes
             .runs
             .iter()
-            .map(|run| boxes[groups.members[run.start] as usize])
+            .map(|run| boxes[equal_boxes.members[run.start] as usize])
             .map(|b| Aabb::new(b.min().into(), b.max().into()))
             .collect();
         let bvh = effort.build(&aabbs);
-        let below = members_below(&bvh, &groups.runs);
-        let mut tree = Self { nodes: vec![placeholder()], order: Vec::with_capacity(groups.members.len()) };
+        let below = members_below(&bvh, &equal_boxes.runs);
+        let mut tree =
+            Self { nodes: vec![placeholder()], order: Vec::with_capacity(equal_boxes.members.len()) };
         let mut work = vec![(0usize, 0usize)];
         while let Some((source, target)) = work.pop() {
             let node = &bvh.nodes[source];
@@ -87,13 +88,13 @@ impl Tree {
             if below[source] as usize <= leaf {
                 let first = tree.start_leaf(stride);
                 collect_primitives(&bvh.nodes, source, |slot| {
-                    let run = &groups.runs[bvh.primitive_indices[slot] as usize];
-                    tree.order.extend_from_slice(&groups.members[run.clone()]);
+                    let run = &equal_boxes.runs[bvh.primitive_indices[slot] as usize];
+                    tree.order.extend_from_slice(&equal_boxes.members[run.clone()]);
                 });
                 tree.nodes[target] = Node { bounds, first, count: below[source] };
             } else if node.is_leaf() {
-                let run = &groups.runs[bvh.primitive_indices[node.first_index as usize] as usize];
-                tree.halve(target, bounds, &groups.members[run.clone()], leaf, stride);
+                let run = &equal_boxes.runs[bvh.primitive_indices[node.first_index as usize] as usize];
+                tree.split_equal_boxes(target, bounds, &equal_boxes.members[run.clone()], leaf, stride);
             } else {
                 let first = tree.nodes.len();
                 tree.nodes.extend([placeholder(), placeholder()]);
@@ -113,7 +114,14 @@ impl Tree {
     }
 
     /// Splits members that all have the same box into leaves, by number.
-    fn halve(&mut self, target: usize, bounds: Bounds, members: &[u32], leaf: usize, stride: usize) {
+    fn split_equal_boxes(
+        &mut self,
+        target: usize,
+        bounds: Bounds,
+        members: &[u32],
+        leaf: usize,
+        stride: usize,
+    ) {
         if members.len() <= leaf {
             let first = self.start_leaf(stride);
             self.order.extend_from_slice(members);
@@ -125,8 +133,8 @@ impl Tree {
         self.nodes[target] = Node { bounds, first: first as u32, count: 0 };
         // Whole leaves on the left, so that blocks are full; the depth is the logarithm of the number.
         let (left, right) = members.split_at(members.len().div_ceil(leaf).div_ceil(2) * leaf);
-        self.halve(first, bounds, left, leaf, stride);
-        self.halve(first + 1, bounds, right, leaf, stride);
+        self.split_equal_boxes(first, bounds, left, leaf, stride);
+        self.split_equal_boxes(first + 1, bounds, right, leaf, stride);
     }
 
     /// Nodes, root first; empty when the tree holds nothing.
@@ -238,12 +246,12 @@ fn placeholder() -> Node {
 
 /// Boxes in runs of equal ones. Clustering pairs up equal boxes into a chain as deep as there are of them, so it only
 /// ever sees one of each.
-struct Groups {
+struct EqualBoxes {
     members: Vec<u32>,
     runs: Vec<Range<usize>>,
 }
 
-impl Groups {
+impl EqualBoxes {
     fn of(boxes: &[Bounds]) -> Self {
         let finite = |b: &Bounds| !b.is_empty() && b.min().is_finite() && b.max().is_finite();
         let key = |&i: &u32| {

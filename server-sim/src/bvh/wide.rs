@@ -8,7 +8,7 @@ use super::tree::{Node, Tree, VACANT};
 
 /// Up to eight children.
 #[derive(Clone, Debug)]
-pub(crate) struct Wide {
+pub(crate) struct WideNode {
     /// Corners of the children's boxes; a vacant lane has an empty box.
     pub(crate) low: Packed3,
     pub(crate) high: Packed3,
@@ -29,11 +29,11 @@ pub(crate) enum Child {
 }
 
 /// Every leaf of the tree is below the first node, once; empty where the tree is.
-pub(crate) fn widen(tree: &Tree) -> Vec<Wide> {
+pub(crate) fn widen(tree: &Tree) -> Vec<WideNode> {
     let nodes = tree.nodes();
-    let mut wides: Vec<Wide> = Vec::new();
+    let mut wide_nodes: Vec<WideNode> = Vec::new();
     let mut work: Vec<u32> = if nodes.is_empty() { Vec::new() } else { vec![0] };
-    // Wide nodes are numbered in the order in which their roots enter the queue.
+    // WideNode nodes are numbered in the order in which their roots enter the queue.
     let mut next = 0;
     while let Some(&root) = work.get(next) {
         next += 1;
@@ -47,15 +47,15 @@ pub(crate) fn widen(tree: &Tree) -> Vec<Wide> {
                 Child::Inner(work.len() as u32 - 1)
             };
         }
-        wides.push(Wide { low: Packed3::ZERO, high: Packed3::ZERO, children, nodes: members });
+        wide_nodes.push(WideNode { low: Packed3::ZERO, high: Packed3::ZERO, children, nodes: members });
     }
-    refit(&mut wides, tree);
-    wides
+    refit(&mut wide_nodes, tree);
+    wide_nodes
 }
 
 /// Takes over the boxes of the tree that the nodes were made from.
-pub(crate) fn refit(wides: &mut [Wide], tree: &Tree) {
-    for Wide { low, high, nodes, .. } in wides {
+pub(crate) fn refit(wide_nodes: &mut [WideNode], tree: &Tree) {
+    for WideNode { low, high, nodes, .. } in wide_nodes {
         let node = |lane: usize| tree.nodes().get(nodes[lane] as usize);
         let bounds = |lane: usize| node(lane).map_or(Bounds::EMPTY, |node| node.bounds);
         *low = Packed3::from_fn(|lane| bounds(lane).min());
@@ -91,15 +91,15 @@ mod tests {
             let list: Vec<Bounds> =
                 (0..count).map(|i| Bounds::new(Vec3::splat(i as f32), Vec3::splat(i as f32 + 0.5))).collect();
             let mut tree = Tree::build(&list, 2, 1, Effort::Best);
-            let mut wides = widen(&tree);
+            let mut wide_nodes = widen(&tree);
             for shift in [0.0, 0.25] {
                 tree.refit(|i| Bounds::new(list[i as usize].min() + shift, list[i as usize].max() + shift));
-                refit(&mut wides, &tree);
+                refit(&mut wide_nodes, &tree);
                 let mut found = Vec::new();
                 let mut work: Vec<(usize, Bounds)> =
-                    wides.first().map(|_| (0, tree.bounds())).into_iter().collect();
+                    wide_nodes.first().map(|_| (0, tree.bounds())).into_iter().collect();
                 while let Some((wide, within)) = work.pop() {
-                    let Wide { low, high, children, .. } = &wides[wide];
+                    let WideNode { low, high, children, .. } = &wide_nodes[wide];
                     for (lane, child) in children.iter().enumerate() {
                         let bounds = Bounds::new(low.at(lane), high.at(lane));
                         assert_eq!(bounds.is_empty(), *child == Child::Vacant);

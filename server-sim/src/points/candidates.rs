@@ -6,14 +6,14 @@ use super::SurfacePoint;
 use crate::random::Random;
 
 /// A mesh's triangles with their areas added up.
-pub(super) struct Surface<'a> {
+pub(super) struct TriangleSampler<'a> {
     positions: &'a [Vec3],
     triangles: &'a [[u32; 3]],
     /// Area of the triangles up to and with each, square metres.
     sums: Vec<f64>,
 }
 
-impl<'a> Surface<'a> {
+impl<'a> TriangleSampler<'a> {
     pub(super) fn new(positions: &'a [Vec3], triangles: &'a [[u32; 3]]) -> Self {
         let mut sum = 0.0;
         let sums = triangles.iter().map(|corners| {
@@ -69,7 +69,7 @@ mod tests {
     fn triangles_get_points_by_area_and_flat_ones_none() {
         let positions = [Vec3::ZERO, Vec3::X, Vec3::Z, Vec3::X * 3.0, Vec3::Z * 3.0];
         let triangles = [[0, 1, 2], [0, 1, 1], [0, 3, 4], [2, 2, 2]];
-        let surface = Surface::new(&positions, &triangles);
+        let surface = TriangleSampler::new(&positions, &triangles);
         assert!((surface.area() - 5.0).abs() < 1e-9);
         let mut counts = [0; 4];
         let mut mean = Vec3::ZERO;
@@ -82,6 +82,7 @@ mod tests {
         // Centroids of the two triangles by area.
         let expected = (Vec3::new(1.0, 0.0, 1.0) / 3.0) * 0.1 + Vec3::new(1.0, 0.0, 1.0) * 0.9;
         assert!((mean - expected).length() < 0.03, "{mean}");
-        Surface::new(&positions, &[[0, 0, 0]]).draw(10, false, &mut Random::new(1), |_, _| panic!("no area"));
+        TriangleSampler::new(&positions, &[[0, 0, 0]])
+            .draw(10, false, &mut Random::new(1), |_, _| panic!("no area"));
     }
 }

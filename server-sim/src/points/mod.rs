@@ -13,7 +13,7 @@ mod rest;
 
 use thiserror::Error;
 
-pub use cache::{EntryError, PointCache, PointKey};
+pub use cache::{PointCache, PointCacheError, PointKey};
 pub use eliminate::{eliminate, poisson_radius};
 pub use generate::{generate, generate_cached};
 pub use ids::{PointId, PointInSet, RayKey};

@@ -17,9 +17,9 @@ pub fn eliminate(points: &[Vec3], keep: usize, radius: f32) -> Vec<u32> {
     let neighbours = Neighbours::new(&grid, Weighting::new(keep, points.len(), radius));
     let mut heap = Heap::new(neighbours.totals());
     for _ in keep..points.len() {
-        let Some(gone) = heap.pop() else { break };
-        for (neighbour, weight) in neighbours.of(gone) {
-            heap.lighten(neighbour, weight);
+        let Some(removed) = heap.pop() else { break };
+        for (neighbour, weight) in neighbours.of(removed) {
+            heap.subtract_weight(neighbour, weight);
         }
     }
     let mut kept: Vec<u32> = heap.members().map(|slot| grid.order[slot as usize]).collect();
@@ -38,7 +38,7 @@ struct SortedGrid {
 /// Bits of a cell coordinate; one cell on each side stays free for neighbours.
 const AXIS_BITS: u32 = 21;
 /// Cell of points that are not finite: no other lies next to it.
-const NOWHERE: u64 = 0;
+const NON_FINITE_CELL: u64 = 0;
 
 impl SortedGrid {
     fn new(points: &[Vec3], reach: f32) -> Self {
@@ -50,7 +50,7 @@ impl SortedGrid {
             reach.max((high - low).max_element() / ((1 << AXIS_BITS) - 4) as f32).max(f32::MIN_POSITIVE);
         let key = |point: Vec3| {
             if !point.is_finite() {
-                return NOWHERE;
+                return NON_FINITE_CELL;
             }
             let [x, y, z] = ((point - low) / edge).to_array().map(|at| at as u64 + 1);
             (z << (2 * AXIS_BITS)) | (y << AXIS_BITS) | x
@@ -74,7 +74,7 @@ impl SortedGrid {
         let mut start = 0;
         for cell in self.keys.chunk_by(|a, b| a == b) {
             let key = cell[0];
-            if key == NOWHERE {
+            if key == NON_FINITE_CELL {
                 start += cell.len();
                 continue;
             }
@@ -139,11 +139,11 @@ struct Heap {
     weights: Vec<f32>,
     /// Points in heap order.
     slots: Vec<u32>,
-    /// Where each point is in `slots`; [`GONE`] once popped.
+    /// Where each point is in `slots`; [`REMOVED`] once popped.
     places: Vec<u32>,
 }
 
-const GONE: u32 = u32::MAX;
+const REMOVED: u32 = u32::MAX;
 
 impl Heap {
     fn new(weights: Vec<f32>) -> Self {
@@ -163,7 +163,7 @@ impl Heap {
     fn pop(&mut self) -> Option<u32> {
         let top = *self.slots.first()?;
         let last = self.slots.pop()?;
-        self.places[top as usize] = GONE;
+        self.places[top as usize] = REMOVED;
         if !self.slots.is_empty() {
             self.slots[0] = last;
             self.places[last as usize] = 0;
@@ -173,9 +173,9 @@ impl Heap {
     }
 
     /// Takes weight off a point that is still in the heap.
-    fn lighten(&mut self, point: u32, by: f32) {
+    fn subtract_weight(&mut self, point: u32, by: f32) {
         let place = self.places[point as usize];
-        if place != GONE {
+        if place != REMOVED {
             self.weights[point as usize] -= by;
             self.sift_down(place as usize);
         }
@@ -229,9 +229,9 @@ mod tests {
         while alive.len() > keep {
             let heaviest = (0..alive.len())
                 .max_by(|&a, &b| totals[alive[a]].total_cmp(&totals[alive[b]]).then(b.cmp(&a)));
-            let gone = alive.remove(heaviest.unwrap());
+            let removed = alive.remove(heaviest.unwrap());
             for &other in &alive {
-                totals[other] -= weight(gone, other);
+                totals[other] -= weight(removed, other);
             }
         }
         let mut kept: Vec<u32> = alive.into_iter().map(|slot| grid.order[slot]).collect();

@@ -57,13 +57,13 @@ impl JointMatrix {
     }
 }
 
-/// Unit length, or `spare` where there is none.
-fn unit_or(v: Vec3, spare: Vec3) -> Vec3 {
+/// Unit length, or `fallback` where there is none.
+fn unit_or(v: Vec3, fallback: Vec3) -> Vec3 {
     let squared = v.length_squared();
     if squared > 1e-36 && squared.is_finite() {
         v / squared.sqrt()
     } else {
-        v.try_normalize().unwrap_or(spare)
+        v.try_normalize().unwrap_or(fallback)
     }
 }
 
@@ -88,17 +88,17 @@ pub(crate) fn stretch(linear: Mat3, geometry: &mut Geometry) {
     if linear == Mat3::IDENTITY {
         return;
     }
-    let whole = JointMatrix::new(&DAffine3 { matrix3: wide(linear), translation: glam::DVec3::ZERO });
+    let whole = JointMatrix::new(&DAffine3 { matrix3: to_f64(linear), translation: glam::DVec3::ZERO });
     let sign = if linear.determinant() < 0.0 { -1.0 } else { 1.0 };
     geometry.positions.iter_mut().for_each(|p| *p = whole.point(*p));
     geometry.normals.iter_mut().for_each(|n| *n = unit_or(whole.normal(*n) * sign, *n));
     for t in &mut geometry.tangents {
-        *t = turned(*t, whole.vector(t.truncate()), sign);
+        *t = transform_tangent(*t, whole.vector(t.truncate()), sign);
     }
 }
 
 /// A tangent after a transform; mirroring flips the bitangent's side.
-fn turned(old: Vec4, moved: Vec3, sign: f32) -> Vec4 {
+fn transform_tangent(old: Vec4, moved: Vec3, sign: f32) -> Vec4 {
     unit_or(moved, old.truncate()).extend(old.w * sign)
 }
 
@@ -112,17 +112,17 @@ pub(crate) fn skin(joints: &[JointMatrix], weights: &SkinWeights, mirrored: bool
         *position = matrix.point(*position);
         *normal = unit_or(matrix.normal(*normal) * sign, *normal);
         if let Some(t) = tangents.next() {
-            *t = turned(*t, matrix.vector(t.truncate()), sign);
+            *t = transform_tangent(*t, matrix.vector(t.truncate()), sign);
         }
     }
 }
 
 /// In doubles.
-pub(crate) fn wide(m: Mat3) -> DMat3 {
+pub(crate) fn to_f64(m: Mat3) -> DMat3 {
     DMat3::from_cols(m.x_axis.as_dvec3(), m.y_axis.as_dvec3(), m.z_axis.as_dvec3())
 }
 
 /// In singles.
-pub(crate) fn narrow(m: DMat3) -> Mat3 {
+pub(crate) fn to_f32(m: DMat3) -> Mat3 {
     Mat3::from_cols(m.x_axis.as_vec3(), m.y_axis.as_vec3(), m.z_axis.as_vec3())
 }

@@ -31,20 +31,20 @@ const UNIT_TOLERANCE: f32 = 1e-3;
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Edits {
     instances: u32,
-    /// None of them is [`Change::default`].
-    changes: BTreeMap<u32, Change>,
+    /// None of them is [`InstanceOverride::default`].
+    overrides: BTreeMap<u32, InstanceOverride>,
 }
 
 /// What is changed of an instance.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Change {
-    moved: Option<Moved>,
+struct InstanceOverride {
+    frame: Option<FrameOverride>,
     hidden: bool,
 }
 
 /// A frame as it was asked for: kept as it came, so that passing it on changes no bit.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Moved {
+struct FrameOverride {
     translation: [f32; 3],
     rotation: [f32; 4],
 }
@@ -93,7 +93,7 @@ impl Edits {
     /// No edits of a scene of so many instances.
     #[must_use]
     pub fn new(instances: u32) -> Self {
-        Self { instances, changes: BTreeMap::new() }
+        Self { instances, overrides: BTreeMap::new() }
     }
 
     /// Takes an edit in; says whether it changed anything.
@@ -110,29 +110,30 @@ impl Edits {
         if instance >= self.instances {
             return Err(EditError::Instance { instance, count: self.instances });
         }
-        let before = self.changes.get(&instance).copied().unwrap_or_default();
+        let before = self.overrides.get(&instance).copied().unwrap_or_default();
         let after = match edit.action {
-            EditAction::Move { translation, rotation } => {
-                Change { moved: Some(Moved::new(instance, translation, rotation)?), ..before }
-            }
-            EditAction::Release => Change { moved: None, ..before },
-            EditAction::Show => Change { hidden: false, ..before },
-            EditAction::Hide => Change { hidden: true, ..before },
+            EditAction::Move { translation, rotation } => InstanceOverride {
+                frame: Some(FrameOverride::new(instance, translation, rotation)?),
+                ..before
+            },
+            EditAction::Release => InstanceOverride { frame: None, ..before },
+            EditAction::Show => InstanceOverride { hidden: false, ..before },
+            EditAction::Hide => InstanceOverride { hidden: true, ..before },
         };
-        if after == Change::default() {
-            self.changes.remove(&instance);
+        if after == InstanceOverride::default() {
+            self.overrides.remove(&instance);
         } else {
-            self.changes.insert(instance, after);
+            self.overrides.insert(instance, after);
         }
         Ok(after != before)
     }
 
     /// The fewest edits that make this out of a scene without any, by instance: for clients that join late.
     pub fn iter(&self) -> impl Iterator<Item = Edit> + '_ {
-        self.changes.iter().flat_map(|(&instance, change)| {
+        self.overrides.iter().flat_map(|(&instance, change)| {
             let moved = change
-                .moved
-                .map(|Moved { translation, rotation }| EditAction::Move { translation, rotation });
+                .frame
+                .map(|FrameOverride { translation, rotation }| EditAction::Move { translation, rotation });
             let hidden = change.hidden.then_some(EditAction::Hide);
             moved.into_iter().chain(hidden).map(move |action| Edit { instance, action })
         })
@@ -141,11 +142,11 @@ impl Edits {
     /// Whether the scene is as it came.
     #[must_use]
     pub fn is_empty(&self) -> bool {
-        self.changes.is_empty()
+        self.overrides.is_empty()
     }
 }
 
-impl Moved {
+impl FrameOverride {
     fn new(instance: u32, translation: [f32; 3], rotation: [f32; 4]) -> Result<Self, EditError> {
         let finite = |values: &[f32]| values.iter().all(|value| value.is_finite());
         if !finite(&translation) {
@@ -164,7 +165,7 @@ impl Moved {
         Ok(Self { translation, rotation })
     }
 
-    fn frame(&self) -> RigidFrame {
+    fn rigid_frame(&self) -> RigidFrame {
         RigidFrame::unit(DQuat::from_array(self.rotation.map(f64::from)), Vec3::from(self.translation))
     }
 }
@@ -176,10 +177,10 @@ impl ScenePose {
     /// [`Scene::pose`]: super::Scene::pose
     /// [`Scene::pose_into`]: super::Scene::pose_into
     pub fn apply(&mut self, edits: &Edits) {
-        for (&instance, change) in &edits.changes {
+        for (&instance, change) in &edits.overrides {
             let Some(slot) = self.instances.get_mut(instance as usize) else { break };
-            if let Some(moved) = &change.moved {
-                slot.frame = moved.frame();
+            if let Some(frame) = &change.frame {
+                slot.frame = frame.rigid_frame();
             }
             slot.visible &= !change.hidden;
         }
@@ -242,7 +243,7 @@ mod tests {
         let (at, plain) = (&pose.instances()[walker], scene.pose(0.4));
         assert_eq!((at.frame().translation, at.visible()), (Vec3::new(5.0, 6.0, 7.0), true));
         assert!((at.frame().vector(Vec3::X) - Vec3::new(0.28, 0.0, -0.96)).length() < 1e-6);
-        assert_eq!(at.deform(), plain.instances()[walker].deform());
+        assert_eq!(at.deformation(), plain.instances()[walker].deformation());
         edits.apply(&Edit { instance, action: EditAction::Hide }).unwrap();
         edits.apply(&Edit { instance, action: EditAction::Release }).unwrap();
         scene.pose_into(0.4, &mut pose);

@@ -79,12 +79,12 @@ pub enum SceneError {
         source: Box<image::ImageError>,
     },
     /// The scene file asks for an animation that the model does not have.
-    #[error("{}: no animation `{wanted}`; it has: {}", path.display(), available.join(", "))]
+    #[error("{}: no animation `{requested}`; it has: {}", path.display(), available.join(", "))]
     UnknownAnimation {
         /// The glTF file.
         path: PathBuf,
         /// The name or index that was asked for.
-        wanted: String,
+        requested: String,
         /// The names (or indices where unnamed) of its animations.
         available: Vec<String>,
     },

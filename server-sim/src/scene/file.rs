@@ -9,11 +9,11 @@ use serde::Deserialize;
 use crate::scene::animation::unit_quaternion;
 use crate::scene::camera::{CameraKey, CameraPath};
 use crate::scene::error::SceneError;
-use crate::scene::gltf::{Part, Play};
+use crate::scene::gltf::{AnimationChoice, ScenePart};
 use crate::scene::io::{Checker, hash_file, read_file};
 use crate::scene::limits;
-use crate::scene::model::{Local, Model};
-use crate::scene::{Header, Scene};
+use crate::scene::model::{LocalTransform, Model};
+use crate::scene::{Scene, SceneHeader};
 
 /// Radius of occlusion where nothing else is said, metres: the paper's (section 4).
 pub(crate) const DEFAULT_RADIUS_M: f32 = 0.6;
@@ -108,7 +108,7 @@ pub(crate) fn load(path: &Path, source: &str) -> Result<Scene, SceneError> {
         crate::scene::gltf::load(&part, &mut model, &mut hasher)?;
     }
     let radius = file.scene.ao_radius_m.unwrap_or(f64::from(DEFAULT_RADIUS_M));
-    let header = Header {
+    let header = SceneHeader {
         name: file.scene.name,
         source: source.to_owned(),
         digest: *hasher.finalize().as_bytes(),
@@ -116,19 +116,24 @@ pub(crate) fn load(path: &Path, source: &str) -> Result<Scene, SceneError> {
         ao_radius_m: check.range("scene.ao_radius_m", radius, 1e-4, 1e6)? as f32,
         camera: file.camera.map(|table| camera_of(&check, &table)).transpose()?,
     };
-    Scene::assemble(model, header)
+    Scene::from_model(model, header)
 }
 
 /// Loads one glTF file as a scene of its own.
 pub(crate) fn load_model(path: &Path, source: &str) -> Result<Scene, SceneError> {
     let mut hasher = blake3::Hasher::new();
     let mut model = Model::default();
-    let part =
-        Part { path: path.to_owned(), play: Play::All, root: Local::IDENTITY, speed: 1.0, phase_s: 0.0 };
+    let part = ScenePart {
+        path: path.to_owned(),
+        play: AnimationChoice::All,
+        root: LocalTransform::IDENTITY,
+        speed: 1.0,
+        phase_s: 0.0,
+    };
     crate::scene::gltf::load(&part, &mut model, &mut hasher)?;
     let longest = model.clips.iter().map(|clip| clip.length_s).fold(0.0, f64::max);
     let name = path.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
-    let header = Header {
+    let header = SceneHeader {
         name,
         source: source.to_owned(),
         digest: *hasher.finalize().as_bytes(),
@@ -136,10 +141,10 @@ pub(crate) fn load_model(path: &Path, source: &str) -> Result<Scene, SceneError>
         ao_radius_m: DEFAULT_RADIUS_M,
         camera: None,
     };
-    Scene::assemble(model, header)
+    Scene::from_model(model, header)
 }
 
-fn part_of(check: &Checker<'_>, table: &PartTable, index: usize) -> Result<Part, SceneError> {
+fn part_of(check: &Checker<'_>, table: &PartTable, index: usize) -> Result<ScenePart, SceneError> {
     let key = |name: &str| format!("part[{index}].{name}");
     let scale = match table.scale {
         None => [1.0; 3],
@@ -156,19 +161,19 @@ fn part_of(check: &Checker<'_>, table: &PartTable, index: usize) -> Result<Part,
         return Err(check
             .wrong(&key("rotation"), format!("a unit quaternion is needed, this one has length {length}")));
     }
-    Ok(Part {
+    Ok(ScenePart {
         path: check
             .path
             .parent()
             .map_or_else(|| PathBuf::from(&table.file), |folder| folder.join(&table.file)),
         play: match &table.animation {
-            None => Play::All,
-            Some(Animation::Index(index)) => Play::Index(*index),
-            Some(Animation::Name(name)) if name == "all" => Play::All,
-            Some(Animation::Name(name)) if name == "none" => Play::None,
-            Some(Animation::Name(name)) => Play::Name(name.clone()),
+            None => AnimationChoice::All,
+            Some(Animation::Index(index)) => AnimationChoice::Index(*index),
+            Some(Animation::Name(name)) if name == "all" => AnimationChoice::All,
+            Some(Animation::Name(name)) if name == "none" => AnimationChoice::None,
+            Some(Animation::Name(name)) => AnimationChoice::Name(name.clone()),
         },
-        root: Local::Trs {
+        root: LocalTransform::Trs {
             translation: check.vector(&key("translation"), table.translation)?,
             rotation: unit_quaternion(rotation),
             scale,

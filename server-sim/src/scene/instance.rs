@@ -33,7 +33,7 @@ impl Motion {
 
 /// How an instance's local geometry comes about.
 #[derive(Debug, Clone)]
-pub(crate) enum Shape {
+pub(crate) enum Deformer {
     /// It is the rest.
     Rest,
     /// The mesh under a linear map that changes.
@@ -52,15 +52,15 @@ pub struct Instance {
     pub(crate) rest: RestId,
     pub(crate) motion: Motion,
     pub(crate) needs: Needs,
-    pub(crate) shape: Shape,
-    /// Rig node whose rigid part is the frame; `None`: the world itself.
-    pub(crate) carrier: Option<usize>,
-    /// Rig node of the mesh, for its morph weights.
+    pub(crate) deformer: Deformer,
+    /// NodeHierarchy node whose rigid part is the frame; `None`: the world itself.
+    pub(crate) frame_node: Option<usize>,
+    /// NodeHierarchy node of the mesh, for its morph weights.
     pub(crate) node: usize,
     /// Default morph weights.
     pub(crate) weights: Vec<f32>,
     /// The frame, where it never changes.
-    pub(crate) fixed: Option<RigidFrame>,
+    pub(crate) constant_frame: Option<RigidFrame>,
 }
 
 impl Instance {
@@ -96,14 +96,14 @@ impl Instance {
 
     /// Whether its frame has the same bits at every time; its local geometry may change all the same.
     #[must_use]
-    pub fn stays_put(&self) -> bool {
-        self.fixed.is_some()
+    pub fn has_constant_frame(&self) -> bool {
+        self.constant_frame.is_some()
     }
 }
 
 /// What makes the local geometry of an instance at one time.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub enum Deform {
+pub enum Deformation {
     /// The rest as it is.
     #[default]
     Rest,
@@ -129,7 +129,7 @@ pub enum Deform {
 #[derive(Debug, Clone, PartialEq)]
 pub struct InstancePose {
     pub(crate) frame: RigidFrame,
-    pub(crate) deform: Deform,
+    pub(crate) deformation: Deformation,
     pub(crate) visible: bool,
 }
 
@@ -142,8 +142,8 @@ impl InstancePose {
 
     /// What makes the local geometry.
     #[must_use]
-    pub fn deform(&self) -> &Deform {
-        &self.deform
+    pub fn deformation(&self) -> &Deformation {
+        &self.deformation
     }
 
     /// False while an animation has scaled it to nothing.
@@ -164,10 +164,10 @@ pub struct ScenePose {
 impl ScenePose {
     /// Bytes held.
     pub(crate) fn heap_bytes(&self) -> usize {
-        let posed = self.instances.iter().map(|instance| match &instance.deform {
-            Deform::Rest | Deform::Affine(_) => 0,
-            Deform::Morph { weights, .. } => memory::list(weights),
-            Deform::Skin { joints, weights } => memory::list(joints) + memory::list(weights),
+        let posed = self.instances.iter().map(|instance| match &instance.deformation {
+            Deformation::Rest | Deformation::Affine(_) => 0,
+            Deformation::Morph { weights, .. } => memory::list(weights),
+            Deformation::Skin { joints, weights } => memory::list(joints) + memory::list(weights),
         });
         memory::list(&self.instances) + memory::list(&self.worlds) + posed.sum::<usize>()
     }

@@ -89,7 +89,7 @@ impl Material {
 
     /// Whether the surface is there at these coordinates of the mask ([`Mesh::uvs`](crate::scene::Mesh::uvs)).
     #[must_use]
-    pub fn alpha_at(&self, uv: Vec2) -> bool {
+    pub fn is_opaque_at(&self, uv: Vec2) -> bool {
         self.mask.as_ref().is_none_or(|mask| {
             let alpha = mask.texture.as_ref().map_or(1.0, |texture| texture.sample(uv)[0]);
             alpha * mask.factor >= mask.cutoff

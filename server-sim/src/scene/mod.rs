@@ -27,16 +27,18 @@
 //! [`SceneError`]; odd but harmless input has a defined result that [`SceneReport`] counts.
 
 mod animation;
-mod assemble;
 mod builtin;
 mod camera;
 mod deform;
 mod edits;
 mod error;
 mod file;
+mod from_triangles;
 mod gltf;
+mod hierarchy;
 mod ids;
 mod instance;
+mod instance_builder;
 mod io;
 pub mod limits;
 mod material;
@@ -45,11 +47,9 @@ mod model;
 mod needs;
 mod pose;
 mod posed_mesh;
-mod prepare;
+mod raw_mesh;
 mod report;
-mod rig;
 mod rigid;
-mod soup;
 mod texture;
 
 use std::path::Path;
@@ -62,7 +62,7 @@ pub use deform::JointMatrix;
 pub use edits::{EditError, Edits};
 pub use error::{GltfProblem, SceneError};
 pub use ids::{InstanceId, MaterialId, MeshId, RestId};
-pub use instance::{Deform, Instance, InstancePose, Motion, ScenePose};
+pub use instance::{Deformation, Instance, InstancePose, Motion, ScenePose};
 pub use material::{AlphaMask, Material, NormalMap};
 pub use mesh::{Geometry, Mesh, MorphTarget, RestMesh, SkinWeights};
 pub use needs::{Needs, SceneNeeds};
@@ -82,7 +82,7 @@ pub struct Scene {
     duration_s: f64,
     ao_radius_m: f32,
     camera: CameraPath,
-    rig: rig::Rig,
+    hierarchy: hierarchy::NodeHierarchy,
     materials: Vec<Material>,
     meshes: Vec<Mesh>,
     rests: Vec<RestMesh>,
@@ -92,7 +92,7 @@ pub struct Scene {
 
 /// What describes a scene apart from its model.
 #[derive(Debug, Clone)]
-pub(crate) struct Header {
+pub(crate) struct SceneHeader {
     name: String,
     source: String,
     digest: [u8; 32],
@@ -133,8 +133,8 @@ impl Scene {
         builtin::NAMES
     }
 
-    pub(crate) fn assemble(model: Model, header: Header) -> Result<Self, SceneError> {
-        let assembly = assemble::assemble(&model, header.duration_s, &header.source)?;
+    pub(crate) fn from_model(model: Model, header: SceneHeader) -> Result<Self, SceneError> {
+        let parts = instance_builder::build_instances(&model, header.duration_s, &header.source)?;
         let mut scene = Self {
             name: header.name,
             source: header.source,
@@ -142,12 +142,12 @@ impl Scene {
             duration_s: header.duration_s,
             ao_radius_m: header.ao_radius_m,
             camera: CameraPath::around(Vec3::ZERO, 1.0),
-            rig: assembly.rig,
+            hierarchy: parts.hierarchy,
             materials: model.materials,
             meshes: model.meshes,
-            rests: assembly.rests,
-            instances: assembly.instances,
-            report: assembly.report,
+            rests: parts.rests,
+            instances: parts.instances,
+            report: parts.report,
         };
         scene.camera = header.camera.unwrap_or_else(|| scene.overview());
         Ok(scene)

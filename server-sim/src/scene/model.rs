@@ -9,19 +9,19 @@ use crate::scene::animation::{Curve, Property};
 use crate::scene::ids::MaterialId;
 use crate::scene::material::Material;
 use crate::scene::mesh::Mesh;
-use crate::scene::prepare::RawMesh;
+use crate::scene::raw_mesh::RawMesh;
 use crate::scene::report::SceneReport;
 
 /// A node's own transform.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum Local {
+pub(crate) enum LocalTransform {
     /// Scale, then rotation, then translation: can be animated.
     Trs { translation: DVec3, rotation: DQuat, scale: DVec3 },
     /// Fixed, and free to shear.
     Matrix(DAffine3),
 }
 
-impl Local {
+impl LocalTransform {
     /// No transform.
     pub(crate) const IDENTITY: Self =
         Self::Trs { translation: DVec3::ZERO, rotation: DQuat::IDENTITY, scale: DVec3::ONE };
@@ -54,7 +54,7 @@ impl Local {
 #[derive(Debug, Clone)]
 pub(crate) struct Node {
     pub(crate) parent: Option<usize>,
-    pub(crate) local: Local,
+    pub(crate) local: LocalTransform,
 }
 
 /// Joints of a skin and the transforms from mesh to joint space, one each.
@@ -66,7 +66,7 @@ pub(crate) struct Skin {
 
 /// One primitive at one node.
 #[derive(Debug, Clone)]
-pub(crate) struct Placement {
+pub(crate) struct MeshNode {
     pub(crate) name: String,
     pub(crate) node: usize,
     pub(crate) mesh: usize,
@@ -112,7 +112,7 @@ pub(crate) struct Model {
     pub(crate) meshes: Vec<Mesh>,
     pub(crate) materials: Vec<Material>,
     pub(crate) skins: Vec<Skin>,
-    pub(crate) placements: Vec<Placement>,
+    pub(crate) mesh_nodes: Vec<MeshNode>,
     pub(crate) clips: Vec<Clip>,
     pub(crate) channels: Vec<Channel>,
     pub(crate) report: SceneReport,
@@ -121,13 +121,13 @@ pub(crate) struct Model {
 
 impl Model {
     /// Adds a node.
-    pub(crate) fn node(&mut self, parent: Option<usize>, local: Local) -> usize {
+    pub(crate) fn add_node(&mut self, parent: Option<usize>, local: LocalTransform) -> usize {
         self.nodes.push(Node { parent, local });
         self.nodes.len() - 1
     }
 
     /// Adds a material; one that is there already is used again.
-    pub(crate) fn material(&mut self, material: Material) -> usize {
+    pub(crate) fn add_material(&mut self, material: Material) -> usize {
         self.materials.iter().position(|m| *m == material).unwrap_or_else(|| {
             self.materials.push(material);
             self.materials.len() - 1
@@ -135,9 +135,9 @@ impl Model {
     }
 
     /// Adds a mesh; one that is there already is used again. `None` where it has no surface.
-    pub(crate) fn mesh(&mut self, raw: RawMesh, material: usize) -> Option<usize> {
+    pub(crate) fn add_mesh(&mut self, raw: RawMesh, material: usize) -> Option<usize> {
         let id = MaterialId::at(material);
-        let mesh = raw.prepare(id, &self.materials[material], &mut self.report)?;
+        let mesh = raw.into_mesh(id, &self.materials[material], &mut self.report)?;
         let next = self.meshes.len();
         let index = *self.mesh_keys.entry(content_key(&mesh)).or_insert(next);
         if index == next {
@@ -147,14 +147,8 @@ impl Model {
     }
 
     /// Adds a primitive at a node.
-    pub(crate) fn place(&mut self, name: &str, node: usize, mesh: usize) {
-        self.placements.push(Placement {
-            name: name.to_owned(),
-            node,
-            mesh,
-            skin: None,
-            weights: Vec::new(),
-        });
+    pub(crate) fn add_mesh_node(&mut self, name: &str, node: usize, mesh: usize) {
+        self.mesh_nodes.push(MeshNode { name: name.to_owned(), node, mesh, skin: None, weights: Vec::new() });
     }
 }
 

@@ -63,7 +63,7 @@ impl PosedMesh<'_> {
                 let uv = uv[0] * weights[0] + uv[1] * weights[1] + uv[2] * weights[2];
                 let tangents = corners.map(|corner| self.geometry.tangents()[corner as usize]);
                 let tangent = tangents[0] * weights[0] + tangents[1] * weights[1] + tangents[2] * weights[2];
-                bend(smooth, tangent, self.material.normal_at(uv))
+                tangent_space_to_local(smooth, tangent, self.material.normal_at(uv))
             }
             _ => smooth,
         }
@@ -74,7 +74,7 @@ impl PosedMesh<'_> {
     pub fn opaque(&self, triangle: u32, bary: [f32; 2]) -> bool {
         let Some(uvs) = self.mesh.uvs() else { return true };
         let [a, b, c] = self.triangles[triangle as usize].map(|corner| uvs[corner as usize]);
-        self.material.alpha_at(a + (b - a) * bary[0] + (c - a) * bary[1])
+        self.material.is_opaque_at(a + (b - a) * bary[0] + (c - a) * bary[1])
     }
 
     /// Whether some of the surface may be masked out.
@@ -85,7 +85,7 @@ impl PosedMesh<'_> {
 }
 
 /// A normal of tangent space taken to local space; glTF 2.0, section 3.9.3: the bitangent is normal x tangent times w.
-fn bend(normal: Vec3, tangent: Vec4, bent: Vec3) -> Vec3 {
+fn tangent_space_to_local(normal: Vec3, tangent: Vec4, bent: Vec3) -> Vec3 {
     let flat = tangent.truncate() - normal * normal.dot(tangent.truncate());
     let Some(along) = flat.try_normalize() else { return normal };
     let across = normal.cross(along) * if tangent.w < 0.0 { -1.0 } else { 1.0 };
@@ -99,14 +99,18 @@ mod tests {
     #[test]
     fn a_flat_map_keeps_the_normal_and_a_bent_one_turns_it() {
         let tangent = Vec4::new(1.0, 0.5, 0.0, -1.0);
-        assert_eq!(bend(Vec3::Y, tangent, Vec3::Z), Vec3::Y);
+        assert_eq!(tangent_space_to_local(Vec3::Y, tangent, Vec3::Z), Vec3::Y);
         assert!(
-            (bend(Vec3::Y, tangent, Vec3::new(0.6, 0.0, 0.8)) - Vec3::new(0.6, 0.8, 0.0)).length() < 1e-6
+            (tangent_space_to_local(Vec3::Y, tangent, Vec3::new(0.6, 0.0, 0.8)) - Vec3::new(0.6, 0.8, 0.0))
+                .length()
+                < 1e-6
         );
         // With w = -1 the bitangent is tangent x normal.
         assert!(
-            (bend(Vec3::Y, tangent, Vec3::new(0.0, 0.6, 0.8)) - Vec3::new(0.0, 0.8, 0.6)).length() < 1e-6
+            (tangent_space_to_local(Vec3::Y, tangent, Vec3::new(0.0, 0.6, 0.8)) - Vec3::new(0.0, 0.8, 0.6))
+                .length()
+                < 1e-6
         );
-        assert_eq!(bend(Vec3::Y, Vec4::ZERO, Vec3::X), Vec3::Y);
+        assert_eq!(tangent_space_to_local(Vec3::Y, Vec4::ZERO, Vec3::X), Vec3::Y);
     }
 }

@@ -9,7 +9,7 @@ pub struct SceneReport {
     /// Triangles without area (or, where vertices move, with a vertex named twice) that were dropped.
     pub degenerate_triangles: usize,
     /// Primitives made of points or lines, which have no surface.
-    pub pointless_primitives: usize,
+    pub point_or_line_primitives: usize,
     /// Primitives without any triangle left.
     pub empty_primitives: usize,
     /// Primitives whose mask lets nothing through, everywhere.

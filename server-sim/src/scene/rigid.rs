@@ -14,7 +14,7 @@ pub struct RigidFrame {
 }
 
 impl RigidFrame {
-    /// Local space is the world.
+    /// LocalTransform space is the world.
     pub const IDENTITY: Self = Self { rotation: Quat::IDENTITY, translation: Vec3::ZERO };
 
     /// The rotation as a matrix. Take it once when many points are transformed.
@@ -80,7 +80,7 @@ impl RigidFrame {
 /// A matrix that flattens one axis still has one (that axis is put back at a right angle to the two others);
 /// `None` where two axes or more are gone, or the rest is singular.
 pub(crate) fn rotation_of(linear: DMat3) -> Option<DMat3> {
-    let full = complete(linear)?;
+    let full = restore_flat_axis(linear)?;
     let mut q = full;
     for _ in 0..40 {
         let next = (q + q.inverse().transpose()) * 0.5;
@@ -95,7 +95,7 @@ pub(crate) fn rotation_of(linear: DMat3) -> Option<DMat3> {
 }
 
 /// The matrix with a flattened column replaced by one at right angles, so that it can be inverted.
-fn complete(linear: DMat3) -> Option<DMat3> {
+fn restore_flat_axis(linear: DMat3) -> Option<DMat3> {
     let mut axes = columns(linear);
     let longest = axes.iter().map(|a| a.length()).fold(0.0, f64::max);
     if !longest.is_finite() || longest < 1e-30 {

@@ -49,7 +49,7 @@ fn arm() -> Scene {
 fn a_two_bone_arm_bends_as_by_hand() {
     let scene = arm();
     let instance = &scene.instances()[0];
-    assert_eq!((instance.motion(), instance.stays_put()), (Motion::Deforming, true));
+    assert_eq!((instance.motion(), instance.has_constant_frame()), (Motion::Deforming, true));
     assert!(instance.needs().contains(Needs::SKIN));
     // Just before the loop ends the upper bone has turned a quarter about z: up becomes -x. Its share of the
     // middle vertex (0.5, 1) goes to (0, 1.5). The mesh node's own transform does not count.
@@ -127,7 +127,7 @@ fn rigid_movers_keep_their_rest_and_still_nodes_their_bits() {
     for i in 0..40 {
         let pose = scene.pose(f64::from(i) * 0.173);
         assert_eq!(pose.instances()[1], first.instances()[1]);
-        assert_eq!(*pose.instances()[0].deform(), Deform::Rest);
+        assert_eq!(*pose.instances()[0].deformation(), Deformation::Rest);
         let frame = pose.instances()[0].frame();
         assert!((frame.rotation.length() - 1.0).abs() < 1e-6);
     }
@@ -241,8 +241,8 @@ fn builtin_scenes_close_and_stay_clean() {
 #[test]
 fn builtin_scenes_exercise_what_they_are_for() {
     let colonnade = Scene::load("colonnade").unwrap();
-    let wanted = Needs::SKIN | Needs::MORPH | Needs::RIGID_MOTION | Needs::MASKED | Needs::DOUBLE_SIDED;
-    assert!(colonnade.needs().all().contains(wanted));
+    let requested = Needs::SKIN | Needs::MORPH | Needs::RIGID_MOTION | Needs::MASKED | Needs::DOUBLE_SIDED;
+    assert!(colonnade.needs().all().contains(requested));
     let lab = Scene::load("robot-lab").unwrap();
     let walkers: Vec<&Instance> =
         lab.instances().iter().filter(|i| i.needs().contains(Needs::SKIN)).collect();
@@ -400,8 +400,8 @@ pub(crate) fn shared_files() -> Vec<PathBuf> {
     let mut files: Vec<PathBuf> = Vec::new();
     for entry in std::fs::read_dir(&folder).unwrap().flatten().filter(|e| e.path().is_dir()) {
         let inside = std::fs::read_dir(entry.path()).unwrap().flatten().map(|e| e.path());
-        let wanted = if entry.file_name() == "models" { "glb" } else { "toml" };
-        files.extend(inside.filter(|path| path.extension().is_some_and(|e| e == wanted)));
+        let requested = if entry.file_name() == "models" { "glb" } else { "toml" };
+        files.extend(inside.filter(|path| path.extension().is_some_and(|e| e == requested)));
     }
     assert!(!files.is_empty());
     files

@@ -53,11 +53,11 @@ pub(super) struct DynamicInstance {
     parts: Vec<Bounds>,
     cut: Vec<u32>,
     /// Geometry of an instance that is posed vertex by vertex, and the work its tree took when it was built.
-    shape: Option<Shape>,
+    deformed: Option<DeformedGeometry>,
 }
 
 #[derive(Clone, Debug)]
-struct Shape {
+struct DeformedGeometry {
     geometry: Geometry,
     spare: Geometry,
     built_cost: f32,
@@ -80,17 +80,17 @@ impl DynamicInstance {
     ) -> Self {
         let instance = &scene.instances()[index];
         let at = &pose.instances()[index];
-        let (blas, shape) = match rest {
+        let (blas, deformed) = match rest {
             Some(blas) if instance.motion() != Motion::Deforming => (Arc::clone(blas), None),
             _ => {
                 let mut geometry = Geometry::default();
                 scene.local_geometry(InstanceId(index as u32), pose, &mut geometry);
                 let blas = build(&PosedMesh::posed(scene, scene.rest(instance), &geometry), shortcuts);
-                let shape = Shape::new(geometry, &blas);
-                (Arc::new(blas), Some(shape))
+                let deformed = DeformedGeometry::new(geometry, &blas);
+                (Arc::new(blas), Some(deformed))
             }
         };
-        Self { shape, visible: at.visible(), ..Self::rigid(index, blas, placement(at.frame())) }
+        Self { deformed, visible: at.visible(), ..Self::rigid(index, blas, placement(at.frame())) }
     }
 
     /// An instance that does not deform, in sight.
@@ -98,7 +98,7 @@ impl DynamicInstance {
         let bounds = BlasInstance::new(Arc::clone(&blas), placement).bounds();
         let cut = blas.tree().cut(SWEPT_PARTS);
         let parts = parts(&blas, &cut, &placement);
-        Self { instance, placement, visible: true, bounds, blas, parts, cut, shape: None }
+        Self { instance, placement, visible: true, bounds, blas, parts, cut, deformed: None }
     }
 
     /// Bytes held. The tree counts only where it is not `rest`, which instances share.
@@ -106,13 +106,13 @@ impl DynamicInstance {
         let shared = rest.is_some_and(|rest| Arc::ptr_eq(rest, &self.blas));
         let tree = if shared { 0 } else { self.blas.heap_bytes() };
         let shape =
-            self.shape.as_ref().map_or(0, |shape| shape.geometry.heap_bytes() + shape.spare.heap_bytes());
+            self.deformed.as_ref().map_or(0, |shape| shape.geometry.heap_bytes() + shape.spare.heap_bytes());
         tree + memory::list(&self.parts) + memory::list(&self.cut) + shape
     }
 
     /// Geometry of an instance that is posed vertex by vertex, as of when that was last done.
     pub(super) fn geometry(&self) -> Option<&Geometry> {
-        self.shape.as_ref().map(|shape| &shape.geometry)
+        self.deformed.as_ref().map(|shape| &shape.geometry)
     }
 
     /// Moves on to another pose.
@@ -156,8 +156,8 @@ impl DynamicInstance {
             return (false, false);
         }
         let blas = &mut self.blas;
-        let at_rest = || Shape::new(scene.rest(instance).geometry().clone(), blas);
-        let shape = self.shape.get_or_insert_with(at_rest);
+        let at_rest = || DeformedGeometry::new(scene.rest(instance).geometry().clone(), blas);
+        let shape = self.deformed.get_or_insert_with(at_rest);
         scene.local_geometry(InstanceId(self.instance as u32), pose, &mut shape.spare);
         if deforming && shortcuts.contains(Shortcuts::SHAPES) && shape.spare == shape.geometry {
             return (false, false);
@@ -176,7 +176,7 @@ impl DynamicInstance {
     }
 }
 
-impl Shape {
+impl DeformedGeometry {
     /// A geometry that a tree was built for.
     fn new(geometry: Geometry, blas: &Blas) -> Self {
         Self { geometry, spare: Geometry::default(), built_cost: blas.cost() }

@@ -89,7 +89,7 @@ impl SceneBvh {
         let shared: Vec<bool> = (0..count)
             .map(|index| {
                 let instance = &scene.instances()[index];
-                let fixed = instance.fixed.filter(|_| instance.motion() == Motion::Static);
+                let fixed = instance.constant_frame.filter(|_| instance.motion() == Motion::Static);
                 fixed.is_some_and(|fixed| is_at(pose, index, &placement(&fixed)))
             })
             .collect();
@@ -128,7 +128,7 @@ impl SceneBvh {
             changes: vec![InstanceChange::Unchanged; count],
             shortcuts,
         };
-        world.assemble();
+        world.rebuild_tlas();
         world
     }
 
@@ -164,7 +164,7 @@ impl SceneBvh {
             self.placements[dynamic.instance] = dynamic.placement;
         }
         if refits || self.changes.iter().any(|change| change.swept().is_some()) {
-            self.assemble();
+            self.rebuild_tlas();
         }
     }
 
@@ -187,7 +187,7 @@ impl SceneBvh {
         gone
     }
 
-    fn assemble(&mut self) {
+    fn rebuild_tlas(&mut self) {
         self.instance_bodies.fill(None);
         let mut list = Vec::with_capacity(self.dynamic_instances.len() + self.static_batches.len());
         self.owners.clear();

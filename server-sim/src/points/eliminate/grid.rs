@@ -10,7 +10,7 @@ use super::Weighting;
 /// Most bits of a cell's coordinate.
 const AXIS_BITS: u32 = 21;
 /// Cell of points that are not finite: no other lies next to it.
-const NOWHERE: u64 = 0;
+const NON_FINITE_CELL: u64 = 0;
 /// After the last cell, so that there are always three to look at.
 const PADDING: [u64; 3] = [u64::MAX; 3];
 
@@ -78,7 +78,7 @@ impl Grid {
         let steps = [1 << bits[0], 1 << (bits[0] + bits[1])];
         let key = |point: Vec3| {
             if !point.is_finite() {
-                return NOWHERE;
+                return NON_FINITE_CELL;
             }
             let [x, y, z] = cell(point);
             z * steps[1] + y * steps[0] + x
@@ -132,8 +132,8 @@ impl Grid {
         self.numbers[point as usize]
     }
 
-    /// Cuts the points, between cells, into stretches of about `length`; gives the places of their cells.
-    pub(super) fn stretches(&self, length: usize) -> Vec<Range<usize>> {
+    /// Cuts the points, between cells, into cell_ranges of about `length`; gives the places of their cells.
+    pub(super) fn cell_ranges(&self, length: usize) -> Vec<Range<usize>> {
         let cells = self.starts.len() - 1;
         let mut ranges = Vec::new();
         let mut from = 0;
@@ -165,7 +165,7 @@ impl Grid {
         for index in cells.clone() {
             let key = self.cells[index];
             let own = self.starts[index] as usize..self.starts[index + 1] as usize;
-            if key == NOWHERE {
+            if key == NON_FINITE_CELL {
                 links.starts.extend(own.map(|_| links.list.len() as u32));
                 continue;
             }

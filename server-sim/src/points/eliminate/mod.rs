@@ -8,10 +8,10 @@
 //! neighbours, which gives the same points to the last bit, for these reasons:
 //!
 //! 1. Weights only drop. Of a point that is heavier than its neighbours and these, a heap has it first: none of them
-//!    can overtake it before one of them has gone. So who goes where does not depend on what happens elsewhere.
-//! 2. A heap gives points in order of what they weigh when they go, again because weights only drop. So the points that
+//!    can overtake it before one of them has removed. So who goes where does not depend on what happens elsewhere.
+//! 2. A heap gives points in order of what they recompute_weight when they go, again because weights only drop. So the points that
 //!    a heap has first are those that weighed most when they went, in whatever order they went here; where more have
-//!    gone than should, the lightest of them stay.
+//!    removed than should, the lightest of them stay.
 //! 3. A difference of floats depends on the order of the subtractions, and by 2 that order is known: where neighbours
 //!    went in another one, the subtractions are done again before the point goes. Rounding keeps order (a <= b makes
 //!    fl(a - c) <= fl(b - c) <= b), so a subtraction that is missing only makes a point heavier, and what is said in 1
@@ -28,14 +28,14 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use grid::{Grid, Links};
-use region::{Crossing, Region};
+use region::{CrossLink, Region};
 
 /// Fewest points of a region: smaller ones wait for each other more than they work.
 const MIN_REGION_POINTS: usize = 1 << 13;
 
 /// How often regions may look at each link, on average, before one region alone is thought to be faster. Once is usual;
 /// where points have thousands of neighbours, regions do little but wait for each other.
-const MOST_LOOKS: usize = 8;
+const MAX_VISITS_PER_LINK: usize = 8;
 
 /// Largest possible Poisson-disk radius of `count` points on a surface of `area` square metres, in metres: half the
 /// distance between neighbours in the densest packing (Yuksel, section 3, in two dimensions).
@@ -45,7 +45,7 @@ pub fn poisson_radius(area: f64, count: usize) -> f32 {
 }
 
 /// Weighted sample elimination: numbers of the `keep` points that are left, ascending. `radius` is [`poisson_radius`] of
-/// the area and `keep`, finite; points within twice as much weigh on each other. All points are left where there are no
+/// the area and `keep`, finite; points within twice as much recompute_weight on each other. All points are left where there are no
 /// more than `keep`. There may be up to 2^31 points. The result depends on the arguments alone, not on the number of threads or the machine; points that
 /// are not finite have no neighbours.
 #[must_use]
@@ -63,11 +63,11 @@ fn eliminate_in(points: &[Vec3], keep: usize, radius: f32, region: usize) -> Vec
     };
     let grid = Grid::new(points, 2.0 * radius);
     let weighting = Weighting::new(keep, points.len(), radius);
-    let gone = remove(regions(&grid, weighting, region), surplus)
+    let removed = remove(regions(&grid, weighting, region), surplus)
         .or_else(|| remove(regions(&grid, weighting, usize::MAX), surplus))
         .unwrap_or_default();
     let mut left = vec![true; points.len()];
-    for point in gone {
+    for point in removed {
         left[grid.number(point) as usize] = false;
     }
     (0u32..).zip(left).filter(|&(_, left)| left).map(|(number, _)| number).collect()
@@ -80,61 +80,61 @@ fn remove(mut regions: Vec<Region>, surplus: usize) -> Option<Vec<u32>> {
     let mut settled = vec![0; regions.len()];
     loop {
         let sum: usize = settled.iter().sum();
-        let least = least_to_go(&regions, surplus - sum);
-        tell(&mut regions);
-        regions.par_iter_mut().for_each(|region| region.sweep(least));
+        let threshold = estimate_threshold(&regions, surplus - sum);
+        exchange_keys(&mut regions);
+        regions.par_iter_mut().for_each(|region| region.sweep(threshold));
         while regions.iter().any(Region::is_blocked) {
-            let looks: usize = regions.iter().map(Region::looks).sum();
-            if regions.len() > 1 && looks > MOST_LOOKS * links {
+            let link_visits: usize = regions.iter().map(Region::link_visits).sum();
+            if regions.len() > 1 && link_visits > MAX_VISITS_PER_LINK * links {
                 return None;
             }
-            tell(&mut regions);
-            regions.par_iter_mut().for_each(|region| region.retry(least));
+            exchange_keys(&mut regions);
+            regions.par_iter_mut().for_each(|region| region.retry(threshold));
         }
-        let gone: Vec<usize> = regions.iter().map(|region| region.gone().len()).collect();
-        if gone.iter().sum::<usize>() >= surplus {
+        let removed: Vec<usize> = regions.iter().map(|region| region.removed().len()).collect();
+        if removed.iter().sum::<usize>() >= surplus {
             let parts = || regions.iter().zip(&settled);
             let mut last: Vec<Key> =
-                parts().flat_map(|(region, &settled)| &region.gone()[settled..]).copied().collect();
+                parts().flat_map(|(region, &settled)| &region.removed()[settled..]).copied().collect();
             last.sort_unstable_by_key(|&key| Reverse(key));
-            let sure = parts().flat_map(|(region, &settled)| &region.gone()[..settled]);
+            let sure = parts().flat_map(|(region, &settled)| &region.removed()[..settled]);
             return Some(sure.chain(&last[..surplus - sum]).map(|key| key.point()).collect());
         }
-        settled = gone;
+        settled = removed;
     }
 }
 
 /// Cuts the points into regions of about `length`.
 fn regions(grid: &Grid, weighting: Weighting, length: usize) -> Vec<Region> {
-    let stretches = grid.stretches(length);
+    let cell_ranges = grid.cell_ranges(length);
     let links = |cells: &_| (grid.points_of(cells), grid.links_ahead(cells, weighting));
-    let ahead: Vec<(_, Links)> = stretches.par_iter().map(links).collect();
-    let mut crossings: Vec<Crossing> =
-        ahead.iter().flat_map(|(own, links)| Crossing::out_of(own.clone(), links)).collect();
-    crossings.sort_unstable_by_key(|link| (link.to, link.from));
+    let ahead: Vec<(_, Links)> = cell_ranges.par_iter().map(links).collect();
+    let mut cross_links: Vec<CrossLink> =
+        ahead.iter().flat_map(|(own, links)| CrossLink::out_of(own.clone(), links)).collect();
+    cross_links.sort_unstable_by_key(|link| (link.to, link.from));
     let mut regions: Vec<Region> = ahead
         .into_par_iter()
         .map(|(own, ahead)| {
-            let first = |number| crossings.partition_point(|link| link.to < number);
+            let first = |number| cross_links.partition_point(|link| link.to < number);
             let behind = first(own.start)..first(own.end);
-            Region::new(own, ahead, &crossings[behind])
+            Region::new(own, ahead, &cross_links[behind])
         })
         .collect();
-    Region::introduce(&mut regions);
+    Region::connect_ghosts(&mut regions);
     regions
 }
 
-/// Tells every region how its guests stand.
-fn tell(regions: &mut [Region]) {
-    let told: Vec<_> = regions.par_iter().map(Region::tell).collect();
-    regions.par_iter_mut().for_each(|region| region.hear(&told));
+/// Tells every region how its ghosts stand.
+fn exchange_keys(regions: &mut [Region]) {
+    let exported_keys: Vec<_> = regions.par_iter().map(Region::export_keys).collect();
+    regions.par_iter_mut().for_each(|region| region.import_keys(&exported_keys));
 }
 
-/// A weight such that about `open` points weigh more when they go. Too many are put right at the end, too few by another
+/// A weight such that about `open` points recompute_weight more when they go. Too many are put right at the end, too few by another
 /// go, so this is a matter of time alone.
-fn least_to_go(regions: &[Region], open: usize) -> Key {
+fn estimate_threshold(regions: &[Region], open: usize) -> Key {
     let mut classes = vec![0; CLASSES];
-    regions.iter().for_each(|region| region.census(&mut classes));
+    regions.iter().for_each(|region| region.count_classes(&mut classes));
     // Some get lighter before their turn comes.
     let wanted = open + open / 4 * 3 + 16;
     let mut sum = 0;
@@ -142,13 +142,13 @@ fn least_to_go(regions: &[Region], open: usize) -> Key {
         sum += classes[class];
         sum >= wanted
     });
-    Key::least_of(class.unwrap_or(0))
+    Key::lowest_of(class.unwrap_or(0))
 }
 
 /// The weight that a neighbour at some distance puts on a point (Yuksel, section 3).
 #[derive(Clone, Copy)]
 pub(super) struct Weighting {
-    /// Metres within which points weigh on each other.
+    /// Metres within which points recompute_weight on each other.
     pub(super) reach: f32,
     nearest: f32,
 }
@@ -170,7 +170,7 @@ impl Weighting {
 }
 
 /// What a point weighs, and its number, below 2^31. The greatest goes first: the heaviest point, and of equals the one
-/// with the lowest number. Keys of points that are gone are below all of those that are not.
+/// with the lowest number. Keys of points that are removed are below all of those that are not.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Key(u64);
 
@@ -183,8 +183,8 @@ impl Key {
     const NONE: Self = Self(0);
     /// Above every other.
     const FIRST: Self = Self(u64::MAX);
-    /// Set until the point is gone.
-    const HERE: u64 = 1 << 63;
+    /// Set until the point is removed.
+    const PRESENT: u64 = 1 << 63;
     /// The point's number, upside down.
     const POINT: u64 = (1 << 31) - 1;
 
@@ -192,7 +192,7 @@ impl Key {
         // Sign and magnitude become a number that grows with the weight; both zeros become one.
         let bits = (weight + 0.0).to_bits();
         let ordered = if bits >> 31 == 0 { bits | (1 << 31) } else { !bits };
-        Self(Self::HERE | (u64::from(ordered) << 31)).of(point)
+        Self(Self::PRESENT | (u64::from(ordered) << 31)).of(point)
     }
 
     /// The same of another point.
@@ -209,18 +209,18 @@ impl Key {
         (!self.0 & Self::POINT) as u32
     }
 
-    /// The key once the point is gone.
-    fn gone(self) -> Self {
-        Self(self.0 & !Self::HERE)
+    /// The key once the point is removed.
+    fn removed(self) -> Self {
+        Self(self.0 & !Self::PRESENT)
     }
 
-    fn is_gone(self) -> bool {
-        self.0 & Self::HERE == 0
+    fn is_removed(self) -> bool {
+        self.0 & Self::PRESENT == 0
     }
 
     /// The key when the point went.
-    fn parting(self) -> Self {
-        Self(self.0 | Self::HERE)
+    fn key_at_removal(self) -> Self {
+        Self(self.0 | Self::PRESENT)
     }
 
     /// Class of the weight, higher for heavier ones, below [`CLASSES`].
@@ -228,8 +228,8 @@ impl Key {
         (self.0 >> (63 - CLASS_BITS)) as usize % CLASSES
     }
 
-    /// Not above any key of a class or a higher one, but above those of points that are gone.
-    fn least_of(class: usize) -> Self {
-        Self(Self::HERE | ((class as u64) << (63 - CLASS_BITS)))
+    /// Not above any key of a class or a higher one, but above those of points that are removed.
+    fn lowest_of(class: usize) -> Self {
+        Self(Self::PRESENT | ((class as u64) << (63 - CLASS_BITS)))
     }
 }

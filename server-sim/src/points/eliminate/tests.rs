@@ -92,10 +92,10 @@ proptest! {
         let (x, y) = (Key::new(a, first), Key::new(b, first + 1));
         prop_assert_eq!((x.weight(), x.point()), (a + 0.0, first));
         prop_assert_eq!(x > y, a >= b);
-        prop_assert!(x < Key::FIRST && x > Key::NONE && !x.is_gone());
-        prop_assert!(x.gone().is_gone() && x.gone() < Key::least_of(0) && x.gone() < y);
-        prop_assert_eq!((x.gone().parting(), x.gone().weight()), (x, x.weight()));
-        prop_assert!(Key::least_of(x.class()) <= x && Key::least_of(x.class() + 1) > x);
+        prop_assert!(x < Key::FIRST && x > Key::NONE && !x.is_removed());
+        prop_assert!(x.removed().is_removed() && x.removed() < Key::lowest_of(0) && x.removed() < y);
+        prop_assert_eq!((x.removed().key_at_removal(), x.removed().weight()), (x, x.weight()));
+        prop_assert!(Key::lowest_of(x.class()) <= x && Key::lowest_of(x.class() + 1) > x);
         prop_assert_eq!(Key::new(-0.0, first), Key::new(0.0, first));
     }
 }
@@ -120,7 +120,7 @@ fn spread(points: &[Vec3]) -> (f32, f32) {
     let mut nearest = vec![f32::MAX; points.len()];
     let grid = Grid::new(points, 0.1);
     let weighting = Weighting { reach: 0.1, nearest: 0.0 };
-    for cells in grid.stretches(usize::MAX / 2) {
+    for cells in grid.cell_ranges(usize::MAX / 2) {
         let links = grid.links_ahead(&cells, weighting);
         let at = |point: usize| points[grid.number(point as u32) as usize];
         for point in 0..points.len() {

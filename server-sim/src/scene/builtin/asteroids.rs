@@ -5,9 +5,9 @@ use std::f64::consts::{PI, TAU};
 
 use glam::{DAffine3, DMat3, DVec3};
 
+use super::model_builder::{ModelBuilder, about, camera, swing};
 use super::solid::{Solid, at, turn};
-use super::stage::{Stage, about, camera, swing};
-use super::{DURATION_S, Design, noise};
+use super::{BuiltinScene, DURATION_S, noise};
 
 /// Rocks in the scene.
 const ROCKS: i32 = 14;
@@ -21,18 +21,18 @@ const DRIFT_M: f64 = 0.4;
 const SHIP_HALF: DVec3 = DVec3::new(5.4, 2.9, 8.4);
 
 /// The scene.
-pub(super) fn design() -> Design {
-    let mut stage = Stage::new();
-    let plain = stage.plain;
-    stage.still("hull", hull(), plain);
-    stage.still("greebles", greebles(), plain);
-    stage.still("wings", wings(), plain);
-    stage.still("engines", engines(), plain);
-    stage.still("antennas", antennas(), plain);
+pub(super) fn build() -> BuiltinScene {
+    let mut builder = ModelBuilder::new();
+    let plain = builder.plain;
+    builder.add_static("hull", hull(), plain);
+    builder.add_static("greebles", greebles(), plain);
+    builder.add_static("wings", wings(), plain);
+    builder.add_static("engines", engines(), plain);
+    builder.add_static("antennas", antennas(), plain);
     let dish = dish();
-    let thin = stage.thin;
-    stage.still("dish", dish, thin);
-    rocks(&mut stage);
+    let thin = builder.thin;
+    builder.add_static("dish", dish, thin);
+    rocks(&mut builder);
     let keys = [
         (0.0, [9.0, 4.5, 10.0], [0.0, 0.2, 0.5]),
         (4.0, [11.0, 3.0, 2.5], [0.0, 0.2, 0.0]),
@@ -40,7 +40,7 @@ pub(super) fn design() -> Design {
         (12.0, [9.5, 5.0, 5.0], [0.0, 0.2, 0.0]),
         (DURATION_S, [9.0, 4.5, 10.0], [0.0, 0.2, 0.5]),
     ];
-    Design { model: stage.model, ao_radius_m: 0.6, camera: camera(55.0, &keys) }
+    BuiltinScene { model: builder.model, ao_radius_m: 0.6, camera: camera(55.0, &keys) }
 }
 
 /// Radius of the hull's cross-section at a place along the ship (z from -6 at the stern to 7.2 at the bow).
@@ -242,21 +242,21 @@ fn placed_rocks() -> Vec<Rock> {
     rocks
 }
 
-fn rocks(stage: &mut Stage) {
-    let plain = stage.plain;
+fn rocks(builder: &mut ModelBuilder) {
+    let plain = builder.plain;
     for (i, rock) in placed_rocks().into_iter().enumerate() {
         let seed = 100 + 10 * (i % SHAPES) as u32;
         let level = if rock.radius > 0.7 { 4 } else { 3 };
         let solid = Solid::ball(level, |direction| rock.radius * noise::rock(seed, direction, 0.42));
-        let mesh = stage.mesh("rock", solid, plain);
+        let mesh = builder.add_mesh("rock", solid, plain);
         let number = |k: i32, low, high| noise::between(17, i as i32 * 8 + k, low, high);
-        let node = stage.node(None, rock.place.x, rock.place.y, rock.place.z);
-        stage.show(&format!("rock {i}"), node, mesh);
+        let node = builder.add_node(None, rock.place.x, rock.place.y, rock.place.z);
+        builder.place_mesh(&format!("rock {i}"), node, mesh);
         let axis = DVec3::new(number(0, -1.0, 1.0), number(1, -1.0, 1.0), number(2, 0.1, 1.0)).normalize();
         let turns = if i % 2 == 0 { 1.0 } else { -2.0 };
-        stage.turns(node, 60, |time| about(axis, TAU * turns * time / DURATION_S));
+        builder.animate_rotation(node, 60, |time| about(axis, TAU * turns * time / DURATION_S));
         let phase = number(3, 0.0, 1.0);
-        stage.moves(node, 90, |time| {
+        builder.animate_translation(node, 90, |time| {
             let drift = DVec3::new(
                 swing(time, 1.0, phase),
                 swing(time, 1.0, phase + 0.3),

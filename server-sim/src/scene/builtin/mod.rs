@@ -2,16 +2,16 @@
 
 mod asteroids;
 mod colonnade;
+mod model_builder;
 mod noise;
 mod robot_lab;
 mod solid;
-mod stage;
 mod walker;
 
 use crate::scene::camera::CameraPath;
 use crate::scene::error::SceneError;
 use crate::scene::model::Model;
-use crate::scene::{Header, Scene};
+use crate::scene::{Scene, SceneHeader};
 
 /// Names of the built-in scenes.
 pub(crate) const NAMES: &[&str] = &["colonnade", "robot-lab", "asteroids"];
@@ -19,8 +19,8 @@ pub(crate) const NAMES: &[&str] = &["colonnade", "robot-lab", "asteroids"];
 /// Counts up whenever a built-in scene changes, so that its digest does.
 const VERSION: u32 = 1;
 
-/// A finished design.
-pub(super) struct Design {
+/// A finished built.
+pub(super) struct BuiltinScene {
     pub(super) model: Model,
     pub(super) ao_radius_m: f32,
     pub(super) camera: CameraPath,
@@ -31,20 +31,20 @@ pub(super) const DURATION_S: f64 = 15.0;
 
 /// The built-in scene of that name, if there is one.
 pub(crate) fn build(name: &str) -> Option<Result<Scene, SceneError>> {
-    let design = match name {
-        "colonnade" => colonnade::design(),
-        "robot-lab" => robot_lab::design(),
-        "asteroids" => asteroids::design(),
+    let built = match name {
+        "colonnade" => colonnade::build(),
+        "robot-lab" => robot_lab::build(),
+        "asteroids" => asteroids::build(),
         _ => return None,
     };
     let digest = blake3::hash(format!("psao built-in scene {name} version {VERSION}").as_bytes());
-    let header = Header {
+    let header = SceneHeader {
         name: name.to_owned(),
         source: name.to_owned(),
         digest: *digest.as_bytes(),
         duration_s: DURATION_S,
-        ao_radius_m: design.ao_radius_m,
-        camera: Some(design.camera),
+        ao_radius_m: built.ao_radius_m,
+        camera: Some(built.camera),
     };
-    Some(Scene::assemble(design.model, header))
+    Some(Scene::from_model(built.model, header))
 }

@@ -2,8 +2,8 @@
 
 use glam::{DVec3, IVec3};
 
-/// A well-mixed number from a seed and a position.
-fn mixed(seed: u32, p: IVec3) -> u32 {
+/// A well-hash number from a seed and a position.
+fn hash(seed: u32, p: IVec3) -> u32 {
     let mut h = seed.wrapping_mul(0x9E37_79B9);
     for word in p.to_array() {
         h = (h ^ word as u32).wrapping_mul(0x85EB_CA6B);
@@ -15,7 +15,7 @@ fn mixed(seed: u32, p: IVec3) -> u32 {
 
 /// Number `index` of a row of numbers between 0 and 1.
 pub(super) fn uniform(seed: u32, index: i32) -> f64 {
-    f64::from(mixed(seed, IVec3::new(index, index >> 16, 77))) / f64::from(u32::MAX)
+    f64::from(hash(seed, IVec3::new(index, index >> 16, 77))) / f64::from(u32::MAX)
 }
 
 /// Number `index` of a row of numbers between `low` and `high`.
@@ -29,7 +29,7 @@ pub(super) fn noise(seed: u32, p: DVec3) -> f64 {
     let (cell, f) = (floor.as_ivec3(), p - floor);
     let ease = f * f * f * (f * (f * 6.0 - 15.0) + 10.0);
     let corner =
-        |x, y, z| f64::from(mixed(seed, cell + IVec3::new(x, y, z))) / f64::from(u32::MAX) * 2.0 - 1.0;
+        |x, y, z| f64::from(hash(seed, cell + IVec3::new(x, y, z))) / f64::from(u32::MAX) * 2.0 - 1.0;
     let mix = |a: f64, b: f64, t: f64| a + (b - a) * t;
     let along_x = |y, z| mix(corner(0, y, z), corner(1, y, z), ease.x);
     let plane = |z| mix(along_x(0, z), along_x(1, z), ease.y);

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use glam::{DAffine3, DMat3, DVec2, DVec3, Vec2, Vec3};
 
 use crate::scene::mesh::area_vector;
-use crate::scene::prepare::{RawMesh, vertex_normals};
+use crate::scene::raw_mesh::{RawMesh, vertex_normals};
 
 /// Vertices with normals and texture coordinates, and triangles wound counter-clockwise from outside.
 #[derive(Debug, Clone, Default)]

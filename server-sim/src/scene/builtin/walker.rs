@@ -8,10 +8,10 @@ use std::f64::consts::{PI, TAU};
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
 use super::DURATION_S;
+use super::model_builder::{ModelBuilder, about};
 use super::solid::{Solid, sweep};
-use super::stage::{Stage, about};
 use crate::scene::mesh::SkinWeights;
-use crate::scene::model::{Placement, Skin};
+use crate::scene::model::{MeshNode, Skin};
 
 /// Height of the hip joints, metres.
 const HIP_M: f64 = 0.86;
@@ -88,13 +88,13 @@ impl Track {
 }
 
 /// The body that all walkers share.
-pub(super) struct Troupe {
+pub(super) struct WalkerMesh {
     mesh: usize,
 }
 
-impl Troupe {
+impl WalkerMesh {
     /// Makes the body.
-    pub(super) fn new(stage: &mut Stage) -> Option<Self> {
+    pub(super) fn new(builder: &mut ModelBuilder) -> Option<Self> {
         let (mut whole, mut bound) = (Solid::default(), Vec::new());
         for (part, chain) in body() {
             bound.extend(part.positions().iter().map(|p| influences(p.as_dvec3(), &chain)));
@@ -103,31 +103,31 @@ impl Troupe {
         let mut raw = whole.raw("walker");
         let (joints, weights) = bound.into_iter().unzip();
         raw.skin = Some(SkinWeights { sets: 1, joints, weights });
-        let plain = stage.plain;
-        stage.model.mesh(raw, plain).map(|mesh| Self { mesh })
+        let plain = builder.plain;
+        builder.model.add_mesh(raw, plain).map(|mesh| Self { mesh })
     }
 
     /// Adds a walker on a track.
-    pub(super) fn walk(&self, stage: &mut Stage, track: &Track) {
+    pub(super) fn walk(&self, builder: &mut ModelBuilder, track: &Track) {
         let gait = Gait::new(*track);
-        let root = stage.node(None, 0.0, 0.0, 0.0);
-        stage.moves(root, KEYS, |time| track.at(time).0);
-        stage.turns(root, KEYS, |time| about(DVec3::Y, track.at(time).1));
+        let root = builder.add_node(None, 0.0, 0.0, 0.0);
+        builder.animate_translation(root, KEYS, |time| track.at(time).0);
+        builder.animate_rotation(root, KEYS, |time| about(DVec3::Y, track.at(time).1));
         let mut nodes = Vec::new();
         for (i, Joint(parent, _)) in JOINTS.iter().enumerate() {
             let place = rest(i) - parent.map_or(DVec3::ZERO, rest);
-            let node = stage.node(Some(parent.map_or(root, |p| nodes[p])), place.x, place.y, place.z);
+            let node = builder.add_node(Some(parent.map_or(root, |p| nodes[p])), place.x, place.y, place.z);
             nodes.push(node);
         }
         for (i, node) in nodes.iter().enumerate() {
-            stage.turns(*node, KEYS, |time| gait.rotation(i, time));
+            builder.animate_rotation(*node, KEYS, |time| gait.rotation(i, time));
         }
-        stage.moves(nodes[0], KEYS, |time| rest(0) + DVec3::Y * gait.bob(time));
+        builder.animate_translation(nodes[0], KEYS, |time| rest(0) + DVec3::Y * gait.bob(time));
         let inverse_bind = (0..JOINTS.len()).map(|i| DAffine3::from_translation(-rest(i))).collect();
-        stage.model.skins.push(Skin { joints: nodes, inverse_bind });
-        let skin = Some(stage.model.skins.len() - 1);
-        let name = format!("walker {}", stage.model.skins.len());
-        stage.model.placements.push(Placement {
+        builder.model.skins.push(Skin { joints: nodes, inverse_bind });
+        let skin = Some(builder.model.skins.len() - 1);
+        let name = format!("walker {}", builder.model.skins.len());
+        builder.model.mesh_nodes.push(MeshNode {
             name,
             node: root,
             mesh: self.mesh,

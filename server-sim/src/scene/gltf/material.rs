@@ -8,7 +8,7 @@ use gltf::json::validation::Checked;
 use gltf::json::{self, Index};
 use image::ImageReader;
 
-use super::source::Document;
+use super::document::GltfDocument;
 use crate::scene::error::{GltfProblem, SceneError};
 use crate::scene::limits;
 use crate::scene::material::{AlphaMask, Material, NormalMap};
@@ -25,7 +25,7 @@ pub(super) struct MaterialUse {
 
 /// Adds the file's materials to the model; the last entry is the default material.
 pub(super) fn read(
-    document: &Document,
+    document: &GltfDocument,
     model: &mut Model,
     hasher: &mut blake3::Hasher,
 ) -> Result<Vec<MaterialUse>, SceneError> {
@@ -33,13 +33,13 @@ pub(super) fn read(
     for (i, material) in document.root.materials.iter().enumerate() {
         out.push(read_one(document, material, &format!("materials[{i}]"), model, hasher)?);
     }
-    let plain = model.material(Material::default());
+    let plain = model.add_material(Material::default());
     out.push(MaterialUse { material: plain, mask_set: None, normal_set: None });
     Ok(out)
 }
 
 fn read_one(
-    document: &Document,
+    document: &GltfDocument,
     json: &JsonMaterial,
     place: &str,
     model: &mut Model,
@@ -75,12 +75,12 @@ fn read_one(
         mask,
         normal_map,
     };
-    Ok(MaterialUse { material: model.material(material), mask_set, normal_set })
+    Ok(MaterialUse { material: model.add_material(material), mask_set, normal_set })
 }
 
 /// Reads and decodes an image, and keeps the channels that `pick` takes.
 fn load_texture<const N: usize>(
-    document: &Document,
+    document: &GltfDocument,
     index: Index<json::Texture>,
     place: &str,
     hasher: &mut blake3::Hasher,
@@ -119,7 +119,7 @@ fn load_texture<const N: usize>(
 
 /// Wrap modes and whether the nearest texel is taken.
 fn sampling(
-    document: &Document,
+    document: &GltfDocument,
     sampler: Option<&Sampler>,
     place: &str,
 ) -> Result<([Wrap; 2], bool), SceneError> {

@@ -237,10 +237,10 @@ fn indices_out_of_range_are_named() {
             1,
         ),
     ];
-    for (rest, wanted, number) in cases {
+    for (rest, requested, number) in cases {
         let (_, problem) = problem(triangle().load(rest));
         assert!(
-            matches!(problem, GltfProblem::OutOfRange { what, index, .. } if what == wanted && index == number),
+            matches!(problem, GltfProblem::OutOfRange { what, index, .. } if what == requested && index == number),
             "{problem}"
         );
     }
@@ -396,7 +396,7 @@ fn masks_follow_texture_factor_cutoff_wrap_and_set() {
     let material = scene.material(mesh);
     assert_eq!(mesh.uvs().unwrap()[1], Vec2::X);
     assert_eq!(scene.needs().all(), Needs::MASKED | Needs::DOUBLE_SIDED);
-    let there = |u: f32, v: f32| material.alpha_at(Vec2::new(u, v));
+    let there = |u: f32, v: f32| material.is_opaque_at(Vec2::new(u, v));
     assert!(there(0.2, 0.2) && !there(0.7, 0.2) && there(0.7, 0.7));
     assert!(!there(1.2, 0.2) && there(1.7, 0.2), "mirrored along u");
     assert!(!there(0.2, 5.0) && there(0.7, 5.0), "clamped along v");

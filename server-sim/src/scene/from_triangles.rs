@@ -6,9 +6,9 @@ use super::camera::CameraPath;
 use super::error::SceneError;
 use super::limits;
 use super::material::Material;
-use super::model::{Local, Model};
-use super::prepare::RawMesh;
-use super::{Header, Scene};
+use super::model::{LocalTransform, Model};
+use super::raw_mesh::RawMesh;
+use super::{Scene, SceneHeader};
 
 /// Length of the clip, seconds: that of a still model.
 const DURATION_S: f64 = 10.0;
@@ -46,8 +46,8 @@ impl Scene {
         limited("lists", lists.len(), limits::MAX_INSTANCES)?;
         limited("triangles", lists.iter().map(Vec::len).sum(), limits::MAX_TRIANGLES)?;
         let mut model = Model::default();
-        let material = model.material(Material::default());
-        let node = model.node(None, Local::IDENTITY);
+        let material = model.add_material(Material::default());
+        let node = model.add_node(None, LocalTransform::IDENTITY);
         let mut hasher = blake3::Hasher::new();
         hasher.update(name.as_bytes());
         for (index, list) in lists.iter().enumerate() {
@@ -61,11 +61,11 @@ impl Scene {
                 triangles: (0..list.len() as u32).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect(),
                 ..RawMesh::default()
             };
-            if let Some(mesh) = model.mesh(raw, material) {
-                model.place(&format!("{name} {index}"), node, mesh);
+            if let Some(mesh) = model.add_mesh(raw, material) {
+                model.add_mesh_node(&format!("{name} {index}"), node, mesh);
             }
         }
-        let header = Header {
+        let header = SceneHeader {
             name: name.to_owned(),
             source: name.to_owned(),
             digest: *hasher.finalize().as_bytes(),
@@ -73,7 +73,7 @@ impl Scene {
             ao_radius_m,
             camera: None::<CameraPath>,
         };
-        Self::assemble(model, header)
+        Self::from_model(model, header)
     }
 }
 

@@ -8,7 +8,7 @@ use crate::scene::error::{GltfProblem, SceneError};
 use crate::scene::io::{hash_file, read_file};
 
 /// Extensions that a file may require, because they change nothing that is read here.
-const HARMLESS: [&str; 8] = [
+const IGNORED_EXTENSIONS: [&str; 8] = [
     "KHR_lights_punctual",
     "KHR_materials_unlit",
     "KHR_materials_emissive_strength",
@@ -20,13 +20,13 @@ const HARMLESS: [&str; 8] = [
 ];
 
 /// A parsed file with its buffers.
-pub(super) struct Document {
+pub(super) struct GltfDocument {
     pub(super) path: PathBuf,
     pub(super) root: Root,
     buffers: Vec<Vec<u8>>,
 }
 
-impl Document {
+impl GltfDocument {
     /// Reads the file and all of its buffers.
     pub(super) fn open(path: &Path, hasher: &mut blake3::Hasher) -> Result<Self, SceneError> {
         let bytes = read_file(path)?;
@@ -72,7 +72,8 @@ impl Document {
         if !version.starts_with("2.") {
             return Err(self.error("asset.version", GltfProblem::Unsupported(format!("version {version}"))));
         }
-        let unknown = self.root.extensions_required.iter().find(|name| !HARMLESS.contains(&name.as_str()));
+        let unknown =
+            self.root.extensions_required.iter().find(|name| !IGNORED_EXTENSIONS.contains(&name.as_str()));
         match unknown {
             Some(name) => Err(self.error("extensionsRequired", GltfProblem::Unsupported(name.clone()))),
             None => Ok(()),

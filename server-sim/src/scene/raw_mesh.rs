@@ -24,7 +24,7 @@ pub(crate) struct RawMesh {
 
 impl RawMesh {
     /// The mesh, or `None` where nothing of it has a surface (counted).
-    pub(crate) fn prepare(
+    pub(crate) fn into_mesh(
         mut self,
         id: MaterialId,
         material: &Material,
@@ -41,7 +41,7 @@ impl RawMesh {
         }
         if self.normals.is_none() {
             report.flat_normals += 1;
-            self.unshare();
+            self.unweld();
             self.flatten_morphs();
         }
         let mut normals = self.normals.take().unwrap_or_default();
@@ -76,7 +76,7 @@ impl RawMesh {
     }
 
     /// Gives every triangle its own vertices and its own normal.
-    fn unshare(&mut self) {
+    fn unweld(&mut self) {
         let order: Vec<usize> = self.triangles.iter().flatten().map(|&v| v as usize).collect();
         gather(&mut self.positions, &order);
         for uvs in [&mut self.uvs, &mut self.normal_uvs].into_iter().flatten() {
@@ -127,7 +127,7 @@ impl RawMesh {
             }
         };
         match self.tangents.take() {
-            Some(tangents) => tangents.iter().zip(normals).map(|(t, n)| squared_up(*t, *n)).collect(),
+            Some(tangents) => tangents.iter().zip(normals).map(|(t, n)| orthogonalised(*t, *n)).collect(),
             None => {
                 report.generated_tangents += 1;
                 self.morphs.iter_mut().for_each(|morph| morph.tangents.clear());
@@ -160,12 +160,12 @@ pub(crate) fn vertex_normals(positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<
 pub(crate) fn repair_normals(normals: &mut [Vec3], positions: &[Vec3], triangles: &[[u32; 3]]) -> usize {
     let broken = |n: &Vec3| n.length_squared() < 1e-12;
     let all = normals.iter().all(broken);
-    let spare = if normals.iter().any(broken) { vertex_normals(positions, triangles) } else { Vec::new() };
+    let fallback = if normals.iter().any(broken) { vertex_normals(positions, triangles) } else { Vec::new() };
     let mut replaced = 0;
     for (v, normal) in normals.iter_mut().enumerate() {
         if broken(normal) {
             replaced += 1;
-            *normal = spare[v];
+            *normal = fallback[v];
         }
         *normal = normal.as_dvec3().try_normalize().unwrap_or(DVec3::Y).as_vec3();
     }
@@ -194,7 +194,7 @@ fn normalise(skin: &mut SkinWeights) -> usize {
 }
 
 /// A tangent at right angles to the normal, unit, its sign 1 or -1.
-fn squared_up(tangent: Vec4, normal: Vec3) -> Vec4 {
+fn orthogonalised(tangent: Vec4, normal: Vec3) -> Vec4 {
     let along = tangent.truncate();
     let flat = (along - normal * normal.dot(along)).try_normalize();
     let flat = flat.unwrap_or_else(|| any_tangent(normal));
@@ -232,7 +232,7 @@ fn derive_tangents(positions: &[Vec3], normals: &[Vec3], uvs: &[Vec2], triangles
         let n = normal.as_dvec3();
         let handed = if n.cross(*u).dot(-*v) < 0.0 { -1.0 } else { 1.0 };
         let along = u.try_normalize().unwrap_or(DVec3::ZERO).as_vec3();
-        squared_up(along.extend(handed), *normal)
+        orthogonalised(along.extend(handed), *normal)
     };
     sums.iter().zip(normals).map(finish).collect()
 }

@@ -5,14 +5,14 @@ use std::ops::Range;
 use glam::{DAffine3, DQuat, DVec3};
 
 use crate::scene::animation::{Property, unit_quaternion};
-use crate::scene::model::{Channel, Clip, Local, Model};
+use crate::scene::model::{Channel, Clip, LocalTransform, Model};
 use crate::scene::report::SceneReport;
 
 /// One node, with the channels that drive it.
 #[derive(Debug, Clone)]
-struct RigNode {
+struct HierarchyNode {
     parent: Option<usize>,
-    local: Local,
+    local: LocalTransform,
     channels: Range<usize>,
     /// Whether its world transform can differ between two times.
     varies: bool,
@@ -20,52 +20,52 @@ struct RigNode {
 
 /// The hierarchy in an order in which parents come first, without what drives nothing visible.
 #[derive(Debug, Clone)]
-pub(crate) struct Rig {
-    nodes: Vec<RigNode>,
+pub(crate) struct NodeHierarchy {
+    nodes: Vec<HierarchyNode>,
     channels: Vec<Channel>,
     clips: Vec<Clip>,
-    /// Rig node of each of the model's nodes that is needed.
-    places: Vec<Option<usize>>,
+    /// NodeHierarchy node of each of the model's nodes that is needed.
+    indices: Vec<Option<usize>>,
 }
 
-impl Rig {
-    /// Takes the nodes that the placements and their joints hang on, with their channels.
+impl NodeHierarchy {
+    /// Takes the nodes that the mesh_nodes and their joints hang on, with their channels.
     pub(crate) fn new(model: &Model, report: &mut SceneReport) -> Self {
         let order = needed_in_order(model);
-        let mut places = vec![None; model.nodes.len()];
-        order.iter().enumerate().for_each(|(place, &node)| places[node] = Some(place));
-        let mut channels = pick_channels(model, &places, report);
+        let mut indices = vec![None; model.nodes.len()];
+        order.iter().enumerate().for_each(|(index, &node)| indices[node] = Some(index));
+        let mut channels = pick_channels(model, &indices, report);
         channels.sort_by_key(|channel| channel.node);
-        let mut nodes: Vec<RigNode> = Vec::with_capacity(order.len());
-        for (place, &node) in order.iter().enumerate() {
-            let parent = model.nodes[node].parent.and_then(|p| places[p]);
-            let first = channels.partition_point(|c| c.node < place);
-            let range = first..channels.partition_point(|c| c.node <= place);
+        let mut nodes: Vec<HierarchyNode> = Vec::with_capacity(order.len());
+        for (index, &node) in order.iter().enumerate() {
+            let parent = model.nodes[node].parent.and_then(|p| indices[p]);
+            let first = channels.partition_point(|c| c.node < index);
+            let range = first..channels.partition_point(|c| c.node <= index);
             let moves = |c: &Channel| c.property != Property::Weights && c.curve.varies();
             let varies = parent.is_some_and(|p| nodes[p].varies) || channels[range.clone()].iter().any(moves);
-            nodes.push(RigNode { parent, local: model.nodes[node].local, channels: range, varies });
+            nodes.push(HierarchyNode { parent, local: model.nodes[node].local, channels: range, varies });
         }
-        Self { nodes, channels, clips: model.clips.clone(), places }
+        Self { nodes, channels, clips: model.clips.clone(), indices }
     }
 
-    /// The rig's node for one of the model's. Only nodes that were needed may be asked for.
-    pub(crate) fn place(&self, node: usize) -> usize {
-        self.places[node].unwrap_or(0)
+    /// The hierarchy's node for one of the model's. Only nodes that were needed may be asked for.
+    pub(crate) fn index_of(&self, node: usize) -> usize {
+        self.indices[node].unwrap_or(0)
     }
 
     /// The parent of a node.
-    pub(crate) fn parent(&self, place: usize) -> Option<usize> {
-        self.nodes[place].parent
+    pub(crate) fn parent(&self, index: usize) -> Option<usize> {
+        self.nodes[index].parent
     }
 
     /// Whether a node's world transform can differ between two times.
-    pub(crate) fn varies(&self, place: usize) -> bool {
-        self.nodes[place].varies
+    pub(crate) fn varies(&self, index: usize) -> bool {
+        self.nodes[index].varies
     }
 
     /// Whether a node can move against one of its ancestors (`None`: the world).
-    pub(crate) fn varies_below(&self, place: usize, ancestor: Option<usize>) -> bool {
-        let mut at = Some(place);
+    pub(crate) fn varies_below(&self, index: usize, ancestor: Option<usize>) -> bool {
+        let mut at = Some(index);
         while let Some(node) = at.filter(|_| at != ancestor) {
             let own = &self.channels[self.nodes[node].channels.clone()];
             if own.iter().any(|c| c.property != Property::Weights && c.curve.varies()) {
@@ -86,9 +86,9 @@ impl Rig {
         }
     }
 
-    fn local_at(&self, node: &RigNode, time_s: f64) -> Local {
+    fn local_at(&self, node: &HierarchyNode, time_s: f64) -> LocalTransform {
         let mut local = node.local;
-        let Local::Trs { translation, rotation, scale } = &mut local else { return local };
+        let LocalTransform::Trs { translation, rotation, scale } = &mut local else { return local };
         for channel in &self.channels[node.channels.clone()] {
             if channel.property == Property::Weights {
                 continue;
@@ -108,21 +108,21 @@ impl Rig {
     }
 
     /// The channel that drives the morph weights of a node.
-    fn weight_channel(&self, place: usize) -> Option<&Channel> {
-        let own = &self.channels[self.nodes[place].channels.clone()];
+    fn weight_channel(&self, index: usize) -> Option<&Channel> {
+        let own = &self.channels[self.nodes[index].channels.clone()];
         own.iter().find(|c| c.property == Property::Weights)
     }
 
     /// Whether the morph weights at a node can differ between two times.
-    pub(crate) fn weights_vary(&self, place: usize) -> bool {
-        self.weight_channel(place).is_some_and(|c| c.curve.varies())
+    pub(crate) fn weights_vary(&self, index: usize) -> bool {
+        self.weight_channel(index).is_some_and(|c| c.curve.varies())
     }
 
     /// Morph weights of a node at a given time; `defaults` where nothing drives them.
-    pub(crate) fn weights(&self, place: usize, defaults: &[f32], time_s: f64, out: &mut Vec<f32>) {
+    pub(crate) fn weights(&self, index: usize, defaults: &[f32], time_s: f64, out: &mut Vec<f32>) {
         out.clear();
         out.extend_from_slice(defaults);
-        if let Some(channel) = self.weight_channel(place) {
+        if let Some(channel) = self.weight_channel(index) {
             let mut values = vec![0.0; channel.curve.width];
             channel.curve.sample(self.clips[channel.clip].local_time(time_s), &mut values);
             out.iter_mut().zip(&values).for_each(|(slot, value)| *slot = *value as f32);
@@ -130,13 +130,13 @@ impl Rig {
     }
 }
 
-/// The model's nodes that a placement or one of its joints hangs on, parents first, else in file order.
+/// The model's nodes that a mesh_node or one of its joints hangs on, parents first, else in file order.
 fn needed_in_order(model: &Model) -> Vec<usize> {
     let mut order = Vec::new();
     let mut seen = vec![false; model.nodes.len()];
     let joints = |skin: usize| model.skins[skin].joints.iter().copied();
-    for placement in &model.placements {
-        let wanted = std::iter::once(placement.node).chain(placement.skin.into_iter().flat_map(joints));
+    for mesh_node in &model.mesh_nodes {
+        let wanted = std::iter::once(mesh_node.node).chain(mesh_node.skin.into_iter().flat_map(joints));
         for node in wanted {
             let start = order.len();
             let mut at = Some(node);
@@ -151,23 +151,23 @@ fn needed_in_order(model: &Model) -> Vec<usize> {
     order
 }
 
-/// The channels of needed nodes, addressed by rig place, one per node and property: the last one counts.
-fn pick_channels(model: &Model, places: &[Option<usize>], report: &mut SceneReport) -> Vec<Channel> {
+/// The channels of needed nodes, addressed by hierarchy index, one per node and property: the last one counts.
+fn pick_channels(model: &Model, indices: &[Option<usize>], report: &mut SceneReport) -> Vec<Channel> {
     let mut taken = std::collections::BTreeSet::new();
     let mut channels = Vec::new();
     for channel in model.channels.iter().rev() {
-        let Some(place) = places[channel.node] else {
+        let Some(index) = indices[channel.node] else {
             report.idle_channels += 1;
             continue;
         };
-        if !taken.insert((place, channel.property as u8)) {
+        if !taken.insert((index, channel.property as u8)) {
             report.overruled_channels += 1;
         } else if channel.property != Property::Weights
-            && matches!(model.nodes[channel.node].local, Local::Matrix(_))
+            && matches!(model.nodes[channel.node].local, LocalTransform::Matrix(_))
         {
             report.matrix_channels += 1;
         } else {
-            channels.push(Channel { node: place, ..channel.clone() });
+            channels.push(Channel { node: index, ..channel.clone() });
         }
     }
     channels.reverse();

@@ -10,10 +10,10 @@ use super::solid::Solid;
 use crate::scene::animation::{Curve, Interpolation, Property};
 use crate::scene::camera::{CameraKey, CameraPath};
 use crate::scene::material::Material;
-use crate::scene::model::{Channel, Clip, Local, Model};
+use crate::scene::model::{Channel, Clip, LocalTransform, Model};
 
 /// A model in the making.
-pub(super) struct Stage {
+pub(super) struct ModelBuilder {
     pub(super) model: Model,
     /// An opaque, single-sided material.
     pub(super) plain: usize,
@@ -22,7 +22,7 @@ pub(super) struct Stage {
     clip: usize,
 }
 
-impl Stage {
+impl ModelBuilder {
     pub(super) fn new() -> Self {
         let mut model = Model::default();
         let named = |name: &str, double_sided| Material {
@@ -30,53 +30,67 @@ impl Stage {
             double_sided,
             ..Material::default()
         };
-        let (plain, thin) = (model.material(named("plain", false)), model.material(named("thin", true)));
+        let (plain, thin) =
+            (model.add_material(named("plain", false)), model.add_material(named("thin", true)));
         model.clips.push(Clip { length_s: DURATION_S, speed: 1.0, phase_s: 0.0 });
         Self { model, plain, thin, clip: 0 }
     }
 
     /// Makes a mesh of a shape.
-    pub(super) fn mesh(&mut self, name: &str, solid: Solid, material: usize) -> Option<usize> {
-        self.model.mesh(solid.raw(name), material)
+    pub(super) fn add_mesh(&mut self, name: &str, solid: Solid, material: usize) -> Option<usize> {
+        self.model.add_mesh(solid.raw(name), material)
     }
 
     /// A node.
-    pub(super) fn node(&mut self, parent: Option<usize>, x: f64, y: f64, z: f64) -> usize {
-        self.model.node(parent, Local::at(DVec3::new(x, y, z)))
+    pub(super) fn add_node(&mut self, parent: Option<usize>, x: f64, y: f64, z: f64) -> usize {
+        self.model.add_node(parent, LocalTransform::at(DVec3::new(x, y, z)))
     }
 
     /// A node that is turned as well.
-    pub(super) fn turned(&mut self, parent: Option<usize>, turned: DMat3, x: f64, y: f64, z: f64) -> usize {
-        self.model.node(parent, Local::rigid(DVec3::new(x, y, z), DQuat::from_mat3(&turned)))
+    pub(super) fn add_turned_node(
+        &mut self,
+        parent: Option<usize>,
+        turned: DMat3,
+        x: f64,
+        y: f64,
+        z: f64,
+    ) -> usize {
+        self.model.add_node(parent, LocalTransform::rigid(DVec3::new(x, y, z), DQuat::from_mat3(&turned)))
     }
 
     /// Shows a mesh at a node.
-    pub(super) fn show(&mut self, name: &str, node: usize, mesh: Option<usize>) {
+    pub(super) fn place_mesh(&mut self, name: &str, node: usize, mesh: Option<usize>) {
         if let Some(mesh) = mesh {
-            self.model.place(name, node, mesh);
+            self.model.add_mesh_node(name, node, mesh);
         }
     }
 
     /// Adds a shape that never moves.
-    pub(super) fn still(&mut self, name: &str, solid: Solid, material: usize) {
-        let mesh = self.mesh(name, solid, material);
-        let node = self.node(None, 0.0, 0.0, 0.0);
-        self.show(name, node, mesh);
+    pub(super) fn add_static(&mut self, name: &str, solid: Solid, material: usize) {
+        let mesh = self.add_mesh(name, solid, material);
+        let node = self.add_node(None, 0.0, 0.0, 0.0);
+        self.place_mesh(name, node, mesh);
     }
 
     /// Turns a node over the clip: `keys` intervals of equal length. For a closed loop the ends agree.
-    pub(super) fn turns(&mut self, node: usize, keys: u32, rotation: impl Fn(f64) -> DQuat) {
+    pub(super) fn animate_rotation(&mut self, node: usize, keys: u32, rotation: impl Fn(f64) -> DQuat) {
         let value = |time: f64| rotation(time).to_array().map(|v| v as f32).to_vec();
         self.drive(node, Property::Rotation, 4, keys, value);
     }
 
     /// Moves a node over the clip.
-    pub(super) fn moves(&mut self, node: usize, keys: u32, place: impl Fn(f64) -> DVec3) {
+    pub(super) fn animate_translation(&mut self, node: usize, keys: u32, place: impl Fn(f64) -> DVec3) {
         self.drive(node, Property::Translation, 3, keys, |time| place(time).as_vec3().to_array().to_vec());
     }
 
     /// Drives the `width` morph weights of a node over the clip.
-    pub(super) fn morphs(&mut self, node: usize, width: usize, keys: u32, weights: impl Fn(f64) -> Vec<f32>) {
+    pub(super) fn animate_morph_weights(
+        &mut self,
+        node: usize,
+        width: usize,
+        keys: u32,
+        weights: impl Fn(f64) -> Vec<f32>,
+    ) {
         self.drive(node, Property::Weights, width, keys, weights);
     }
 

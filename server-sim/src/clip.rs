@@ -35,8 +35,8 @@ pub struct InstanceNeeds {
     pub in_view: bool,
 }
 
-/// Needs of all instances of a scene over a clip, in their order. An instance out of sight in every frame is near nothing
-/// and in no view.
+/// Returns the needs of all instances of a scene over a clip, in their order. An instance out of sight in every frame
+/// is near nothing and in no view.
 ///
 /// Takes time in proportion to the vertices that deform, times frames; and at worst to the instances times those that move.
 #[must_use]
@@ -78,7 +78,7 @@ pub fn needs(scene: &Scene, clip: &Clip) -> Vec<InstanceNeeds> {
     instances.par_iter().enumerate().map(of).collect()
 }
 
-/// Bounds in world space of an instance at a pose; empty while it is out of sight.
+/// Returns the bounds in world space of an instance at a pose; empty while it is out of sight.
 fn bounds(
     scene: &Scene,
     pose: &ScenePose,

@@ -5,7 +5,8 @@
 
 const WEYL: u64 = 0x9E37_79B9_7F4A_7C15;
 
-/// The mixer alone: a bijection of 64 bits in which every input bit flips every output bit with probability near 1/2.
+/// Returns the mixer alone: a bijection of 64 bits in which every input bit flips every output bit with probability
+/// near 1/2.
 #[must_use]
 pub(crate) fn mix(value: u64) -> u64 {
     let value = (value ^ (value >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -13,13 +14,13 @@ pub(crate) fn mix(value: u64) -> u64 {
     value ^ (value >> 31)
 }
 
-/// A seed for one of many streams of one seed.
+/// Returns a seed for one of many streams of one seed.
 #[must_use]
 pub(crate) fn substream(seed: u64, stream: u64) -> u64 {
     mix(seed.wrapping_add(WEYL) ^ mix(stream.wrapping_mul(WEYL).wrapping_add(1)))
 }
 
-/// The upper 24 bits as a number in [0, 1), exactly.
+/// Returns the upper 24 bits as a number in [0, 1), exactly.
 #[must_use]
 pub(crate) fn unit(bits: u64) -> f32 {
     (bits >> 40) as f32 * (1.0 / 16_777_216.0)

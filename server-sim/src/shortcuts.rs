@@ -45,7 +45,7 @@ impl Shortcuts {
     /// All of them.
     pub const ALL: Self = Self(511);
 
-    /// Whether all of `other` are among these.
+    /// Returns whether all of `other` are among these.
     #[must_use]
     pub const fn contains(self, other: Self) -> bool {
         self.0 & other.0 == other.0

@@ -28,8 +28,8 @@ pub enum Overlap {
 }
 
 impl View {
-    /// The view of a camera whose half-angle tangents are multiplied by `margin`; `None` where the camera sees
-    /// nothing: a pose that [`CameraPose::is_valid`] refuses, or a margin that is not a positive number.
+    /// Returns the view of a camera whose half-angle tangents are multiplied by `margin`; `None` where the camera
+    /// sees nothing: a pose that [`CameraPose::is_valid`] refuses, or a margin that is not a positive number.
     #[must_use]
     pub fn new(camera: &CameraPose, margin: f32) -> Option<Self> {
         if !(camera.is_valid() && margin > 0.0 && margin.is_finite()) {
@@ -45,7 +45,7 @@ impl View {
         lengths.iter().all(|length| length.is_finite()).then_some(view)
     }
 
-    /// Whether a point of the world is in the view.
+    /// Returns whether a point of the world is in the view.
     #[must_use]
     #[inline]
     pub fn sees(&self, point: Vec3) -> bool {
@@ -81,7 +81,7 @@ impl View {
 pub(crate) struct Views(Vec<View>);
 
 impl Views {
-    /// The views of some cameras; those that see nothing count all the same.
+    /// Returns the views of some cameras; those that see nothing count all the same.
     pub(crate) fn new(cameras: &[CameraPose], margin: f32) -> Option<Self> {
         (!cameras.is_empty())
             .then(|| Self(cameras.iter().filter_map(|camera| View::new(camera, margin)).collect()))

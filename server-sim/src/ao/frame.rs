@@ -2,8 +2,8 @@
 
 use glam::{Mat3, Vec3};
 
-/// Columns tangent, bitangent, normal. `normal` is unit; `edge` is any direction that moves with the surface, such as
-/// the first edge of the deformed triangle. An edge along the normal falls back to a fixed choice.
+/// Returns the columns tangent, bitangent, normal. `normal` is unit; `edge` is any direction that moves with the
+/// surface, such as the first edge of the deformed triangle. An edge along the normal falls back to a fixed choice.
 #[must_use]
 pub fn tangent_frame(normal: Vec3, edge: Vec3) -> Mat3 {
     let flat = edge - normal * normal.dot(edge);

@@ -128,7 +128,7 @@ impl RayPacket {
         self.entered[..groups].fill(0);
     }
 
-    /// Groups in use.
+    /// Returns the groups in use.
     pub(super) fn groups(&self) -> usize {
         self.groups
     }
@@ -157,18 +157,18 @@ impl RayPacket {
         self.update_group(group, best);
     }
 
-    /// Rays that came into the bounds of some body before their nearest hit so far.
+    /// Returns the rays that came into the bounds of some body before their nearest hit so far.
     pub(super) fn traced(&self) -> u32 {
         self.entered[..self.groups].iter().map(|rays| rays.count_ones()).sum()
     }
 
-    /// Lanes of a group that hold a ray.
+    /// Returns the lanes of a group that hold a ray.
     fn used(&self, group: usize) -> usize {
         if group + 1 == self.groups { LANES - self.padding } else { LANES }
     }
 
-    /// Sum over the rays of what hides them: `1 - min(hit distance, R) / R`, or with `ANY` one for every hit. Summed
-    /// lane by lane, so that a point without a hit is exactly open.
+    /// Returns the sum over the rays of what hides them: `1 - min(hit distance, R) / R`, or with `ANY` one for every
+    /// hit. Summed lane by lane, so that a point without a hit is exactly open.
     pub(super) fn occlusion_sum<const ANY: bool>(&self) -> f32 {
         let mut sum = Packed::ZERO;
         for (group, best) in self.best[..self.groups].iter().enumerate() {
@@ -179,7 +179,7 @@ impl RayPacket {
         sum.sum()
     }
 
-    /// Distance of each ray's hit, 0 with binary occlusion, or infinity for none.
+    /// Returns the distance of each ray's hit, 0 with binary occlusion, or infinity for none.
     #[cfg(any(test, feature = "testing"))]
     pub(super) fn distances(&self, kind: super::settings::Occlusion) -> impl Iterator<Item = f32> {
         let all = self.best[..self.groups].iter().flat_map(Packed::array);
@@ -322,7 +322,7 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
         }
     }
 
-    /// The groups whose cones touch the ball around a box and whose rays go as far as the box.
+    /// Returns the groups whose cones touch the ball around a box and whose rays go as far as the box.
     #[inline(always)]
     fn groups_touching_box(&self, boxes: &BoxSetup, lane: usize, groups: u32) -> u32 {
         let simd = self.simd;
@@ -343,7 +343,7 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
         kept & groups
     }
 
-    /// The groups of which some ray crosses the box from `low` to `high`, relative to the origin.
+    /// Returns the groups of which some ray crosses the box from `low` to `high`, relative to the origin.
     #[inline(always)]
     fn groups_crossing_box(&self, low: Vec3, high: Vec3, groups: u32) -> u32 {
         let (low, high) = (Lanes3::splat(self.simd, low), Lanes3::splat(self.simd, high));
@@ -357,7 +357,7 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
         kept
     }
 
-    /// Bit per ray of a group: whether it crosses the box before its nearest hit.
+    /// Returns a bit per ray of a group: whether it crosses the box before its nearest hit.
     #[inline(always)]
     fn crossing_rays(&self, low: &Lanes3<S>, high: &Lanes3<S>, group: usize) -> u32 {
         let simd = self.simd;
@@ -440,7 +440,7 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
         }
     }
 
-    /// The cone of a group and how far its rays go.
+    /// Returns the cone of a group and how far its rays go.
     #[inline(always)]
     fn cone(&self, group: usize) -> RayCone {
         let (eight, lane) = (group / LANES, group % LANES);

@@ -62,8 +62,8 @@ impl RayWorkload {
         Self { world, tracer, points: taken }
     }
 
-    /// The same points and rays, traced by other settings of the same [`super::AoSettings::rays`], radius and seed, or by
-    /// other instructions.
+    /// Returns the same points and rays, traced by other settings of the same [`super::AoSettings::rays`], radius and
+    /// seed, or by other instructions.
     #[must_use]
     pub fn with_tracer(self, tracer: Tracer) -> Self {
         Self { tracer, ..self }

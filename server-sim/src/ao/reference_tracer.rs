@@ -32,7 +32,7 @@ impl ReferenceTracer {
         Self { bvh, triangles }
     }
 
-    /// Distance to the nearest triangle nearer than the ray's length, or infinity.
+    /// Returns the distance to the nearest triangle nearer than the ray's length, or infinity.
     #[must_use]
     pub fn closest(&self, ray: &Ray) -> f32 {
         let mut hit = RayHit::none();
@@ -40,7 +40,7 @@ impl ReferenceTracer {
         if hit.t < ray.length { hit.t } else { f32::INFINITY }
     }
 
-    /// Whether any triangle is nearer than the ray's length.
+    /// Returns whether any triangle is nearer than the ray's length.
     #[must_use]
     pub fn occluded(&self, ray: &Ray) -> bool {
         !self.bvh.ray_traverse_miss(plain(ray), |_, index| distance(&self.triangles[index], ray))
@@ -51,7 +51,7 @@ fn plain(ray: &Ray) -> PlainRay {
     PlainRay::new(Vec3A::from(ray.origin), Vec3A::from(ray.direction), 0.0, ray.length)
 }
 
-/// Distance to a triangle by the signed volumes of ray and edges, or infinity.
+/// Returns the distance to a triangle by the signed volumes of ray and edges, or infinity.
 fn distance(corners: &[DVec3; 3], ray: &Ray) -> f32 {
     let (origin, along) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
     let [a, b, c] = [corners[0] - origin, corners[1] - origin, corners[2] - origin];

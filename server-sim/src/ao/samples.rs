@@ -63,13 +63,13 @@ impl SampleSets {
         Self { seed, sets: (0..RAY_SETS).map(|set| SampleSet::new(rays, substream(seed, set))).collect() }
     }
 
-    /// Bytes held.
+    /// Returns the bytes held on the heap.
     pub(super) fn heap_bytes(&self) -> usize {
         let set = |set: &SampleSet| memory::list(&set.groups) + memory::list(&set.cones);
         memory::list(&self.sets) + self.sets.iter().map(set).sum::<usize>()
     }
 
-    /// The rays of a point.
+    /// Returns the rays of a point.
     pub(crate) fn of(&self, key: RayKey) -> PointRays<'_> {
         let hash = mix(self.seed ^ mix(u64::from(key.0).wrapping_add(0x5EED)));
         let angle = unit(hash) * std::f32::consts::TAU;
@@ -86,7 +86,7 @@ impl PointRays<'_> {
         [x * self.cos + y * self.sin, y * self.cos - x * self.sin, z]
     }
 
-    /// Directions of all rays after `turn`, the very ones that a packet has.
+    /// Returns the directions of all rays after `turn`, the very ones that a packet has.
     #[cfg(any(test, feature = "testing"))]
     pub(super) fn directions(&self, turn: &Mat3) -> Vec<Vec3> {
         let [x, y, z] = self.axes(turn);
@@ -101,14 +101,14 @@ impl PointRays<'_> {
         self.set.groups.len().div_ceil(PACKET_GROUPS)
     }
 
-    /// Directions of one packet, by group.
+    /// Returns the directions of one packet, by group.
     #[inline(always)]
     pub(super) fn groups(&self, chunk: usize) -> &[Packed3] {
         let groups = &self.set.groups;
         &groups[chunk * PACKET_GROUPS..groups.len().min((chunk + 1) * PACKET_GROUPS)]
     }
 
-    /// Cones of one packet, eight groups each.
+    /// Returns the cones of one packet, eight groups each.
     #[inline(always)]
     pub(super) fn cones(&self, chunk: usize) -> &[Cones] {
         const CONES: usize = PACKET_GROUPS / LANES;
@@ -116,7 +116,7 @@ impl PointRays<'_> {
         &cones[chunk * CONES..cones.len().min((chunk + 1) * CONES)]
     }
 
-    /// Lanes of the last group of a packet that hold no ray of their own.
+    /// Returns the lanes of the last group of a packet that hold no ray of their own.
     pub(super) fn padding(&self, chunk: usize) -> usize {
         if chunk + 1 == self.chunks() { self.set.groups.len() * LANES - self.set.rays } else { 0 }
     }
@@ -147,7 +147,7 @@ impl SampleSet {
         Self { rays: directions.len(), groups, cones }
     }
 
-    /// Rays in the set, without the padding of the last group.
+    /// Returns the rays in the set, without the padding of the last group.
     #[cfg(test)]
     pub(crate) fn rays(&self) -> usize {
         self.rays
@@ -174,8 +174,8 @@ impl Cones {
     }
 }
 
-/// The middle of a group's directions: nearly the least distance from the farthest of them (Badoiu and Clarkson 2003,
-/// "Smaller core-sets for balls").
+/// Returns the middle of a group's directions: nearly the least distance from the farthest of them (Badoiu and
+/// Clarkson 2003, "Smaller core-sets for balls").
 fn axis(group: &Packed3) -> Vec3 {
     let rays = || (0..LANES).map(|lane| group.at(lane));
     let mut axis = rays().sum::<Vec3>() / LANES as f32;

@@ -29,7 +29,7 @@ pub(super) struct SelfHitReader<'a> {
 }
 
 impl SelfHits {
-    /// Bytes of memory.
+    /// Returns the bytes of memory.
     pub(crate) fn bytes(&self) -> usize {
         size_of::<Self>() + self.hits.len() + size_of_val(&*self.distances)
     }

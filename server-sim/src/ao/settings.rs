@@ -35,14 +35,14 @@ impl Default for AoSettings {
 }
 
 impl AoSettings {
-    /// Distance in metres by which a ray's origin is lifted off the surface along the normal: R / 60, which is the
-    /// authors' 0.01 m at 0.6 m.
+    /// Returns the distance in metres by which a ray's origin is lifted off the surface along the normal: R / 60,
+    /// which is the authors' 0.01 m at 0.6 m.
     #[must_use]
     pub fn bias(&self) -> f32 {
         self.radius / 60.0
     }
 
-    /// Distance in metres from a point within which geometry can change its AO.
+    /// Returns the distance in metres from a point within which geometry can change its AO.
     #[must_use]
     pub fn influence(&self) -> f32 {
         self.radius + self.bias()

@@ -84,19 +84,20 @@ impl Tracer {
         Ok(Self { settings, sets, instructions: Instructions::best() })
     }
 
-    /// The same, by other instructions than the best that there are; for tests and measurements, as the AO is the same.
+    /// Returns the same, by other instructions than the best that there are; for tests and measurements, as the AO is
+    /// the same.
     #[must_use]
     pub fn with_instructions(self, instructions: Instructions) -> Self {
         Self { instructions, ..self }
     }
 
-    /// The settings given.
+    /// Returns the settings given.
     #[must_use]
     pub fn settings(&self) -> &AoSettings {
         &self.settings
     }
 
-    /// Bytes of self_hits held: the directions of all sets of rays.
+    /// Returns the bytes of self_hits held: the directions of all sets of rays.
     #[must_use]
     pub fn heap_bytes(&self) -> usize {
         self.sets.heap_bytes()
@@ -186,7 +187,7 @@ impl Tracer {
         all.resize(end, f32::INFINITY);
     }
 
-    /// Origin and directions of a point's rays in the world.
+    /// Returns the origin and directions of a point's rays in the world.
     #[cfg(any(test, feature = "testing"))]
     pub(super) fn rays(&self, bodies: &Tlas, key: RayKey, ray_frame: &RayFrame) -> (Vec3, Vec<Vec3>) {
         let home = home_of(bodies, ray_frame);
@@ -287,7 +288,7 @@ fn home_of(bodies: &Tlas, ray_frame: &RayFrame) -> Placement {
     body.map_or(Placement::IDENTITY, |body| body.placement)
 }
 
-/// The start of the rays in the space of another body.
+/// Returns the start of the rays in the space of another body.
 fn from_home(home: &Placement, body: &Placement, frame: &Mat3, in_world: Vec3) -> PacketOrigin {
     PacketOrigin {
         turn: body.rotation.transpose() * (home.rotation * *frame),

@@ -46,7 +46,7 @@ impl Blas {
         Self { wide_nodes: wide::widen(&tree), tree, blocks, masked: Vec::new() }
     }
 
-    /// Bytes held, itself included.
+    /// Returns the bytes held, including the struct itself.
     pub(crate) fn heap_bytes(&self) -> usize {
         let Self { tree, wide_nodes, blocks, masked } = self;
         size_of::<Self>()
@@ -67,7 +67,7 @@ impl Blas {
         self
     }
 
-    /// Bit per lane of the block of a leaf that starts at `first`: whether a hit must ask for the texel.
+    /// Returns a bit per lane of the block of a leaf that starts at `first`: whether a hit must ask for the texel.
     #[inline(always)]
     pub(crate) fn masked_lanes(&self, first: u32) -> u8 {
         self.masked.get(first as usize / LANES).copied().unwrap_or(0)
@@ -85,7 +85,7 @@ impl Blas {
         wide::refit(&mut self.wide_nodes, &self.tree);
     }
 
-    /// Bounds of all triangles.
+    /// Returns the bounds of all triangles.
     pub(crate) fn bounds(&self) -> Bounds {
         self.tree.bounds()
     }
@@ -101,31 +101,31 @@ impl Blas {
         (sum / area(&self.bounds()).max(f64::MIN_POSITIVE)) as f32
     }
 
-    /// The box tree.
+    /// Returns the box tree.
     #[inline(always)]
     pub(crate) fn tree(&self) -> &Tree {
         &self.tree
     }
 
-    /// The box tree with eight children per node, for ray packets; empty where the tree is.
+    /// Returns the box tree with eight children per node, for ray packets; empty where the tree is.
     #[inline(always)]
     pub(crate) fn wide_nodes(&self) -> &[WideNode] {
         &self.wide_nodes
     }
 
-    /// The block of a leaf that starts at `first`.
+    /// Returns the block of a leaf that starts at `first`.
     #[inline(always)]
     pub(crate) fn block(&self, first: u32) -> &Block {
         &self.blocks[first as usize / LANES]
     }
 
-    /// Number of the triangle in a lane of the block of a leaf that starts at `first`.
+    /// Returns the number of the triangle in a lane of the block of a leaf that starts at `first`.
     #[inline(always)]
     pub(crate) fn triangle_at(&self, first: u32, lane: usize) -> u32 {
         self.tree.order()[first as usize + lane]
     }
 
-    /// The nearest triangle nearer than `tmax` that `accept` takes; with `any`, the first one found.
+    /// Returns the nearest triangle nearer than `tmax` that `accept` takes; with `any`, the first one found.
     pub(crate) fn nearest(
         &self,
         origin: Vec3,
@@ -233,7 +233,7 @@ pub(crate) mod reference {
         })
     }
 
-    /// A box of 12 triangles around the origin.
+    /// Returns a box of 12 triangles around the origin.
     pub(crate) fn cube(half: f32) -> Vec<[Vec3; 3]> {
         let mut faces = Vec::new();
         for axis in 0..3 {

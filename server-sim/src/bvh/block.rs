@@ -67,7 +67,7 @@ pub(crate) struct Intersection {
 }
 
 impl Block {
-    /// A block of at most eight triangles.
+    /// Returns a block of at most eight triangles.
     pub(crate) fn new(triangles: &[[Vec3; 3]]) -> Self {
         let mut block = Self { corners: [Packed3::ZERO; 3] };
         for (lane, triangle) in triangles.iter().take(LANES).enumerate() {
@@ -169,7 +169,7 @@ impl<S: Simd> BlockSetupLanes<S> {
 }
 
 impl BlockCulling {
-    /// Bit per lane: whether some ray of a cone may meet the triangle. Never says no to one that is met.
+    /// Returns a bit per lane: whether some ray of a cone may meet the triangle. Never says no to one that is met.
     #[inline(always)]
     pub(crate) fn lanes_met<S: Simd>(&self, simd: S, prepared: &BlockSetup, cone: &RayCone) -> u32 {
         let axis = Lanes3::splat(simd, cone.axis);
@@ -187,7 +187,7 @@ impl BlockCulling {
 }
 
 impl BlockSetup {
-    /// The triangle of one lane, for many rays.
+    /// Returns the triangle of one lane, for many rays.
     #[inline(always)]
     pub(crate) fn triangle(&self, lane: usize) -> TriangleSetup {
         let [u, v, w] = &self.volumes;
@@ -198,14 +198,14 @@ impl BlockSetup {
         }
     }
 
-    /// The least distance below `best` to any of the eight triangles along one unit direction.
+    /// Returns the least distance below `best` to any of the eight triangles along one unit direction.
     #[inline(always)]
     pub(crate) fn nearest<S: Simd>(&self, simd: S, direction: Vec3, best: f32) -> Option<f32> {
         let t = self.distances(simd, direction);
         (bits(t.simd_lt(Lanes::splat(simd, best))) != 0).then(|| Packed::from(t).smallest())
     }
 
-    /// Distance to each of the eight triangles along one unit direction, or infinity where it is missed.
+    /// Returns the distance to each of the eight triangles along one unit direction, or infinity where it is missed.
     #[inline(always)]
     pub(crate) fn distances<S: Simd>(&self, simd: S, direction: Vec3) -> Lanes<S> {
         let along = Lanes3::splat(simd, direction);
@@ -217,7 +217,7 @@ impl BlockSetup {
     }
 }
 
-/// Whether three volumes agree in sign.
+/// Returns whether three volumes agree in sign.
 #[inline(always)]
 fn inside<S: Simd>(u: Lanes<S>, v: Lanes<S>, w: Lanes<S>) -> LaneMask<S> {
     let zero = Lanes::splat(u.simd, 0.0);
@@ -259,7 +259,8 @@ impl TriangleSetup {
 }
 
 impl Intersection {
-    /// Weights of the three corners, summing to 1. A ray that touches an edge-on triangle gets its first corner.
+    /// Returns the weights of the three corners, summing to 1. A ray that touches an edge-on triangle gets its first
+    /// corner.
     pub(crate) fn barycentric(&self) -> [f32; 3] {
         let sum = self.volumes[0] + self.volumes[1] + self.volumes[2];
         if sum == 0.0 { [1.0, 0.0, 0.0] } else { self.volumes.map(|v| v / sum) }

@@ -13,67 +13,67 @@ impl Bounds {
     /// The box that holds nothing; every union with it is the other box.
     pub const EMPTY: Self = Self { min: Vec3::splat(f32::INFINITY), max: Vec3::splat(f32::NEG_INFINITY) };
 
-    /// The box between two corners, `min` being the smaller one on every axis.
+    /// Returns the box between two corners, `min` being the smaller one on every axis.
     #[must_use]
     pub fn new(min: Vec3, max: Vec3) -> Self {
         Self { min, max }
     }
 
-    /// The smallest box around `points`; empty without points.
+    /// Returns the smallest box around `points`; empty without points.
     #[must_use]
     pub fn around(points: impl IntoIterator<Item = Vec3>) -> Self {
         points.into_iter().fold(Self::EMPTY, Self::with_point)
     }
 
-    /// Smallest corner.
+    /// Returns the smallest corner.
     #[must_use]
     pub fn min(&self) -> Vec3 {
         self.min
     }
 
-    /// Largest corner.
+    /// Returns the largest corner.
     #[must_use]
     pub fn max(&self) -> Vec3 {
         self.max
     }
 
-    /// Whether the box holds nothing at all (a flat box is not empty).
+    /// Returns whether the box holds nothing at all (a flat box is not empty).
     #[must_use]
     pub fn is_empty(&self) -> bool {
         !(self.min.x <= self.max.x && self.min.y <= self.max.y && self.min.z <= self.max.z)
     }
 
-    /// The box grown to hold `point`.
+    /// Returns the box grown to hold `point`.
     #[must_use]
     pub fn with_point(self, point: Vec3) -> Self {
         Self { min: self.min.min(point), max: self.max.max(point) }
     }
 
-    /// The box grown to hold `other`.
+    /// Returns the box grown to hold `other`.
     #[must_use]
     pub fn union(self, other: Self) -> Self {
         Self { min: self.min.min(other.min), max: self.max.max(other.max) }
     }
 
-    /// Whether the two boxes have a point in common; the empty box has none.
+    /// Returns whether the two boxes have a point in common; the empty box has none.
     #[must_use]
     pub fn touches(&self, other: &Self) -> bool {
         self.min.cmple(other.max).all() && other.min.cmple(self.max).all()
     }
 
-    /// The box grown by `margin` metres on every side.
+    /// Returns the box grown by `margin` metres on every side.
     #[must_use]
     pub fn grown(self, margin: f32) -> Self {
         Self { min: self.min - margin, max: self.max + margin }
     }
 
-    /// Extent in metres, zero for the empty box.
+    /// Returns the extent in metres, zero for the empty box.
     #[must_use]
     pub fn size(&self) -> Vec3 {
         if self.is_empty() { Vec3::ZERO } else { self.max - self.min }
     }
 
-    /// Squared distance in m^2 from `point` to the box, zero inside, infinite for the empty box.
+    /// Returns the squared distance in m^2 from `point` to the box, zero inside, infinite for the empty box.
     #[must_use]
     #[inline(always)]
     pub fn distance_squared(&self, point: Vec3) -> f32 {
@@ -81,7 +81,7 @@ impl Bounds {
         out.dot(out)
     }
 
-    /// A box that surely holds this one after `rotation` and then `translation` (its eight corners).
+    /// Returns a box that surely holds this one after `rotation` and then `translation` (its eight corners).
     #[must_use]
     pub fn transformed(&self, rotation: Mat3, translation: Vec3) -> Self {
         if self.is_empty() {
@@ -97,7 +97,7 @@ impl Bounds {
         Self { min: middle - reach - slack, max: middle + reach + slack }
     }
 
-    /// Whether a ray enters the box between 0 and `tmax`; `inverse` is 1 / direction and may be infinite.
+    /// Returns whether a ray enters the box between 0 and `tmax`; `inverse` is 1 / direction and may be infinite.
     #[must_use]
     #[inline(always)]
     pub(crate) fn entry(&self, origin: Vec3, inverse: Vec3, tmax: f32) -> Option<f32> {

@@ -45,20 +45,20 @@ pub(crate) struct Lanes3<S: Simd> {
     pub(crate) z: Lanes<S>,
 }
 
-/// The smaller number, or `b` if either is not a number: one instruction, which `f32::min` is not.
+/// Returns the smaller number, or `b` if either is not a number: one instruction, which `f32::min` is not.
 #[inline(always)]
 pub(crate) fn smaller(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
 }
 
-/// The larger number, or `b` if either is not a number: one instruction, which `f32::max` is not.
+/// Returns the larger number, or `b` if either is not a number: one instruction, which `f32::max` is not.
 #[inline(always)]
 pub(crate) fn larger(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
 impl Instructions {
-    /// The widest that this machine has.
+    /// Returns the widest that this machine has.
     #[must_use]
     pub fn best() -> Self {
         Self(Level::new())
@@ -82,7 +82,7 @@ impl Instructions {
         all.into_iter().map(Self).collect()
     }
 
-    /// Name of the set, such as `Avx2`.
+    /// Returns the name of the set, such as `Avx2`.
     #[must_use]
     pub fn name(self) -> String {
         let text = format!("{:?}", self.0);
@@ -102,7 +102,7 @@ impl Packed {
         Self([value; LANES])
     }
 
-    /// The number at `i` is `f(i)`.
+    /// Returns the number at `i` is `f(i)`.
     #[inline(always)]
     pub(crate) fn from_fn(f: impl FnMut(usize) -> f32) -> Self {
         Self(std::array::from_fn(f))
@@ -123,7 +123,7 @@ impl Packed {
         Lanes::simd_from(simd, self.0)
     }
 
-    /// Sum in a fixed tree.
+    /// Returns the sum in a fixed tree.
     pub(crate) fn sum(&self) -> f32 {
         let l = self.0;
         ((l[0] + l[4]) + (l[2] + l[6])) + ((l[1] + l[5]) + (l[3] + l[7]))
@@ -155,7 +155,7 @@ impl<S: Simd> From<Lanes<S>> for Packed {
 impl Packed3 {
     pub(crate) const ZERO: Self = Self { x: Packed::ZERO, y: Packed::ZERO, z: Packed::ZERO };
 
-    /// The vector at `i` is `f(i)`.
+    /// Returns the vector at `i` is `f(i)`.
     pub(crate) fn from_fn(f: impl Fn(usize) -> Vec3) -> Self {
         let axis = |axis: usize| Packed::from_fn(|i| f(i)[axis]);
         Self { x: axis(0), y: axis(1), z: axis(2) }
@@ -166,7 +166,7 @@ impl Packed3 {
         Lanes3 { x: self.x.load(simd), y: self.y.load(simd), z: self.z.load(simd) }
     }
 
-    /// The vector of one lane.
+    /// Returns the vector of one lane.
     #[inline(always)]
     pub(crate) fn at(&self, lane: usize) -> Vec3 {
         Vec3::new(self.x.0[lane], self.y.0[lane], self.z.0[lane])
@@ -199,7 +199,7 @@ impl<S: Simd> Lanes3<S> {
         Self { x: self.x - other.x, y: self.y - other.y, z: self.z - other.z }
     }
 
-    /// The same vectors, pointing the other way where the answer is yes.
+    /// Returns the same vectors, pointing the other way where the answer is yes.
     #[inline(always)]
     pub(crate) fn negated_where(&self, answers: LaneMask<S>) -> Self {
         Self {
@@ -235,7 +235,7 @@ impl<S: Simd> Lanes3<S> {
     }
 }
 
-/// Bit `i` is set where the answer of lane `i` is yes.
+/// Returns a bit `i` is set where the answer of lane `i` is yes.
 #[inline(always)]
 pub(crate) fn bits<S: Simd>(answers: LaneMask<S>) -> u32 {
     answers.to_bitmask() as u32

@@ -23,25 +23,25 @@ impl Placement {
     /// Local space is world space.
     pub const IDENTITY: Self = Self { rotation: Mat3::IDENTITY, translation: Vec3::ZERO };
 
-    /// A local point in the world.
+    /// Returns a local point in the world.
     #[must_use]
     pub fn point(&self, local: Vec3) -> Vec3 {
         self.rotation * local + self.translation
     }
 
-    /// A local direction in the world.
+    /// Returns a local direction in the world.
     #[must_use]
     pub fn direction(&self, local: Vec3) -> Vec3 {
         self.rotation * local
     }
 
-    /// A world point in local space.
+    /// Returns a world point in local space.
     #[must_use]
     pub fn local_point(&self, world: Vec3) -> Vec3 {
         self.rotation.transpose() * (world - self.translation)
     }
 
-    /// A world direction in local space.
+    /// Returns a world direction in local space.
     #[must_use]
     pub fn local_direction(&self, world: Vec3) -> Vec3 {
         self.rotation.transpose() * world
@@ -67,7 +67,7 @@ impl BlasInstance {
         Self { blas, placement, bounds }
     }
 
-    /// Bounds in the world.
+    /// Returns the bounds in the world.
     pub(crate) fn bounds(&self) -> Bounds {
         self.bounds
     }
@@ -78,13 +78,13 @@ impl BlasInstance {
 pub(crate) struct BodyId(NonZeroU32);
 
 impl BodyId {
-    /// The body at `index` of the list.
+    /// Returns the body at `index` of the list.
     #[inline(always)]
     pub(crate) fn new(index: u32) -> Self {
         Self(NonZeroU32::MIN.saturating_add(index))
     }
 
-    /// Index in the list of bodies.
+    /// Returns the index in the list of bodies.
     #[inline(always)]
     pub(crate) fn index(self) -> usize {
         self.0.get() as usize - 1
@@ -104,7 +104,7 @@ impl Tlas {
         Self { top: Tree::build(&boxes, 2, 1, Effort::Quick), list }
     }
 
-    /// Bytes held, but for what bodies share.
+    /// Returns the bytes held, without the trees that bodies share.
     pub(crate) fn heap_bytes(&self) -> usize {
         memory::list(&self.list) + self.top.heap_bytes()
     }
@@ -114,7 +114,7 @@ impl Tlas {
         &self.list
     }
 
-    /// Bounds of everything.
+    /// Returns the bounds of everything.
     pub(crate) fn bounds(&self) -> Bounds {
         self.top.bounds()
     }
@@ -135,7 +135,8 @@ impl Tlas {
         });
     }
 
-    /// The nearest hit nearer than `tmax` that `accept` takes, with the number of its body; with `any`, some hit.
+    /// Returns the nearest hit nearer than `tmax` that `accept` takes, with the number of its body; with `any`, some
+    /// hit.
     pub(crate) fn nearest(
         &self,
         origin: Vec3,

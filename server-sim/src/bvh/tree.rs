@@ -59,7 +59,7 @@ pub(crate) struct Tree {
 }
 
 impl Tree {
-    /// Bytes held.
+    /// Returns the bytes held on the heap.
     pub(super) fn heap_bytes(&self) -> usize {
         memory::list(&self.nodes) + memory::list(&self.order)
     }
@@ -137,17 +137,17 @@ impl Tree {
         self.split_equal_boxes(first + 1, bounds, right, leaf, stride);
     }
 
-    /// Nodes, root first; empty when the tree holds nothing.
+    /// Returns the nodes, root first; empty when the tree holds nothing.
     pub(crate) fn nodes(&self) -> &[Node] {
         &self.nodes
     }
 
-    /// Box numbers in leaf order; [`VACANT`] where a leaf was padded.
+    /// Returns the box numbers in leaf order; [`VACANT`] where a leaf was padded.
     pub(crate) fn order(&self) -> &[u32] {
         &self.order
     }
 
-    /// Bounds of everything in the tree.
+    /// Returns the bounds of everything in the tree.
     pub(crate) fn bounds(&self) -> Bounds {
         self.nodes.first().map_or(Bounds::EMPTY, |root| root.bounds)
     }
@@ -197,7 +197,7 @@ impl Tree {
         );
     }
 
-    /// Whether a leaf touches the closed ball (`center`, `radius`).
+    /// Returns whether a leaf touches the closed ball (`center`, `radius`).
     pub(crate) fn touches(&self, center: Vec3, radius: f32, stack: &mut Vec<u32>) -> bool {
         let limit = radius * radius;
         let within = |node: u32| self.nodes[node as usize].bounds.distance_squared(center) <= limit;

@@ -21,7 +21,7 @@ const POINT_BYTES: usize = 4 + 4 + 4 + 1;
 /// Where the points of scenes are kept between runs. Nothing depends on whether they are found there but time: an entry
 /// that is damaged, or another one's, is refused and the points are made.
 pub trait PointCache: Sync {
-    /// The bytes that were stored under a key, if they are there.
+    /// Returns the bytes that were stored under a key, if they are there.
     fn load(&self, key: &PointKey) -> Option<Vec<u8>>;
 
     /// Keeps bytes under a key, or does not where it cannot.
@@ -44,7 +44,7 @@ impl fmt::Display for PointKey {
 }
 
 impl PointKey {
-    /// The key of a scene's points.
+    /// Returns the key of a scene's points.
     #[must_use]
     pub fn new(scene: &Scene, settings: &PointSettings) -> Self {
         let mut hasher = blake3::Hasher::new();
@@ -126,8 +126,9 @@ pub enum PointCacheError {
     },
 }
 
-/// An entry, little endian: magic, key; for every mesh of the scene the number of its points (u32), their radius (f32)
-/// and area (f64), then each point's triangle (u32), weights (2 f32) and side (1: back); BLAKE3 of all that.
+/// Returns an entry, little endian: magic, key; for every mesh of the scene the number of its points (u32), their
+/// radius (f32) and area (f64), then each point's triangle (u32), weights (2 f32) and side (1: back); BLAKE3 of all
+/// that.
 pub(super) fn encode(key: &PointKey, sets: &[PointSet]) -> Vec<u8> {
     let points: usize = sets.iter().map(|set| set.points.len()).sum();
     let size = MAGIC.len() + key.0.len() + sets.len() * SET_BYTES + points * POINT_BYTES + DIGEST_BYTES;
@@ -150,7 +151,7 @@ pub(super) fn encode(key: &PointKey, sets: &[PointSet]) -> Vec<u8> {
     bytes
 }
 
-/// The sets of an entry, one for each mesh of the scene.
+/// Returns the sets of an entry, one for each mesh of the scene.
 ///
 /// # Errors
 /// [`PointCacheError`] for bytes that are not what [`encode`] gave for this key and scene. Nothing is allocated for more points

@@ -25,7 +25,7 @@ impl<'a> TriangleSampler<'a> {
         Self { positions, triangles, sums: sums.collect() }
     }
 
-    /// Area of one side, square metres.
+    /// Returns the area of one side, square metres.
     pub(super) fn area(&self) -> f64 {
         self.sums.last().copied().unwrap_or(0.0)
     }

@@ -63,7 +63,7 @@ pub fn generate_cached(
     Ok(ScenePoints::new(scene, sets))
 }
 
-/// Points of all meshes, those of each counted once.
+/// Returns the points of all meshes, those of each counted once.
 fn point_count(scene: &Scene, settings: &PointSettings) -> Result<u64, PointError> {
     if !(settings.per_m2.is_finite() && settings.per_m2 > 0.0) {
         return Err(PointError::Density { per_m2: settings.per_m2 });
@@ -80,7 +80,7 @@ fn point_count(scene: &Scene, settings: &PointSettings) -> Result<u64, PointErro
     Ok(wanted.iter().sum::<f64>() as u64)
 }
 
-/// The points of every mesh.
+/// Returns the points of every mesh.
 fn generate_sets(
     scene: &Scene,
     settings: &PointSettings,
@@ -99,7 +99,7 @@ fn generate_sets(
 }
 
 impl ScenePoints {
-    /// The sets of a scene's meshes.
+    /// Returns the sets of a scene's meshes.
     fn new(scene: &Scene, sets: Vec<PointSet>) -> Self {
         let mut offsets = vec![0u32];
         for instance in scene.instances() {
@@ -128,12 +128,12 @@ impl<'a> MeshSampling<'a> {
         Self { posed, area: rest.area_m2(), per_m2: f64::from(settings.per_m2), minimum, sides }
     }
 
-    /// Points of one side with this much area.
+    /// Returns the points of one side with this much area.
     fn side(&self, area: f64) -> usize {
         ((area * self.per_m2).ceil() as usize).max(self.minimum)
     }
 
-    /// Points of the mesh before anything is masked out.
+    /// Returns the points of the mesh before anything is masked out.
     fn points(&self) -> f64 {
         if self.area > 0.0 {
             self.sides.len() as f64 * (self.area * self.per_m2).ceil().max(self.minimum as f64)
@@ -156,7 +156,7 @@ impl<'a> MeshSampling<'a> {
         set
     }
 
-    /// The points of one side and the area they stand for.
+    /// Returns the points of one side and the area they stand for.
     fn generate_side(
         &self,
         sampler: &TriangleSampler<'_>,
@@ -205,7 +205,7 @@ fn select_points(points: &[SurfacePoint], positions: &[Vec3], keep: usize, area:
     order.into_iter().map(|(_, i)| points[i as usize]).collect()
 }
 
-/// The ten low bits with two zeros after each: a third of a Morton code.
+/// Returns the ten low bits with two zeros after each: a third of a Morton code.
 fn spread_bits(value: u32) -> u32 {
     let value = value.min(1023);
     let value = (value | (value << 16)) & 0x0300_00FF;

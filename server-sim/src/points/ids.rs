@@ -8,7 +8,7 @@ macro_rules! number {
         pub struct $name(pub u32);
 
         impl $name {
-            /// Index into a list of all of them.
+            /// Returns the index into a list of all of them.
             #[must_use]
             #[inline(always)]
             pub fn index(self) -> usize {

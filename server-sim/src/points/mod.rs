@@ -44,27 +44,28 @@ pub struct PointSet {
 }
 
 impl PointSet {
-    /// The points, those of the front first; close in the list means close on the mesh, mostly.
+    /// Returns the points, those of the front first; close in the list means close on the mesh, mostly.
     #[must_use]
     pub fn points(&self) -> &[SurfacePoint] {
         &self.points
     }
 
-    /// Number of every point in the order in which they were made. It stays with the point when the set is put into
-    /// another order, and so do the rays that it chooses.
+    /// Returns the number of every point in the order in which they were made. It stays with the point when the set
+    /// is put into another order, and so do the rays that it chooses.
     #[must_use]
     pub fn numbers(&self) -> &[u32] {
         &self.numbers
     }
 
-    /// Largest possible Poisson-disk radius `r_max` of the points in metres: half the distance between neighbours in
-    /// the densest packing of as many points on the same area. Positive.
+    /// Returns the largest possible Poisson-disk radius `r_max` of the points in metres: half the distance between
+    /// neighbours in the densest packing of as many points on the same area. Positive.
     #[must_use]
     pub fn radius(&self) -> f32 {
         self.radius
     }
 
-    /// Area that the points stand for in square metres: both sides where both have points, without masked-out parts.
+    /// Returns the area that the points stand for in square metres: both sides where both have points, without
+    /// masked-out parts.
     #[must_use]
     pub fn area(&self) -> f64 {
         self.area
@@ -79,13 +80,13 @@ pub struct ScenePoints {
 }
 
 impl ScenePoints {
-    /// Point sets, in the order of the scene's meshes at rest.
+    /// Returns the point sets, in the order of the scene's meshes at rest.
     #[must_use]
     pub fn sets(&self) -> &[PointSet] {
         &self.sets
     }
 
-    /// First point id of every instance in order, then the number of all points.
+    /// Returns the first point id of every instance in order, then the number of all points.
     #[must_use]
     pub fn offsets(&self) -> &[u32] {
         &self.offsets
@@ -98,7 +99,7 @@ impl ScenePoints {
         set.numbers = order.iter().map(|&from| set.numbers[from as usize]).collect();
     }
 
-    /// Bytes of memory held.
+    /// Returns the bytes of memory held.
     #[must_use]
     pub fn heap_bytes(&self) -> usize {
         // Counted by length: how much room there is depends on whether the points come from a cache.
@@ -117,7 +118,7 @@ impl ScenePoints {
         RayKey(self.offsets[instance] + set.numbers[point.index()])
     }
 
-    /// Points of all instances together.
+    /// Returns the points of all instances together.
     #[must_use]
     pub fn total(&self) -> u32 {
         self.offsets.last().copied().unwrap_or(0)

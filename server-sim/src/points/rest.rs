@@ -21,7 +21,7 @@ pub struct GeometryPrecision {
 }
 
 impl GeometryPrecision {
-    /// The precision that goes by the bits of the paper's packed points: 32, 24 or 16; `None` for others.
+    /// Returns the precision that goes by the bits of the paper's packed points: 32, 24 or 16; `None` for others.
     #[must_use]
     pub const fn of_bits(bits: u8) -> Option<Self> {
         match bits {
@@ -33,8 +33,8 @@ impl GeometryPrecision {
     }
 }
 
-/// Positions and normals of a set's points on its mesh at rest, in the order of the set. `set` is also the number of
-/// the mesh; empty where there is none.
+/// Returns the positions and normals of a set's points on its mesh at rest, in the order of the set. `set` is also
+/// the number of the mesh; empty where there is none.
 #[must_use]
 pub fn rest_points(scene: &Scene, points: &ScenePoints, set: usize) -> Vec<RestPoint> {
     let (Some(rest), Some(set)) = (scene.rests().get(set), points.sets().get(set)) else { return Vec::new() };
@@ -46,8 +46,8 @@ pub fn rest_points(scene: &Scene, points: &ScenePoints, set: usize) -> Vec<RestP
     set.points().iter().map(place).collect()
 }
 
-/// The geometry of every set, rounded as finely as said, with kernels of `kernel` Poisson-disk radii. The points of the
-/// scene are put into the order of their geometry, so that a point has the same number in both.
+/// Returns the geometry of every set, rounded as finely as said, with kernels of `kernel` Poisson-disk radii. The
+/// points of the scene are put into the order of their geometry, so that a point has the same number in both.
 #[must_use]
 pub fn order_at_rest(
     scene: &Scene,

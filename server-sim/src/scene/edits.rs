@@ -1,4 +1,4 @@
-//! Edits: what clients changed of a scene, on top of its animation.
+//! Edits: changes that clients make to a scene, on top of its animation.
 
 use std::collections::BTreeMap;
 
@@ -9,10 +9,10 @@ use super::instance::ScenePose;
 use super::limits::MAX_MAGNITUDE;
 use super::rigid::RigidFrame;
 
-/// Largest |length^2 - 1| of a rotation that passes: what the message itself allows.
+/// Largest |length^2 - 1| of an accepted rotation; the message itself allows as much.
 const UNIT_TOLERANCE: f32 = 1e-3;
 
-/// The edits in force, by instance; the newest counts.
+/// The edits in force, one state per instance. A newer edit replaces an older one.
 ///
 /// ```
 /// use psao_proto::message::{Edit, EditAction};
@@ -31,58 +31,58 @@ const UNIT_TOLERANCE: f32 = 1e-3;
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Edits {
     instances: u32,
-    /// None of them is [`InstanceOverride::default`].
+    /// No entry equals [`InstanceOverride::default`].
     overrides: BTreeMap<u32, InstanceOverride>,
 }
 
-/// What is changed of an instance.
+/// The changes to one instance.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct InstanceOverride {
     frame: Option<FrameOverride>,
     hidden: bool,
 }
 
-/// A frame as it was asked for: kept as it came, so that passing it on changes no bit.
+/// A frame as the client sent it. It is kept unchanged, so that forwarding it alters no bit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct FrameOverride {
     translation: [f32; 3],
     rotation: [f32; 4],
 }
 
-/// An edit that was refused; nothing has changed.
+/// A rejected edit. The set of edits is unchanged.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum EditError {
-    /// No such instance.
+    /// The instance does not exist.
     #[error("instance {instance} does not exist: the scene has {count}, counted from 0")]
     Instance {
-        /// As given.
+        /// Instance in the edit.
         instance: u32,
-        /// How many there are.
+        /// Number of instances.
         count: u32,
     },
-    /// A NaN or an infinity.
+    /// A pose has a NaN or an infinity.
     #[error("instance {instance}: its {what} is not finite")]
     NotFinite {
-        /// Which instance.
+        /// Instance in the edit.
         instance: u32,
         /// `translation` or `rotation`.
         what: &'static str,
     },
-    /// A rotation that is not a unit quaternion.
+    /// The rotation is not a unit quaternion.
     #[error("instance {instance}: {rotation:?} is no unit quaternion: divide it by its length")]
     Rotation {
-        /// Which instance.
+        /// Instance in the edit.
         instance: u32,
-        /// As given: x, y, z, w.
+        /// Rotation in the edit: x, y, z, w.
         rotation: [f32; 4],
     },
-    /// Farther out than any scene may reach, where single precision fails.
+    /// The translation is beyond the range in which single precision suffices.
     #[error("instance {instance}: {translation:?} is beyond {limit_m:e} m from the origin")]
     TooFar {
-        /// Which instance.
+        /// Instance in the edit.
         instance: u32,
-        /// As given, metres.
+        /// Translation in the edit, metres.
         translation: [f32; 3],
         /// The limit on each axis, metres.
         limit_m: f64,
@@ -90,21 +90,22 @@ pub enum EditError {
 }
 
 impl Edits {
-    /// No edits of a scene of so many instances.
+    /// Creates an empty set of edits for a scene of `instances` instances.
     #[must_use]
     pub fn new(instances: u32) -> Self {
         Self { instances, overrides: BTreeMap::new() }
     }
 
-    /// Takes an edit in; says whether it changed anything.
+    /// Applies an edit. Returns whether it changed anything.
     ///
-    /// `Move` replaces the frame from the instance's local space to the world until `Release`; geometry that deforms
-    /// goes on deforming inside it. The rotation is made unit before it is used, in double precision. `Hide` keeps the
-    /// instance out of sight and of all occlusion until `Show`.
+    /// `Move` replaces the frame from the instance's local space to the world until `Release`. Deforming geometry
+    /// continues to deform inside the new frame. The rotation is normalised in double precision before use. `Hide`
+    /// removes the instance from sight and from all occlusion until `Show`.
     ///
     /// # Errors
-    /// [`EditError`], and nothing has changed: no such instance, a pose that is not finite, a rotation whose squared
-    /// length is off 1 by more than 0.001, a translation beyond [`MAX_MAGNITUDE`] on an axis.
+    /// Returns [`EditError`] and changes nothing if the instance does not exist or the pose is not finite. The same
+    /// holds for a rotation whose squared length differs from 1 by more than 0.001, and for a translation beyond
+    /// [`MAX_MAGNITUDE`] on an axis.
     pub fn apply(&mut self, edit: &Edit) -> Result<bool, EditError> {
         let instance = edit.instance;
         if instance >= self.instances {
@@ -128,7 +129,8 @@ impl Edits {
         Ok(after != before)
     }
 
-    /// The fewest edits that make this out of a scene without any, by instance: for clients that join late.
+    /// Returns the shortest list of edits that reproduces this state from an unedited scene, in the order of the
+    /// instances. Late clients receive it.
     pub fn iter(&self) -> impl Iterator<Item = Edit> + '_ {
         self.overrides.iter().flat_map(|(&instance, change)| {
             let moved = change
@@ -139,7 +141,7 @@ impl Edits {
         })
     }
 
-    /// Whether the scene is as it came.
+    /// Returns whether the scene is unedited.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.overrides.is_empty()
@@ -171,8 +173,8 @@ impl FrameOverride {
 }
 
 impl ScenePose {
-    /// Puts edits of the same scene on top of the animation. Call it once after every [`Scene::pose`] or
-    /// [`Scene::pose_into`], which start from the animation alone.
+    /// Applies edits of the same scene on top of the animation. Call it once after every [`Scene::pose`] or
+    /// [`Scene::pose_into`]; both start from the animation alone.
     ///
     /// [`Scene::pose`]: super::Scene::pose
     /// [`Scene::pose_into`]: super::Scene::pose_into
@@ -268,7 +270,7 @@ mod tests {
             list in prop::collection::vec((0_u32..4, action()), 0..40),
         ) {
             let mut edits = Edits::new(4);
-            // The slow, obvious twin: the last word on pose and on sight.
+            // The reference keeps only the latest pose and the latest visibility.
             let mut plain = [(None, false); 4];
             for (instance, action) in list {
                 let slot = &mut plain[instance as usize];

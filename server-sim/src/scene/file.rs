@@ -1,5 +1,5 @@
-//! Scene files: TOML, version 1. A scene file places one or more glTF files and gives the camera's path.
-//! Unknown keys are errors, and every error names the file and the key.
+//! Scene files: TOML, version 1. A scene file places one or more glTF files and gives the camera's path. Unknown keys
+//! are errors. Every error names the file and the key.
 
 use std::path::{Path, PathBuf};
 
@@ -15,7 +15,7 @@ use crate::scene::limits;
 use crate::scene::model::{LocalTransform, Model};
 use crate::scene::{Scene, SceneHeader};
 
-/// Radius of occlusion where nothing else is said, metres: the paper's (section 4).
+/// Default AO radius in metres: the paper's (section 4).
 pub(crate) const DEFAULT_RADIUS_M: f32 = 0.6;
 /// Length of a clip without animation, seconds.
 const STILL_DURATION_S: f64 = 10.0;
@@ -119,7 +119,7 @@ pub(crate) fn load(path: &Path, source: &str) -> Result<Scene, SceneError> {
     Scene::from_model(model, header)
 }
 
-/// Loads one glTF file as a scene of its own.
+/// Loads one glTF file as a scene.
 pub(crate) fn load_model(path: &Path, source: &str) -> Result<Scene, SceneError> {
     let mut hasher = blake3::Hasher::new();
     let mut model = Model::default();

@@ -1,4 +1,4 @@
-//! Still scenes made of bare triangles, for stress cases and experiments.
+//! Still scenes from plain triangles, for stress tests and experiments.
 
 use glam::Vec3;
 
@@ -10,20 +10,20 @@ use super::model::{LocalTransform, Model};
 use super::raw_mesh::RawMesh;
 use super::{Scene, SceneHeader};
 
-/// Length of the clip, seconds: that of a still model.
+/// Length of the clip in seconds, equal to that of a model without animation.
 const DURATION_S: f64 = 10.0;
 
 impl Scene {
-    /// A still scene of triangles (corners in metres, world space), each list an instance of its own, flat-shaded
-    /// and one-sided, seen whole by a still camera.
+    /// Builds a still scene from triangles, corners in metres in world space. Each list becomes one instance,
+    /// flat-shaded and one-sided. A still camera sees the whole scene.
     ///
-    /// Triangles without area are left out and counted in [`Scene::report`], as are lists of which nothing is left.
-    /// The digest is that of the name and the corners.
+    /// Triangles without area are dropped and counted in [`Scene::report`], and so are lists without a remaining
+    /// triangle. The digest covers the name and the corners.
     ///
     /// # Errors
     ///
-    /// [`SceneError::NoTriangles`] when nothing has a surface, [`SceneError::TooFar`] and [`SceneError::TooMany`]
-    /// beyond the [`limits`].
+    /// Returns [`SceneError::NoTriangles`] if no triangle has a surface, and [`SceneError::TooFar`] or
+    /// [`SceneError::TooMany`] beyond the [`limits`].
     ///
     /// ```
     /// use glam::Vec3;

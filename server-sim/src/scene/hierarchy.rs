@@ -18,18 +18,18 @@ struct HierarchyNode {
     varies: bool,
 }
 
-/// The hierarchy in an order in which parents come first, without what drives nothing visible.
+/// The node hierarchy, parents before children, reduced to the nodes and channels that affect something visible.
 #[derive(Debug, Clone)]
 pub(crate) struct NodeHierarchy {
     nodes: Vec<HierarchyNode>,
     channels: Vec<Channel>,
     clips: Vec<Clip>,
-    /// NodeHierarchy node of each of the model's nodes that is needed.
+    /// Index in `nodes` of each node of the model; `None` for nodes that nothing visible needs.
     indices: Vec<Option<usize>>,
 }
 
 impl NodeHierarchy {
-    /// Takes the nodes that the mesh_nodes and their joints hang on, with their channels.
+    /// Selects the ancestors of all mesh nodes and of their joints, with the channels that drive them.
     pub(crate) fn new(model: &Model, report: &mut SceneReport) -> Self {
         let order = needed_in_order(model);
         let mut indices = vec![None; model.nodes.len()];
@@ -48,22 +48,22 @@ impl NodeHierarchy {
         Self { nodes, channels, clips: model.clips.clone(), indices }
     }
 
-    /// The hierarchy's node for one of the model's. Only nodes that were needed may be asked for.
+    /// Returns the index of a node of the model. The node must be one that something visible needs.
     pub(crate) fn index_of(&self, node: usize) -> usize {
         self.indices[node].unwrap_or(0)
     }
 
-    /// The parent of a node.
+    /// Returns the parent of a node.
     pub(crate) fn parent(&self, index: usize) -> Option<usize> {
         self.nodes[index].parent
     }
 
-    /// Whether a node's world transform can differ between two times.
+    /// Returns whether a node's world transform can differ between two times.
     pub(crate) fn varies(&self, index: usize) -> bool {
         self.nodes[index].varies
     }
 
-    /// Whether a node can move against one of its ancestors (`None`: the world).
+    /// Returns whether a node can move relative to one of its ancestors (`None`: the world).
     pub(crate) fn varies_below(&self, index: usize, ancestor: Option<usize>) -> bool {
         let mut at = Some(index);
         while let Some(node) = at.filter(|_| at != ancestor) {
@@ -76,7 +76,7 @@ impl NodeHierarchy {
         false
     }
 
-    /// World transforms of all nodes at a given time.
+    /// Computes the world transforms of all nodes at a given time.
     pub(crate) fn evaluate(&self, time_s: f64, worlds: &mut Vec<DAffine3>) {
         worlds.clear();
         for node in &self.nodes {
@@ -107,18 +107,19 @@ impl NodeHierarchy {
         local
     }
 
-    /// The channel that drives the morph weights of a node.
+    /// Returns the channel that drives the morph weights of a node.
     fn weight_channel(&self, index: usize) -> Option<&Channel> {
         let own = &self.channels[self.nodes[index].channels.clone()];
         own.iter().find(|c| c.property == Property::Weights)
     }
 
-    /// Whether the morph weights at a node can differ between two times.
+    /// Returns whether the morph weights at a node can differ between two times.
     pub(crate) fn weights_vary(&self, index: usize) -> bool {
         self.weight_channel(index).is_some_and(|c| c.curve.varies())
     }
 
-    /// Morph weights of a node at a given time; `defaults` where nothing drives them.
+    /// Writes the morph weights of a node at a given time into `out`; they are `defaults` unless a channel drives
+    /// them.
     pub(crate) fn weights(&self, index: usize, defaults: &[f32], time_s: f64, out: &mut Vec<f32>) {
         out.clear();
         out.extend_from_slice(defaults);
@@ -130,7 +131,8 @@ impl NodeHierarchy {
     }
 }
 
-/// The model's nodes that a mesh_node or one of its joints hangs on, parents first, else in file order.
+/// Returns the model's nodes that are ancestors of a mesh node or of one of its joints. Parents come first, otherwise
+/// nodes are in file order.
 fn needed_in_order(model: &Model) -> Vec<usize> {
     let mut order = Vec::new();
     let mut seen = vec![false; model.nodes.len()];
@@ -151,7 +153,8 @@ fn needed_in_order(model: &Model) -> Vec<usize> {
     order
 }
 
-/// The channels of needed nodes, addressed by hierarchy index, one per node and property: the last one counts.
+/// Returns the channels of the needed nodes, addressed by index in the hierarchy. Of several channels for one node
+/// and property, the last one is used.
 fn pick_channels(model: &Model, indices: &[Option<usize>], report: &mut SceneReport) -> Vec<Channel> {
     let mut taken = std::collections::BTreeSet::new();
     let mut channels = Vec::new();

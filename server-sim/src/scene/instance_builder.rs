@@ -1,4 +1,4 @@
-//! From a model to a scene: instances are classified by how they move, and meshes brought to metric rest.
+//! Builds the instances of a model: classifies them by their motion and brings their meshes to metric rest.
 
 use std::sync::Arc;
 
@@ -17,12 +17,12 @@ use crate::scene::pose::{frame_of, has_area, place};
 use crate::scene::report::SceneReport;
 use crate::scene::rigid::{RigidFrame, nearly_equal, rotation_of, snapped};
 
-/// Times at which a clip is looked at to tell how an instance moves.
+/// Number of times at which the clip is sampled to classify the motion of an instance.
 const TIME_SAMPLES: u32 = 97;
-/// Relative difference up to which two stretches count as one.
+/// Relative difference up to which two stretches count as equal.
 const STRETCH_TOLERANCE: f64 = 1e-5;
 
-/// The instances of a model with everything that their poses need.
+/// The instances of a model and everything that their poses require.
 #[derive(Debug)]
 pub(crate) struct SceneInstances {
     pub(crate) hierarchy: NodeHierarchy,
@@ -31,7 +31,7 @@ pub(crate) struct SceneInstances {
     pub(crate) report: SceneReport,
 }
 
-/// Classifies and places everything of a model.
+/// Builds the instances of a model.
 pub(crate) fn build_instances(
     model: &Model,
     duration_s: f64,
@@ -120,7 +120,7 @@ impl InstanceBuilder<'_> {
         Ok(())
     }
 
-    /// Whether the frame or a joint leaves the range of numbers at any sampled time.
+    /// Returns whether the frame or a joint exceeds the range of numbers at any sampled time.
     fn leaves_range(&self, instance: &Instance) -> bool {
         let near = |v: f32| f64::from(v.abs()) <= limits::MAX_MAGNITUDE;
         self.samples.iter().any(|worlds| {
@@ -151,7 +151,7 @@ impl InstanceBuilder<'_> {
         needs
     }
 
-    /// An instance without joints. Gives its rest; `None` where it never has an area.
+    /// Classifies an instance without joints. Returns its rest, or `None` if it never has an area.
     fn classify(&self, instance: &mut Instance, mesh: &Mesh) -> Option<RestMesh> {
         let node = instance.node;
         let varies = self.hierarchy.varies(node);
@@ -185,7 +185,7 @@ impl InstanceBuilder<'_> {
         } else if scales {
             instance.deformer = Deformer::Affine;
             instance.motion = Motion::Deforming;
-            // A scaled mesh that also holds a constant morph needs its weights at every time.
+            // A scaled mesh with a constant morph requires its weights at every time.
             if !weights.is_empty() {
                 instance.deformer = Deformer::Morph;
             }
@@ -201,7 +201,8 @@ impl InstanceBuilder<'_> {
         Some(self.rest_of(instance.mesh, stretch, &weights))
     }
 
-    /// An instance with joints: what carries it is found first, then whether the joints move against that.
+    /// Classifies an instance with joints: first finds the node of its frame, then whether the joints move relative
+    /// to it. Returns its rest, or `None` if it never has an area.
     fn classify_skinned(&self, instance: &mut Instance, mesh: &Mesh, skin: &Skin) -> Option<RestMesh> {
         let joints: Vec<usize> = skin.joints.iter().map(|&joint| self.hierarchy.index_of(joint)).collect();
         let root = self.common_root(&joints);
@@ -259,7 +260,7 @@ impl InstanceBuilder<'_> {
         ))
     }
 
-    /// The lowest node that all joints hang on, which may be a joint.
+    /// Returns the lowest common ancestor of all joints, which may be a joint itself.
     fn common_root(&self, joints: &[usize]) -> Option<usize> {
         let path = |joint: usize| {
             let mut path: Vec<usize> =
@@ -275,7 +276,7 @@ impl InstanceBuilder<'_> {
         common.last().copied()
     }
 
-    /// Whether a node only ever moves rigidly, whatever its constant scale.
+    /// Returns whether a node moves only rigidly. It may have a constant scale.
     fn has_constant_scale(&self, node: Option<usize>) -> bool {
         let Some(node) = node else { return true };
         let Some(turn) = rotation_of(self.samples[0][node].matrix3) else { return false };
@@ -288,8 +289,8 @@ impl InstanceBuilder<'_> {
             })
     }
 
-    /// The node whose rigid part is the frame of a skinned body: the parent of its root, or the root itself
-    /// where the body stays clearly nearer to that (it is the root that walks).
+    /// Returns the node whose rigid part is the frame of a skinned body: the parent of its root. If the body stays
+    /// clearly closer to the root, as with a walking root, the root itself is returned.
     fn frame_node(&self, root: Option<usize>, joints: &[usize]) -> Option<usize> {
         let root = root?;
         let parent = self.hierarchy.parent(root);
@@ -307,7 +308,7 @@ impl InstanceBuilder<'_> {
         if spread(Some(root)) < 0.8 * spread(parent) { Some(root) } else { parent }
     }
 
-    /// The mesh at default or constant weights under a constant stretch.
+    /// Returns the mesh at default or constant weights under a constant stretch.
     fn rest_of(&self, id: MeshId, stretch: DMat3, weights: &[f32]) -> RestMesh {
         let mesh = &self.model.meshes[id.index()];
         let mut geometry = Geometry::default();
@@ -321,7 +322,7 @@ impl InstanceBuilder<'_> {
         finish_rest(id, mesh, linear, stretch.determinant() < 0.0, geometry, key)
     }
 
-    /// A skinned mesh whose joints never move against each other, as it stands.
+    /// Returns a skinned mesh whose joints never move relative to each other, in its constant shape.
     fn baked_rest(&self, instance: &Instance, mesh: &Mesh, pose: &InstancePose) -> RestMesh {
         let (joints, weights) = match &pose.deformation {
             Deformation::Skin { joints, weights } => (joints.as_slice(), weights.as_slice()),
@@ -340,7 +341,7 @@ impl InstanceBuilder<'_> {
         finish_rest(instance.mesh, mesh, glam::Mat3::IDENTITY, mirrored, geometry, digest(bits))
     }
 
-    /// The rest's id: that of one which is there already, or a new one.
+    /// Returns the id of an equal rest if there is one; otherwise adds the rest.
     fn intern_rest(&mut self, rest: RestMesh) -> RestId {
         let same = |other: &RestMesh| {
             other.mesh == rest.mesh
@@ -360,7 +361,7 @@ impl InstanceBuilder<'_> {
     }
 }
 
-/// How much a stretch enlarges areas, at most.
+/// Returns the largest factor by which a stretch enlarges areas, squared.
 fn area_scale(m: DMat3) -> f64 {
     [m.x_axis.cross(m.y_axis), m.y_axis.cross(m.z_axis), m.z_axis.cross(m.x_axis)]
         .iter()

@@ -1,4 +1,4 @@
-//! A scene at a given time: frames of all instances, and the geometry of those that deform.
+//! A scene at a given time: the frames of all instances and the geometry of deforming ones.
 
 use glam::{DAffine3, DMat3, DVec3};
 
@@ -11,8 +11,8 @@ use crate::scene::mesh::Geometry;
 use crate::scene::rigid::{RigidFrame, columns, rotation_of};
 
 impl Scene {
-    /// The scene at a given time in seconds. Animations loop with their own lengths; any finite time is allowed. The
-    /// same time gives the same bits, whatever was asked for before.
+    /// Returns the scene at a given time in seconds. Animations loop with their own lengths; any finite time is
+    /// allowed. Equal times give equal bits, whatever the order of calls.
     #[must_use]
     pub fn pose(&self, time_s: f64) -> ScenePose {
         let mut pose = ScenePose::default();
@@ -20,7 +20,7 @@ impl Scene {
         pose
     }
 
-    /// [`Scene::pose`] into memory that is there already.
+    /// Does the same as [`Scene::pose`], but reuses the memory of `pose`.
     pub fn pose_into(&self, time_s: f64, pose: &mut ScenePose) {
         pose.time_s = time_s;
         self.hierarchy.evaluate(time_s, &mut pose.worlds);
@@ -34,9 +34,9 @@ impl Scene {
         }
     }
 
-    /// Positions, normals and tangents of an instance in its local space, metres. For an instance that does
-    /// not deform this is a copy of its rest; [`RestMesh::geometry`](crate::scene::RestMesh::geometry) saves
-    /// the copy. An id that is not in the scene, or a pose of another scene, empties `out`.
+    /// Writes positions, normals and tangents of an instance in its local space, metres, into `out`. For an instance
+    /// that does not deform this copies its rest; [`RestMesh::geometry`](crate::scene::RestMesh::geometry) avoids the
+    /// copy. `out` becomes empty if the scene lacks the instance or the pose belongs to another scene.
     pub fn local_geometry(&self, instance: InstanceId, pose: &ScenePose, out: &mut Geometry) {
         let found = self.instances.get(instance.index()).zip(pose.instances.get(instance.index()));
         let Some((instance, at)) = found else {
@@ -68,24 +68,24 @@ impl Scene {
     }
 }
 
-/// The rigid part of a world transform; without one (scaled to nothing) only its place.
+/// Returns the rigid part of a world transform. A transform that is scaled to nothing keeps only its translation.
 pub(crate) fn frame_of(world: &DAffine3) -> RigidFrame {
     RigidFrame::new(rotation_of(world.matrix3).unwrap_or(DMat3::IDENTITY), world.translation)
 }
 
-/// What of a world transform is left for the local geometry once the frame is taken off.
+/// Returns the linear part of a world transform relative to the frame; it acts on the local geometry.
 pub(crate) fn linear_in(frame: &RigidFrame, world: &DAffine3) -> DMat3 {
     frame.inverse().matrix3 * world.matrix3
 }
 
-/// Whether any area is left after a linear map: at most one axis may be gone.
+/// Returns whether a linear map leaves any area, so that it flattens at most one axis.
 pub(crate) fn has_area(linear: DMat3) -> bool {
     let [x, y, z] = columns(linear);
     let areas: [DVec3; 3] = [x.cross(y), y.cross(z), z.cross(x)];
     areas.iter().any(|a| a.length() > 1e-18)
 }
 
-/// Fills in one instance's pose from the world transforms of the hierarchy.
+/// Computes one instance's pose from the world transforms of the hierarchy.
 pub(crate) fn place(
     hierarchy: &NodeHierarchy,
     instance: &Instance,

@@ -6,27 +6,27 @@ use super::Scene;
 use super::material::Material;
 use super::mesh::{Geometry, Mesh, RestMesh};
 
-/// A mesh in its pose: what points are placed on and hits are looked up in.
+/// A mesh in one pose. Points are placed on it, and hits refer to it.
 #[derive(Clone, Copy, Debug)]
 pub struct PosedMesh<'a> {
-    /// Positions, normals and tangents, local space.
+    /// Positions, normals and tangents in local space.
     pub geometry: &'a Geometry,
     /// Vertex numbers, counter-clockwise from the front.
     pub triangles: &'a [[u32; 3]],
-    /// Texture coordinates.
+    /// The mesh, for its texture coordinates.
     pub mesh: &'a Mesh,
-    /// Normal map and mask.
+    /// The material, for its normal map and mask.
     pub material: &'a Material,
 }
 
 impl<'a> PosedMesh<'a> {
-    /// A mesh at rest.
+    /// Returns a mesh at rest.
     #[must_use]
     pub fn at_rest(scene: &'a Scene, rest: &'a RestMesh) -> Self {
         Self::posed(scene, rest, rest.geometry())
     }
 
-    /// A mesh in the pose that `geometry` holds.
+    /// Returns a mesh in the pose that `geometry` holds.
     #[must_use]
     pub fn posed(scene: &'a Scene, rest: &'a RestMesh, geometry: &'a Geometry) -> Self {
         let mesh = &scene.meshes()[rest.mesh().index()];
@@ -35,21 +35,21 @@ impl<'a> PosedMesh<'a> {
 }
 
 impl PosedMesh<'_> {
-    /// The corners of a triangle.
+    /// Returns the corners of a triangle.
     #[must_use]
     pub fn corners(&self, triangle: u32) -> [Vec3; 3] {
         self.triangles[triangle as usize].map(|corner| self.geometry.positions()[corner as usize])
     }
 
-    /// Unit normal of a triangle's front; zero without area.
+    /// Returns the unit normal of a triangle's front, or zero for a triangle without area.
     #[must_use]
     pub fn facing(&self, triangle: u32) -> Vec3 {
         let [a, b, c] = self.corners(triangle);
         (b - a).cross(c - a).normalize_or_zero()
     }
 
-    /// Unit shading normal on the front, with the normal map where there is one. `bary` weighs the second and the
-    /// third corner.
+    /// Returns the unit shading normal of the front, bent by the normal map if there is one. `bary` has the weights
+    /// of the second and the third corner.
     #[must_use]
     pub fn shading_normal(&self, triangle: u32, bary: [f32; 2]) -> Vec3 {
         let corners = self.triangles[triangle as usize];
@@ -69,7 +69,8 @@ impl PosedMesh<'_> {
         }
     }
 
-    /// Whether the mask leaves the surface there; always without one. `bary` weighs the second and third corner.
+    /// Returns whether the mask keeps the surface at a place; always true without a mask. `bary` has the weights of
+    /// the second and the third corner.
     #[must_use]
     pub fn opaque(&self, triangle: u32, bary: [f32; 2]) -> bool {
         let Some(uvs) = self.mesh.uvs() else { return true };
@@ -77,14 +78,15 @@ impl PosedMesh<'_> {
         self.material.is_opaque_at(a + (b - a) * bary[0] + (c - a) * bary[1])
     }
 
-    /// Whether some of the surface may be masked out.
+    /// Returns whether a mask may remove some of the surface.
     #[must_use]
     pub fn masked(&self) -> bool {
         self.material.mask().is_some() && self.mesh.uvs().is_some()
     }
 }
 
-/// A normal of tangent space taken to local space; glTF 2.0, section 3.9.3: the bitangent is normal x tangent times w.
+/// Transforms a normal from tangent space to local space. The bitangent is normal x tangent times w (glTF 2.0,
+/// section 3.9.3).
 fn tangent_space_to_local(normal: Vec3, tangent: Vec4, bent: Vec3) -> Vec3 {
     let flat = tangent.truncate() - normal * normal.dot(tangent.truncate());
     let Some(along) = flat.try_normalize() else { return normal };

@@ -1,4 +1,4 @@
-//! From a primitive as it was read to a mesh: triangles without area go, missing normals and tangents come.
+//! Turns raw primitives into meshes: drops triangles without area and computes missing normals and tangents.
 
 use glam::{DVec3, Vec2, Vec3, Vec4};
 
@@ -7,8 +7,8 @@ use crate::scene::material::Material;
 use crate::scene::mesh::{Geometry, Mesh, MorphTarget, SkinWeights, area_vector};
 use crate::scene::report::SceneReport;
 
-/// A primitive as it was read or modelled. Every list is as long as `positions` or absent, all indices are in
-/// range, all numbers finite.
+/// A primitive as read or modelled. Every list is as long as `positions` or absent. All indices are in range, and all
+/// numbers are finite.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct RawMesh {
     pub(crate) name: String,
@@ -23,7 +23,7 @@ pub(crate) struct RawMesh {
 }
 
 impl RawMesh {
-    /// The mesh, or `None` where nothing of it has a surface (counted).
+    /// Returns the mesh, or `None` if no part of it has a surface. The report counts the reason.
     pub(crate) fn into_mesh(
         mut self,
         id: MaterialId,
@@ -63,7 +63,7 @@ impl RawMesh {
         })
     }
 
-    /// Drops triangles that are nothing but a line or a point, now and at any later time.
+    /// Drops triangles that are a line or a point at all times.
     fn drop_degenerate(&mut self, report: &mut SceneReport) {
         let moves = self.skin.is_some() || !self.morphs.is_empty();
         let before = self.triangles.len();
@@ -97,7 +97,7 @@ impl RawMesh {
         self.normals = Some(vec![Vec3::ZERO; self.positions.len()]);
     }
 
-    /// Turns the change of each flat normal under a full morph into that target's normal displacement.
+    /// Stores the change of each flat normal under a full morph as that target's normal displacement.
     fn flatten_morphs(&mut self) {
         let base = vertex_normals(&self.positions, &self.triangles);
         for morph in self.morphs.iter_mut().filter(|morph| !morph.positions.is_empty()) {
@@ -108,7 +108,8 @@ impl RawMesh {
         }
     }
 
-    /// The tangents that the normal map needs: the file's, or ones derived from the texture coordinates.
+    /// Returns the tangents that the normal map requires: the file's, or tangents derived from the texture
+    /// coordinates.
     fn finish_tangents(
         &mut self,
         material: &Material,
@@ -144,7 +145,7 @@ fn gather<T: Copy>(list: &mut Vec<T>, order: &[usize]) {
     }
 }
 
-/// Sum of the area vectors of each vertex's triangles, made unit; zero where there is none.
+/// Returns the normalised sum of the area vectors of each vertex's triangles, or zero for a sum without length.
 pub(crate) fn vertex_normals(positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<Vec3> {
     let mut sums = vec![DVec3::ZERO; positions.len()];
     for &triangle in triangles {
@@ -154,9 +155,9 @@ pub(crate) fn vertex_normals(positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<
     sums.iter().map(|sum| sum.try_normalize().unwrap_or(DVec3::ZERO).as_vec3()).collect()
 }
 
-/// Makes normals unit. One without length is replaced by the area-weighted normal of its triangles, or by
-/// straight up where those have none either. Returns how many had no length although a triangle uses them
-/// (a mesh that came without normals is not counted: all of its normals are made here).
+/// Scales normals to unit length. The area-weighted normal of its triangles replaces a normal without length; +Y does
+/// if that has no length either. Returns the number of replaced normals, or 0 for a mesh that came without any
+/// normals.
 pub(crate) fn repair_normals(normals: &mut [Vec3], positions: &[Vec3], triangles: &[[u32; 3]]) -> usize {
     let broken = |n: &Vec3| n.length_squared() < 1e-12;
     let all = normals.iter().all(broken);
@@ -172,7 +173,7 @@ pub(crate) fn repair_normals(normals: &mut [Vec3], positions: &[Vec3], triangles
     if all { 0 } else { replaced }
 }
 
-/// Makes the weights of each vertex add up to 1, without negative ones. Returns how many had none.
+/// Makes the weights of each vertex non-negative with a sum of 1. Returns the number of vertices without weights.
 fn normalise(skin: &mut SkinWeights) -> usize {
     let mut unweighted = 0;
     for group in skin.weights.chunks_mut(skin.sets) {
@@ -180,7 +181,7 @@ fn normalise(skin: &mut SkinWeights) -> usize {
         weights.iter_mut().for_each(|w| *w = w.max(0.0));
         let sum: f32 = weights.iter().sum();
         if sum > 0.0 && sum.is_finite() {
-            // An exporter's rounding aside the sum is 1 already: leave those bits alone.
+            // Apart from an exporter's rounding the sum is 1 already: keep those bits.
             if (sum - 1.0).abs() > 1e-6 {
                 weights.iter_mut().for_each(|w| *w /= sum);
             }
@@ -193,7 +194,7 @@ fn normalise(skin: &mut SkinWeights) -> usize {
     unweighted
 }
 
-/// A tangent at right angles to the normal, unit, its sign 1 or -1.
+/// Returns a unit tangent perpendicular to the normal, with a sign of 1 or -1.
 fn orthogonalised(tangent: Vec4, normal: Vec3) -> Vec4 {
     let along = tangent.truncate();
     let flat = (along - normal * normal.dot(along)).try_normalize();
@@ -201,14 +202,14 @@ fn orthogonalised(tangent: Vec4, normal: Vec3) -> Vec4 {
     flat.extend(if tangent.w < 0.0 { -1.0 } else { 1.0 })
 }
 
-/// Some direction at right angles to a unit normal.
+/// Returns some direction perpendicular to a unit normal.
 pub(crate) fn any_tangent(normal: Vec3) -> Vec3 {
     let axis = if normal.x.abs() < 0.6 { Vec3::X } else { Vec3::Y };
     axis.cross(normal).try_normalize().unwrap_or(Vec3::X)
 }
 
-/// Tangents along which the texture's u grows: per triangle from its edges, summed over a vertex's triangles.
-/// The texture's v grows downwards, so that the bitangent (green, up) points against it.
+/// Returns the tangents along which the texture's u grows. They are computed per triangle from its edges and summed
+/// over the triangles of a vertex. The texture's v grows downwards, so the bitangent (green, up) points against it.
 fn derive_tangents(positions: &[Vec3], normals: &[Vec3], uvs: &[Vec2], triangles: &[[u32; 3]]) -> Vec<Vec4> {
     let mut sums = vec![(DVec3::ZERO, DVec3::ZERO); positions.len()];
     for triangle in triangles {

@@ -1,4 +1,4 @@
-//! Poses against answers worked out by hand, closed loops of the built-in scenes, and real files.
+//! Poses against answers computed by hand, closed loops of the built-in scenes, and real files.
 
 use std::path::PathBuf;
 
@@ -51,8 +51,8 @@ fn a_two_bone_arm_bends_as_by_hand() {
     let instance = &scene.instances()[0];
     assert_eq!((instance.motion(), instance.has_constant_frame()), (Motion::Deforming, true));
     assert!(instance.needs().contains(Needs::SKIN));
-    // Just before the loop ends the upper bone has turned a quarter about z: up becomes -x. Its share of the
-    // middle vertex (0.5, 1) goes to (0, 1.5). The mesh node's own transform does not count.
+    // Just before the loop ends the upper bone has turned a quarter about z: up becomes -x. Its share of the middle
+    // vertex (0.5, 1) goes to (0, 1.5). The mesh node's own transform is ignored.
     let (world, normals) = geometry(&scene, 0, 1.0 - 1e-9);
     assert!(near(world[0], Vec3::new(10.0, 0.0, 0.0)), "{world:?}");
     assert!(near(world[1], Vec3::new(10.25, 1.25, 0.0)), "{world:?}");
@@ -64,7 +64,7 @@ fn a_two_bone_arm_bends_as_by_hand() {
     assert!(near(world[2], Vec3::new(10.0 - s, 1.0 + s, 0.0)), "{world:?}");
     // The rest is the undeformed mesh.
     assert_eq!(scene.rests()[0].geometry().positions()[2], Vec3::new(0.0, 2.0, 0.0));
-    // Loops with its own length.
+    // The animation loops with its own length.
     assert_eq!(geometry(&scene, 0, 0.25), geometry(&scene, 0, 7.25));
 }
 
@@ -89,9 +89,9 @@ fn morph_weights_add_up() {
     assert!(near(world[0], Vec3::new(-1.0, 1.5, 1.0)), "{world:?}");
     let slant = Vec3::new(0.5, 0.0, 0.5).normalize();
     assert!(near(normal[0], slant), "{normal:?}");
-    // At rest the default weights count, which nothing but the rest uses here.
+    // The rest has the default weights.
     assert!(near(scene.rests()[0].geometry().positions()[0], Vec3::new(-1.0, 0.75, 0.0)));
-    // Without the animation the default weights are baked and nothing is left to deform.
+    // Without the animation the default weights are part of the rest, and the instance does not deform.
     let still = rest.split(r#""animations""#).next().unwrap().trim_end().trim_end_matches(',');
     let scene = doc.load(still).unwrap();
     assert_eq!((scene.instances()[0].motion(), scene.needs().all()), (Motion::Static, Needs::NONE));
@@ -394,7 +394,7 @@ fn shared() -> Option<PathBuf> {
     None
 }
 
-/// Every scene and model there; none without the folder.
+/// Returns every scene and model in the folder; none without the folder.
 pub(crate) fn shared_files() -> Vec<PathBuf> {
     let Some(folder) = shared() else { return Vec::new() };
     let mut files: Vec<PathBuf> = Vec::new();

@@ -8,12 +8,12 @@ use crate::bvh::{Blas, Effort, Placement};
 use crate::scene::{PosedMesh, RigidFrame, Scene};
 use crate::shortcuts::Shortcuts;
 
-/// The placement that an instance's rigid frame stands for.
+/// Returns the placement that an instance's rigid frame stands for.
 pub(super) fn placement(frame: &RigidFrame) -> Placement {
     Placement { rotation: frame.matrix(), translation: frame.translation }
 }
 
-/// Corners of all triangles of a mesh, in its local space.
+/// Returns the corners of all triangles of a mesh, in its local space.
 pub(super) fn corners(posed: &PosedMesh<'_>) -> Vec<[Vec3; 3]> {
     (0..posed.triangles.len() as u32).map(|triangle| posed.corners(triangle)).collect()
 }

@@ -70,7 +70,7 @@ const SWEPT_PARTS: usize = 32;
 const REBUILD_COST_RATIO: f32 = 1.6;
 
 impl DynamicInstance {
-    /// An instance at a pose of its scene; `rest` is its mesh at rest, where it does not deform.
+    /// Returns an instance at a pose of its scene; `rest` is its mesh at rest, where it does not deform.
     pub(super) fn posed(
         scene: &Arc<Scene>,
         pose: &ScenePose,
@@ -93,7 +93,7 @@ impl DynamicInstance {
         Self { deformed, visible: at.visible(), ..Self::rigid(index, blas, placement(at.frame())) }
     }
 
-    /// An instance that does not deform, in sight.
+    /// Returns an instance that does not deform, in sight.
     pub(super) fn rigid(instance: usize, blas: Arc<Blas>, placement: Placement) -> Self {
         let bounds = BlasInstance::new(Arc::clone(&blas), placement).bounds();
         let cut = blas.tree().cut(SWEPT_PARTS);
@@ -101,7 +101,7 @@ impl DynamicInstance {
         Self { instance, placement, visible: true, bounds, blas, parts, cut, deformed: None }
     }
 
-    /// Bytes held. The tree counts only where it is not `rest`, which instances share.
+    /// Returns the bytes held on the heap. The tree counts only where it is not `rest`, which instances share.
     pub(super) fn heap_bytes(&self, rest: Option<&Arc<Blas>>) -> usize {
         let shared = rest.is_some_and(|rest| Arc::ptr_eq(rest, &self.blas));
         let tree = if shared { 0 } else { self.blas.heap_bytes() };
@@ -177,7 +177,7 @@ impl DynamicInstance {
 }
 
 impl DeformedGeometry {
-    /// A geometry that a tree was built for.
+    /// Returns a geometry that a tree was built for.
     fn new(geometry: Geometry, blas: &Blas) -> Self {
         Self { geometry, spare: Geometry::default(), built_cost: blas.cost() }
     }
@@ -203,7 +203,7 @@ impl SweptBounds {
     }
 }
 
-/// Bounds in world space of some nodes of a body's tree.
+/// Returns the bounds in world space of some nodes of a body's tree.
 fn parts(blas: &Blas, cut: &[u32], at: &Placement) -> Vec<Bounds> {
     let nodes = blas.tree().nodes();
     cut.iter().map(|&node| nodes[node as usize].bounds.transformed(at.rotation, at.translation)).collect()

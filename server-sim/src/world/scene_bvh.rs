@@ -210,8 +210,8 @@ impl SceneBvh {
         self.bodies = Tlas::new(list);
     }
 
-    /// Bytes of memory held: trees, the posed geometry of what deforms, and where everything is. What instances share counts
-    /// once; the scene does not.
+    /// Returns the bytes of memory held: trees, the posed geometry of what deforms, and where everything is. What
+    /// instances share counts once; the scene does not.
     #[must_use]
     pub fn heap_bytes(&self) -> usize {
         let Self {
@@ -242,13 +242,13 @@ impl SceneBvh {
         trees + structures + instances + memory::list(changes) + swept.sum::<usize>()
     }
 
-    /// The scene.
+    /// Returns the scene.
     #[must_use]
     pub fn scene(&self) -> &Arc<Scene> {
         &self.scene
     }
 
-    /// Bounds of everything.
+    /// Returns the bounds of everything.
     #[must_use]
     pub fn bounds(&self) -> Bounds {
         self.bodies.bounds()
@@ -260,8 +260,8 @@ impl SceneBvh {
         self.placements.get(instance.index()).copied().unwrap_or(Placement::IDENTITY)
     }
 
-    /// An instance's mesh in its local space as it is now, or was when it was last in sight; `None` for one that is not
-    /// in the scene.
+    /// Returns an instance's mesh in its local space as it is now, or was when it was last in sight; `None` for one
+    /// that is not in the scene.
     #[must_use]
     pub fn posed(&self, instance: InstanceId) -> Option<PosedMesh<'_>> {
         let rest = self.scene.rest(self.scene.instances().get(instance.index())?);
@@ -271,21 +271,21 @@ impl SceneBvh {
         Some(PosedMesh::posed(&self.scene, rest, deformed.unwrap_or(rest.geometry())))
     }
 
-    /// The nearest hit nearer than `tmax` metres along a unit direction. Both sides of a triangle are hit; masked-out
-    /// texels let rays through.
+    /// Returns the nearest hit nearer than `tmax` metres along a unit direction. Both sides of a triangle are hit;
+    /// masked-out texels let rays through.
     #[must_use]
     pub fn closest(&self, origin: Vec3, direction: Vec3, tmax: f32) -> Option<Hit> {
         let found = self.bodies.nearest(origin, direction, tmax, false, |body, hit| self.opaque(body, hit));
         found.map(|(body, hit)| self.hit(body, &hit))
     }
 
-    /// Whether anything is nearer than `tmax` metres along a unit direction.
+    /// Returns whether anything is nearer than `tmax` metres along a unit direction.
     #[must_use]
     pub fn occluded(&self, origin: Vec3, direction: Vec3, tmax: f32) -> bool {
         self.bodies.nearest(origin, direction, tmax, true, |body, hit| self.opaque(body, hit)).is_some()
     }
 
-    /// The surface at a hit of this world; `None` for a hit of another one.
+    /// Returns the surface at a hit of this world; `None` for a hit of another one.
     #[must_use]
     pub fn surface(&self, hit: &Hit) -> Option<SurfaceAt> {
         let local = surface(&self.posed(hit.instance)?, hit)?;
@@ -310,17 +310,17 @@ impl SceneBvh {
         &self.bodies
     }
 
-    /// The body of an instance now, if it has one.
+    /// Returns the body of an instance now, if it has one.
     pub(crate) fn body(&self, instance: usize) -> Option<BodyId> {
         self.instance_bodies[instance]
     }
 
-    /// Whether the space of an instance's body is the world, not its own.
+    /// Returns whether the space of an instance's body is the world, not its own.
     pub(crate) fn is_still(&self, instance: usize) -> bool {
         self.shared[instance]
     }
 
-    /// Whether an instance can be seen and hit now.
+    /// Returns whether an instance can be seen and hit now.
     pub(crate) fn is_present(&self, instance: usize) -> bool {
         self.instance_bodies[instance].is_some()
     }
@@ -330,7 +330,7 @@ impl SceneBvh {
         &self.changes
     }
 
-    /// Whether the texel at a hit is there.
+    /// Returns whether the texel at a hit is there.
     pub(crate) fn opaque(&self, body: BodyId, hit: &BlasHit) -> bool {
         let (instance, triangle) = self.source(body, hit.triangle);
         let [_, u, v] = hit.intersection.barycentric();
@@ -344,7 +344,7 @@ impl SceneBvh {
         Hit { t: hit.intersection.t, instance: InstanceId(instance), triangle, u, v }
     }
 
-    /// Instance and triangle of a triangle of a body.
+    /// Returns the instance and triangle of a triangle of a body.
     fn source(&self, body: BodyId, triangle: u32) -> (u32, u32) {
         match self.owners[body.index()] {
             Owner::Batch(number) => self.static_batches[number as usize].source(triangle),
@@ -353,7 +353,7 @@ impl SceneBvh {
     }
 }
 
-/// The surface of a mesh where a hit's triangle and weights say, in the mesh's space.
+/// Returns the surface of a mesh where a hit's triangle and weights say, in the mesh's space.
 fn surface(posed: &PosedMesh<'_>, hit: &Hit) -> Option<SurfaceAt> {
     if hit.triangle as usize >= posed.triangles.len() {
         return None;
@@ -366,7 +366,7 @@ fn surface(posed: &PosedMesh<'_>, hit: &Hit) -> Option<SurfaceAt> {
     })
 }
 
-/// Whether a pose has an instance in sight and at this very place.
+/// Returns whether a pose has an instance in sight and at this very place.
 fn is_at(pose: &ScenePose, index: usize, at: &Placement) -> bool {
     let now = &pose.instances()[index];
     now.visible() && placement(now.frame()) == *at

@@ -53,24 +53,24 @@ impl StaticBatch {
         Arc::make_mut(&mut self.blas).refit(&triangles);
     }
 
-    /// Bytes held.
+    /// Returns the bytes held on the heap.
     pub(super) fn heap_bytes(&self) -> usize {
         self.blas.heap_bytes() + memory::list(&self.starts)
     }
 
-    /// The instances that it was built of.
+    /// Returns the instances that it was built of.
     pub(super) fn instances(&self) -> impl Iterator<Item = usize> + '_ {
         self.starts.iter().map(|&(_, index)| index as usize)
     }
 
-    /// Instance and triangle of a triangle of the body.
+    /// Returns the instance and triangle of a triangle of the body.
     pub(super) fn source(&self, triangle: u32) -> (u32, u32) {
         let at = self.starts.partition_point(|&(first, _)| first <= triangle) - 1;
         let (first, instance) = self.starts[at];
         (instance, triangle - first)
     }
 
-    /// Its triangles in the world; of instances that are not present, ones that nothing meets.
+    /// Returns its triangles in the world; of instances that are not present, ones that nothing meets.
     fn triangles(
         &self,
         scene: &Scene,

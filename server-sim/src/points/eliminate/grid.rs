@@ -57,7 +57,7 @@ impl Links {
         self.starts[point] as usize..self.starts[point + 1] as usize
     }
 
-    /// The neighbours of a point.
+    /// Returns the neighbours of a point.
     pub(super) fn of(&self, point: usize) -> &[Link] {
         &self.list[self.range(point)]
     }
@@ -127,7 +127,7 @@ impl Grid {
         }
     }
 
-    /// The number that a point came with.
+    /// Returns the number that a point came with.
     pub(super) fn number(&self, point: u32) -> u32 {
         self.numbers[point as usize]
     }
@@ -146,12 +146,12 @@ impl Grid {
         ranges
     }
 
-    /// The points of a stretch of cells.
+    /// Returns the points of a stretch of cells.
     pub(super) fn points_of(&self, cells: &Range<usize>) -> Range<u32> {
         self.starts[cells.start]..self.starts[cells.end]
     }
 
-    /// The neighbours with higher numbers of the points of a stretch of cells.
+    /// Returns the neighbours with higher numbers of the points of a stretch of cells.
     pub(super) fn links_ahead(&self, cells: &Range<usize>, weighting: Weighting) -> Links {
         let count = self.points_of(cells).len();
         let mut links = Links { starts: Vec::with_capacity(count + 1), list: Vec::with_capacity(count * 4) };
@@ -190,7 +190,7 @@ impl Grid {
         links
     }
 
-    /// The points of the three cells from `low` on; moves `from` up to the first of these cells.
+    /// Returns the points of the three cells from `low` on; moves `from` up to the first of these cells.
     fn row(&self, low: u64, from: &mut usize) -> Range<usize> {
         // No branch for each cell: almost every step is short, and which one it is cannot be foreseen.
         let below = |from: usize, key: u64| {

@@ -64,8 +64,8 @@ pub(super) struct Region {
 }
 
 impl Region {
-    /// The points `own`. `ahead` links them to their neighbours with higher numbers, `behind` to those with lower ones
-    /// that are not their own, ordered by the higher number and then the lower; all by the grid's numbers.
+    /// Returns the points `own`. `ahead` links them to their neighbours with higher numbers, `behind` to those with
+    /// lower ones that are not their own, ordered by the higher number and then the lower; all by the grid's numbers.
     pub(super) fn new(own: Range<u32>, mut ahead: Links, behind: &[CrossLink]) -> Self {
         let count = own.len() as u32;
         let mut ghosts = sorted(behind.iter().map(|link| link.from));
@@ -168,12 +168,12 @@ impl Region {
         }
     }
 
-    /// Its own points that are removed.
+    /// Returns its own points that are removed.
     pub(super) fn removed(&self) -> &[Key] {
         &self.removed
     }
 
-    /// Links of its own points.
+    /// Returns the links of its own points.
     pub(super) fn links(&self) -> usize {
         self.neighbours.behind.list.len() + self.neighbours.ahead.list.len()
     }
@@ -183,7 +183,7 @@ impl Region {
         self.link_visits
     }
 
-    /// Whether some of its points wait for others.
+    /// Returns whether some of its points wait for others.
     pub(super) fn is_blocked(&self) -> bool {
         !self.blocked.is_empty()
     }
@@ -279,7 +279,7 @@ struct Neighbours {
 }
 
 impl Neighbours {
-    /// Neighbours of an own point, ascending in two parts.
+    /// Returns the neighbours of an own point, ascending in two parts.
     fn of(&self, index: u32) -> [&[Link]; 2] {
         [self.behind.of(index as usize), self.ahead.of(index as usize)]
     }
@@ -305,7 +305,7 @@ impl Weights {
         (point.wrapping_sub(self.first) as usize) < self.last_removed.len()
     }
 
-    /// Whether an own point is to be weighed again.
+    /// Returns whether an own point is to be weighed again.
     fn is_stale(&self, point: u32) -> bool {
         self.last_removed[(point - self.first) as usize] == Key::NONE
     }
@@ -367,7 +367,7 @@ impl BackLinks {
     }
 }
 
-/// Numbers ascending, each once.
+/// Returns the numbers ascending, each once.
 fn sorted(numbers: impl Iterator<Item = u32>) -> Vec<u32> {
     let mut numbers: Vec<u32> = numbers.collect();
     numbers.sort_unstable();

@@ -1,4 +1,4 @@
-//! Accessors: typed numbers in buffers, dense or sparse, with every range checked before it is read.
+//! Accessors: typed numbers in buffers, dense or sparse. Every range is checked before it is read.
 
 use gltf::json::Index;
 use gltf::json::accessor::{Accessor, ComponentType, Type};
@@ -8,24 +8,24 @@ use super::document::{GltfDocument, slice};
 use crate::scene::error::{GltfProblem, SceneError};
 use crate::scene::limits;
 
-/// AccessorValues of one accessor, element by element.
+/// The numbers of one accessor, element by element.
 enum AccessorValues {
-    /// Floats, or integers that stand for them.
+    /// Floats, or normalised integers converted to floats.
     Floats(Vec<f32>),
-    /// Integers as they are.
+    /// Unsigned integers.
     Integers(Vec<u32>),
 }
 
-/// What the numbers of an accessor are value_type as.
+/// The type to which the numbers of an accessor are converted.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum ValueType {
-    /// Floats; integers must be normalised ones, and are scaled to 0..1 or -1..1.
+    /// Floats. Integers must be normalised and are scaled to 0..1 or -1..1.
     Floats,
     /// Unsigned integers.
     Integers,
 }
 
-/// How the elements of an accessor lie in memory.
+/// Memory layout of the elements of an accessor.
 #[derive(Clone, Copy)]
 struct ElementFormat {
     component: ComponentType,
@@ -63,7 +63,7 @@ impl ElementFormat {
 }
 
 impl GltfDocument {
-    /// Elements of `N` floats. Integer components have to be normalised ones. All results are finite.
+    /// Reads elements of `N` floats. Integer components must be normalised. All results are finite.
     pub(super) fn floats<const N: usize>(
         &self,
         index: Index<Accessor>,
@@ -75,7 +75,7 @@ impl GltfDocument {
         }
     }
 
-    /// Elements of `N` unsigned integers.
+    /// Reads elements of `N` unsigned integers.
     pub(super) fn integers<const N: usize>(
         &self,
         index: Index<Accessor>,
@@ -191,7 +191,7 @@ impl GltfDocument {
     }
 }
 
-/// Checks that an accessor is of the value_type kind.
+/// Checks that an accessor can be read as the given type.
 fn format_of(accessor: &Accessor, width: usize, value_type: ValueType) -> Result<ElementFormat, GltfProblem> {
     let Checked::Valid(component) = accessor.component_type else {
         return Err(GltfProblem::Invalid("componentType"));
@@ -221,7 +221,7 @@ fn format_of(accessor: &Accessor, width: usize, value_type: ValueType) -> Result
     }
 }
 
-/// Reads `count` elements that stand `stride` bytes apart (side by side without a stride).
+/// Reads `count` elements that lie `stride` bytes apart, or adjacent without a stride.
 fn read_elements(
     bytes: &[u8],
     stride: Option<usize>,

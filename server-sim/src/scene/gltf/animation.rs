@@ -45,7 +45,7 @@ fn unknown(document: &GltfDocument, requested: String) -> SceneError {
     SceneError::UnknownAnimation { path: document.path.clone(), requested, available }
 }
 
-/// Adds the channels of one animation. Gives its length: the time of its last key.
+/// Adds the channels of one animation. Returns its length: the time of its last key.
 fn read_one(
     document: &GltfDocument,
     index: usize,

@@ -1,4 +1,4 @@
-//! Materials of a glTF file: sides, masks and normal maps. Images that neither needs are not even opened.
+//! Materials of a glTF file: sides, masks and normal maps. Other images are not opened.
 
 use std::sync::Arc;
 
@@ -15,7 +15,7 @@ use crate::scene::material::{AlphaMask, Material, NormalMap};
 use crate::scene::model::Model;
 use crate::scene::texture::{Texture, Wrap};
 
-/// A material in the model, and which texture coordinates its parts use.
+/// A material of the model, and the sets of texture coordinates for its mask and normal map.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct MaterialUse {
     pub(super) material: usize,
@@ -23,7 +23,7 @@ pub(super) struct MaterialUse {
     pub(super) normal_set: Option<u32>,
 }
 
-/// Adds the file's materials to the model; the last entry is the default material.
+/// Adds the file's materials to the model. The last entry is the default material.
 pub(super) fn read(
     document: &GltfDocument,
     model: &mut Model,
@@ -78,7 +78,7 @@ fn read_one(
     Ok(MaterialUse { material: model.add_material(material), mask_set, normal_set })
 }
 
-/// Reads and decodes an image, and keeps the channels that `pick` takes.
+/// Reads and decodes an image, and keeps the channels that `pick` selects.
 fn load_texture<const N: usize>(
     document: &GltfDocument,
     index: Index<json::Texture>,
@@ -117,7 +117,7 @@ fn load_texture<const N: usize>(
         .ok_or_else(|| document.error(here.as_str(), GltfProblem::Missing("a pixel")))
 }
 
-/// Wrap modes and whether the nearest texel is taken.
+/// Returns the wrap modes, and whether sampling takes the nearest texel.
 fn sampling(
     document: &GltfDocument,
     sampler: Option<&Sampler>,

@@ -1,5 +1,5 @@
-//! glTF 2.0 files (`.gltf` and `.glb`): parsed by the `gltf` crate, everything behind that read with checks of
-//! our own, because a file may point anywhere.
+//! glTF 2.0 files (`.gltf` and `.glb`). The `gltf` crate parses them without validation. Everything else is read with
+//! checks of our own, because a file may contain any index or offset.
 
 mod accessor;
 mod animation;
@@ -17,20 +17,20 @@ use crate::scene::error::SceneError;
 use crate::scene::model::{LocalTransform, Model};
 use document::GltfDocument;
 
-/// Which animations of a file play.
+/// Selection of the animations of a file that play.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) enum AnimationChoice {
-    /// All at once; where two drive the same property of a node, the later one counts.
+    /// All animations play at once. If two drive the same property of a node, the later one is used.
     All,
-    /// None: the nodes stand as the file has them.
+    /// No animation plays: the nodes have the transforms of the file.
     None,
-    /// The one of this name.
+    /// The animation with this name plays.
     Name(String),
-    /// The one at this place in the file.
+    /// The animation with this index in the file plays.
     Index(usize),
 }
 
-/// One glTF file and how it is placed.
+/// One glTF file and its placement in the scene.
 #[derive(Debug, Clone)]
 pub(crate) struct ScenePart {
     pub(crate) path: PathBuf,

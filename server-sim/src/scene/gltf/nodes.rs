@@ -9,7 +9,7 @@ use crate::scene::error::{GltfProblem, SceneError};
 use crate::scene::limits;
 use crate::scene::model::{LocalTransform, Model, Skin};
 
-/// Adds all nodes below one for the part's mesh_node. Gives the model's number of the file's first node.
+/// Adds all nodes below one node for the part's placement. Returns the model's index of the file's first node.
 pub(super) fn read(
     document: &GltfDocument,
     root: &LocalTransform,
@@ -34,7 +34,7 @@ pub(super) fn read(
     Ok(first)
 }
 
-/// The parent of each node; a hierarchy that is no forest is an error.
+/// Returns the parent of each node. A hierarchy that is not a forest is an error.
 fn parents(document: &GltfDocument) -> Result<Vec<Option<usize>>, SceneError> {
     let nodes = &document.root.nodes;
     let mut parents: Vec<Option<usize>> = vec![None; nodes.len()];
@@ -47,7 +47,7 @@ fn parents(document: &GltfDocument) -> Result<Vec<Option<usize>>, SceneError> {
             }
         }
     }
-    // With one parent each, what cannot be reached from a root is a ring (or hangs on one).
+    // Every node has at most one parent, so a node that no root reaches is on a cycle or below one.
     let mut order: Vec<usize> = (0..nodes.len()).filter(|&i| parents[i].is_none()).collect();
     let mut reached = vec![false; nodes.len()];
     let mut at = 0;
@@ -63,7 +63,7 @@ fn parents(document: &GltfDocument) -> Result<Vec<Option<usize>>, SceneError> {
     }
 }
 
-/// A node's own transform, its numbers checked.
+/// Returns a node's own transform and checks its numbers.
 fn local_of(node: &json::Node) -> Result<LocalTransform, GltfProblem> {
     if let Some(matrix) = &node.matrix {
         check(matrix)?;
@@ -83,7 +83,7 @@ fn local_of(node: &json::Node) -> Result<LocalTransform, GltfProblem> {
     })
 }
 
-/// Checks that numbers are finite and not absurdly large.
+/// Checks that numbers are finite and within the limit of magnitude.
 pub(super) fn check(values: &[f32]) -> Result<(), GltfProblem> {
     for (element, value) in values.iter().enumerate() {
         if !value.is_finite() {
@@ -96,7 +96,7 @@ pub(super) fn check(values: &[f32]) -> Result<(), GltfProblem> {
     Ok(())
 }
 
-/// Adds the file's skins to the model. Gives the model's number of the first one.
+/// Adds the file's skins to the model. Returns the model's index of the first one.
 pub(super) fn read_skins(
     document: &GltfDocument,
     first_node: usize,

@@ -1,4 +1,4 @@
-//! Primitives of a glTF file: attributes, triangles, and where they stand.
+//! Primitives of a glTF file: attributes, triangles, and the nodes that show them.
 
 use std::collections::BTreeMap;
 
@@ -59,7 +59,7 @@ pub(super) fn add_mesh_nodes(
     Ok(())
 }
 
-/// Which nodes hang on the file's scene: the one it names, else its first, else all nodes.
+/// Returns which nodes belong to the file's scene: the scene that the file names, else its first one, else all nodes.
 fn shown_nodes(document: &GltfDocument) -> Result<Vec<bool>, SceneError> {
     let nodes = &document.root.nodes;
     let scene = match document.root.scene {
@@ -81,13 +81,13 @@ fn shown_nodes(document: &GltfDocument) -> Result<Vec<bool>, SceneError> {
 struct PrimitiveReader<'a> {
     document: &'a GltfDocument,
     materials: &'a [MaterialUse],
-    /// Model mesh of each primitive that was read; `None` where it has no surface.
+    /// Model mesh of each primitive read so far; `None` for a primitive without a surface.
     mesh_of_primitive: BTreeMap<(usize, usize), Option<usize>>,
     vertices: usize,
 }
 
 impl PrimitiveReader<'_> {
-    /// The model's mesh for a primitive.
+    /// Returns the index of a primitive's mesh in the model.
     fn mesh(
         &mut self,
         mesh: usize,
@@ -129,7 +129,7 @@ impl PrimitiveReader<'_> {
         Ok(id)
     }
 
-    /// Reads a primitive; `None` if it is made of points or lines.
+    /// Reads a primitive. Returns `None` if it consists of points or lines.
     fn raw(
         &self,
         primitive: &Primitive,
@@ -177,7 +177,7 @@ impl PrimitiveReader<'_> {
     }
 }
 
-/// Three floats an element, none of them absurdly large.
+/// Reads vectors of three floats within the limit of magnitude.
 fn vectors(document: &GltfDocument, accessor: Index<Accessor>, place: &str) -> Result<Vec<Vec3>, SceneError> {
     let list = document.floats::<3>(accessor, place)?;
     let here = || format!("accessors[{}]", accessor.value());
@@ -199,7 +199,7 @@ fn same_length<T>(
     }
 }
 
-/// Vertex numbers of the triangles, from any of the three triangle modes (glTF 2.0, section 3.7.2.1).
+/// Returns the vertex numbers of the triangles in any of the three triangle modes (glTF 2.0, section 3.7.2.1).
 fn triangles(
     document: &GltfDocument,
     primitive: &Primitive,
@@ -240,7 +240,7 @@ fn triangles(
     }
 }
 
-/// Joints and weights of all sets that the primitive has both of.
+/// Returns the joints and weights of all sets for which the primitive has both.
 fn skin_weights(
     document: &GltfDocument,
     primitive: &Primitive,

@@ -1,4 +1,4 @@
-//! Small handmade files: what every feature means, and what every fault is answered with.
+//! Small handmade files: the meaning of every feature and the error for every fault.
 
 use std::fmt::Write;
 
@@ -6,7 +6,7 @@ use glam::{Vec2, Vec3};
 
 use crate::scene::{GltfProblem, InstanceId, Motion, Needs, Scene, SceneError};
 
-/// A glTF file in the making: one buffer, one view per accessor.
+/// A glTF file under construction: one buffer, one view per accessor.
 #[derive(Default)]
 pub(crate) struct Doc {
     bin: Vec<u8>,
@@ -341,7 +341,7 @@ fn broken_binary_files_are_errors() {
     whole.extend((json.len() as u32).to_le_bytes());
     whole.extend(b"JSON");
     whole.extend(json);
-    // Every prefix and every length, the last of them right: an error each time, never a panic.
+    // Every prefix and every claimed length gives an error, never a panic.
     for end in 0..=whole.len() {
         std::fs::write(&path, &whole[..end]).unwrap();
         assert!(Scene::load(path.to_str().unwrap()).is_err());
@@ -400,13 +400,13 @@ fn masks_follow_texture_factor_cutoff_wrap_and_set() {
     assert!(there(0.2, 0.2) && !there(0.7, 0.2) && there(0.7, 0.7));
     assert!(!there(1.2, 0.2) && there(1.7, 0.2), "mirrored along u");
     assert!(!there(0.2, 5.0) && there(0.7, 5.0), "clamped along v");
-    // A factor below the cutoff leaves nothing.
+    // A factor below the cutoff removes everything.
     let gone = rest.replace("[1,1,1,0.5]", "[1,1,1,0.3]");
     assert!(matches!(doc.load(&gone), Err(SceneError::NoTriangles { .. })));
-    // The image is needed, so that it must be readable.
+    // The image is required, so it must be readable.
     let broken = rest.replace(&image, "data:image/png;base64,AAAA");
     assert!(matches!(doc.load(&broken), Err(SceneError::Image { .. })));
-    // Without a mask nobody looks at it.
+    // Without a mask the image is never opened.
     let opaque = broken.replace("MASK", "OPAQUE");
     assert_eq!(doc.load(&opaque).unwrap().needs().all(), Needs::DOUBLE_SIDED);
 }

@@ -1,8 +1,8 @@
-//! Weighted sample elimination on the unit sphere, from twice as many candidates: by the heap, and as it is done, on one
-//! thread and on two.
+//! Weighted sample elimination on the unit sphere from twice as many candidates: by the heap, and by the real
+//! implementation on one thread and on two.
 //!
-//! First, and before anything is timed, the spread of the points is printed, and what all of them take when they take
-//! turns, so that what else the machine does meets them alike.
+//! Before the benchmark it prints the spread of the points, and median times over rounds in which the variants
+//! alternate. So other load on the machine affects all variants alike.
 
 use std::time::{Duration, Instant};
 
@@ -11,10 +11,10 @@ use glam::Vec3;
 use psao_server::points::{eliminate, poisson_radius, reference};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
-/// Rounds in which the ways take turns.
+/// Number of rounds in which the variants alternate.
 const ROUNDS: usize = 15;
 
-/// A set to thin out.
+/// A set of candidates to reduce.
 struct Set {
     candidates: Vec<Vec3>,
     keep: usize,
@@ -48,7 +48,8 @@ impl Set {
         pool.install(|| eliminate(&self.candidates, self.keep, self.radius))
     }
 
-    /// Smallest and mean distance to the nearest neighbour, in twice the largest possible Poisson-disk radius.
+    /// Returns the smallest and the mean distance to the nearest neighbour, relative to twice the largest possible
+    /// Poisson-disk radius.
     fn spread(&self, kept: &[u32]) -> (f32, f32) {
         let mut points: Vec<Vec3> = kept.iter().map(|&number| self.candidates[number as usize]).collect();
         points.sort_unstable_by(|a, b| a.z.total_cmp(&b.z));
@@ -62,7 +63,7 @@ impl Set {
     }
 }
 
-/// Distance to the nearest of points that go away from `at` along z.
+/// Returns the distance to the nearest of points sorted by their distance from `at` along z.
 fn nearest<'a>(at: Vec3, others: impl Iterator<Item = &'a Vec3>) -> f32 {
     let mut least = f32::MAX;
     for other in others {
@@ -78,7 +79,7 @@ fn pool(threads: usize) -> Option<ThreadPool> {
     ThreadPoolBuilder::new().num_threads(threads).build().ok()
 }
 
-/// Median time of each way over rounds in which they take turns.
+/// Returns the median time of each variant over rounds in which they alternate.
 fn turns(ways: &[&dyn Fn() -> Vec<u32>]) -> Vec<Duration> {
     let mut times = vec![Vec::new(); ways.len()];
     for _ in 0..ROUNDS {
@@ -100,7 +101,7 @@ fn elimination(criterion: &mut Criterion) {
     let (Some(one), Some(two)) = (pool(1), pool(2)) else { return };
     for keep in [20_000, 200_000] {
         let set = Set::new(keep);
-        // The answer first.
+        // Check the answer first.
         let kept = set.heap();
         assert_eq!(kept.len(), keep);
         assert!(set.on(&one) == kept && set.on(&two) == kept, "not the points that the heap keeps");

@@ -1,5 +1,5 @@
-//! Rays and points: AO of a sample of a built-in scene's points, nearest hits and any, beside a plain reference; single rays, and sample elimination by way of point
-//! generation. Rates are per ray and per point kept.
+//! Rays and points: the AO of a sample of a built-in scene's points beside a plain reference tracer, with nearest
+//! hits and any hits; then single rays and point generation. Rates are per ray and per point.
 
 use std::sync::Arc;
 
@@ -10,10 +10,11 @@ use psao_server::points::{PointSettings, ScenePoints, generate};
 use psao_server::scene::{InstanceId, Scene};
 use psao_server::world::SceneBvh;
 
-/// Every how many points a single ray starts: spread over the scene, near enough to share memory.
+/// Interval of the points from which a single ray starts. It spreads the rays over the scene, but keeps neighbours
+/// close enough to share memory.
 const STRIDE: usize = 16;
 
-/// Points whose rays are traced.
+/// Number of points whose rays are traced.
 const SAMPLE: u32 = 1000;
 
 /// Position and normal of some points, world space.
@@ -31,13 +32,13 @@ fn places(world: &SceneBvh, points: &ScenePoints) -> Vec<(glam::Vec3, glam::Vec3
     places
 }
 
-/// All rays of a sample of points: as the server traces them, and one by one through a plain tree.
+/// Traces all rays of a sample of points: as the server does, and one by one through the reference tracer.
 fn rays(group: &mut BenchmarkGroup<'_, WallTime>, kind: Occlusion, workload: &RayWorkload) {
     let mut scratch = Scratch::default();
     let (rays, reference) = (workload.rays(), ReferenceTracer::new(&workload.triangles()));
     let any = kind == Occlusion::Binary;
     let hit = |ray: &Ray| if any { reference.occluded(ray) } else { reference.closest(ray).is_finite() };
-    // The answer first: but for grazing rays, both hit the same.
+    // Check the answer first: except for grazing rays, both hit the same.
     let distances = workload.distances(&mut scratch);
     let differ =
         distances.iter().zip(&rays).filter(|(distance, ray)| distance.is_finite() != hit(ray)).count();

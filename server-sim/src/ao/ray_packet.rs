@@ -1,9 +1,9 @@
-//! The rays of one point against one body, in groups of eight.
+//! Traces the rays of one point against one body, in groups of eight.
 //!
-//! The rays share their origin, so the tree is walked once for all of them, nearest first. Each node narrows down the
-//! groups that go on: by the half ball of the rays, then by the cone around each group. In a leaf, each group's cone
-//! says which of eight triangles it may meet, and only those are met by its rays. All of these tests err on the side of
-//! tracing, so the result is the one of tracing every ray against every triangle.
+//! The rays share their origin, so one traversal of the tree serves all of them, nearest nodes first. Each node
+//! reduces the groups that continue: first by the hemisphere of the rays, then by the cone around each group. In a
+//! leaf, each group's cone selects the triangles that the group may hit, and its rays are tested against those only.
+//! All of these tests are conservative, so the result equals that of testing every ray against every triangle.
 
 use fearless_simd::prelude::*;
 use glam::{Mat3, Vec3};
@@ -14,48 +14,49 @@ use crate::bvh::{
     Packed, Packed3, RayCone, TriangleSetup, WideNode, bits,
 };
 
-/// Value of a ray in `best` that has nothing left to learn: answered by any hit, or padding of the last group.
+/// Value in `best` of a finished ray: with `ANY` a ray that hit something, or padding of the last group.
 const RAY_DONE: f32 = -1.0;
-/// Groups up to which it pays to ask which of their rays cross a node.
+/// Largest number of groups for which a slab test of their rays against a node pays off.
 const SLAB_TEST_MAX_GROUPS: u32 = 4;
-/// Rays of a leaf up to which one ray against eight triangles is cheaper than eight rays against one.
+/// Largest number of rays in a leaf for which testing one ray against eight triangles is cheaper than eight rays
+/// against one triangle.
 const SINGLE_RAY_MAX_RAYS: u32 = 3;
 
-/// Up to 256 rays of one point and the working memory to trace them; reused from point to point.
+/// Up to 256 rays of one point, with the working memory to trace them. It is reused from point to point.
 #[derive(Debug)]
 pub(super) struct RayPacket {
-    /// Directions in the space of the body that is traced now, and one over them.
+    /// Directions in the space of the current body, and their reciprocals.
     directions: [Packed3; PACKET_GROUPS],
     inverses: [Packed3; PACKET_GROUPS],
-    /// Axes of the groups' cones there, a group in every lane.
+    /// Axes of the groups' cones in the same space, one group per lane.
     axes: [Packed3; PACKET_GROUPS / LANES],
-    /// Nearest hit so far of each ray, at first the reach; [`RAY_DONE`] when there is nothing left to learn.
+    /// Distance to the nearest hit so far of each ray, initially the radius; [`RAY_DONE`] for a finished ray.
     best: [Packed; PACKET_GROUPS],
     /// Largest `best` of each group.
     reach: [Packed; PACKET_GROUPS / LANES],
-    /// Bit per group: whether there is anything left to learn.
+    /// Bit per group: whether it has unfinished rays.
     active: u32,
     radius: f32,
-    /// Rays that came into the bounds of a body, a bit each by group.
+    /// Bit per ray, by group: whether it entered the bounds of a body.
     entered: [u8; PACKET_GROUPS],
-    /// Lanes of the last group that pad it.
+    /// Number of padding lanes in the last group.
     padding: usize,
     groups: usize,
     stack: Vec<StackEntry>,
 }
 
-/// How far a ray of a packet gets.
+/// How far a ray of a packet reaches.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum RayReach {
-    /// As far as rays go, so far.
+    /// The ray has no hit so far.
     Unbounded,
-    /// To a hit; how far that is does not matter.
+    /// The ray has a hit at an irrelevant distance.
     Hit,
-    /// To a hit this far away.
+    /// The ray has a hit at this distance.
     At(f32),
 }
 
-/// What to visit, the squared distance to its box and the groups that go there.
+/// A child to visit, the squared distance to its box, and the groups that visit it.
 #[derive(Clone, Copy, Debug)]
 struct StackEntry {
     near: f32,
@@ -63,31 +64,31 @@ struct StackEntry {
     groups: u32,
 }
 
-/// Eight boxes as seen from where the rays start.
+/// Eight boxes relative to the origin of the rays.
 struct BoxSetup {
-    /// Bit per lane: whether any ray may meet what is in the box.
+    /// Bit per lane: whether any ray may hit something in the box.
     lanes: u32,
-    /// Squared.
+    /// Squared distance from the origin to the box.
     distance: Packed,
-    /// The ball around the box, its radius, and the length of a tangent from the origin to it, far below zero where the
-    /// origin is inside.
+    /// Centre and radius of the sphere around the box, and the length of a tangent from the origin to it. The length
+    /// is far below zero if the origin is inside the sphere.
     center: Packed3,
     ball: Packed,
     tangent: Packed,
-    /// Corners, with a margin for what rounds.
+    /// Corners, with a margin for rounding.
     low: Packed3,
     high: Packed3,
 }
 
-/// Where the rays start in the space of a body, and how they are turned into it.
+/// Origin of the rays in the space of a body, and their rotation to it.
 pub(super) struct PacketOrigin {
-    /// Tangent space of the point to the space of the body.
+    /// Rotation from the tangent space of the point to the space of the body.
     pub(super) turn: Mat3,
     pub(super) origin: Vec3,
 }
 
-/// One packet against one body. With `ANY`, a hit at any distance ends
-/// a ray. `accept` is asked about hits on masked triangles only.
+/// The traversal of one body by one packet. With `ANY`, a hit at any distance finishes a ray. `accept` is called for
+/// hits on masked triangles only.
 pub(super) struct PacketTraversal<'a, S: Simd, const ANY: bool> {
     pub(super) simd: S,
     pub(super) packet: &'a mut RayPacket,
@@ -117,7 +118,7 @@ impl Default for RayPacket {
 }
 
 impl RayPacket {
-    /// Starts a chunk of a point's rays: every ray may go `radius` far.
+    /// Starts a chunk of a point's rays, each of length `radius`.
     pub(super) fn begin(&mut self, rays: &PointRays<'_>, chunk: usize, radius: f32) {
         let groups = rays.groups(chunk).len();
         (self.groups, self.radius, self.padding) = (groups, radius, rays.padding(chunk));
@@ -128,12 +129,12 @@ impl RayPacket {
         self.entered[..groups].fill(0);
     }
 
-    /// Returns the groups in use.
+    /// Returns the number of groups in use.
     pub(super) fn groups(&self) -> usize {
         self.groups
     }
 
-    /// How far each ray gets, group by group.
+    /// Returns how far each ray reaches, group by group.
     pub(super) fn reaches(&self) -> impl Iterator<Item = impl Iterator<Item = RayReach> + '_> + '_ {
         (0..self.groups).map(|group| {
             self.best[group].array()[..self.used(group)].iter().map(|&t| match t {
@@ -144,7 +145,7 @@ impl RayPacket {
         })
     }
 
-    /// Sets how far some rays of a group get.
+    /// Sets how far some rays of a group reach.
     pub(super) fn set(&mut self, group: usize, reaches: impl Iterator<Item = (usize, RayReach)>) {
         let mut best = self.best[group];
         for (ray, reach) in reaches {
@@ -157,18 +158,18 @@ impl RayPacket {
         self.update_group(group, best);
     }
 
-    /// Returns the rays that came into the bounds of some body before their nearest hit so far.
+    /// Returns the number of rays that entered the bounds of some body before their nearest hit so far.
     pub(super) fn traced(&self) -> u32 {
         self.entered[..self.groups].iter().map(|rays| rays.count_ones()).sum()
     }
 
-    /// Returns the lanes of a group that hold a ray.
+    /// Returns the number of lanes of a group that hold a ray.
     fn used(&self, group: usize) -> usize {
         if group + 1 == self.groups { LANES - self.padding } else { LANES }
     }
 
-    /// Returns the sum over the rays of what hides them: `1 - min(hit distance, R) / R`, or with `ANY` one for every
-    /// hit. Summed lane by lane, so that a point without a hit is exactly open.
+    /// Returns the sum of the rays' occlusion: `1 - min(hit distance, R) / R`, or with `ANY` one for every hit. Sums
+    /// lane by lane, so that a point without a hit is exactly open.
     pub(super) fn occlusion_sum<const ANY: bool>(&self) -> f32 {
         let mut sum = Packed::ZERO;
         for (group, best) in self.best[..self.groups].iter().enumerate() {
@@ -191,7 +192,7 @@ impl RayPacket {
         all.take(self.groups * LANES - self.padding).map(distance)
     }
 
-    /// Replaces what the rays of a group know.
+    /// Updates the nearest hits of a group, and what depends on them.
     #[inline(always)]
     fn update_group(&mut self, group: usize, best: Packed) {
         self.best[group] = best;
@@ -202,7 +203,7 @@ impl RayPacket {
 }
 
 impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
-    /// Shortens the rays that hit something in the body.
+    /// Traces the packet through the body and shortens the rays that hit something.
     #[inline(always)]
     pub(super) fn run(mut self) {
         let (nodes, wide_nodes) = (self.blas.tree().nodes(), self.blas.wide_nodes());
@@ -224,7 +225,7 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
         }
     }
 
-    /// Turns the directions of the set into the body's space.
+    /// Rotates the directions of the set to the body's space.
     #[inline(always)]
     fn rotate_directions(&mut self) {
         let simd = self.simd;
@@ -241,7 +242,7 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
         }
     }
 
-    /// Notes which rays come into the body's bounds.
+    /// Records which rays enter the body's bounds.
     #[inline(always)]
     fn enter(&mut self, root: &Node) {
         let (low, high) = (root.bounds.min() - self.start.origin, root.bounds.max() - self.start.origin);
@@ -254,7 +255,7 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
         }
     }
 
-    /// Puts the children that some of the groups go on to on the stack, the nearest last.
+    /// Pushes the children that some of the groups visit, the nearest last.
     #[inline(always)]
     fn visit(&mut self, wide: &WideNode, groups: u32) {
         let boxes = self.boxes(wide);
@@ -284,7 +285,7 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
         }
     }
 
-    /// What is asked of all eight boxes of a node at once.
+    /// Computes the properties of all eight boxes of a node at once.
     #[inline(always)]
     fn boxes(&self, wide: &WideNode) -> BoxSetup {
         let simd = self.simd;
@@ -306,7 +307,7 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
         let half = |low: Lanes<S>, high: Lanes<S>| (high - low) * splat(0.5);
         let half = Lanes3 { x: half(low.x, high.x), y: half(low.y, high.y), z: half(low.z, high.z) };
         let center = Lanes3 { x: low.x + half.x, y: low.y + half.y, z: low.z + half.z };
-        // Larger by more than the difference below rounds.
+        // Enlarge by more than the rounding of the difference below.
         let ball = half.dot(&half) * splat(1.000_1);
         let beyond = center.dot(&center) - ball;
         let apart = zero.simd_lt(beyond);
@@ -322,7 +323,7 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
         }
     }
 
-    /// Returns the groups whose cones touch the ball around a box and whose rays go as far as the box.
+    /// Returns the groups whose cones touch the sphere around a box and whose rays reach the box.
     #[inline(always)]
     fn groups_touching_box(&self, boxes: &BoxSetup, lane: usize, groups: u32) -> u32 {
         let simd = self.simd;
@@ -333,8 +334,8 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
         let mut kept = 0;
         for (eight, cones) in self.rays.cones(self.chunk).iter().enumerate() {
             let reach = self.packet.reach[eight].load(simd);
-            // Between axis and centre is at most the cone's half angle and that under which the ball is seen; all of it
-            // times the distance of the centre.
+            // The angle between axis and centre is at most the cone's half angle plus the sphere's. Both sides are
+            // multiplied by the distance of the centre.
             let along = self.packet.axes[eight].load(simd).dot(&center);
             let touched = (along + cones.sin.load(simd) * ball).simd_ge(cones.cos.load(simd) * tangent)
                 & (reach * reach).simd_ge(distance);
@@ -343,7 +344,7 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
         kept & groups
     }
 
-    /// Returns the groups of which some ray crosses the box from `low` to `high`, relative to the origin.
+    /// Returns the groups with a ray that crosses the box from `low` to `high`, relative to the origin.
     #[inline(always)]
     fn groups_crossing_box(&self, low: Vec3, high: Vec3, groups: u32) -> u32 {
         let (low, high) = (Lanes3::splat(self.simd, low), Lanes3::splat(self.simd, high));
@@ -373,7 +374,7 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
         bits(leave.simd_ge(enter))
     }
 
-    /// One block of triangles.
+    /// Intersects the groups with the block of triangles of a leaf.
     #[inline(always)]
     fn leaf(&mut self, node: &Node, groups: u32) {
         let simd = self.simd;
@@ -409,7 +410,7 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
         }
     }
 
-    /// Groups many of whose rays cross a leaf.
+    /// Intersects groups with many rays that cross a leaf.
     #[inline(always)]
     fn intersect_groups(
         &mut self,
@@ -440,7 +441,7 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
         }
     }
 
-    /// Returns the cone of a group and how far its rays go.
+    /// Returns the cone of a group and the reach of its rays.
     #[inline(always)]
     fn cone(&self, group: usize) -> RayCone {
         let (eight, lane) = (group / LANES, group % LANES);
@@ -451,7 +452,7 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
         }
     }
 
-    /// Some rays of a group, one by one, against the eight triangles of a block at once.
+    /// Intersects some rays of a group, one by one, with the eight triangles of a block at once.
     #[inline(always)]
     fn intersect_by_ray(&mut self, prepared: &BlockSetup, mut rays: u32, group: usize) {
         let mut best = self.packet.best[group];
@@ -471,7 +472,7 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
         }
     }
 
-    /// All rays of a group against the triangles `lanes` of a block, none of them masked, one by one.
+    /// Intersects all rays of a group with the unmasked triangles `lanes` of a block, one by one.
     #[inline(always)]
     fn intersect_by_triangle(&mut self, prepared: &BlockSetup, mut lanes: u32, group: usize) {
         let simd = self.simd;
@@ -491,7 +492,8 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
         }
     }
 
-    /// One masked triangle: `opaque` decides about each hit that is nearer than what is known.
+    /// Intersects a group with one masked triangle. `opaque` decides about each hit that is nearer than the nearest
+    /// so far.
     #[inline(never)]
     fn intersect_masked(
         &mut self,
@@ -514,7 +516,7 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
     }
 }
 
-/// One over each number; numbers next to zero give large ones of the same sign, so that nothing is infinite.
+/// Returns the reciprocals. Numbers near zero give large results of the same sign, so that nothing is infinite.
 #[inline(always)]
 fn inverted<S: Simd>(numbers: Lanes<S>) -> Lanes<S> {
     let tiny = Lanes::splat(numbers.simd, 1e-12);

@@ -1,5 +1,5 @@
-//! Single rays through the box tree of `obvhs`, one triangle at a time, in double precision: the reference that the
-//! packets are measured by and compared with. It shares neither tree layout nor arithmetic with them.
+//! A reference tracer for tests and benchmarks of the packets. It traces single rays through the box tree of `obvhs`,
+//! one triangle after the other, in double precision. It shares neither tree layout nor arithmetic with the packets.
 
 use std::time::Duration;
 
@@ -11,15 +11,15 @@ use obvhs::{BvhBuildParams, triangle::Triangle};
 
 use super::ray_workload::Ray;
 
-/// Triangles of a world, all in one tree.
+/// All triangles of a scene in one tree.
 pub struct ReferenceTracer {
     bvh: Bvh2,
-    /// In the order of the leaves.
+    /// Triangles in the order of the leaves.
     triangles: Vec<[DVec3; 3]>,
 }
 
 impl ReferenceTracer {
-    /// Builds the tree. Triangles with a corner that is not finite are left out.
+    /// Builds the tree. Ignores triangles with a corner that is not finite.
     #[must_use]
     pub fn new(triangles: &[[Vec3; 3]]) -> Self {
         let finite = triangles.iter().filter(|triangle| triangle.iter().all(|corner| corner.is_finite()));
@@ -32,7 +32,7 @@ impl ReferenceTracer {
         Self { bvh, triangles }
     }
 
-    /// Returns the distance to the nearest triangle nearer than the ray's length, or infinity.
+    /// Returns the distance to the nearest triangle within the ray's length, or infinity.
     #[must_use]
     pub fn closest(&self, ray: &Ray) -> f32 {
         let mut hit = RayHit::none();
@@ -40,7 +40,7 @@ impl ReferenceTracer {
         if hit.t < ray.length { hit.t } else { f32::INFINITY }
     }
 
-    /// Returns whether any triangle is nearer than the ray's length.
+    /// Returns whether any triangle is within the ray's length.
     #[must_use]
     pub fn occluded(&self, ray: &Ray) -> bool {
         !self.bvh.ray_traverse_miss(plain(ray), |_, index| distance(&self.triangles[index], ray))

@@ -1,6 +1,6 @@
-//! A binary tree of boxes: built by `obvhs` (PLOC and reinsertion), laid out for our two kinds of visit.
+//! A binary tree of boxes, built by `obvhs` (PLOC and reinsertion) and laid out for two kinds of traversal.
 //!
-//! A tree knows boxes only. [`super::blas`] puts triangles into the leaves, [`super::world`] whole bodies.
+//! A tree knows only boxes. Its leaves contain triangles in [`super::blas`] and whole bodies in [`super::tlas`].
 
 use std::ops::Range;
 
@@ -14,11 +14,11 @@ use psao_codec::memory;
 
 use super::bounds::Bounds;
 
-/// Marks a slot of [`Tree::order`] that holds no box, where leaves are padded to whole blocks.
+/// Marks a slot of [`Tree::order`] without a box: leaves are padded to whole blocks.
 pub(crate) const VACANT: u32 = u32::MAX;
 
-/// One node: a leaf when `count > 0` (its boxes are `order[first..first + count]`), else children at `first` and
-/// `first + 1`. Children stand behind their parent, so that a refit is one pass from the back.
+/// One node. It is a leaf if `count > 0`; its boxes are `order[first..first + count]`. Otherwise its children are at
+/// `first` and `first + 1`. Children come after their parent, so that a refit is one backward pass.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Node {
     pub(crate) bounds: Bounds,
@@ -26,12 +26,12 @@ pub(crate) struct Node {
     pub(crate) count: u32,
 }
 
-/// How much work goes into a tree.
+/// Effort for building a tree.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Effort {
-    /// Built once, visited for ever.
+    /// For a tree that is built once and traversed often.
     Best,
-    /// Built every frame.
+    /// For a tree that is built every frame.
     Quick,
 }
 
@@ -51,7 +51,7 @@ impl Effort {
     }
 }
 
-/// The tree. Without boxes it has no node.
+/// The tree. Without boxes it has no nodes.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Tree {
     nodes: Vec<Node>,
@@ -64,8 +64,8 @@ impl Tree {
         memory::list(&self.nodes) + memory::list(&self.order)
     }
 
-    /// Builds over `boxes`; empty or unbounded boxes are left out. Leaves hold at most `leaf` boxes, and each leaf's
-    /// run in [`Tree::order`] starts at a multiple of `stride` (1 = no padding).
+    /// Builds the tree over `boxes`, ignoring empty and unbounded boxes. Leaves hold at most `leaf` boxes. Each
+    /// leaf's run in [`Tree::order`] starts at a multiple of `stride` (1 = no padding).
     pub(crate) fn build(boxes: &[Bounds], leaf: usize, stride: usize, effort: Effort) -> Self {
         let equal_boxes = EqualBoxes::of(boxes);
         if equal_boxes.runs.is_empty() {
@@ -107,13 +107,13 @@ impl Tree {
         tree
     }
 
-    /// Pads [`Tree::order`] to the stride; where the next leaf starts.
+    /// Pads [`Tree::order`] to the stride. Returns the start of the next leaf.
     fn start_leaf(&mut self, stride: usize) -> u32 {
         self.order.resize(self.order.len().next_multiple_of(stride), VACANT);
         self.order.len() as u32
     }
 
-    /// Splits members that all have the same box into leaves, by number.
+    /// Splits members with equal boxes into leaves, by number.
     fn split_equal_boxes(
         &mut self,
         target: usize,
@@ -131,18 +131,19 @@ impl Tree {
         let first = self.nodes.len();
         self.nodes.extend([placeholder(), placeholder()]);
         self.nodes[target] = Node { bounds, first: first as u32, count: 0 };
-        // Whole leaves on the left, so that blocks are full; the depth is the logarithm of the number.
+        // The left side has whole leaves, so that blocks are full. The depth is the logarithm of the number of
+        // members.
         let (left, right) = members.split_at(members.len().div_ceil(leaf).div_ceil(2) * leaf);
         self.split_equal_boxes(first, bounds, left, leaf, stride);
         self.split_equal_boxes(first + 1, bounds, right, leaf, stride);
     }
 
-    /// Returns the nodes, root first; empty when the tree holds nothing.
+    /// Returns the nodes, root first; empty for an empty tree.
     pub(crate) fn nodes(&self) -> &[Node] {
         &self.nodes
     }
 
-    /// Returns the box numbers in leaf order; [`VACANT`] where a leaf was padded.
+    /// Returns the box numbers in leaf order, with [`VACANT`] as padding.
     pub(crate) fn order(&self) -> &[u32] {
         &self.order
     }
@@ -152,7 +153,8 @@ impl Tree {
         self.nodes.first().map_or(Bounds::EMPTY, |root| root.bounds)
     }
 
-    /// At most `count` (at least 1) nodes that hold everything between them, the largest ones being taken apart first.
+    /// Returns at most `count` (at least 1) nodes that together contain everything. The largest nodes are split
+    /// first.
     pub(crate) fn cut(&self, count: usize) -> Vec<u32> {
         let mut cut: Vec<u32> = if self.nodes.is_empty() { Vec::new() } else { vec![0] };
         let area = |node: u32| {
@@ -184,8 +186,8 @@ impl Tree {
         }
     }
 
-    /// Calls `visit` with every box number in a leaf that the closed ball (`center`, `radius`) touches. Members of a
-    /// touched leaf may themselves be farther away: the caller tests them.
+    /// Calls `visit` with every box number in a leaf that touches the closed ball (`center`, `radius`). Boxes of such
+    /// a leaf may themselves be farther away: the caller tests them.
     pub(crate) fn near(&self, center: Vec3, radius: f32, stack: &mut Vec<u32>, mut visit: impl FnMut(u32)) {
         let limit = radius * radius;
         self.leaves(
@@ -244,8 +246,8 @@ fn placeholder() -> Node {
     Node { bounds: Bounds::EMPTY, first: 0, count: 0 }
 }
 
-/// Boxes in runs of equal ones. Clustering pairs up equal boxes into a chain as deep as there are of them, so it only
-/// ever sees one of each.
+/// Boxes in runs of equal ones. Clustering would chain equal boxes to a depth equal to their number, so it gets only
+/// one box per run.
 struct EqualBoxes {
     members: Vec<u32>,
     runs: Vec<Range<usize>>,
@@ -271,7 +273,8 @@ impl EqualBoxes {
     }
 }
 
-/// How many members stand below each node; `obvhs` may order nodes freely after reinsertion, so this walks.
+/// Returns the number of members below each node. `obvhs` may order nodes freely after reinsertion, so this traverses
+/// the tree.
 fn members_below(bvh: &Bvh2, runs: &[Range<usize>]) -> Vec<u32> {
     let mut below = vec![0u32; bvh.nodes.len()];
     let mut walk = vec![(0usize, false)];

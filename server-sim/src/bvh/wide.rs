@@ -1,4 +1,4 @@
-//! The inner nodes of a [`Tree`], eight children at a time, so that eight boxes are tested at once.
+//! The inner nodes of a [`Tree`] with eight children each, so that eight boxes are tested at once.
 
 use glam::Vec3;
 
@@ -6,34 +6,35 @@ use super::bounds::Bounds;
 use super::lanes::{LANES, Packed3};
 use super::tree::{Node, Tree, VACANT};
 
-/// Up to eight children.
+/// An inner node with up to eight children.
 #[derive(Clone, Debug)]
 pub(crate) struct WideNode {
-    /// Corners of the children's boxes; a vacant lane has an empty box.
+    /// Corners of the children's boxes. A vacant lane has an empty box.
     pub(crate) low: Packed3,
     pub(crate) high: Packed3,
     pub(crate) children: [Child; LANES],
-    /// The tree's nodes that the children were made from, or [`VACANT`].
+    /// The tree's nodes of the children, or [`VACANT`].
     nodes: [u32; LANES],
 }
 
-/// Where a child is.
+/// Reference to a child.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Child {
-    /// Number of a leaf of the tree.
+    /// The leaf of the tree with this index.
     Leaf(u32),
-    /// Number of a wide node.
+    /// The wide node with this index.
     Inner(u32),
-    /// There is none.
+    /// No child.
     Vacant,
 }
 
-/// Every leaf of the tree is below the first node, once; empty where the tree is.
+/// Builds the wide nodes of a tree. Every leaf of the tree is below the first node once. The list is empty if the
+/// tree is.
 pub(crate) fn widen(tree: &Tree) -> Vec<WideNode> {
     let nodes = tree.nodes();
     let mut wide_nodes: Vec<WideNode> = Vec::new();
     let mut work: Vec<u32> = if nodes.is_empty() { Vec::new() } else { vec![0] };
-    // WideNode nodes are numbered in the order in which their roots enter the queue.
+    // Wide nodes are numbered in the order in which their roots enter the queue.
     let mut next = 0;
     while let Some(&root) = work.get(next) {
         next += 1;
@@ -53,7 +54,7 @@ pub(crate) fn widen(tree: &Tree) -> Vec<WideNode> {
     wide_nodes
 }
 
-/// Takes over the boxes of the tree that the nodes were made from.
+/// Copies the boxes of the tree from which the nodes were built.
 pub(crate) fn refit(wide_nodes: &mut [WideNode], tree: &Tree) {
     for WideNode { low, high, nodes, .. } in wide_nodes {
         let node = |lane: usize| tree.nodes().get(nodes[lane] as usize);
@@ -63,7 +64,7 @@ pub(crate) fn refit(wide_nodes: &mut [WideNode], tree: &Tree) {
     }
 }
 
-/// At most eight nodes that hold what is below a node, the largest ones being taken apart first.
+/// Returns at most eight nodes that together contain everything below a node. The largest nodes are split first.
 fn open(nodes: &[Node], root: u32) -> Vec<u32> {
     let area = |node: u32| {
         let Vec3 { x, y, z } = nodes[node as usize].bounds.size();

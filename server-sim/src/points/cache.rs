@@ -1,4 +1,4 @@
-//! Point sets kept between runs: the key they go by, and their bytes.
+//! A cache of point sets between runs: the key of an entry, and its bytes.
 
 use std::fmt;
 
@@ -8,32 +8,31 @@ use thiserror::Error;
 use super::{PointSet, PointSettings, SurfacePoint};
 use crate::scene::{Mesh, RestMesh, Scene};
 
-/// What is made of the same scene and settings; grows whenever that changes.
+/// Version of the method. It grows whenever the method makes other points from the same scene and settings.
 const METHOD_VERSION: u32 = 1;
 /// First bytes of an entry.
 const MAGIC: [u8; 8] = *b"psaopts\x01";
-/// Bytes of the digest at the end of an entry.
+/// Size in bytes of the digest at the end of an entry.
 const DIGEST_BYTES: usize = 32;
-/// Bytes of a set before its points, and of a point.
+/// Sizes in bytes of a set without its points, and of one point.
 const SET_BYTES: usize = 4 + 4 + 8;
 const POINT_BYTES: usize = 4 + 4 + 4 + 1;
 
-/// Where the points of scenes are kept between runs. Nothing depends on whether they are found there but time: an entry
-/// that is damaged, or another one's, is refused and the points are made.
+/// Storage of the points of scenes between runs. A cache affects only time: a damaged or foreign entry is rejected,
+/// and the points are generated.
 pub trait PointCache: Sync {
-    /// Returns the bytes that were stored under a key, if they are there.
+    /// Returns the bytes stored under a key, if there are any.
     fn load(&self, key: &PointKey) -> Option<Vec<u8>>;
 
-    /// Keeps bytes under a key, or does not where it cannot.
+    /// Stores bytes under a key. An implementation that cannot store them does nothing.
     fn store(&self, key: &PointKey, bytes: &[u8]);
 
-    /// Hears that what it loaded is of no use; new bytes are stored right after.
+    /// Reports that a loaded entry is unusable. New bytes are stored right afterwards.
     fn refused(&self, key: &PointKey, reason: &PointCacheError);
 }
 
-/// What the points of a scene go by: a BLAKE3 digest of all that they are made of, which is the rest geometry of every
-/// mesh, which parts of it are there and how many sides it has, the settings, and the version of the method. Shown in
-/// hexadecimal.
+/// Key of the points of a scene: a BLAKE3 digest of everything that determines them. It covers the rest geometry,
+/// mask and sides of every mesh, the settings and the version of the method. It is displayed in hexadecimal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct PointKey([u8; 32]);
 
@@ -62,7 +61,7 @@ impl PointKey {
     }
 }
 
-/// Hashes a list with its length before it.
+/// Hashes a list, preceded by its length.
 fn hash_list<T, const N: usize>(hasher: &mut blake3::Hasher, items: &[T], bytes: impl Fn(&T) -> [u8; N]) {
     hasher.update(&(items.len() as u64).to_le_bytes());
     let mut block = Vec::with_capacity(N * items.len().min(1 << 12));
@@ -80,7 +79,7 @@ fn hash_geometry(hasher: &mut blake3::Hasher, rest: &RestMesh) {
     hasher.update(&rest.area_m2().to_le_bytes());
 }
 
-/// Hashes sides and mask.
+/// Hashes the number of sides and the mask.
 fn hash_surface(hasher: &mut blake3::Hasher, scene: &Scene, mesh: &Mesh) {
     let material = scene.material(mesh);
     hasher.update(&[u8::from(material.double_sided())]);
@@ -105,20 +104,20 @@ fn hash_surface(hasher: &mut blake3::Hasher, scene: &Scene, mesh: &Mesh) {
     });
 }
 
-/// Why the bytes of an entry are of no use.
+/// Reason why an entry is unusable.
 #[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum PointCacheError {
-    /// Something else, or of another version.
+    /// The bytes are not an entry, or one of another version.
     #[error("it holds no points of this version")]
     Foreign,
-    /// Points that go by another key.
+    /// The entry has the points of another key.
     #[error("it holds the points of another scene or of other settings")]
     Key,
-    /// The digest at its end is not that of the rest.
+    /// The digest at the end does not match the content.
     #[error("it is damaged: its digest is not that of its content")]
     Digest,
-    /// Its digest is right, and its content is not.
+    /// The digest matches, but the content is invalid.
     #[error("its points are not on the scene's meshes: set {set}")]
     Content {
         /// Number of the set.
@@ -126,9 +125,9 @@ pub enum PointCacheError {
     },
 }
 
-/// Returns an entry, little endian: magic, key; for every mesh of the scene the number of its points (u32), their
-/// radius (f32) and area (f64), then each point's triangle (u32), weights (2 f32) and side (1: back); BLAKE3 of all
-/// that.
+/// Encodes an entry, little endian: magic, key, then the sets in the order of the meshes, then a BLAKE3 digest of all
+/// that. A set has the number of its points (u32), their radius (f32) and area (f64). Each point has its triangle
+/// (u32), weights (2 f32) and side (u8, 1: back).
 pub(super) fn encode(key: &PointKey, sets: &[PointSet]) -> Vec<u8> {
     let points: usize = sets.iter().map(|set| set.points.len()).sum();
     let size = MAGIC.len() + key.0.len() + sets.len() * SET_BYTES + points * POINT_BYTES + DIGEST_BYTES;
@@ -151,11 +150,11 @@ pub(super) fn encode(key: &PointKey, sets: &[PointSet]) -> Vec<u8> {
     bytes
 }
 
-/// Returns the sets of an entry, one for each mesh of the scene.
+/// Decodes the sets of an entry, one for each mesh of the scene.
 ///
 /// # Errors
-/// [`PointCacheError`] for bytes that are not what [`encode`] gave for this key and scene. Nothing is allocated for more points
-/// than there are bytes.
+/// Returns [`PointCacheError`] for bytes that [`encode`] did not make for this key and scene. Memory is allocated
+/// only for points whose bytes are present.
 pub(super) fn decode(key: &PointKey, scene: &Scene, bytes: &[u8]) -> Result<Vec<PointSet>, PointCacheError> {
     let (content, digest) = bytes.split_last_chunk::<DIGEST_BYTES>().ok_or(PointCacheError::Foreign)?;
     let (magic, rest) = content.split_first_chunk().ok_or(PointCacheError::Foreign)?;
@@ -178,7 +177,7 @@ pub(super) fn decode(key: &PointKey, scene: &Scene, bytes: &[u8]) -> Result<Vec<
     if rest.is_empty() { Ok(sets) } else { Err(PointCacheError::Content { set: sets.len() }) }
 }
 
-/// One set, and the bytes after it.
+/// Decodes one set. Returns it with the bytes after it.
 fn decode_set<'a>(mesh: &RestMesh, bytes: &'a [u8]) -> Option<(PointSet, &'a [u8])> {
     let (count, bytes) = bytes.split_first_chunk()?;
     let (radius, bytes) = bytes.split_first_chunk()?;
@@ -213,7 +212,7 @@ mod tests {
     use super::*;
     use crate::points::{ScenePoints, generate, generate_cached};
 
-    /// In memory; counts what was found and refused.
+    /// A cache in memory that records the calls.
     #[derive(Default)]
     struct MemoryCache {
         entries: Mutex<BTreeMap<String, Vec<u8>>>,
@@ -338,7 +337,8 @@ mod tests {
 
     #[test]
     fn a_version_stands_for_its_points() {
-        // Where this fails, what is made has changed: METHOD_VERSION grows, so that nobody is served points of old.
+        // If this fails, the method makes other points: increase METHOD_VERSION, so that no cache returns points of
+        // the old method.
         let scene = Scene::load("colonnade").unwrap();
         let sets = generate(&scene, &SETTINGS, &|_, _| {}).unwrap().sets;
         let bytes = encode(&PointKey([0; 32]), &sets);

@@ -5,11 +5,11 @@ use glam::Vec3;
 use super::SurfacePoint;
 use crate::random::Random;
 
-/// A mesh's triangles with their areas added up.
+/// Draws random points from the triangles of a mesh.
 pub(super) struct TriangleSampler<'a> {
     positions: &'a [Vec3],
     triangles: &'a [[u32; 3]],
-    /// Area of the triangles up to and with each, square metres.
+    /// Running sum of the triangles' areas, square metres.
     sums: Vec<f64>,
 }
 
@@ -30,8 +30,8 @@ impl<'a> TriangleSampler<'a> {
         self.sums.last().copied().unwrap_or(0.0)
     }
 
-    /// Draws `count` points on one side. The area is cut into `count` equal parts with one point in each, so that
-    /// small triangles get their share; within a triangle points are uniform.
+    /// Draws `count` points on one side. The area is divided into `count` equal parts with one point in each, so that
+    /// small triangles get their share. Points are uniform within a triangle.
     pub(super) fn draw(
         &self,
         count: usize,
@@ -46,7 +46,7 @@ impl<'a> TriangleSampler<'a> {
         let mut triangle = 0;
         for part in 0..count {
             let at = (part as f64 + f64::from(random.unit())) / count as f64 * area;
-            // A triangle without area adds nothing to the sum and is passed over.
+            // A triangle without area adds nothing to the sum and is skipped.
             while triangle + 1 < self.sums.len() && self.sums[triangle] <= at {
                 triangle += 1;
             }
@@ -79,7 +79,7 @@ mod tests {
             mean += at / 10_000.0;
         });
         assert!((counts[0] - 1000i32).abs() < 5 && counts[1] == 0 && counts[3] == 0, "{counts:?}");
-        // Centroids of the two triangles by area.
+        // Centroids of the two triangles, weighted by area.
         let expected = (Vec3::new(1.0, 0.0, 1.0) / 3.0) * 0.1 + Vec3::new(1.0, 0.0, 1.0) * 0.9;
         assert!((mean - expected).length() < 0.03, "{mean}");
         TriangleSampler::new(&positions, &[[0, 0, 0]])

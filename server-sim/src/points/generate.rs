@@ -1,4 +1,4 @@
-//! From a scene to its points.
+//! Generates the points of a scene.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -12,19 +12,19 @@ use super::{MAX_POINTS, PointError, PointSet, PointSettings, ScenePoints, Surfac
 use crate::random::{Random, substream};
 use crate::scene::{PosedMesh, RestMesh, Scene};
 
-/// How often a masked sampler is drawn again, twice as densely each time, before it counts as empty.
+/// Number of attempts on a masked surface, each with twice as many candidates, before it counts as empty.
 const MASKED_ATTEMPTS: u32 = 6;
-/// Radius in metres of a mesh without points, so that its grid has a cell.
+/// Radius in metres of a mesh without points, so that its grid has a positive cell size.
 const EMPTY_SET_RADIUS_M: f32 = 0.05;
 
-/// Spreads points over every mesh of the scene: twice as many random candidates as wanted, then weighted sample
-/// elimination to half, the two sides of double-sided meshes apart; none where a mask cuts the sampler away (paper,
-/// section 3.1). The same scene and settings give the same points whatever the number of threads.
+/// Generates points on every mesh of the scene (paper, section 3.1). Each side of a mesh gets twice as many random
+/// candidates as points, and weighted sample elimination halves them. Masked-out parts get no points. Equal scenes
+/// and settings give equal points, whatever the number of threads.
 ///
-/// `progress` hears of points done and points wanted, from any thread.
+/// `progress` is called from any thread with the number of points done and the total.
 ///
 /// # Errors
-/// [`PointError`] for settings that make no sense; nothing was allocated then.
+/// Returns [`PointError`] for invalid settings, before anything is allocated.
 pub fn generate(
     scene: &Scene,
     settings: &PointSettings,
@@ -33,11 +33,11 @@ pub fn generate(
     generate_cached(scene, settings, None, progress)
 }
 
-/// As [`generate`], and the same points; they are taken from a cache where they are there, and kept there where they
-/// are not.
+/// Generates the same points as [`generate`], but reads them from a cache if it has them and otherwise stores them
+/// there.
 ///
 /// # Errors
-/// As [`generate`].
+/// Returns the errors of [`generate`].
 pub fn generate_cached(
     scene: &Scene,
     settings: &PointSettings,
@@ -63,7 +63,7 @@ pub fn generate_cached(
     Ok(ScenePoints::new(scene, sets))
 }
 
-/// Returns the points of all meshes, those of each counted once.
+/// Returns the number of points of all sets.
 fn point_count(scene: &Scene, settings: &PointSettings) -> Result<u64, PointError> {
     if !(settings.per_m2.is_finite() && settings.per_m2 > 0.0) {
         return Err(PointError::Density { per_m2: settings.per_m2 });
@@ -80,7 +80,7 @@ fn point_count(scene: &Scene, settings: &PointSettings) -> Result<u64, PointErro
     Ok(wanted.iter().sum::<f64>() as u64)
 }
 
-/// Returns the points of every mesh.
+/// Generates the points of every mesh.
 fn generate_sets(
     scene: &Scene,
     settings: &PointSettings,
@@ -99,7 +99,7 @@ fn generate_sets(
 }
 
 impl ScenePoints {
-    /// Returns the sets of a scene's meshes.
+    /// Creates the points from the sets of a scene's meshes.
     fn new(scene: &Scene, sets: Vec<PointSet>) -> Self {
         let mut offsets = vec![0u32];
         for instance in scene.instances() {
@@ -110,12 +110,12 @@ impl ScenePoints {
     }
 }
 
-/// What one mesh gets.
+/// Generates the points of one mesh.
 struct MeshSampling<'a> {
     posed: PosedMesh<'a>,
     area: f64,
     per_m2: f64,
-    /// Fewest points of a side.
+    /// Fewest points of one side.
     minimum: usize,
     sides: &'static [bool],
 }
@@ -128,12 +128,12 @@ impl<'a> MeshSampling<'a> {
         Self { posed, area: rest.area_m2(), per_m2: f64::from(settings.per_m2), minimum, sides }
     }
 
-    /// Returns the points of one side with this much area.
+    /// Returns the number of points of one side with this area, square metres.
     fn side(&self, area: f64) -> usize {
         ((area * self.per_m2).ceil() as usize).max(self.minimum)
     }
 
-    /// Returns the points of the mesh before anything is masked out.
+    /// Returns the number of points of the mesh without its mask.
     fn points(&self) -> f64 {
         if self.area > 0.0 {
             self.sides.len() as f64 * (self.area * self.per_m2).ceil().max(self.minimum as f64)
@@ -156,7 +156,7 @@ impl<'a> MeshSampling<'a> {
         set
     }
 
-    /// Returns the points of one side and the area they stand for.
+    /// Generates the points of one side. Returns them with the area that they stand for, square metres.
     fn generate_side(
         &self,
         sampler: &TriangleSampler<'_>,
@@ -183,14 +183,14 @@ impl<'a> MeshSampling<'a> {
             if points.len() >= 2 * keep {
                 return (select_points(&points, &positions, keep, area), area);
             }
-            // Rounding alone may leave a masked mesh a point short of twice what is kept.
+            // Rounding alone may leave a masked mesh one point short of twice the number to keep.
             count = if points.len() + 8 >= 2 * keep { count + 16 } else { count * 2 };
         }
         (Vec::new(), 0.0)
     }
 }
 
-/// Keeps an even spread of `keep` points, in an order that follows the sampler.
+/// Selects `keep` evenly spread points and orders them along a Morton curve.
 fn select_points(points: &[SurfacePoint], positions: &[Vec3], keep: usize, area: f64) -> Vec<SurfacePoint> {
     let kept = eliminate(positions, keep, poisson_radius(area, keep));
     let low = positions.iter().copied().fold(Vec3::INFINITY, Vec3::min);
@@ -205,7 +205,7 @@ fn select_points(points: &[SurfacePoint], positions: &[Vec3], keep: usize, area:
     order.into_iter().map(|(_, i)| points[i as usize]).collect()
 }
 
-/// Returns the ten low bits with two zeros after each: a third of a Morton code.
+/// Returns the ten low bits with two zeros after each: one axis of a Morton code.
 fn spread_bits(value: u32) -> u32 {
     let value = value.min(1023);
     let value = (value | (value << 16)) & 0x0300_00FF;

@@ -1,13 +1,13 @@
 //! The reference for [`eliminate`](super::eliminate()), for tests and benches.
 //!
-//! As Yuksel describes it (2015, section 3): a binary heap, in which every weight that drops is sifted down in place;
-//! O(n log n).
+//! It follows Yuksel (2015, section 3): a binary heap in which a decreased weight is sifted down in place, O(n log
+//! n).
 
 use glam::Vec3;
 
 use super::eliminate::Weighting;
 
-/// As [`eliminate`](super::eliminate()), by a heap.
+/// Computes the same result as [`eliminate`](super::eliminate()) with a heap.
 #[must_use]
 pub fn eliminate(points: &[Vec3], keep: usize, radius: f32) -> Vec<u32> {
     if keep >= points.len() {
@@ -27,7 +27,7 @@ pub fn eliminate(points: &[Vec3], keep: usize, radius: f32) -> Vec<u32> {
     kept
 }
 
-/// Points sorted by cell, so that neighbours lie close in memory. All that follows numbers them by that order.
+/// Points sorted by cell, so that neighbours are close in memory. All code below numbers points in this order.
 struct SortedGrid {
     order: Vec<u32>,
     points: Vec<Vec3>,
@@ -35,9 +35,9 @@ struct SortedGrid {
     edge: f32,
 }
 
-/// Bits of a cell coordinate; one cell on each side stays free for neighbours.
+/// Bits of a cell coordinate. One cell on each side stays free for neighbours.
 const AXIS_BITS: u32 = 21;
-/// Cell of points that are not finite: no other lies next to it.
+/// Cell of points that are not finite. No other cell is its neighbour.
 const NON_FINITE_CELL: u64 = 0;
 
 impl SortedGrid {
@@ -45,7 +45,7 @@ impl SortedGrid {
         let finite = || points.iter().copied().filter(|point| point.is_finite());
         let low = finite().fold(Vec3::INFINITY, Vec3::min);
         let high = finite().fold(Vec3::NEG_INFINITY, Vec3::max);
-        // Cells never get so small that their numbers overflow; larger ones are slower but no less right.
+        // Cells are large enough for their numbers not to overflow. Larger cells are slower but equally correct.
         let edge =
             reach.max((high - low).max_element() / ((1 << AXIS_BITS) - 4) as f32).max(f32::MIN_POSITIVE);
         let key = |point: Vec3| {
@@ -66,9 +66,9 @@ impl SortedGrid {
         }
     }
 
-    /// Calls `visit` with every pair of points within reach, once in each direction, the first ones ascending.
+    /// Calls `visit` with every pair of points within reach, once in each direction, with the first points ascending.
     fn pairs(&self, mut visit: impl FnMut(usize, usize, f32)) {
-        // Rows of three cells are contiguous; as cells go by in order, so does the start of each of the nine rows.
+        // Rows of three cells are contiguous. The starts of the nine rows ascend as the cells do.
         let mut rows = [0usize; 9];
         let limit = self.edge * self.edge;
         let mut start = 0;
@@ -103,7 +103,7 @@ impl SortedGrid {
     }
 }
 
-/// Who is near whom, and how heavily, point by point.
+/// The neighbours of each point, with their weights.
 struct Neighbours {
     starts: Vec<u32>,
     list: Vec<(u32, f32)>,
@@ -134,12 +134,13 @@ impl Neighbours {
     }
 }
 
-/// A binary heap, heaviest first and of equals the lowest number, in which weights can drop in place.
+/// A binary heap, heaviest first, in which weights can decrease in place. Of equal weights the lowest number is
+/// first.
 struct Heap {
     weights: Vec<f32>,
     /// Points in heap order.
     slots: Vec<u32>,
-    /// Where each point is in `slots`; [`REMOVED`] once popped.
+    /// Place of each point in `slots`, or [`REMOVED`] for a removed point.
     places: Vec<u32>,
 }
 
@@ -172,7 +173,7 @@ impl Heap {
         Some(top)
     }
 
-    /// Takes weight off a point that is still in the heap.
+    /// Subtracts weight from a point that is still in the heap.
     fn subtract_weight(&mut self, point: u32, by: f32) {
         let place = self.places[point as usize];
         if place != REMOVED {
@@ -215,7 +216,7 @@ mod tests {
     use crate::points::poisson_radius;
     use proptest::prelude::*;
 
-    /// Without heap or grid: all pairs, and a scan for the heaviest.
+    /// Compares all pairs and scans for the heaviest point, without a heap or grid.
     fn naive(points: &[Vec3], keep: usize, radius: f32) -> Vec<u32> {
         let grid = SortedGrid::new(points, 2.0 * radius);
         let weighting = Weighting::new(keep, points.len(), radius);

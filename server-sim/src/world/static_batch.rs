@@ -1,4 +1,4 @@
-//! Static instances, in one body in world space.
+//! Static instances in one body in world space.
 
 use std::sync::Arc;
 
@@ -14,12 +14,12 @@ use crate::shortcuts::Shortcuts;
 #[derive(Clone, Debug)]
 pub(super) struct StaticBatch {
     pub(super) blas: Arc<Blas>,
-    /// Number of each instance's first triangle, and the instance.
+    /// First triangle of each instance in the body, and the instance.
     starts: Vec<(u32, u32)>,
 }
 
 impl StaticBatch {
-    /// Builds the batch of some instances of a scene, where they are.
+    /// Builds the batch of some instances of a scene at their current placements.
     pub(super) fn build(
         scene: &Scene,
         pose: &ScenePose,
@@ -41,7 +41,7 @@ impl StaticBatch {
         batch
     }
 
-    /// Refits the body. Removes the triangles of instances that are not `present`.
+    /// Refits the body, without the triangles of instances that are not `present`.
     pub(super) fn refit(
         &mut self,
         scene: &Scene,
@@ -58,19 +58,19 @@ impl StaticBatch {
         self.blas.heap_bytes() + memory::list(&self.starts)
     }
 
-    /// Returns the instances that it was built of.
+    /// Returns the instances from which it was built.
     pub(super) fn instances(&self) -> impl Iterator<Item = usize> + '_ {
         self.starts.iter().map(|&(_, index)| index as usize)
     }
 
-    /// Returns the instance and triangle of a triangle of the body.
+    /// Returns the instance and its triangle for a triangle of the body.
     pub(super) fn source(&self, triangle: u32) -> (u32, u32) {
         let at = self.starts.partition_point(|&(first, _)| first <= triangle) - 1;
         let (first, instance) = self.starts[at];
         (instance, triangle - first)
     }
 
-    /// Returns its triangles in the world; of instances that are not present, ones that nothing meets.
+    /// Returns its triangles in world space. Triangles of absent instances are NaN, which no ray hits.
     fn triangles(
         &self,
         scene: &Scene,

@@ -1,4 +1,4 @@
-//! Elimination in one stretch of points, beside others that do the same.
+//! Elimination in one range of points, in parallel with other ranges.
 
 use std::cmp::Reverse;
 use std::ops::Range;
@@ -6,17 +6,17 @@ use std::ops::Range;
 use super::Key;
 use super::grid::{Link, Links};
 
-/// How many points one stands for where they are counted.
+/// Interval of the points that are sampled for counting.
 const SAMPLE: usize = 4;
 
-/// Where a region hears of a ghost: the ghost's own region, and its place among that one's exported.
+/// Source of a ghost's key: its own region, and its place among the points that the region exports.
 #[derive(Clone, Copy)]
 struct GhostSource {
     region: u32,
     place: u32,
 }
 
-/// Neighbours in two regions, by the grid's numbers, `from` the lower one.
+/// Neighbours in two regions, by the grid's numbers; `from` is the lower one.
 #[derive(Clone, Copy)]
 pub(super) struct CrossLink {
     pub(super) from: u32,
@@ -25,7 +25,7 @@ pub(super) struct CrossLink {
 }
 
 impl CrossLink {
-    /// Those of the points `own` with points after them, out of all links to points ahead.
+    /// Selects the links from the points `own` to later regions out of all links ahead.
     pub(super) fn out_of(own: Range<u32>, ahead: &Links) -> impl Iterator<Item = Self> {
         let end = own.end;
         own.enumerate().flat_map(move |(index, from)| {
@@ -35,37 +35,37 @@ impl CrossLink {
     }
 }
 
-/// A stretch of points and, as ghosts, those of other regions that are within reach of one of them. It numbers both
-/// together in the grid's order: ghosts before its own points, its own, ghosts after them.
+/// A range of points and, as ghosts, the points of other regions within reach of one of them. It numbers both
+/// together in the grid's order: earlier ghosts, own points, later ghosts.
 pub(super) struct Region {
-    /// The grid's numbers of its own points.
+    /// Grid numbers of its own points.
     own: Range<u32>,
     /// Number of its first own point.
     first: u32,
-    /// The grid's numbers of the ghosts, ascending.
+    /// Grid numbers of the ghosts, ascending.
     ghosts: Vec<u32>,
     sources: Vec<GhostSource>,
-    /// Its own points that are ghosts elsewhere.
+    /// Its own points that are ghosts in other regions.
     exported: Vec<u32>,
     /// Neighbours of its own points.
     neighbours: Neighbours,
-    /// Its own points that are neighbours of each ghost.
+    /// For each ghost, its neighbours among the own points.
     ghost_links: Links,
     weights: Weights,
-    /// Its own points that cannot go before a ghost does.
+    /// Its own points that must wait for the removal of a ghost.
     blocked: Vec<u32>,
-    /// Its own points that are removed, by the grid's numbers.
+    /// Its own removed points, by grid numbers.
     removed: Vec<Key>,
-    /// Links looked at so far.
+    /// Number of links visited so far.
     link_visits: usize,
-    // Room that is used again.
+    // Buffers that are reused.
     ascent: Vec<u32>,
     removed_links: Vec<(Key, f32)>,
 }
 
 impl Region {
-    /// Returns the points `own`. `ahead` links them to their neighbours with higher numbers, `behind` to those with
-    /// lower ones that are not their own, ordered by the higher number and then the lower; all by the grid's numbers.
+    /// Creates the region of the points `own`, by grid numbers. `ahead` has their links to neighbours with higher
+    /// numbers. `behind` has the links from earlier regions, sorted by the higher and then the lower number.
     pub(super) fn new(own: Range<u32>, mut ahead: Links, behind: &[CrossLink]) -> Self {
         let count = own.len() as u32;
         let mut ghosts = sorted(behind.iter().map(|link| link.from));
@@ -80,7 +80,7 @@ impl Region {
             visits.push((ghost, Link { to: index + first, weight: link.weight }));
         }
         let mut weights = Weights::new(first, count, ghosts.len() as u32);
-        // In this order, all links back to points with lower numbers are there, and weights add up in one order.
+        // This order makes all links to lower numbers available and sums weights in a fixed order.
         for point in first..first + count {
             let index = point - first;
             let mut total = back.next[index as usize].1;
@@ -116,7 +116,7 @@ impl Region {
         }
     }
 
-    /// Introduces all regions to each other.
+    /// Finds the source of every ghost.
     pub(super) fn connect_ghosts(regions: &mut [Self]) {
         let ends: Vec<u32> = regions.iter().map(|region| region.own.end).collect();
         let sources: Vec<Vec<GhostSource>> = regions
@@ -137,12 +137,12 @@ impl Region {
         }
     }
 
-    /// What other regions import_keys of this one's points: their keys.
+    /// Returns the keys of the exported points.
     pub(super) fn export_keys(&self) -> Vec<Key> {
         self.exported.iter().map(|&point| self.weights.keys[point as usize]).collect()
     }
 
-    /// Takes in what all regions exchange_keys of their points.
+    /// Copies the keys of the ghosts from all exported keys.
     pub(super) fn import_keys(&mut self, exported_keys: &[Vec<Key>]) {
         for (index, source) in self.sources.iter().enumerate() {
             let ghost = index as u32 + if (index as u32) < self.first { 0 } else { self.own.len() as u32 };
@@ -160,7 +160,7 @@ impl Region {
         }
     }
 
-    /// Counts its own points that are left by class of weight, every [`SAMPLE`]th for all.
+    /// Counts its own remaining points by class of weight, sampling every [`SAMPLE`]th point.
     pub(super) fn count_classes(&self, classes: &mut [usize]) {
         let own = &self.weights.keys[self.first as usize..][..self.own.len()];
         for key in own.iter().step_by(SAMPLE).filter(|key| !key.is_removed()) {
@@ -168,34 +168,34 @@ impl Region {
         }
     }
 
-    /// Returns its own points that are removed.
+    /// Returns its own removed points.
     pub(super) fn removed(&self) -> &[Key] {
         &self.removed
     }
 
-    /// Returns the links of its own points.
+    /// Returns the number of links of its own points.
     pub(super) fn links(&self) -> usize {
         self.neighbours.behind.list.len() + self.neighbours.ahead.list.len()
     }
 
-    /// How many links it has looked at to find points that go.
+    /// Returns the number of links visited so far.
     pub(super) fn link_visits(&self) -> usize {
         self.link_visits
     }
 
-    /// Returns whether some of its points wait for others.
+    /// Returns whether some of its points wait for a ghost.
     pub(super) fn is_blocked(&self) -> bool {
         !self.blocked.is_empty()
     }
 
-    /// Lets go all of its own points that recompute_weight `threshold` or more, but for those that wait for a ghost.
+    /// Removes all of its own points with a weight of at least `threshold`, except those that wait for a ghost.
     pub(super) fn sweep(&mut self, threshold: Key) {
         for point in self.first..self.first + self.own.len() as u32 {
             self.eliminate_around(point, threshold);
         }
     }
 
-    /// As [`Region::sweep`], for those that waited.
+    /// Does the same as [`Region::sweep`] for the waiting points.
     pub(super) fn retry(&mut self, threshold: Key) {
         for point in std::mem::take(&mut self.blocked) {
             self.eliminate_around(point, threshold);
@@ -247,8 +247,8 @@ impl Region {
         }
     }
 
-    /// Weighs one of its own points without the neighbours that are removed, removed_links off in the order in which they go one by
-    /// one: the sum depends on it.
+    /// Recomputes the weight of one of its own points. Subtracts the weights of removed neighbours in the order in
+    /// which a heap removes them, because the sum depends on that order.
     fn recompute_weight(&mut self, point: u32) -> Key {
         self.removed_links.clear();
         let mut weight = 0.0;
@@ -272,30 +272,31 @@ impl Region {
 
 /// Neighbours of a region's own points.
 struct Neighbours {
-    /// Those with lower numbers.
+    /// Neighbours with lower numbers.
     behind: Links,
-    /// Those with higher numbers.
+    /// Neighbours with higher numbers.
     ahead: Links,
 }
 
 impl Neighbours {
-    /// Returns the neighbours of an own point, ascending in two parts.
+    /// Returns the neighbours of an own point, ascending in two lists.
     fn of(&self, index: u32) -> [&[Link]; 2] {
         [self.behind.of(index as usize), self.ahead.of(index as usize)]
     }
 }
 
-/// What a region's points recompute_weight.
+/// The weights of a region's points.
 struct Weights {
     first: u32,
-    /// What points recompute_weight, or more than that; of those that are removed, what they weighed when they went.
+    /// Upper bounds of the points' weights; for removed points, their weights at removal.
     keys: Vec<Key>,
-    /// The last neighbour of each own point to go; [`Key::NONE`] where the point is to be weighed again.
+    /// The last removed neighbour of each own point, or [`Key::NONE`] if the point's weight must be recomputed.
     last_removed: Vec<Key>,
 }
 
 impl Weights {
-    /// Of `count` own points from `first` on and some ghosts, heavier than anything until more is known.
+    /// Creates the weights of `count` own points from `first` on and of some ghosts. All are infinite until they are
+    /// known.
     fn new(first: u32, count: u32, ghosts: u32) -> Self {
         let keys = (0..count + ghosts).map(|point| Key::new(f32::INFINITY, point)).collect();
         Self { first, keys, last_removed: vec![Key::FIRST; count as usize] }
@@ -305,20 +306,20 @@ impl Weights {
         (point.wrapping_sub(self.first) as usize) < self.last_removed.len()
     }
 
-    /// Returns whether an own point is to be weighed again.
+    /// Returns whether the weight of an own point must be recomputed.
     fn is_stale(&self, point: u32) -> bool {
         self.last_removed[(point - self.first) as usize] == Key::NONE
     }
 
-    /// What an own point weighs, without neighbours up to `last_removed`.
+    /// Sets the weight of an own point, computed without the neighbours removed up to `last_removed`.
     fn set(&mut self, key: Key, last_removed: Key) -> Key {
         self.keys[key.point() as usize] = key;
         self.last_removed[(key.point() - self.first) as usize] = last_removed;
         key
     }
 
-    /// Takes the weight of a neighbour that is removed off an own point. Where neighbours go in another order than they
-    /// would one by one, the point keeps its weight, which is too high then, until it is weighed again.
+    /// Subtracts the weight of a removed neighbour from an own point. If the removals come in another order than a
+    /// heap's, the point keeps its weight, which is then too high, until it is recomputed.
     fn subtract_weight(&mut self, point: u32, removed: Key, by: f32) {
         let key = &mut self.keys[point as usize];
         if key.is_removed() {
@@ -334,15 +335,15 @@ impl Weights {
     }
 }
 
-/// Links back to points with lower numbers, as they are put together.
+/// Links to points with lower numbers, under construction.
 struct BackLinks {
     links: Links,
-    /// Where the next one of each point goes, and the weights so far.
+    /// Next place in the list, and sum of weights so far, for each point.
     next: Vec<(u32, f32)>,
 }
 
 impl BackLinks {
-    /// Makes room.
+    /// Allocates the lists.
     fn new(own: &Range<u32>, ahead: &Links, behind: &[CrossLink]) -> Self {
         let mut starts = vec![0; own.len() + 1];
         let inside = ahead.list.iter().map(|link| link.to).filter(|&to| to < own.end);
@@ -358,7 +359,7 @@ impl BackLinks {
         Self { links: Links { starts, list: vec![Link::default(); sum as usize] }, next }
     }
 
-    /// Adds a link of the own point at `index`, to a higher number than those before.
+    /// Adds a link to the own point at `index`. Links are added in ascending order.
     fn add(&mut self, index: u32, link: Link) {
         let (next, total) = &mut self.next[index as usize];
         self.links.list[*next as usize] = link;
@@ -367,7 +368,7 @@ impl BackLinks {
     }
 }
 
-/// Returns the numbers ascending, each once.
+/// Returns the distinct numbers in ascending order.
 fn sorted(numbers: impl Iterator<Item = u32>) -> Vec<u32> {
     let mut numbers: Vec<u32> = numbers.collect();
     numbers.sort_unstable();

@@ -1,6 +1,5 @@
-//! `colonnade`: a paved hall between two rows of columns and arches, with thin banners that sway, masked plants
-//! and boulders that roll through it. The counterpart of the paper's *Sponza* (section 4): much motion near
-//! everything.
+//! `colonnade`: a paved hall between two rows of columns and arches, with swaying banners, masked plants and boulders
+//! that roll through it. It is the counterpart of the paper's *Sponza* (section 4): much motion near everything.
 
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
@@ -18,7 +17,7 @@ use crate::scene::texture::{Texture, Wrap};
 
 /// Distance between columns of a row, metres.
 const BAY_M: f64 = 2.2;
-/// Columns of a row.
+/// Number of columns of a row.
 const COLUMNS: i32 = 5;
 /// Distance of a row from the hall's middle, metres.
 const ROW_M: f64 = 1.8;
@@ -27,7 +26,7 @@ const SPRING_M: f64 = 2.3;
 /// Height of the wall above the arches, metres.
 const TOP_M: f64 = 3.7;
 
-/// The scene.
+/// Builds the scene.
 pub(super) fn build() -> BuiltinScene {
     let mut builder = ModelBuilder::new();
     let (plain, thin) = (builder.plain, builder.thin);
@@ -163,7 +162,7 @@ fn arch() -> Solid {
         }
         solid.polygon(&under);
     }
-    // The soffit, and the band: one closed profile swept along the half circle.
+    // The soffit and the band: one closed profile swept along the half circle.
     let band =
         [(inner, -thick), (inner, -thick - 0.05), (inner + 0.14, -thick - 0.05), (inner + 0.14, -thick)];
     let other = band.map(|(r, z)| (r, -z));
@@ -255,7 +254,7 @@ fn wall() -> Solid {
     solid
 }
 
-/// Cloths that hang from the arches' crowns on chains of joints: one mesh, one rest, six instances.
+/// Adds cloths that hang from the arches' crowns on chains of joints: one mesh, one rest, six instances.
 fn banners(builder: &mut ModelBuilder, material: usize) {
     let (columns, rows, joints, height) = (12, 24, 6_usize, 1.15);
     let mut raw = Solid::sheet(0.8, height, columns, rows).raw("banner");
@@ -279,7 +278,7 @@ fn banners(builder: &mut ModelBuilder, material: usize) {
             let down = if joint == 0 { 0.0 } else { -step };
             parent = builder.add_node(Some(parent), 0.0, down, 0.0);
             nodes.push(parent);
-            // The wave runs down the cloth and grows; a slower one leans the whole of it.
+            // The wave runs down the cloth and grows. A slower wave moves the whole cloth.
             let share = joint as f64 / joints as f64;
             let amount = 0.07 + 0.12 * share;
             builder.animate_rotation(parent, 180, |time| {
@@ -299,7 +298,7 @@ fn banners(builder: &mut ModelBuilder, material: usize) {
     }
 }
 
-/// Pennants that ripple by two morph targets, a sine and a cosine: together a wave that runs along.
+/// Adds pennants that ripple by two morph targets, a sine and a cosine. Together they make a travelling wave.
 fn pennants(builder: &mut ModelBuilder, material: usize) {
     let (columns, rows, width, height) = (28, 10, 1.3, 0.45);
     let mut raw = Solid::sheet(width, height, columns, rows).raw("pennant");
@@ -344,7 +343,7 @@ fn pennants(builder: &mut ModelBuilder, material: usize) {
     }
 }
 
-/// Alpha of a spray of leaves on twigs, 128 texels square.
+/// Returns the alpha of a spray of leaves on twigs, 128 texels square.
 fn foliage() -> Arc<[[u8; 1]]> {
     const SIZE: i32 = 128;
     let leaves: Vec<[f64; 5]> = (0..46)
@@ -381,7 +380,7 @@ fn foliage() -> Arc<[[u8; 1]]> {
     (0..SIZE * SIZE).map(texel).collect()
 }
 
-/// Potted plants and ivy, made of masked cards.
+/// Adds potted plants and ivy, made of masked cards.
 fn plants(builder: &mut ModelBuilder) {
     let texture = Texture::new([128, 128], [Wrap::Clamp; 2], false, foliage());
     let mask = Some(AlphaMask { texture, factor: 1.0, cutoff: 0.5 });
@@ -416,7 +415,7 @@ fn plants(builder: &mut ModelBuilder) {
         builder.place_mesh("pot", node, pot);
         builder.place_mesh("bush", node, bush);
     }
-    // Ivy climbs two columns and the wall.
+    // Ivy grows on two columns and the wall.
     let mut ivy = Solid::default();
     for i in 0..44 {
         let number = |k: i32, low, high| noise::between(31, i * 8 + k, low, high);
@@ -438,14 +437,14 @@ fn plants(builder: &mut ModelBuilder) {
     builder.add_static("ivy", ivy, leaves);
 }
 
-/// Where a boulder is that has rolled `s` metres along the loop around one row, and which way it heads
-/// (radians about y, 0 along x).
+/// Returns the place and heading (radians about y, 0 along x) of a boulder after it has rolled `s` metres along the
+/// loop around one row.
 fn along_loop(s: f64, row: f64) -> (DVec3, f64) {
     let inward = -row.signum();
     let (half, radius) = (4.9, 1.42);
     let (straight, bend) = (2.0 * half, PI * radius);
     let s = s.rem_euclid(2.0 * (straight + bend));
-    // Along the hall, round the end column, back outside, round the other one.
+    // The loop runs along the hall, round the end column, back outside, and round the other end column.
     let (x, out, turned) = if s < straight {
         (s - half, radius, 0.0)
     } else if s < straight + bend {
@@ -460,8 +459,8 @@ fn along_loop(s: f64, row: f64) -> (DVec3, f64) {
     (DVec3::new(x, 0.0, row + inward * out), turned * inward)
 }
 
-/// Boulders on two closed loops, one around each row. They roll without sliding: the angle rolled is the way
-/// over the mean radius, chosen so that a lap is a whole number of turns; each lap takes the whole clip.
+/// Adds boulders on two closed loops, one around each row. They roll without sliding: the rolled angle is the
+/// distance over the mean radius. The radius makes a lap a whole number of turns, and each lap takes the whole clip.
 fn boulders(builder: &mut ModelBuilder) {
     let lap = 2.0 * (2.0 * 4.9 + PI * 1.42);
     let plain = builder.plain;
@@ -474,7 +473,7 @@ fn boulders(builder: &mut ModelBuilder) {
         let mesh = builder.add_mesh("boulder", rock, plain);
         let node = builder.add_node(None, 0.0, 0.0, 0.0);
         builder.place_mesh(&format!("boulder {i}"), node, mesh);
-        // Three boulders share a loop; those of the other one run between them.
+        // Three boulders share a loop. Those of one loop are offset from those of the other.
         let start = lap * (i / 2) as f64 / 3.0 + if row > 0.0 { 0.0 } else { lap / 6.0 };
         let state = |time: f64| {
             let way = lap * time / DURATION_S;
@@ -482,7 +481,7 @@ fn boulders(builder: &mut ModelBuilder) {
             (place, about(DVec3::Y, heading) * about(DVec3::Z, -way / radius))
         };
         builder.animate_rotation(node, 900, |time| state(time).1);
-        // The lowest of its bumps touches the floor.
+        // The lowest point of the boulder touches the floor.
         builder.animate_translation(node, 900, |time| {
             let (place, rotation) = state(time);
             let up = DMat3::from_quat(rotation).transpose().y_axis;

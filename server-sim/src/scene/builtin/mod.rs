@@ -1,4 +1,4 @@
-//! Scenes that need no file, made in code: the same bits on every machine.
+//! Scenes that are built in code, without files. They have the same bits on every machine.
 
 mod asteroids;
 mod colonnade;
@@ -16,20 +16,20 @@ use crate::scene::{Scene, SceneHeader};
 /// Names of the built-in scenes.
 pub(crate) const NAMES: &[&str] = &["colonnade", "robot-lab", "asteroids"];
 
-/// Counts up whenever a built-in scene changes, so that its digest does.
+/// Version of the built-in scenes. It increases with every change, and so the digests change, too.
 const VERSION: u32 = 1;
 
-/// A finished built.
+/// Model and settings of a built-in scene.
 pub(super) struct BuiltinScene {
     pub(super) model: Model,
     pub(super) ao_radius_m: f32,
     pub(super) camera: CameraPath,
 }
 
-/// Length of every built-in clip, seconds: the paper's camera paths (section 4) last as long.
+/// Length of every built-in clip in seconds, equal to that of the paper's camera paths (section 4).
 pub(super) const DURATION_S: f64 = 15.0;
 
-/// The built-in scene of that name, if there is one.
+/// Builds the built-in scene with this name, if there is one.
 pub(crate) fn build(name: &str) -> Option<Result<Scene, SceneError>> {
     let built = match name {
         "colonnade" => colonnade::build(),

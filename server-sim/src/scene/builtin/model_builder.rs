@@ -1,4 +1,4 @@
-//! What all built-in scenes use to fill a model: placing shapes, driving nodes, paths that close.
+//! Builds the models of the built-in scenes: places shapes, animates nodes, and makes closed paths.
 
 use std::f64::consts::TAU;
 use std::sync::Arc;
@@ -12,7 +12,7 @@ use crate::scene::camera::{CameraKey, CameraPath};
 use crate::scene::material::Material;
 use crate::scene::model::{Channel, Clip, LocalTransform, Model};
 
-/// A model in the making.
+/// A model under construction.
 pub(super) struct ModelBuilder {
     pub(super) model: Model,
     /// An opaque, single-sided material.
@@ -36,17 +36,17 @@ impl ModelBuilder {
         Self { model, plain, thin, clip: 0 }
     }
 
-    /// Makes a mesh of a shape.
+    /// Adds the mesh of a shape. Returns `None` if it has no surface.
     pub(super) fn add_mesh(&mut self, name: &str, solid: Solid, material: usize) -> Option<usize> {
         self.model.add_mesh(solid.raw(name), material)
     }
 
-    /// A node.
+    /// Adds a translated node.
     pub(super) fn add_node(&mut self, parent: Option<usize>, x: f64, y: f64, z: f64) -> usize {
         self.model.add_node(parent, LocalTransform::at(DVec3::new(x, y, z)))
     }
 
-    /// A node that is turned as well.
+    /// Adds a rotated and translated node.
     pub(super) fn add_turned_node(
         &mut self,
         parent: Option<usize>,
@@ -58,7 +58,7 @@ impl ModelBuilder {
         self.model.add_node(parent, LocalTransform::rigid(DVec3::new(x, y, z), DQuat::from_mat3(&turned)))
     }
 
-    /// Shows a mesh at a node.
+    /// Places a mesh at a node.
     pub(super) fn place_mesh(&mut self, name: &str, node: usize, mesh: Option<usize>) {
         if let Some(mesh) = mesh {
             self.model.add_mesh_node(name, node, mesh);
@@ -72,18 +72,19 @@ impl ModelBuilder {
         self.place_mesh(name, node, mesh);
     }
 
-    /// Turns a node over the clip: `keys` intervals of equal length. For a closed loop the ends agree.
+    /// Animates the rotation of a node over the clip in `keys` intervals of equal length. The ends of a closed loop
+    /// must be equal.
     pub(super) fn animate_rotation(&mut self, node: usize, keys: u32, rotation: impl Fn(f64) -> DQuat) {
         let value = |time: f64| rotation(time).to_array().map(|v| v as f32).to_vec();
         self.drive(node, Property::Rotation, 4, keys, value);
     }
 
-    /// Moves a node over the clip.
+    /// Animates the translation of a node over the clip.
     pub(super) fn animate_translation(&mut self, node: usize, keys: u32, place: impl Fn(f64) -> DVec3) {
         self.drive(node, Property::Translation, 3, keys, |time| place(time).as_vec3().to_array().to_vec());
     }
 
-    /// Drives the `width` morph weights of a node over the clip.
+    /// Animates the `width` morph weights of a node over the clip.
     pub(super) fn animate_morph_weights(
         &mut self,
         node: usize,
@@ -114,18 +115,18 @@ impl ModelBuilder {
     }
 }
 
-/// A swing that closes with the clip: `cycles` whole cycles, `phase` in cycles, between -1 and 1.
+/// Returns a sine between -1 and 1 that closes with the clip: `cycles` whole cycles, `phase` in cycles.
 pub(super) fn swing(time_s: f64, cycles: f64, phase: f64) -> f64 {
     libm::sin(TAU * (cycles * time_s / DURATION_S + phase))
 }
 
-/// A rotation by an angle (radians) about a unit axis.
+/// Returns the rotation by an angle (radians) about a unit axis.
 pub(super) fn about(axis: DVec3, angle: f64) -> DQuat {
     let (s, c) = (libm::sin(angle / 2.0), libm::cos(angle / 2.0));
     DQuat::from_xyzw(axis.x * s, axis.y * s, axis.z * s, c)
 }
 
-/// A camera path through (time, eye, target).
+/// Returns a camera path through keys of time, eye and target.
 pub(super) fn camera(fov_y_deg: f32, keys: &[(f64, [f32; 3], [f32; 3])]) -> CameraPath {
     let key = |&(time_s, eye, target): &(f64, [f32; 3], [f32; 3])| CameraKey {
         time_s,

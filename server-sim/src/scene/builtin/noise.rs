@@ -1,8 +1,9 @@
-//! Hashed numbers and smooth noise: the only randomness of the built-in scenes, the same on every machine.
+//! Hashed numbers and smooth noise. The built-in scenes have no other randomness, so they are the same on every
+//! machine.
 
 use glam::{DVec3, IVec3};
 
-/// A well-hash number from a seed and a position.
+/// Hashes a seed and a position.
 fn hash(seed: u32, p: IVec3) -> u32 {
     let mut h = seed.wrapping_mul(0x9E37_79B9);
     for word in p.to_array() {
@@ -13,17 +14,17 @@ fn hash(seed: u32, p: IVec3) -> u32 {
     h
 }
 
-/// Number `index` of a row of numbers between 0 and 1.
+/// Returns number `index` of a sequence of numbers between 0 and 1.
 pub(super) fn uniform(seed: u32, index: i32) -> f64 {
     f64::from(hash(seed, IVec3::new(index, index >> 16, 77))) / f64::from(u32::MAX)
 }
 
-/// Number `index` of a row of numbers between `low` and `high`.
+/// Returns number `index` of a sequence of numbers between `low` and `high`.
 pub(super) fn between(seed: u32, index: i32, low: f64, high: f64) -> f64 {
     low + (high - low) * uniform(seed, index)
 }
 
-/// Smooth noise between -1 and 1 with features about 1 m across.
+/// Returns smooth noise between -1 and 1 with features about 1 m across.
 pub(super) fn noise(seed: u32, p: DVec3) -> f64 {
     let floor = p.floor();
     let (cell, f) = (floor.as_ivec3(), p - floor);
@@ -36,7 +37,7 @@ pub(super) fn noise(seed: u32, p: DVec3) -> f64 {
     mix(plane(0), plane(1), ease.z)
 }
 
-/// Radius of a rock of mean radius 1 in a direction: lumps, dents and grain.
+/// Returns the radius in some direction of a rock with mean radius 1, with lumps, dents and grain.
 pub(super) fn rock(seed: u32, direction: DVec3, roughness: f64) -> f64 {
     let octave = |k: u32, scale: f64| noise(seed + k, direction * scale + DVec3::splat(31.7));
     let dent = octave(3, 2.3).max(0.0);

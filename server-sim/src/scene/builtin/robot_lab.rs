@@ -1,5 +1,5 @@
-//! `robot-lab`: large flat walls and floor, railings, pipes, workbenches, robot arms and two dozen skinned
-//! walkers. The counterpart of the paper's *Robot Lab* (section 4).
+//! `robot-lab`: large flat walls and floor, railings, pipes, workbenches, robot arms and two dozen skinned walkers.
+//! It is the counterpart of the paper's *Robot Lab* (section 4).
 
 use std::f64::consts::{PI, TAU};
 
@@ -15,7 +15,7 @@ const HALF_X: f64 = 5.8;
 const HALF_Z: f64 = 4.3;
 const HEIGHT: f64 = 2.7;
 
-/// The scene.
+/// Builds the scene.
 pub(super) fn build() -> BuiltinScene {
     let mut builder = ModelBuilder::new();
     let plain = builder.plain;
@@ -44,7 +44,7 @@ pub(super) fn build() -> BuiltinScene {
     BuiltinScene { model: builder.model, ao_radius_m: 0.6, camera: camera(62.0, &keys) }
 }
 
-/// Floor and walls (of two triangles each, deliberately), skirting, wall panels and pilasters.
+/// Floor and walls (intentionally of two triangles each), skirting, wall panels and pilasters.
 fn room() -> Solid {
     let mut solid = Solid::default();
     let floor = [(-1.0, 1.0), (1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)]
@@ -96,7 +96,7 @@ fn room() -> Solid {
 fn pipes() -> Solid {
     let mut solid = Solid::default();
     let bend = |corners: &[DVec3], radius: f64| {
-        // Straight runs joined by quarter circles.
+        // Quarter circles join straight runs.
         let mut path = vec![corners[0]];
         for w in corners.windows(3) {
             let (back, on) = ((w[0] - w[1]).normalize() * radius, (w[2] - w[1]).normalize() * radius);
@@ -173,7 +173,7 @@ fn railing() -> Solid {
     solid
 }
 
-/// The platform in the middle, with a work piece on it.
+/// The platform in the middle, with a workpiece on it.
 fn island() -> Solid {
     let mut solid = Solid::default();
     solid.add_at(&Solid::block(DVec3::new(1.75, 0.06, 0.78), 0.02), 0.0, 0.06, 0.0);
@@ -194,7 +194,7 @@ fn island() -> Solid {
     solid
 }
 
-/// Workbenches along both long walls with drawers, screens and odds and ends.
+/// Adds workbenches along both long walls with drawers, screens and clutter.
 fn benches(builder: &mut ModelBuilder) {
     let mut bench = Solid::default();
     bench.add_at(&Solid::block(DVec3::new(0.85, 0.025, 0.33), 0.01), 0.0, 0.86, 0.0);
@@ -336,7 +336,7 @@ impl Links {
         Self { meshes: meshes.map(|(name, solid)| builder.add_mesh(name, solid, plain)) }
     }
 
-    /// An arm at a place, its joints swinging in whole cycles.
+    /// Adds an arm at a place. Its joints swing in whole cycles.
     fn arm(&self, builder: &mut ModelBuilder, index: i32, place: DVec3, heading: f64) {
         let number = |k: i32, low, high| noise::between(71, index * 16 + k, low, high);
         let [base, turret, upper, fore, hand, finger] = self.meshes;
@@ -373,7 +373,7 @@ impl Links {
     }
 }
 
-/// Two rings of walkers around the island in opposite directions, and pairs pacing in the corners.
+/// Adds two rings of walkers around the island in opposite directions, and pairs of walkers in the corners.
 fn walkers(builder: &mut ModelBuilder) {
     let Some(walker) = WalkerMesh::new(builder) else { return };
     let ring = |half_x: f64, half_z: f64, start: f64, laps: f64| Track {

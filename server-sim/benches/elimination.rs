@@ -44,7 +44,7 @@ impl Set {
         reference::eliminate(&self.candidates, self.keep, self.radius)
     }
 
-    fn on(&self, pool: &ThreadPool) -> Vec<u32> {
+    fn eliminate_on(&self, pool: &ThreadPool) -> Vec<u32> {
         pool.install(|| eliminate(&self.candidates, self.keep, self.radius))
     }
 
@@ -80,12 +80,12 @@ fn pool(threads: usize) -> Option<ThreadPool> {
 }
 
 /// Returns the median time of each variant over rounds in which they alternate.
-fn turns(ways: &[&dyn Fn() -> Vec<u32>]) -> Vec<Duration> {
-    let mut times = vec![Vec::new(); ways.len()];
+fn alternate(variants: &[&dyn Fn() -> Vec<u32>]) -> Vec<Duration> {
+    let mut times = vec![Vec::new(); variants.len()];
     for _ in 0..ROUNDS {
-        for (times, way) in times.iter_mut().zip(ways) {
+        for (times, variant) in times.iter_mut().zip(variants) {
             let start = Instant::now();
-            let kept = way();
+            let kept = variant();
             times.push(start.elapsed());
             assert!(!kept.is_empty());
         }
@@ -104,9 +104,12 @@ fn elimination(criterion: &mut Criterion) {
         // Check the answer first.
         let kept = set.heap();
         assert_eq!(kept.len(), keep);
-        assert!(set.on(&one) == kept && set.on(&two) == kept, "not the points that the heap keeps");
+        assert!(
+            set.eliminate_on(&one) == kept && set.eliminate_on(&two) == kept,
+            "not the points that the heap keeps"
+        );
         let (least, mean) = set.spread(&kept);
-        let times = turns(&[&|| set.heap(), &|| set.on(&one), &|| set.on(&two)]);
+        let times = alternate(&[&|| set.heap(), &|| set.eliminate_on(&one), &|| set.eliminate_on(&two)]);
         println!(
             "{keep} kept: nearest neighbour {least:.3} (least), {mean:.3} (mean); heap {:.1?}, one thread {:.1?}, two {:.1?}",
             times[0], times[1], times[2]
@@ -116,7 +119,9 @@ fn elimination(criterion: &mut Criterion) {
         group.throughput(Throughput::Elements(keep as u64));
         group.bench_function(BenchmarkId::new("heap", keep), |bencher| bencher.iter(|| set.heap()));
         for (name, pool) in [("one thread", &one), ("two threads", &two)] {
-            group.bench_function(BenchmarkId::new(name, keep), |bencher| bencher.iter(|| set.on(pool)));
+            group.bench_function(BenchmarkId::new(name, keep), |bencher| {
+                bencher.iter(|| set.eliminate_on(pool))
+            });
         }
         group.finish();
     }

@@ -1,5 +1,5 @@
-//! Rays and points: the AO of a sample of a built-in scene's points beside a plain reference tracer, with nearest
-//! hits and any hits; then single rays and point generation. Rates are per ray and per point.
+//! Rays and points: the AO of a sample of a built-in scene's points, with nearest hits and with any hits, beside a
+//! plain reference tracer. Single rays and point generation follow. Rates are per ray and per point.
 
 use std::sync::Arc;
 

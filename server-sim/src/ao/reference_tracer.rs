@@ -72,7 +72,7 @@ mod tests {
     use crate::scene::Scene;
 
     #[test]
-    fn a_scenes_rays_hit_the_same_by_every_set_of_instructions_and_but_for_grazing_ones_by_the_twin() {
+    fn packets_agree_with_the_reference_tracer_with_all_instructions() {
         for name in ["colonnade", "robot-lab"] {
             let scene = Arc::new(Scene::load(name).unwrap());
             let settings = PointSettings { per_m2: 1.0, minimum: 16, seed: 3 };

@@ -1,7 +1,7 @@
 //! Fixed sets of ray directions, cosine-weighted over the hemisphere around +Z.
 //!
-//! A point always uses the same set with the same rotation about its normal, so that the AO of a still scene is
-//! bit-identical from frame to frame. Each set is a Hammersley set, shifted on the torus by its own random offset and
+//! A point always uses the same set with the same rotation about its normal, so the AO of a still scene is
+//! bit-identical in all frames. Each set is a Hammersley set, shifted on the torus by its own random offset and
 //! projected from the disk (Malley's method). So every ray has the same weight. The rays are sorted into groups of
 //! eight that point in similar directions.
 

@@ -414,7 +414,7 @@ mod tests {
     }
 
     #[test]
-    fn a_body_that_moves_alone_keeps_its_ao_to_the_bit() {
+    fn the_ao_of_a_body_that_moves_alone_is_bit_identical() {
         let tracer = tracer(192, Occlusion::Obscurance);
         let mut triangles = reference::cube(0.2);
         triangles.extend(floor(0.5).iter().map(|t| t.map(|c| c - Vec3::Y * 0.2)));
@@ -482,7 +482,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(96))]
         #[test]
-        fn bundles_see_what_single_rays_see(
+        fn packets_see_what_single_rays_see(
             triangle_soups in prop::collection::vec(crate::bvh::triangle_soup(), 1..4), point in any::<u32>(),
             angles in prop::array::uniform4(0f32..6.3), home in prop::option::of(0u32..4),
             normal in prop::array::uniform3(-1f32..1.0), position in prop::array::uniform3(-1f32..1.0),

@@ -330,7 +330,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn lanes_and_single_rays_agree_to_the_bit(
+        fn lanes_and_single_rays_are_bit_identical(
             triangle in prop::array::uniform3(vector(1.0)), origin in vector(1.5),
             directions in prop::collection::vec(vector(1.0), LANES),
         ) {
@@ -398,7 +398,7 @@ mod tests {
     }
 
     #[test]
-    fn pencils_that_miss_a_triangle_are_told_so() {
+    fn cones_that_miss_a_triangle_are_culled() {
         let triangle = [Vec3::new(0.0, 0.0, 1.0), Vec3::new(0.2, 0.0, 1.0), Vec3::new(0.0, 0.2, 1.0)];
         let by = |axis: Vec3, spread: f32, reach: f32| {
             let cone = RayCone { axis: axis.normalize(), spread, reach };

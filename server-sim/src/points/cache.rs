@@ -115,7 +115,7 @@ pub enum PointCacheError {
     #[error("it holds the points of another scene or of other settings")]
     Key,
     /// The digest at the end does not match the content.
-    #[error("it is damaged: its digest is not that of its content")]
+    #[error("it is damaged: its digest does not match its content")]
     Digest,
     /// The digest matches, but the content is invalid.
     #[error("its points are not on the scene's meshes: set {set}")]

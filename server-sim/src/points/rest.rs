@@ -76,10 +76,12 @@ pub fn order_at_rest(
 #[non_exhaustive]
 pub enum SharedGeometryError {
     /// The settings of the stream give no points.
-    #[error("the stream's points cannot be made: {0}")]
+    #[error("the stream's points cannot be computed: {0}")]
     Points(#[from] PointError),
     /// The number of meshes in the scene differs from the number of sets in the stream.
-    #[error("the scene has {meshes} meshes, the stream {sets} point sets: it was made of another scene")]
+    #[error(
+        "the scene has {meshes} meshes, but the stream has {sets} point sets: it belongs to another scene"
+    )]
     Sets {
         /// Number of meshes in the scene.
         meshes: usize,
@@ -87,7 +89,7 @@ pub enum SharedGeometryError {
         sets: usize,
     },
     /// The stream lacks the settings of its points.
-    #[error("the stream does not say how its points were spread, so they cannot be made from the scene")]
+    #[error("the stream lacks the settings of its points, so they cannot be computed from the scene")]
     NoTrace,
     /// The computed points differ from those of the stream.
     #[error(transparent)]

@@ -70,7 +70,7 @@ pub enum EditError {
         what: &'static str,
     },
     /// The rotation is not a unit quaternion.
-    #[error("instance {instance}: {rotation:?} is no unit quaternion: divide it by its length")]
+    #[error("instance {instance}: {rotation:?} is not a unit quaternion: divide it by its length")]
     Rotation {
         /// Instance in the edit.
         instance: u32,

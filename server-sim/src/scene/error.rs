@@ -23,7 +23,7 @@ pub enum SceneError {
         source: std::io::Error,
     },
     /// A file is larger than [`limits`](crate::scene::limits) allow.
-    #[error("{}: {bytes} bytes, at most {limit} are read", path.display())]
+    #[error("{}: {bytes} bytes, at most {limit} are supported", path.display())]
     FileTooLarge {
         /// The file.
         path: PathBuf,
@@ -105,7 +105,7 @@ pub enum SceneError {
         limit_m: f64,
     },
     /// The assembled scene is larger than [`limits`](crate::scene::limits) allow.
-    #[error("{origin}: {count} {what}, at most {limit} are taken")]
+    #[error("{origin}: {count} {what}, at most {limit} are supported")]
     TooMany {
         /// The scene as it was named.
         origin: String,
@@ -126,10 +126,10 @@ pub enum GltfProblem {
     #[error("{0} is missing")]
     Missing(&'static str),
     /// A value is not defined by the specification.
-    #[error("{0} has a value that glTF 2.0 does not know")]
+    #[error("{0} has a value that glTF 2.0 does not define")]
     Invalid(&'static str),
     /// An index is past the end of its list.
-    #[error("{what} {index} does not exist, there are {count}")]
+    #[error("{what} {index} does not exist: there are {count}, counted from 0")]
     OutOfRange {
         /// Kind of the indexed things.
         what: &'static str,
@@ -139,7 +139,7 @@ pub enum GltfProblem {
         count: usize,
     },
     /// A range goes past the end of a buffer or view.
-    #[error("bytes {start}..{end} are outside the {available} that there are")]
+    #[error("bytes {start}..{end} are beyond the {available} bytes available")]
     OutOfBytes {
         /// First byte.
         start: u64,
@@ -199,7 +199,7 @@ pub enum GltfProblem {
     #[error("cannot resolve the URI: {0}")]
     Uri(String),
     /// A count is larger than [`limits`](crate::scene::limits) allow.
-    #[error("{what}: {count}, at most {limit} are read")]
+    #[error("{what}: {count}, at most {limit} are supported")]
     TooMany {
         /// Kind of the things that are too many.
         what: &'static str,

@@ -96,9 +96,10 @@ pub(crate) fn load(path: &Path, source: &str) -> Result<Scene, SceneError> {
         return Err(check.wrong("part", "at least one is needed"));
     }
     if file.part.len() > limits::MAX_PARTS {
-        return Err(
-            check.wrong("part", format!("{} parts, at most {} are read", file.part.len(), limits::MAX_PARTS))
-        );
+        return Err(check.wrong(
+            "part",
+            format!("{} parts, at most {} are supported", file.part.len(), limits::MAX_PARTS),
+        ));
     }
     let mut hasher = blake3::Hasher::new();
     hash_file(&mut hasher, &bytes);
@@ -153,7 +154,7 @@ fn part_of(check: &Checker<'_>, table: &PartTable, index: usize) -> Result<Scene
     };
     let scale = check.vector(&key("scale"), scale)?;
     if scale.min_element() == 0.0 && scale.max_element() == 0.0 {
-        return Err(check.wrong(&key("scale"), "it leaves nothing of the part"));
+        return Err(check.wrong(&key("scale"), "it scales the part to nothing"));
     }
     let rotation = DQuat::from_array(table.rotation.unwrap_or([0.0, 0.0, 0.0, 1.0]));
     let length = rotation.length();
@@ -198,7 +199,9 @@ fn camera_of(check: &Checker<'_>, table: &CameraTable) -> Result<CameraPath, Sce
             return Err(check.wrong(&name("time_s"), "it is not later than the key before it"));
         }
         if (target - eye).cross(up) == Vec3::ZERO {
-            return Err(check.wrong(&name("up"), "eye, target and up are on one line: which way is up?"));
+            return Err(
+                check.wrong(&name("up"), "eye, target and up are on one line: choose another up direction")
+            );
         }
         keys.push(CameraKey { time_s, eye, target, up });
     }

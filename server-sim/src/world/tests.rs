@@ -117,7 +117,7 @@ fn an_edited_world_is_hit_like_its_plain_triangles_and_like_one_made_that_way() 
 }
 
 #[test]
-fn nothing_stirs_when_time_stands_still() {
+fn nothing_changes_when_time_stands_still() {
     let scene = Arc::new(Scene::load("robot-lab").unwrap());
     let mut world = SceneBvh::new(&scene, &scene.pose(1.0));
     world.update(&scene.pose(1.0));

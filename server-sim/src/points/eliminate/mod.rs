@@ -1,8 +1,8 @@
 //! Weighted sample elimination: reduces many random points to fewer, evenly spaced ones.
 //!
 //! The method is that of Yuksel 2015, "Sample Elimination for Generating Poisson Disk Sample Sets" (the paper's
-//! [Yuk15]), with its parameters alpha = 8, beta = 0.65, gamma = 1.5 in two dimensions. It removes the point with the
-//! heaviest neighbourhood, reduces the weights of its neighbours, and repeats.
+//! [Yuk15]). Its parameters are alpha = 8, beta = 0.65 and gamma = 1.5 in two dimensions. It removes the point with
+//! the heaviest neighbourhood, reduces the weights of its neighbours, and repeats.
 //!
 //! Yuksel takes the points from a heap, one by one. This implementation removes a point as soon as it is heavier than
 //! all of its neighbours. The result is bit-identical to that of the heap, for these reasons:

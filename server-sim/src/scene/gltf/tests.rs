@@ -200,7 +200,7 @@ fn a_flattened_axis_keeps_its_surface() {
 }
 
 #[test]
-fn numbers_that_are_none_name_their_element() {
+fn numbers_that_are_not_finite_name_their_element() {
     let mut doc = Doc::default();
     doc.vectors(&[TRIANGLE[0], [1.0, f32::NAN, 0.0], TRIANGLE[2]]);
     assert_eq!(problem(doc.load(PLAIN)), ("accessors[0]".to_owned(), GltfProblem::NonFinite { element: 1 }));
@@ -255,7 +255,7 @@ fn indices_out_of_range_are_named() {
 }
 
 #[test]
-fn hierarchies_that_are_none_are_refused() {
+fn hierarchies_that_are_no_forests_are_refused() {
     let ring = r#""nodes":[{"mesh":0,"children":[1]},{"children":[2]},{"children":[1]}],"meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}]"#;
     assert_eq!(problem(triangle().load(ring)), ("nodes[1]".to_owned(), GltfProblem::TwoParents));
     let own =
@@ -311,7 +311,7 @@ fn wrong_types_say_what_they_should_be() {
 }
 
 #[test]
-fn files_that_are_missing_or_none_are_named() {
+fn missing_and_invalid_files_are_named() {
     assert!(matches!(Scene::load("no-such-scene"), Err(SceneError::UnknownScene { .. })));
     assert!(matches!(Scene::load("/no/such/file.glb"), Err(SceneError::Io { .. })));
     assert!(matches!(load_text("this is no JSON"), Err(SceneError::NotGltf { .. })));

@@ -44,13 +44,13 @@ impl Errors {
 
 /// Errors of the geometry in one packing.
 #[derive(Default)]
-struct Places {
+struct GeometryErrors {
     millimetres: Errors,
     radii: Errors,
     degrees: Errors,
 }
 
-impl Places {
+impl GeometryErrors {
     /// Packs a point in its cell and adds the errors. `radius` is the Poisson-disk radius of its set.
     fn add(&mut self, format: PointFormat, grid: &Grid, point: &PlacedPoint, radius: f32) {
         let located = grid.locate(point.position.to_array());
@@ -123,10 +123,10 @@ fn at_rest(
     scene: &Scene,
     points: &ScenePoints,
     format: PointFormat,
-) -> Result<(Places, GeometryPrecision), Failure> {
+) -> Result<(GeometryErrors, GeometryPrecision), Failure> {
     let precision = GeometryPrecision::of_bits(format.bits() as u8).ok_or("no such packing")?;
     let kernel = ServerSettings::default().kernel;
-    let mut errors = Places::default();
+    let mut errors = GeometryErrors::default();
     let mut ordered = points.clone();
     let geometry = order_at_rest(scene, &mut ordered, precision, kernel);
     for (set, geometry) in geometry.iter().enumerate() {
@@ -146,10 +146,10 @@ fn places(
     encoder: &paper::Encoder,
     time: StreamTime,
     format: PointFormat,
-) -> Places {
+) -> GeometryErrors {
     let pose = scene.pose(time.micros() as f64 * 1e-6);
     let mut geometry = Geometry::default();
-    let mut errors = Places::default();
+    let mut errors = GeometryErrors::default();
     let layouts = encoder.state().layout().instances();
     for (index, (instance, layout)) in scene.instances().iter().zip(layouts).enumerate() {
         let set = &server.points().sets()[instance.rest().index()];

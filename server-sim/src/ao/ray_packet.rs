@@ -83,7 +83,7 @@ struct BoxSetup {
 /// Origin of the rays in the space of a body, and their rotation to it.
 pub(super) struct PacketOrigin {
     /// Rotation from the tangent space of the point to the space of the body.
-    pub(super) turn: Mat3,
+    pub(super) rotation: Mat3,
     pub(super) origin: Vec3,
 }
 
@@ -229,7 +229,7 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
     #[inline(always)]
     fn rotate_directions(&mut self) {
         let simd = self.simd;
-        let [x, y, z] = self.rays.axes(&self.start.turn);
+        let [x, y, z] = self.rays.axes(&self.start.rotation);
         let packet = &mut *self.packet;
         let both = packet.directions.iter_mut().zip(&mut packet.inverses);
         for (from, (to, inverse)) in self.rays.groups(self.chunk).iter().zip(both) {
@@ -292,7 +292,7 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
         let splat = |value: f32| Lanes::splat(simd, value);
         let (radius, zero) = (splat(self.packet.radius), splat(0.0));
         let origin = Lanes3::splat(simd, self.start.origin);
-        let up = Lanes3::splat(simd, self.start.turn.z_axis);
+        let up = Lanes3::splat(simd, self.start.rotation.z_axis);
         let (low, high) = (wide.low.load(simd).minus(&origin), wide.high.load(simd).minus(&origin));
         let out = |low: Lanes<S>, high: Lanes<S>| low.max(-high).max(zero);
         let out = Lanes3 { x: out(low.x, high.x), y: out(low.y, high.y), z: out(low.z, high.z) };
@@ -405,7 +405,7 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
             self.intersect_by_ray(&prepared, rays_of[group].into(), group);
         }
         if many != 0 {
-            let culling = lanes.culling(self.start.turn.z_axis, self.packet.radius);
+            let culling = lanes.culling(self.start.rotation.z_axis, self.packet.radius);
             self.intersect_groups(node, &prepared, &culling, masked, many);
         }
     }

@@ -79,17 +79,17 @@ impl SampleSets {
 }
 
 impl PointRays<'_> {
-    /// Returns the axes of the set after its rotation about the normal and `turn`.
+    /// Returns the axes of the set after its rotation about the normal and `rotation`.
     #[inline(always)]
-    pub(super) fn axes(&self, turn: &Mat3) -> [Vec3; 3] {
-        let Mat3 { x_axis: x, y_axis: y, z_axis: z } = *turn;
+    pub(super) fn axes(&self, rotation: &Mat3) -> [Vec3; 3] {
+        let Mat3 { x_axis: x, y_axis: y, z_axis: z } = *rotation;
         [x * self.cos + y * self.sin, y * self.cos - x * self.sin, z]
     }
 
-    /// Returns the directions of all rays after `turn`, bit-identical to those of a packet.
+    /// Returns the directions of all rays after `rotation`, bit-identical to those of a packet.
     #[cfg(any(test, feature = "testing"))]
-    pub(super) fn directions(&self, turn: &Mat3) -> Vec<Vec3> {
-        let [x, y, z] = self.axes(turn);
+    pub(super) fn directions(&self, rotation: &Mat3) -> Vec<Vec3> {
+        let [x, y, z] = self.axes(rotation);
         let turned = |group: &Packed3| dispatch!(Level::baseline(), simd => Packed3::from(group.load(simd).rotated(x, y, z)));
         let all =
             self.set.groups.iter().map(turned).flat_map(|group| (0..LANES).map(move |lane| group.at(lane)));

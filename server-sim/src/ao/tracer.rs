@@ -156,7 +156,7 @@ impl Tracer {
 
     /// Collects the bodies within reach of a point. Returns the origin of its rays in world space.
     fn gather_bodies(&self, bodies: &Tlas, ray_frame: &RayFrame, scratch: &mut Scratch) -> Vec3 {
-        let home = home_of(bodies, ray_frame);
+        let home = frame_placement(bodies, ray_frame);
         let origin = self.origin(ray_frame);
         let in_world = if home == Placement::IDENTITY { origin } else { home.point(origin) };
         bodies.near(in_world, self.settings.radius, &mut scratch.stack, &mut scratch.near);
@@ -190,7 +190,7 @@ impl Tracer {
     /// Returns the origin and directions of a point's rays in world space.
     #[cfg(any(test, feature = "testing"))]
     pub(super) fn rays(&self, bodies: &Tlas, key: RayKey, ray_frame: &RayFrame) -> (Vec3, Vec<Vec3>) {
-        let home = home_of(bodies, ray_frame);
+        let home = frame_placement(bodies, ray_frame);
         let mut directions = self.sets.of(key).directions(&tangent_frame(ray_frame.normal, ray_frame.edge));
         if home == Placement::IDENTITY {
             return (self.origin(ray_frame), directions);
@@ -226,7 +226,7 @@ impl Tracer {
     ) -> (bool, u32) {
         let PointQuery { bodies, key, ray_frame, opaque } = *query;
         let in_world = self.gather_bodies(bodies, ray_frame, scratch);
-        let (home, origin) = (home_of(bodies, ray_frame), self.origin(ray_frame));
+        let (home, origin) = (frame_placement(bodies, ray_frame), self.origin(ray_frame));
         let frame = tangent_frame(ray_frame.normal, ray_frame.edge);
         let Scratch { packet, near, recorder, .. } = scratch;
         let alone = near.iter().all(|&body| Some(body) == ray_frame.body);
@@ -247,9 +247,9 @@ impl Tracer {
         let start = |id: BodyId| {
             let body = &bodies.list()[id.index()];
             if Some(id) == ray_frame.body || body.placement == home {
-                PacketOrigin { turn: frame, origin }
+                PacketOrigin { rotation: frame, origin }
             } else {
-                from_home(&home, &body.placement, &frame, in_world)
+                packet_origin(&home, &body.placement, &frame, in_world)
             }
         };
         let mut reader =
@@ -283,15 +283,15 @@ impl Tracer {
 }
 
 /// Returns the placement of the space of a ray frame.
-fn home_of(bodies: &Tlas, ray_frame: &RayFrame) -> Placement {
+fn frame_placement(bodies: &Tlas, ray_frame: &RayFrame) -> Placement {
     let body = ray_frame.body.and_then(|id| bodies.list().get(id.index()));
     body.map_or(Placement::IDENTITY, |body| body.placement)
 }
 
 /// Returns the origin of the rays in the space of another body.
-fn from_home(home: &Placement, body: &Placement, frame: &Mat3, in_world: Vec3) -> PacketOrigin {
+fn packet_origin(home: &Placement, body: &Placement, frame: &Mat3, in_world: Vec3) -> PacketOrigin {
     PacketOrigin {
-        turn: body.rotation.transpose() * (home.rotation * *frame),
+        rotation: body.rotation.transpose() * (home.rotation * *frame),
         origin: body.local_point(in_world),
     }
 }
@@ -510,7 +510,7 @@ mod tests {
             }
             let (origin, directions) = tracer.rays(&bodies, RayKey(point), &ray_frame);
             prop_assert_eq!((distances.len(), directions.len()), (rays as usize, rays as usize));
-            prop_assert!((origin - home_of(&bodies, &ray_frame).point(tracer.origin(&ray_frame))).length() < 1e-5);
+            prop_assert!((origin - frame_placement(&bodies, &ray_frame).point(tracer.origin(&ray_frame))).length() < 1e-5);
             let slow = reference_ao(&tracer, &list, point, &ray_frame);
             // The reference rounds directions in another order: a ray that grazes an edge may go either way.
             prop_assert!((fast - slow).abs() <= 1e-4 + 1.01 / rays as f32 * f32::from(rays > 1), "{} {}", fast, slow);

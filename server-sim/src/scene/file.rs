@@ -40,11 +40,11 @@ struct SceneTable {
 #[serde(deny_unknown_fields)]
 struct PartTable {
     file: String,
-    animation: Option<Animation>,
+    animation: Option<AnimationSelector>,
     #[serde(default)]
     translation: [f64; 3],
     rotation: Option<[f64; 4]>,
-    scale: Option<Scale>,
+    scale: Option<ScaleValue>,
     speed: Option<f64>,
     #[serde(default)]
     phase_s: f64,
@@ -52,14 +52,14 @@ struct PartTable {
 
 #[derive(Debug, Deserialize)]
 #[serde(untagged, expecting = "expected \"all\", \"none\", the name of an animation, or its index")]
-enum Animation {
+enum AnimationSelector {
     Index(usize),
     Name(String),
 }
 
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[serde(untagged, expecting = "expected a number or [x, y, z]")]
-enum Scale {
+enum ScaleValue {
     Uniform(f64),
     Axes([f64; 3]),
 }
@@ -149,8 +149,8 @@ fn part_of(check: &Checker<'_>, table: &PartTable, index: usize) -> Result<Scene
     let key = |name: &str| format!("part[{index}].{name}");
     let scale = match table.scale {
         None => [1.0; 3],
-        Some(Scale::Uniform(s)) => [s; 3],
-        Some(Scale::Axes(axes)) => axes,
+        Some(ScaleValue::Uniform(s)) => [s; 3],
+        Some(ScaleValue::Axes(axes)) => axes,
     };
     let scale = check.vector(&key("scale"), scale)?;
     if scale.min_element() == 0.0 && scale.max_element() == 0.0 {
@@ -169,10 +169,10 @@ fn part_of(check: &Checker<'_>, table: &PartTable, index: usize) -> Result<Scene
             .map_or_else(|| PathBuf::from(&table.file), |folder| folder.join(&table.file)),
         play: match &table.animation {
             None => AnimationChoice::All,
-            Some(Animation::Index(index)) => AnimationChoice::Index(*index),
-            Some(Animation::Name(name)) if name == "all" => AnimationChoice::All,
-            Some(Animation::Name(name)) if name == "none" => AnimationChoice::None,
-            Some(Animation::Name(name)) => AnimationChoice::Name(name.clone()),
+            Some(AnimationSelector::Index(index)) => AnimationChoice::Index(*index),
+            Some(AnimationSelector::Name(name)) if name == "all" => AnimationChoice::All,
+            Some(AnimationSelector::Name(name)) if name == "none" => AnimationChoice::None,
+            Some(AnimationSelector::Name(name)) => AnimationChoice::Name(name.clone()),
         },
         root: LocalTransform::Trs {
             translation: check.vector(&key("translation"), table.translation)?,

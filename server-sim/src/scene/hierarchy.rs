@@ -5,7 +5,7 @@ use std::ops::Range;
 use glam::{DAffine3, DQuat, DVec3};
 
 use crate::scene::animation::{Property, unit_quaternion};
-use crate::scene::model::{Channel, Clip, LocalTransform, Model};
+use crate::scene::model::{AnimationClip, Channel, LocalTransform, Model};
 use crate::scene::report::SceneReport;
 
 /// One node, with the channels that drive it.
@@ -23,7 +23,7 @@ struct HierarchyNode {
 pub(crate) struct NodeHierarchy {
     nodes: Vec<HierarchyNode>,
     channels: Vec<Channel>,
-    clips: Vec<Clip>,
+    clips: Vec<AnimationClip>,
     /// Index in `nodes` of each node of the model; `None` for nodes that nothing visible needs.
     indices: Vec<Option<usize>>,
 }

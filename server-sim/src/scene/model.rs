@@ -78,13 +78,13 @@ pub(crate) struct MeshNode {
 
 /// Timing of an animation: its own time is `time * speed + phase`, modulo its own length.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Clip {
+pub(crate) struct AnimationClip {
     pub(crate) length_s: f64,
     pub(crate) speed: f64,
     pub(crate) phase_s: f64,
 }
 
-impl Clip {
+impl AnimationClip {
     /// Returns the clip's own time at a scene time.
     pub(crate) fn local_time(&self, time_s: f64) -> f64 {
         if self.length_s > 0.0 {
@@ -113,7 +113,7 @@ pub(crate) struct Model {
     pub(crate) materials: Vec<Material>,
     pub(crate) skins: Vec<Skin>,
     pub(crate) mesh_nodes: Vec<MeshNode>,
-    pub(crate) clips: Vec<Clip>,
+    pub(crate) clips: Vec<AnimationClip>,
     pub(crate) channels: Vec<Channel>,
     pub(crate) report: SceneReport,
     mesh_keys: std::collections::BTreeMap<[u8; 32], usize>,

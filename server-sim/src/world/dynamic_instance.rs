@@ -60,7 +60,7 @@ pub(super) struct DynamicInstance {
 #[derive(Clone, Debug)]
 struct DeformedGeometry {
     geometry: Geometry,
-    spare: Geometry,
+    scratch: Geometry,
     built_cost: f32,
 }
 
@@ -106,8 +106,10 @@ impl DynamicInstance {
     pub(super) fn heap_bytes(&self, rest: Option<&Arc<Blas>>) -> usize {
         let shared = rest.is_some_and(|rest| Arc::ptr_eq(rest, &self.blas));
         let tree = if shared { 0 } else { self.blas.heap_bytes() };
-        let shape =
-            self.deformed.as_ref().map_or(0, |shape| shape.geometry.heap_bytes() + shape.spare.heap_bytes());
+        let shape = self
+            .deformed
+            .as_ref()
+            .map_or(0, |shape| shape.geometry.heap_bytes() + shape.scratch.heap_bytes());
         tree + memory::list(&self.parts) + memory::list(&self.cut) + shape
     }
 
@@ -137,14 +139,15 @@ impl DynamicInstance {
         let parts = parts(&self.blas, &self.cut, &now);
         let before =
             (std::mem::replace(&mut self.bounds, bounds), std::mem::replace(&mut self.parts, parts.clone()));
-        let there = |visible: bool, (bounds, parts): (Bounds, Vec<Bounds>)| {
+        let visible_bounds = |visible: bool, (bounds, parts): (Bounds, Vec<Bounds>)| {
             if visible {
                 SweptBounds { bounds, parts }
             } else {
                 SweptBounds { bounds: Bounds::EMPTY, parts: Vec::new() }
             }
         };
-        let swept = there(was_visible, before).with(there(self.visible, (bounds, parts)), !rebuilt);
+        let swept =
+            visible_bounds(was_visible, before).with(visible_bounds(self.visible, (bounds, parts)), !rebuilt);
         if deformed { InstanceChange::Deformed(swept) } else { InstanceChange::Moved(swept) }
     }
 
@@ -159,11 +162,11 @@ impl DynamicInstance {
         let blas = &mut self.blas;
         let at_rest = || DeformedGeometry::new(scene.rest(instance).geometry().clone(), blas);
         let shape = self.deformed.get_or_insert_with(at_rest);
-        scene.local_geometry(InstanceId(self.instance as u32), pose, &mut shape.spare);
-        if deforming && shortcuts.contains(Shortcuts::SHAPES) && shape.spare == shape.geometry {
+        scene.local_geometry(InstanceId(self.instance as u32), pose, &mut shape.scratch);
+        if deforming && shortcuts.contains(Shortcuts::SHAPES) && shape.scratch == shape.geometry {
             return (false, false);
         }
-        std::mem::swap(&mut shape.spare, &mut shape.geometry);
+        std::mem::swap(&mut shape.scratch, &mut shape.geometry);
         let posed = PosedMesh::posed(scene, scene.rest(instance), &shape.geometry);
         let blas = Arc::make_mut(blas);
         blas.refit(&corners(&posed));
@@ -180,7 +183,7 @@ impl DynamicInstance {
 impl DeformedGeometry {
     /// Creates the geometry for which a tree was built.
     fn new(geometry: Geometry, blas: &Blas) -> Self {
-        Self { geometry, spare: Geometry::default(), built_cost: blas.cost() }
+        Self { geometry, scratch: Geometry::default(), built_cost: blas.cost() }
     }
 }
 

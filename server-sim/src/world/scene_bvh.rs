@@ -95,10 +95,11 @@ impl SceneBvh {
                 fixed.is_some_and(|fixed| is_at(pose, index, &placement(&fixed)))
             })
             .collect();
-        let standing: Vec<usize> = (0..count).filter(|&index| shared[index]).collect();
-        let together = if shortcuts.contains(Shortcuts::STATIC_BATCH) { standing.len().max(1) } else { 1 };
-        let static_batches = standing
-            .par_chunks(together)
+        let static_instances: Vec<usize> = (0..count).filter(|&index| shared[index]).collect();
+        let batch_size =
+            if shortcuts.contains(Shortcuts::STATIC_BATCH) { static_instances.len().max(1) } else { 1 };
+        let static_batches = static_instances
+            .par_chunks(batch_size)
             .map(|instances| StaticBatch::build(scene, pose, instances, &placements, shortcuts))
             .collect();
         let rigid = |&index: &usize| !shared[index] && scene.instances()[index].motion() != Motion::Deforming;
@@ -137,14 +138,14 @@ impl SceneBvh {
     /// Moves the scene to another pose.
     pub fn update(&mut self, pose: &ScenePose) {
         let detached = self.detach(pose);
-        let refits_still = !detached.is_empty() || !self.shortcuts.contains(Shortcuts::RIGID);
+        let refits_static = !detached.is_empty() || !self.shortcuts.contains(Shortcuts::RIGID);
         let refits =
-            refits_still || self.dynamic_instances.iter().any(|dynamic| dynamic.geometry().is_some());
+            refits_static || self.dynamic_instances.iter().any(|dynamic| dynamic.geometry().is_some());
         if refits {
             // Release shared trees, because a refit would copy them.
             self.bodies = Tlas::default();
         }
-        if refits_still {
+        if refits_static {
             let refit =
                 |batch: &mut StaticBatch| batch.refit(&self.scene, pose, &self.placements, &self.shared);
             self.static_batches.par_iter_mut().for_each(refit);
@@ -174,9 +175,9 @@ impl SceneBvh {
     /// that the first move counts as a change. Returns these instances, ascending; their batch still contains their
     /// triangles.
     fn detach(&mut self, pose: &ScenePose) -> Vec<usize> {
-        let gone = |&index: &usize| self.shared[index] && !is_at(pose, index, &self.placements[index]);
-        let gone: Vec<usize> = (0..self.shared.len()).filter(gone).collect();
-        for &index in &gone {
+        let detached = |&index: &usize| self.shared[index] && !is_at(pose, index, &self.placements[index]);
+        let detached: Vec<usize> = (0..self.shared.len()).filter(detached).collect();
+        for &index in &detached {
             self.shared[index] = false;
             let rest = self.scene.instances()[index].rest().index();
             let blas = self.rests[rest].get_or_insert_with(|| build_rest(&self.scene, rest, self.shortcuts));
@@ -187,7 +188,7 @@ impl SceneBvh {
             ));
         }
         self.dynamic_instances.sort_unstable_by_key(|dynamic| dynamic.instance);
-        gone
+        detached
     }
 
     fn rebuild_tlas(&mut self) {
@@ -230,7 +231,7 @@ impl SceneBvh {
             changes,
             ..
         } = self;
-        let stills: usize = static_batches.iter().map(StaticBatch::heap_bytes).sum();
+        let batches: usize = static_batches.iter().map(StaticBatch::heap_bytes).sum();
         let at_rest: usize = rests.iter().flatten().map(|blas| blas.heap_bytes()).sum();
         let rest =
             |dynamic: &DynamicInstance| rests[scene.instances()[dynamic.instance].rest().index()].as_ref();
@@ -241,7 +242,7 @@ impl SceneBvh {
             + memory::list(dynamic_instances)
             + memory::list(owners);
         let instances = memory::list(shared) + memory::list(instance_bodies) + memory::list(placements);
-        let trees = stills + at_rest + moving + bodies.heap_bytes();
+        let trees = batches + at_rest + moving + bodies.heap_bytes();
         trees + structures + instances + memory::list(changes) + swept.sum::<usize>()
     }
 

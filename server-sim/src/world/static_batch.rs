@@ -31,8 +31,8 @@ impl StaticBatch {
         for &index in instances {
             let posed = PosedMesh::at_rest(scene, scene.rest(&scene.instances()[index]));
             starts.push((masked.len() as u32, index as u32));
-            let asked = posed.masked() || !shortcuts.contains(Shortcuts::MASKS);
-            masked.resize(masked.len() + posed.triangles.len(), asked);
+            let is_masked = posed.masked() || !shortcuts.contains(Shortcuts::MASKS);
+            masked.resize(masked.len() + posed.triangles.len(), is_masked);
         }
         let mut batch = Self { blas: Arc::default(), starts };
         let triangles = batch.triangles(scene, pose, placements, |_| true);
@@ -83,8 +83,8 @@ impl StaticBatch {
         for index in self.instances() {
             scene.local_geometry(InstanceId(index as u32), pose, &mut geometry);
             let posed = PosedMesh::posed(scene, scene.rest(&scene.instances()[index]), &geometry);
-            let (at, there) = (&placements[index], present(index));
-            let placed = |corner: Vec3| if there { at.point(corner) } else { Vec3::NAN };
+            let (at, is_present) = (&placements[index], present(index));
+            let placed = |corner: Vec3| if is_present { at.point(corner) } else { Vec3::NAN };
             triangles.extend(corners(&posed).into_iter().map(|triangle| triangle.map(placed)));
         }
         triangles

@@ -99,7 +99,7 @@ fn remove(mut regions: Vec<Region>, surplus: usize) -> Option<Vec<u32>> {
         let removed: Vec<usize> = regions.iter().map(|region| region.removed().len()).collect();
         if removed.iter().sum::<usize>() >= surplus {
             let parts = || regions.iter().zip(&settled);
-            let mut last: Vec<Key> =
+            let mut last: Vec<RemovalKey> =
                 parts().flat_map(|(region, &settled)| &region.removed()[settled..]).copied().collect();
             last.sort_unstable_by_key(|&key| Reverse(key));
             let sure = parts().flat_map(|(region, &settled)| &region.removed()[..settled]);
@@ -135,19 +135,19 @@ fn exchange_keys(regions: &mut [Region]) {
     regions.par_iter_mut().for_each(|region| region.import_keys(&exported_keys));
 }
 
-/// Estimates a weight that about `open` points exceed when they are removed. Surplus removals are undone at the end
+/// Estimates a weight that about `count` points exceed when they are removed. Surplus removals are undone at the end
 /// and missing ones need another sweep, so the estimate affects only time.
-fn estimate_threshold(regions: &[Region], open: usize) -> Key {
+fn estimate_threshold(regions: &[Region], count: usize) -> RemovalKey {
     let mut classes = vec![0; CLASSES];
     regions.iter().for_each(|region| region.count_classes(&mut classes));
     // Some points become lighter before they are removed.
-    let wanted = open + open / 4 * 3 + 16;
+    let wanted = count + count / 4 * 3 + 16;
     let mut sum = 0;
     let class = (0..CLASSES).rev().find(|&class| {
         sum += classes[class];
         sum >= wanted
     });
-    Key::lowest_of(class.unwrap_or(0))
+    RemovalKey::lowest_of(class.unwrap_or(0))
 }
 
 /// The weight of a neighbour as a function of its distance (Yuksel, section 3).
@@ -177,13 +177,13 @@ impl Weighting {
 /// Weight and number of a point; the number is below 2^31. The greatest key is removed first: the heaviest point, and
 /// of equal ones the one with the lowest number. Keys of removed points are below all others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-struct Key(u64);
+struct RemovalKey(u64);
 
 /// Number of bits in a class of weights: sign, exponent and five bits of the fraction.
 const CLASS_BITS: u32 = 14;
 const CLASSES: usize = 1 << CLASS_BITS;
 
-impl Key {
+impl RemovalKey {
     /// A key below every other.
     const NONE: Self = Self(0);
     /// A key above every other.

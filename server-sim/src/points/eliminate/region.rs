@@ -3,7 +3,7 @@
 use std::cmp::Reverse;
 use std::ops::Range;
 
-use super::Key;
+use super::RemovalKey;
 use super::grid::{Link, Links};
 
 /// Interval of the points that are sampled for counting.
@@ -55,12 +55,12 @@ pub(super) struct Region {
     /// Its own points that must wait for the removal of a ghost.
     blocked: Vec<u32>,
     /// Its own removed points, by grid numbers.
-    removed: Vec<Key>,
+    removed: Vec<RemovalKey>,
     /// Number of links visited so far.
     link_visits: usize,
     // Buffers that are reused.
     ascent: Vec<u32>,
-    removed_links: Vec<(Key, f32)>,
+    removed_links: Vec<(RemovalKey, f32)>,
 }
 
 impl Region {
@@ -97,7 +97,7 @@ impl Region {
                     link.to = ghost + count;
                 }
             }
-            weights.keys[point as usize] = Key::new(total, point);
+            weights.keys[point as usize] = RemovalKey::new(total, point);
         }
         Self {
             exported: sorted(visits.iter().map(|(_, link)| link.to)),
@@ -138,12 +138,12 @@ impl Region {
     }
 
     /// Returns the keys of the exported points.
-    pub(super) fn export_keys(&self) -> Vec<Key> {
+    pub(super) fn export_keys(&self) -> Vec<RemovalKey> {
         self.exported.iter().map(|&point| self.weights.keys[point as usize]).collect()
     }
 
     /// Copies the keys of the ghosts from all exported keys.
-    pub(super) fn import_keys(&mut self, exported_keys: &[Vec<Key>]) {
+    pub(super) fn import_keys(&mut self, exported_keys: &[Vec<RemovalKey>]) {
         for (index, source) in self.sources.iter().enumerate() {
             let ghost = index as u32 + if (index as u32) < self.first { 0 } else { self.own.len() as u32 };
             let key = &mut self.weights.keys[ghost as usize];
@@ -169,7 +169,7 @@ impl Region {
     }
 
     /// Returns its own removed points.
-    pub(super) fn removed(&self) -> &[Key] {
+    pub(super) fn removed(&self) -> &[RemovalKey] {
         &self.removed
     }
 
@@ -189,14 +189,14 @@ impl Region {
     }
 
     /// Removes all of its own points with a weight of at least `threshold`, except those that wait for a ghost.
-    pub(super) fn sweep(&mut self, threshold: Key) {
+    pub(super) fn sweep(&mut self, threshold: RemovalKey) {
         for point in self.first..self.first + self.own.len() as u32 {
             self.eliminate_around(point, threshold);
         }
     }
 
     /// Does the same as [`Region::sweep`] for the waiting points.
-    pub(super) fn retry(&mut self, threshold: Key) {
+    pub(super) fn retry(&mut self, threshold: RemovalKey) {
         for point in std::mem::take(&mut self.blocked) {
             self.eliminate_around(point, threshold);
         }
@@ -204,7 +204,7 @@ impl Region {
 
     /// Climbs from `point` along heaviest neighbours to a local maximum, removes it, and repeats until `point` itself is
     /// removed or below the threshold.
-    fn eliminate_around(&mut self, point: u32, threshold: Key) {
+    fn eliminate_around(&mut self, point: u32, threshold: RemovalKey) {
         self.ascent.push(point);
         while let Some(&top) = self.ascent.last() {
             let mut own = self.weights.keys[top as usize];
@@ -234,7 +234,7 @@ impl Region {
         }
     }
 
-    fn remove(&mut self, key: Key) {
+    fn remove(&mut self, key: RemovalKey) {
         let point = key.point();
         self.weights.keys[point as usize] = key.removed();
         self.removed.push(key.of(point - self.first + self.own.start));
@@ -249,7 +249,7 @@ impl Region {
 
     /// Recomputes the weight of one of its own points. Subtracts the weights of removed neighbours in the order in
     /// which a heap removes them, because the sum depends on that order.
-    fn recompute_weight(&mut self, point: u32) -> Key {
+    fn recompute_weight(&mut self, point: u32) -> RemovalKey {
         self.removed_links.clear();
         let mut weight = 0.0;
         for links in self.neighbours.of(point - self.first) {
@@ -265,8 +265,8 @@ impl Region {
         for (_, removed) in &self.removed_links {
             weight -= removed;
         }
-        let last_removed = self.removed_links.last().map_or(Key::FIRST, |&(key, _)| key);
-        self.weights.set(Key::new(weight, point), last_removed)
+        let last_removed = self.removed_links.last().map_or(RemovalKey::FIRST, |&(key, _)| key);
+        self.weights.set(RemovalKey::new(weight, point), last_removed)
     }
 }
 
@@ -289,17 +289,17 @@ impl Neighbours {
 struct Weights {
     first: u32,
     /// Upper bounds of the points' weights; for removed points, their weights at removal.
-    keys: Vec<Key>,
-    /// The last removed neighbour of each own point, or [`Key::NONE`] if the point's weight must be recomputed.
-    last_removed: Vec<Key>,
+    keys: Vec<RemovalKey>,
+    /// The last removed neighbour of each own point, or [`RemovalKey::NONE`] if the point's weight must be recomputed.
+    last_removed: Vec<RemovalKey>,
 }
 
 impl Weights {
     /// Creates the weights of `count` own points from `first` on and of some ghosts. All are infinite until they are
     /// known.
     fn new(first: u32, count: u32, ghosts: u32) -> Self {
-        let keys = (0..count + ghosts).map(|point| Key::new(f32::INFINITY, point)).collect();
-        Self { first, keys, last_removed: vec![Key::FIRST; count as usize] }
+        let keys = (0..count + ghosts).map(|point| RemovalKey::new(f32::INFINITY, point)).collect();
+        Self { first, keys, last_removed: vec![RemovalKey::FIRST; count as usize] }
     }
 
     fn is_own(&self, point: u32) -> bool {
@@ -308,11 +308,11 @@ impl Weights {
 
     /// Returns whether the weight of an own point must be recomputed.
     fn is_stale(&self, point: u32) -> bool {
-        self.last_removed[(point - self.first) as usize] == Key::NONE
+        self.last_removed[(point - self.first) as usize] == RemovalKey::NONE
     }
 
     /// Sets the weight of an own point, computed without the neighbours removed up to `last_removed`.
-    fn set(&mut self, key: Key, last_removed: Key) -> Key {
+    fn set(&mut self, key: RemovalKey, last_removed: RemovalKey) -> RemovalKey {
         self.keys[key.point() as usize] = key;
         self.last_removed[(key.point() - self.first) as usize] = last_removed;
         key
@@ -320,7 +320,7 @@ impl Weights {
 
     /// Subtracts the weight of a removed neighbour from an own point. If the removals come in another order than a
     /// heap's, the point keeps its weight, which is then too high, until it is recomputed.
-    fn subtract_weight(&mut self, point: u32, removed: Key, by: f32) {
+    fn subtract_weight(&mut self, point: u32, removed: RemovalKey, by: f32) {
         let key = &mut self.keys[point as usize];
         if key.is_removed() {
             return;
@@ -328,9 +328,9 @@ impl Weights {
         let last_removed = &mut self.last_removed[(point - self.first) as usize];
         if removed < *last_removed {
             *last_removed = removed;
-            *key = Key::new(key.weight() - by, point);
+            *key = RemovalKey::new(key.weight() - by, point);
         } else {
-            *last_removed = Key::NONE;
+            *last_removed = RemovalKey::NONE;
         }
     }
 }

@@ -89,14 +89,14 @@ proptest! {
 
     #[test]
     fn keys_order_as_weights_do_and_equal_ones_by_number(a in -1e9f32..1e9, b in -1e9f32..1e9, first in 0u32..99) {
-        let (x, y) = (Key::new(a, first), Key::new(b, first + 1));
+        let (x, y) = (RemovalKey::new(a, first), RemovalKey::new(b, first + 1));
         prop_assert_eq!((x.weight(), x.point()), (a + 0.0, first));
         prop_assert_eq!(x > y, a >= b);
-        prop_assert!(x < Key::FIRST && x > Key::NONE && !x.is_removed());
-        prop_assert!(x.removed().is_removed() && x.removed() < Key::lowest_of(0) && x.removed() < y);
+        prop_assert!(x < RemovalKey::FIRST && x > RemovalKey::NONE && !x.is_removed());
+        prop_assert!(x.removed().is_removed() && x.removed() < RemovalKey::lowest_of(0) && x.removed() < y);
         prop_assert_eq!((x.removed().key_at_removal(), x.removed().weight()), (x, x.weight()));
-        prop_assert!(Key::lowest_of(x.class()) <= x && Key::lowest_of(x.class() + 1) > x);
-        prop_assert_eq!(Key::new(-0.0, first), Key::new(0.0, first));
+        prop_assert!(RemovalKey::lowest_of(x.class()) <= x && RemovalKey::lowest_of(x.class() + 1) > x);
+        prop_assert_eq!(RemovalKey::new(-0.0, first), RemovalKey::new(0.0, first));
     }
 }
 

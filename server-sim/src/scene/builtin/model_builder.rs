@@ -10,7 +10,7 @@ use super::solid::Solid;
 use crate::scene::animation::{Curve, Interpolation, Property};
 use crate::scene::camera::{CameraKey, CameraPath};
 use crate::scene::material::Material;
-use crate::scene::model::{Channel, Clip, LocalTransform, Model};
+use crate::scene::model::{AnimationClip, Channel, LocalTransform, Model};
 
 /// A model under construction.
 pub(super) struct ModelBuilder {
@@ -32,7 +32,7 @@ impl ModelBuilder {
         };
         let (plain, thin) =
             (model.add_material(named("plain", false)), model.add_material(named("thin", true)));
-        model.clips.push(Clip { length_s: DURATION_S, speed: 1.0, phase_s: 0.0 });
+        model.clips.push(AnimationClip { length_s: DURATION_S, speed: 1.0, phase_s: 0.0 });
         Self { model, plain, thin, clip: 0 }
     }
 

@@ -10,7 +10,7 @@ use super::document::GltfDocument;
 use super::{AnimationChoice, ScenePart};
 use crate::scene::animation::{Curve, Interpolation, Property};
 use crate::scene::error::{GltfProblem, SceneError};
-use crate::scene::model::{Channel, Clip, Model};
+use crate::scene::model::{AnimationClip, Channel, Model};
 
 /// Adds the animations that the part plays.
 pub(super) fn read(
@@ -34,7 +34,7 @@ pub(super) fn read(
     for index in chosen {
         let clip = model.clips.len();
         let length_s = read_one(document, index, first_node, clip, model)?;
-        model.clips.push(Clip { length_s, speed: part.speed, phase_s: part.phase_s });
+        model.clips.push(AnimationClip { length_s, speed: part.speed, phase_s: part.phase_s });
     }
     Ok(())
 }

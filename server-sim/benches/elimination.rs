@@ -1,8 +1,8 @@
-//! Weighted sample elimination on the unit sphere, from twice as many candidates: by the heap, and as it is done, on one
-//! thread and on two.
+//! Weighted sample elimination on the unit sphere from twice as many candidates: by the heap, and by the real
+//! implementation on one thread and on two.
 //!
-//! First, and before anything is timed, the spread of the points is printed, and what all of them take when they take
-//! turns, so that what else the machine does meets them alike.
+//! Before the benchmark it prints the spread of the points, and median times over rounds in which the variants
+//! alternate. So other load on the machine affects all variants alike.
 
 use std::time::{Duration, Instant};
 
@@ -11,10 +11,10 @@ use glam::Vec3;
 use psao_server::points::{eliminate, poisson_radius, reference};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
-/// Rounds in which the ways take turns.
+/// Number of rounds in which the variants alternate.
 const ROUNDS: usize = 15;
 
-/// A set to thin out.
+/// A set of candidates to reduce.
 struct Set {
     candidates: Vec<Vec3>,
     keep: usize,
@@ -44,11 +44,12 @@ impl Set {
         reference::eliminate(&self.candidates, self.keep, self.radius)
     }
 
-    fn on(&self, pool: &ThreadPool) -> Vec<u32> {
+    fn eliminate_on(&self, pool: &ThreadPool) -> Vec<u32> {
         pool.install(|| eliminate(&self.candidates, self.keep, self.radius))
     }
 
-    /// Smallest and mean distance to the nearest neighbour, in twice the largest possible Poisson-disk radius.
+    /// Returns the smallest and the mean distance to the nearest neighbour, relative to twice the largest possible
+    /// Poisson-disk radius.
     fn spread(&self, kept: &[u32]) -> (f32, f32) {
         let mut points: Vec<Vec3> = kept.iter().map(|&number| self.candidates[number as usize]).collect();
         points.sort_unstable_by(|a, b| a.z.total_cmp(&b.z));
@@ -62,7 +63,7 @@ impl Set {
     }
 }
 
-/// Distance to the nearest of points that go away from `at` along z.
+/// Returns the distance to the nearest of points sorted by their distance from `at` along z.
 fn nearest<'a>(at: Vec3, others: impl Iterator<Item = &'a Vec3>) -> f32 {
     let mut least = f32::MAX;
     for other in others {
@@ -78,13 +79,13 @@ fn pool(threads: usize) -> Option<ThreadPool> {
     ThreadPoolBuilder::new().num_threads(threads).build().ok()
 }
 
-/// Median time of each way over rounds in which they take turns.
-fn turns(ways: &[&dyn Fn() -> Vec<u32>]) -> Vec<Duration> {
-    let mut times = vec![Vec::new(); ways.len()];
+/// Returns the median time of each variant over rounds in which they alternate.
+fn alternate(variants: &[&dyn Fn() -> Vec<u32>]) -> Vec<Duration> {
+    let mut times = vec![Vec::new(); variants.len()];
     for _ in 0..ROUNDS {
-        for (times, way) in times.iter_mut().zip(ways) {
+        for (times, variant) in times.iter_mut().zip(variants) {
             let start = Instant::now();
-            let kept = way();
+            let kept = variant();
             times.push(start.elapsed());
             assert!(!kept.is_empty());
         }
@@ -100,12 +101,15 @@ fn elimination(criterion: &mut Criterion) {
     let (Some(one), Some(two)) = (pool(1), pool(2)) else { return };
     for keep in [20_000, 200_000] {
         let set = Set::new(keep);
-        // The answer first.
+        // Check the answer first.
         let kept = set.heap();
         assert_eq!(kept.len(), keep);
-        assert!(set.on(&one) == kept && set.on(&two) == kept, "not the points that the heap keeps");
+        assert!(
+            set.eliminate_on(&one) == kept && set.eliminate_on(&two) == kept,
+            "not the points that the heap keeps"
+        );
         let (least, mean) = set.spread(&kept);
-        let times = turns(&[&|| set.heap(), &|| set.on(&one), &|| set.on(&two)]);
+        let times = alternate(&[&|| set.heap(), &|| set.eliminate_on(&one), &|| set.eliminate_on(&two)]);
         println!(
             "{keep} kept: nearest neighbour {least:.3} (least), {mean:.3} (mean); heap {:.1?}, one thread {:.1?}, two {:.1?}",
             times[0], times[1], times[2]
@@ -115,7 +119,9 @@ fn elimination(criterion: &mut Criterion) {
         group.throughput(Throughput::Elements(keep as u64));
         group.bench_function(BenchmarkId::new("heap", keep), |bencher| bencher.iter(|| set.heap()));
         for (name, pool) in [("one thread", &one), ("two threads", &two)] {
-            group.bench_function(BenchmarkId::new(name, keep), |bencher| bencher.iter(|| set.on(pool)));
+            group.bench_function(BenchmarkId::new(name, keep), |bencher| {
+                bencher.iter(|| set.eliminate_on(pool))
+            });
         }
         group.finish();
     }

@@ -1,5 +1,5 @@
-//! Trees of bodies that deform: a step of a scene from one pose to the next and back, with every triangle placed, every
-//! box refitted and the top of the tree built anew. Rates are per triangle that deforms.
+//! Trees of deforming bodies: steps of a scene from one pose to the next and back. Each step places every triangle,
+//! refits every box and rebuilds the top-level tree. Rates are per deforming triangle.
 
 use std::sync::Arc;
 
@@ -15,7 +15,7 @@ fn refit(criterion: &mut Criterion) {
         let deforming = scene.instances().iter().filter(|instance| instance.motion() == Motion::Deforming);
         let triangles: usize = deforming.map(|instance| scene.rest(instance).triangles().len()).sum();
         let mut world = SceneBvh::new(&scene, &poses[0]);
-        // The answer first: something deforms, and a world that was moved is where one made there is.
+        // Check the answer first: something deforms, and an updated world equals a new one.
         assert!(triangles > 100, "{name}: {triangles} triangles deform");
         world.update(&poses[1]);
         assert_eq!(world.bounds(), SceneBvh::new(&scene, &poses[1]).bounds());

@@ -1,5 +1,5 @@
-//! Rays and points: AO of a sample of a built-in scene's points, nearest hits and any, beside a plain twin; single rays, and sample elimination by way of point
-//! generation. Rates are per ray and per point kept.
+//! Rays and points: the AO of a sample of a built-in scene's points, with nearest hits and with any hits, beside a
+//! plain reference tracer. Single rays and point generation follow. Rates are per ray and per point.
 
 use std::sync::Arc;
 
@@ -10,10 +10,11 @@ use psao_server::points::{PointSettings, ScenePoints, generate};
 use psao_server::scene::{InstanceId, Scene};
 use psao_server::world::SceneBvh;
 
-/// Every how many points a single ray starts: spread over the scene, near enough to share memory.
+/// Interval of the points from which a single ray starts. It spreads the rays over the scene, but keeps neighbours
+/// close enough to share memory.
 const STRIDE: usize = 16;
 
-/// Points whose rays are traced.
+/// Number of points whose rays are traced.
 const SAMPLE: u32 = 1000;
 
 /// Position and normal of some points, world space.
@@ -31,22 +32,22 @@ fn places(world: &SceneBvh, points: &ScenePoints) -> Vec<(glam::Vec3, glam::Vec3
     places
 }
 
-/// All rays of a sample of points: as the server traces them, and one by one through a plain tree.
-fn rays(group: &mut BenchmarkGroup<'_, WallTime>, kind: Occlusion, probe: &RayWorkload) {
+/// Traces all rays of a sample of points: as the server does, and one by one through the reference tracer.
+fn rays(group: &mut BenchmarkGroup<'_, WallTime>, kind: Occlusion, workload: &RayWorkload) {
     let mut scratch = Scratch::default();
-    let (rays, twin) = (probe.rays(), ReferenceTracer::new(&probe.triangles()));
+    let (rays, reference) = (workload.rays(), ReferenceTracer::new(&workload.triangles()));
     let any = kind == Occlusion::Binary;
-    let hit = |ray: &Ray| if any { twin.occluded(ray) } else { twin.closest(ray).is_finite() };
-    // The answer first: but for grazing rays, both hit the same.
-    let distances = probe.distances(&mut scratch);
+    let hit = |ray: &Ray| if any { reference.occluded(ray) } else { reference.closest(ray).is_finite() };
+    // Check the answer first: except for grazing rays, both hit the same.
+    let distances = workload.distances(&mut scratch);
     let differ =
         distances.iter().zip(&rays).filter(|(distance, ray)| distance.is_finite() != hit(ray)).count();
     assert!(differ * 1000 < rays.len(), "{differ} rays differ");
     let hits = distances.iter().filter(|distance| distance.is_finite()).count();
     assert!(hits > rays.len() / 100 && hits < rays.len() * 4 / 5, "{hits} hits");
     group.throughput(Throughput::Elements(rays.len() as u64));
-    group.bench_function(format!("{kind:?}"), |bencher| bencher.iter(|| probe.trace(&mut scratch)));
-    group.bench_function(format!("{kind:?}, plain twin"), |bencher| {
+    group.bench_function(format!("{kind:?}"), |bencher| bencher.iter(|| workload.trace(&mut scratch)));
+    group.bench_function(format!("{kind:?}, plain reference"), |bencher| {
         bencher.iter(|| rays.iter().filter(|ray| hit(ray)).count());
     });
 }

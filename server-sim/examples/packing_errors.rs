@@ -1,5 +1,6 @@
-//! What the packings cost on a real scene: the error of every field of every point, at some frames. For profile `paper` it
-//! is that of points in their cells; for `surface`, that of points at rest, which is the same in every frame.
+//! Measures the errors of the packings on a real scene, for every field of every point in some frames. For profile
+//! `paper` these are the errors of points in their cells. For `surface` they are the errors of points at rest, which
+//! are the same in every frame.
 //!
 //! ```sh
 //! cargo run --release -p psao-server --example packing_errors -- colonnade 512 0 10
@@ -21,7 +22,7 @@ use psao_server::server::{Server, ServerSettings};
 
 type Failure = Box<dyn std::error::Error>;
 
-/// Mean and largest of the errors of one field.
+/// Mean and largest error of one field.
 #[derive(Default)]
 struct Errors {
     sum: f64,
@@ -41,16 +42,16 @@ impl Errors {
     }
 }
 
-/// Errors of the geometry of one packing.
+/// Errors of the geometry in one packing.
 #[derive(Default)]
-struct Places {
+struct GeometryErrors {
     millimetres: Errors,
     radii: Errors,
     degrees: Errors,
 }
 
-impl Places {
-    /// Packs a point in its cell and takes the errors; `radius` is the Poisson-disk radius of its set.
+impl GeometryErrors {
+    /// Packs a point in its cell and adds the errors. `radius` is the Poisson-disk radius of its set.
     fn add(&mut self, format: PointFormat, grid: &Grid, point: &PlacedPoint, radius: f32) {
         let located = grid.locate(point.position.to_array());
         let packed = format.unpack(format.pack(located.frac, point.normal.to_array(), 0));
@@ -58,7 +59,7 @@ impl Places {
         self.add_pair((point.position, position), (point.normal, packed.normal.into()), radius);
     }
 
-    /// Takes the errors of a position and a normal, each as it was and as it became.
+    /// Adds the errors of a position and a normal, each given before and after packing.
     fn add_pair(&mut self, position: (Vec3, Vec3), normal: (Vec3, Vec3), radius: f32) {
         let off = f64::from(position.0.distance(position.1));
         self.millimetres.add(off * 1e3);
@@ -117,15 +118,15 @@ fn main() -> Result<(), Failure> {
     Ok(())
 }
 
-/// Errors of the points of every mesh at rest, as finely rounded as goes by the bits.
+/// Returns the errors of the points of every mesh at rest, in the precision that corresponds to the bits.
 fn at_rest(
     scene: &Scene,
     points: &ScenePoints,
     format: PointFormat,
-) -> Result<(Places, GeometryPrecision), Failure> {
+) -> Result<(GeometryErrors, GeometryPrecision), Failure> {
     let precision = GeometryPrecision::of_bits(format.bits() as u8).ok_or("no such packing")?;
     let kernel = ServerSettings::default().kernel;
-    let mut errors = Places::default();
+    let mut errors = GeometryErrors::default();
     let mut ordered = points.clone();
     let geometry = order_at_rest(scene, &mut ordered, precision, kernel);
     for (set, geometry) in geometry.iter().enumerate() {
@@ -138,17 +139,17 @@ fn at_rest(
     Ok((errors, precision))
 }
 
-/// Errors of all points of the scene as it is posed at `time`.
+/// Returns the errors of all points of the scene posed at `time`.
 fn places(
     scene: &Arc<Scene>,
     server: &Server,
     encoder: &paper::Encoder,
     time: StreamTime,
     format: PointFormat,
-) -> Places {
+) -> GeometryErrors {
     let pose = scene.pose(time.micros() as f64 * 1e-6);
     let mut geometry = Geometry::default();
-    let mut errors = Places::default();
+    let mut errors = GeometryErrors::default();
     let layouts = encoder.state().layout().instances();
     for (index, (instance, layout)) in scene.instances().iter().zip(layouts).enumerate() {
         let set = &server.points().sets()[instance.rest().index()];
@@ -161,7 +162,7 @@ fn places(
     errors
 }
 
-/// Errors of the traced values: the server's own stream has 8 bits for them.
+/// Returns the errors of the traced values. The server's own stream has 8 bits for them.
 fn values(encoder: &paper::Encoder, format: PointFormat) -> Errors {
     let mut errors = Errors::default();
     let wide = encoder.state().layout().format();

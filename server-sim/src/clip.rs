@@ -1,4 +1,5 @@
-//! What each instance of a scene needs over a clip: which passes, planes and tracks can be left out for it.
+//! The features that each instance of a scene requires over a clip: passes, planes and tracks that can otherwise be
+//! omitted.
 
 use psao_proto::message::{CameraPose, Needs};
 use rayon::prelude::*;
@@ -7,38 +8,40 @@ use crate::bvh::Bounds;
 use crate::scene::{Geometry, InstanceId, Motion, Scene, ScenePose};
 use crate::visibility::{Overlap, Views};
 
-/// A clip of a scene as it is streamed.
+/// A clip of a scene as streamed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Clip {
-    /// Frames from the start, 1 or more; 0 counts as 1.
+    /// Number of frames from the start, at least 1; 0 counts as 1.
     pub frames: u32,
-    /// Frames a second, above 0.
+    /// Frames per second, above 0.
     pub fps: f64,
-    /// How far AO reaches beyond a surface, metres.
+    /// Distance in metres within which geometry affects AO.
     pub reach_m: f32,
-    /// Factor on the camera's half-angle tangents; `None`: everything counts as in view.
+    /// Factor of the camera's half-angle tangents. With `None` everything counts as in view.
     pub view_margin: Option<f32>,
 }
 
-/// What an instance needs over a clip.
+/// The features that an instance requires over a clip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InstanceNeeds {
-    /// How it moves.
+    /// Motion of the instance.
     pub motion: Motion,
     /// Skin, morph targets, mask, both sides, normal map.
     pub needs: Needs,
-    /// Whether it comes near something that moves: the bounds of all that it and a moving instance pass through in the
-    /// clip are within reach of each other. They may be there at different times; `false` is certain for the frames of
-    /// the clip. The AO of an instance that does not move and is near no mover never changes.
+    /// Whether it may come near a moving instance: the bounds of both over the whole clip are within reach of each
+    /// other. They may be there at different times, so only `false` is certain for the frames of the clip. The AO of
+    /// a static instance that is near no moving one never changes.
     pub near_mover: bool,
-    /// Whether some of it may come into the scene camera's widened view; `false` is certain for the frames of the clip.
+    /// Whether some of it may come into the scene camera's widened view. Only `false` is certain for the frames of
+    /// the clip.
     pub in_view: bool,
 }
 
-/// Needs of all instances of a scene over a clip, in their order. An instance out of sight in every frame is near nothing
-/// and in no view.
+/// Returns the features that all instances of a scene require over a clip, in their order. An instance that is hidden
+/// in every frame is near nothing and in no view.
 ///
-/// Takes time in proportion to the vertices that deform, times frames; and at worst to the instances times those that move.
+/// The time is proportional to the deforming vertices times the frames. In the worst case it is also proportional to
+/// the instances times the moving instances.
 #[must_use]
 pub fn needs(scene: &Scene, clip: &Clip) -> Vec<InstanceNeeds> {
     let instances = scene.instances();
@@ -78,7 +81,7 @@ pub fn needs(scene: &Scene, clip: &Clip) -> Vec<InstanceNeeds> {
     instances.par_iter().enumerate().map(of).collect()
 }
 
-/// Bounds in world space of an instance at a pose; empty while it is out of sight.
+/// Returns the bounds of an instance in world space; empty for a hidden instance.
 fn bounds(
     scene: &Scene,
     pose: &ScenePose,

@@ -1,8 +1,8 @@
-//! The clock that stage times are read from. The caller hands it in.
+//! The clock for stage times, passed in by the caller.
 
-/// A monotonic clock. The server reads it for its statistics only: no byte of the stream depends on it.
+/// A monotonic clock. The server uses it for statistics only: no byte of the stream depends on it.
 pub trait Clock {
-    /// Microseconds since some moment of the clock's own.
+    /// Returns the microseconds since an arbitrary moment.
     fn micros(&self) -> u64;
 }
 

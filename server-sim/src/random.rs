@@ -1,11 +1,11 @@
-//! The project's own small generators: the same numbers on every machine and in every version.
+//! The project's own random number generator: the same numbers on every machine and in every version.
 //!
 //! `SplitMix64` (Steele, Lea and Flood 2014, "Fast Splittable Pseudorandom Number Generators") with its published
 //! constants: a Weyl sequence through a 64-bit mixer.
 
 const WEYL: u64 = 0x9E37_79B9_7F4A_7C15;
 
-/// The mixer alone: a bijection of 64 bits in which every input bit flips every output bit with probability near 1/2.
+/// Mixes 64 bits: a bijection in which every input bit flips every output bit with probability near 1/2.
 #[must_use]
 pub(crate) fn mix(value: u64) -> u64 {
     let value = (value ^ (value >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -13,19 +13,19 @@ pub(crate) fn mix(value: u64) -> u64 {
     value ^ (value >> 31)
 }
 
-/// A seed for one of many streams of one seed.
+/// Returns a seed for one of many streams derived from one seed.
 #[must_use]
 pub(crate) fn substream(seed: u64, stream: u64) -> u64 {
     mix(seed.wrapping_add(WEYL) ^ mix(stream.wrapping_mul(WEYL).wrapping_add(1)))
 }
 
-/// The upper 24 bits as a number in [0, 1), exactly.
+/// Returns the upper 24 bits as an exact number in [0, 1).
 #[must_use]
 pub(crate) fn unit(bits: u64) -> f32 {
     (bits >> 40) as f32 * (1.0 / 16_777_216.0)
 }
 
-/// A stream of numbers.
+/// A stream of random numbers.
 pub(crate) struct Random(u64);
 
 impl Random {
@@ -38,7 +38,7 @@ impl Random {
         mix(self.0)
     }
 
-    /// Uniform in [0, 1), 24 bits.
+    /// Returns a number uniform in [0, 1), with 24 bits.
     pub(crate) fn unit(&mut self) -> f32 {
         unit(self.bits())
     }

@@ -2,35 +2,36 @@
 
 use std::ops::{BitOr, Sub};
 
-/// A set of optimisations that do not change the output. Each can be switched off, to verify that and to measure what it
-/// saves. Every frame is bit-identical without them, unless a budget of rays chooses what is traced.
+/// A set of optimisations that do not change the output. Each can be switched off to verify that and to measure what
+/// it saves. Every frame is bit-identical without them, unless a ray budget selects what is traced.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shortcuts(u16);
 
 impl Shortcuts {
-    /// None of them: every point that is there is traced in every frame, all of its rays against all that is near.
+    /// No shortcut: every point is traced in every frame, with all of its rays against everything near it.
     pub const NONE: Self = Self(0);
-    /// Points that nothing moved near, in this frame or since they were last traced, keep their AO.
+    /// Points keep their AO unless something near them has moved since they were last traced.
     pub const UNTOUCHED: Self = Self(1);
-    /// Points of a rigid body with nothing else near keep their AO wherever it goes.
+    /// Points of a rigid body with nothing else near it keep their AO wherever it moves.
     pub const ALONE: Self = Self(2);
-    /// What the rays of a point met in its own body is remembered as long as that keeps its shape, so that only the rest
-    /// is traced.
+    /// The hits of a point's rays in its own body are cached while the body keeps its shape, so that only the rest is
+    /// traced.
     pub const SELF_HITS: Self = Self(4);
-    /// Only hits on faces with a mask are looked up in a texture.
+    /// Only hits on masked triangles are checked against a texture.
     pub const MASKS: Self = Self(8);
-    /// Only instances with a skin, morph targets or a changing scale are posed vertex by vertex, their trees adapted and
-    /// their points placed anew.
+    /// Only instances with a skin, morph targets or a changing scale have their vertices posed, their trees refitted
+    /// and their points placed again.
     pub const RIGID: Self = Self(16);
-    /// A deforming instance that keeps its shape from one frame to the next keeps its tree, and the points near it their AO.
+    /// A deforming instance that keeps its shape between two frames keeps its tree, and the points near it keep their
+    /// AO.
     pub const SHAPES: Self = Self(32);
-    /// What is out of sight is not posed, nor its tree adapted.
+    /// Hidden instances are not posed, and their trees are not refitted.
     pub const HIDDEN: Self = Self(64);
-    /// Points that no camera's widened view holds are not traced before they come into view.
+    /// Points outside all cameras' widened views are traced only when they come into view.
     pub const OUT_OF_VIEW: Self = Self(128);
-    /// All static instances share one body with one tree, instead of a body for each.
+    /// All static instances share one body with one tree, instead of one body each.
     pub const STATIC_BATCH: Self = Self(256);
-    /// Each of them alone.
+    /// Each shortcut alone.
     pub const EACH: [Self; 9] = [
         Self::UNTOUCHED,
         Self::ALONE,
@@ -42,10 +43,10 @@ impl Shortcuts {
         Self::OUT_OF_VIEW,
         Self::STATIC_BATCH,
     ];
-    /// All of them.
+    /// All shortcuts.
     pub const ALL: Self = Self(511);
 
-    /// Whether all of `other` are among these.
+    /// Returns whether this set contains all of `other`.
     #[must_use]
     pub const fn contains(self, other: Self) -> bool {
         self.0 & other.0 == other.0

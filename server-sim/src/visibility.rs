@@ -3,33 +3,34 @@
 use glam::Vec3;
 use psao_proto::message::CameraPose;
 
-/// A view's field of view, widened. A point is in it wherever it is in front of the eye, at any distance.
+/// A camera's widened field of view. A point is in view if it is in front of the eye and within the angles, at any
+/// distance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
     eye: Vec3,
     right: Vec3,
     up: Vec3,
     forward: Vec3,
-    /// Widened half-angle tangents.
+    /// Half-angle tangents after widening.
     tangents: [f32; 2],
-    /// Lengths of the side planes' normals, to measure distances to them.
+    /// Lengths of the side planes' normals, for distances to these planes.
     lengths: [f32; 2],
 }
 
-/// How a ball stands to a [`View`].
+/// Position of a ball relative to a [`View`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Overlap {
-    /// No point of it is in the view.
+    /// No point of the ball is in the view.
     Outside,
-    /// Some may be.
+    /// Some points of the ball may be in the view.
     Partly,
-    /// All of it is in the view.
+    /// The whole ball is in the view.
     Inside,
 }
 
 impl View {
-    /// The view of a camera whose half-angle tangents are multiplied by `margin`; `None` where the camera sees
-    /// nothing: a pose that [`CameraPose::is_valid`] refuses, or a margin that is not a positive number.
+    /// Returns the view of a camera with its half-angle tangents multiplied by `margin`. Returns `None` for a pose
+    /// that [`CameraPose::is_valid`] rejects, or for a margin that is not a positive number.
     #[must_use]
     pub fn new(camera: &CameraPose, margin: f32) -> Option<Self> {
         if !(camera.is_valid() && margin > 0.0 && margin.is_finite()) {
@@ -45,7 +46,7 @@ impl View {
         lengths.iter().all(|length| length.is_finite()).then_some(view)
     }
 
-    /// Whether a point of the world is in the view.
+    /// Returns whether a point of the world is in the view.
     #[must_use]
     #[inline]
     pub fn sees(&self, point: Vec3) -> bool {
@@ -56,13 +57,13 @@ impl View {
             && self.up.dot(to).abs() <= self.tangents[1] * depth
     }
 
-    /// How a ball (metres) stands to the view; [`Overlap::Partly`] where it is close.
+    /// Returns the position of a ball (metres) relative to the view. Close to a boundary it is [`Overlap::Partly`].
     #[must_use]
     pub fn overlap(&self, center: Vec3, radius: f32) -> Overlap {
         let to = center - self.eye;
         let depth = self.forward.dot(to);
         let sides = [self.right.dot(to).abs(), self.up.dot(to).abs()];
-        // Signed distance to the nearest side plane, inside being positive.
+        // Signed distance to the nearest side plane, positive inside.
         let inside =
             (0..2).map(|i| (self.tangents[i] * depth - sides[i]) / self.lengths[i]).fold(depth, f32::min);
         let slack = radius + 1e-4 * (to.length() + radius);
@@ -76,12 +77,13 @@ impl View {
     }
 }
 
-/// Several views: a point is visible when one of them sees it. Without a view everything is.
+/// Several views. A point is visible if one of them contains it.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Views(Vec<View>);
 
 impl Views {
-    /// The views of some cameras; those that see nothing count all the same.
+    /// Returns the views of some cameras, or `None` without cameras, when everything is visible. Invalid cameras see
+    /// nothing, but count.
     pub(crate) fn new(cameras: &[CameraPose], margin: f32) -> Option<Self> {
         (!cameras.is_empty())
             .then(|| Self(cameras.iter().filter_map(|camera| View::new(camera, margin)).collect()))

@@ -1,4 +1,5 @@
-//! The layers of the crate: no folder imports one above it, and within a folder no files import each other in a circle.
+//! The layers of the crate: no folder imports one above it, and the files of a folder do not import each other in a
+//! circle.
 
 #![expect(clippy::unwrap_used, reason = "this is a test, its helpers included")]
 
@@ -9,13 +10,13 @@ use std::path::{Path, PathBuf};
 /// Folders of `src`, the lowest first. Each may import those before it.
 const LAYERS: [&str; 6] = ["scene", "bvh", "world", "points", "ao", "server"];
 
-/// Layers below that a layer must not import either: the trees know boxes and triangles, not scenes.
+/// Lower layers that a layer must not import either: the trees know boxes and triangles, not scenes.
 const APART: [(&str, &str); 1] = [("bvh", "scene")];
 
 /// Folder whose files are checked for imports upwards only.
 const WITHOUT_CIRCLE_CHECK: [&str; 1] = ["server"];
 
-/// Which children of each folder import which of their siblings.
+/// The imports between the children of each folder.
 type Graph = BTreeMap<PathBuf, BTreeMap<String, BTreeSet<String>>>;
 
 fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
@@ -29,19 +30,19 @@ fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
     }
 }
 
-/// Path of the module that a file holds, from the root of the crate.
+/// Returns the path of a file's module from the root of the crate.
 fn module_of(root: &Path, file: &Path) -> Vec<String> {
     let relative = file.strip_prefix(root).unwrap().with_extension("");
     let parts = relative.iter().map(|part| part.to_str().unwrap().to_owned());
     parts.filter(|part| part != "mod" && part != "lib").collect()
 }
 
-/// Whether a file holds tests only.
+/// Returns whether a file has only tests.
 fn is_test(module: &[String]) -> bool {
     module.iter().any(|part| part == "tests")
 }
 
-/// Code of a file: neither comments nor the modules of tests at its foot.
+/// Returns the code of a file without comments and without the test modules at its end.
 fn code(file: &Path) -> String {
     let text = fs::read_to_string(file).unwrap();
     let lines: Vec<&str> = text.lines().map(|line| line.split("//").next().unwrap()).collect();
@@ -51,7 +52,7 @@ fn code(file: &Path) -> String {
     lines[..end].join("\n")
 }
 
-/// The paths that follow `start` in a text, a braced list as one path for each of its items.
+/// Returns the paths that follow `start` in a text. A braced list gives one path per item.
 fn paths(text: &str, start: &str) -> Vec<Vec<String>> {
     let mut found = Vec::new();
     for (at, _) in text.match_indices(start) {
@@ -75,18 +76,18 @@ fn paths(text: &str, start: &str) -> Vec<Vec<String>> {
     found
 }
 
-/// Splits a text after the path that it begins with.
+/// Splits a text after its leading path.
 fn split_path(text: &str) -> (&str, &str) {
     let end = text.find(|c: char| !(c.is_alphanumeric() || c == '_' || c == ':'));
     text.split_at(end.unwrap_or(text.len()))
 }
 
-/// The names of a path such as `a::b::C`; `self` stands for nothing.
+/// Returns the names of a path such as `a::b::C`, without `self`.
 fn names(path: &str) -> Vec<String> {
     path.split("::").filter(|name| !name.is_empty() && *name != "self").map(str::to_owned).collect()
 }
 
-/// Everything that a file imports, as paths from the root of the crate.
+/// Returns everything that a file imports, as paths from the root of the crate.
 fn imports(module: &[String], is_folder: bool, text: &str) -> Vec<Vec<String>> {
     let parent = if is_folder { module } else { &module[..module.len().saturating_sub(1)] };
     let grandparent = &parent[..parent.len().saturating_sub(1)];
@@ -102,7 +103,7 @@ fn imports(module: &[String], is_folder: bool, text: &str) -> Vec<Vec<String>> {
     all
 }
 
-/// For each folder, the file or folder that each re-exported name comes from.
+/// Returns, for each folder, the file or folder of each re-exported name.
 fn reexports(root: &Path, files: &[PathBuf]) -> BTreeMap<(Vec<String>, String), String> {
     let mut found = BTreeMap::new();
     for file in files.iter().filter(|file| file.ends_with("mod.rs")) {
@@ -127,7 +128,7 @@ fn circle(graph: &BTreeMap<String, BTreeSet<String>>) -> Option<Vec<String>> {
     let mut left = graph.clone();
     loop {
         let nodes: BTreeSet<String> = left.keys().cloned().collect();
-        // What imports nothing that is left is in no circle.
+        // A node without imports from the remaining nodes is in no circle.
         left.retain(|_, to| to.iter().any(|node| nodes.contains(node)));
         if left.is_empty() {
             return None;
@@ -186,7 +187,7 @@ fn files_of_a_folder_do_not_import_each_other_in_a_circle() {
         for mut path in imports(&module, is_folder, &code(file)) {
             let depth = module.iter().zip(&path).take_while(|(a, b)| a == b).count();
             let (Some(from), true) = (module.get(depth), path.len() > depth) else { continue };
-            // A name that the folder re-exports stands for the file that it comes from.
+            // A name that the folder re-exports stands for the file of its origin.
             if let Some(child) = names.get(&(path[..depth].to_vec(), path[depth].clone())) {
                 path[depth].clone_from(child);
             }

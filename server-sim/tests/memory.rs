@@ -1,4 +1,4 @@
-//! What a server says that it holds, against what was allocated for it.
+//! The memory that a server reports, compared with the memory allocated for it.
 
 #![expect(clippy::unwrap_used, reason = "this is a test, its helpers included")]
 
@@ -14,7 +14,7 @@ use psao_server::points::PointSettings;
 use psao_server::scene::Scene;
 use psao_server::server::{Server, ServerMemory, ServerSettings};
 
-/// Few points and rays.
+/// Returns settings with few points and rays.
 fn settings(scene: &Scene) -> ServerSettings {
     ServerSettings {
         points: PointSettings { per_m2: 32.0, minimum: 64, ..PointSettings::default() },
@@ -23,7 +23,7 @@ fn settings(scene: &Scene) -> ServerSettings {
     }
 }
 
-/// A few frames of a scene.
+/// Runs a server for a few frames of a scene.
 fn run(scene: &Arc<Scene>, settings: ServerSettings) -> Server {
     let mut server = Server::new(Arc::clone(scene), settings, Arc::new(|_| ())).unwrap();
     for number in 0..6 {
@@ -36,7 +36,7 @@ fn run(scene: &Arc<Scene>, settings: ServerSettings) -> Server {
 
 #[test]
 fn a_server_holds_what_it_says() {
-    // All work on this thread: only its allocations are counted.
+    // All work is on this thread, because only its allocations are counted.
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread().build().unwrap();
     let scenes = ["colonnade", "robot-lab"].map(|name| Arc::new(Scene::load(name).unwrap()));
     let [still, walkers] = &scenes;
@@ -45,7 +45,7 @@ fn a_server_holds_what_it_says() {
     let budget = ServerSettings { budget: Some(Budget { bytes: 2_000, longest_age: 9 }), ..usual };
     for (scene, settings) in [(still, settings(still)), (walkers, usual), (walkers, paper), (walkers, budget)]
     {
-        // Before it is counted, what is made once and for all.
+        // Make the allocations that happen only once before counting.
         drop(pool.install(|| run(scene, settings)));
         let mut server = None;
         let allocated = pool.install(|| allocation_counter::measure(|| server = Some(run(scene, settings))));

@@ -1,16 +1,16 @@
-//! The frame that carries a point's rays: it moves with the surface, so that rays keep their place on it.
+//! The frame of a point's rays. It moves with the surface, so that rays keep their place on it.
 
 use glam::{Mat3, Vec3};
 
-/// Columns tangent, bitangent, normal. `normal` is unit; `edge` is any direction that moves with the surface, such as
-/// the first edge of the deformed triangle. An edge along the normal falls back to a fixed choice.
+/// Returns the columns tangent, bitangent, normal. `normal` is unit. `edge` is any direction that moves with the
+/// surface, such as the first edge of the deformed triangle. For an edge along the normal a fixed tangent is chosen.
 #[must_use]
 pub fn tangent_frame(normal: Vec3, edge: Vec3) -> Mat3 {
     let flat = edge - normal * normal.dot(edge);
     let tangent = match flat.try_normalize() {
         Some(tangent) if flat.length_squared() > 1e-12 * edge.length_squared() => tangent,
         _ => {
-            // The axis farthest from the normal.
+            // Take the axis farthest from the normal.
             let size = normal.abs();
             let axis = if size.x <= size.y && size.x <= size.z {
                 Vec3::X

@@ -1,9 +1,9 @@
-//! The rays of one point against one body, in groups of eight.
+//! Traces the rays of one point against one body, in groups of eight.
 //!
-//! The rays share their origin, so the tree is walked once for all of them, nearest first. Each node narrows down the
-//! groups that go on: by the half ball of the rays, then by the cone around each group. In a leaf, each group's cone
-//! says which of eight triangles it may meet, and only those are met by its rays. All of these tests err on the side of
-//! tracing, so the result is the one of tracing every ray against every triangle.
+//! The rays share their origin, so one traversal of the tree serves all of them, nearest nodes first. Each node
+//! reduces the groups that continue: first by the hemisphere of the rays, then by the cone around each group. In a
+//! leaf, each group's cone selects the triangles that the group may hit, and its rays are tested against those only.
+//! All of these tests are conservative, so the result equals that of testing every ray against every triangle.
 
 use fearless_simd::prelude::*;
 use glam::{Mat3, Vec3};
@@ -11,83 +11,84 @@ use glam::{Mat3, Vec3};
 use super::samples::PointRays;
 use crate::bvh::{
     Blas, BlasHit, BlockCulling, BlockSetup, Child, Intersection, LANES, Lanes, Lanes3, Node, PACKET_GROUPS,
-    Packed, Packed3, RayCone, TriangleSetup, Wide, bits,
+    Packed, Packed3, RayCone, TriangleSetup, WideNode, bits,
 };
 
-/// Value of a ray in `best` that has nothing left to learn: answered by any hit, or padding of the last group.
+/// Value in `best` of a finished ray: with `ANY` a ray that hit something, or padding of the last group.
 const RAY_DONE: f32 = -1.0;
-/// Groups up to which it pays to ask which of their rays cross a node.
+/// Largest number of groups for which a slab test of their rays against a node pays off.
 const SLAB_TEST_MAX_GROUPS: u32 = 4;
-/// Rays of a leaf up to which one ray against eight triangles is cheaper than eight rays against one.
+/// Largest number of rays in a leaf for which testing one ray against eight triangles is cheaper than eight rays
+/// against one triangle.
 const SINGLE_RAY_MAX_RAYS: u32 = 3;
 
-/// Up to 256 rays of one point and the working memory to trace them; reused from point to point.
+/// Up to 256 rays of one point, with the working memory to trace them. It is reused from point to point.
 #[derive(Debug)]
 pub(super) struct RayPacket {
-    /// Directions in the space of the body that is traced now, and one over them.
+    /// Directions in the space of the current body, and their reciprocals.
     directions: [Packed3; PACKET_GROUPS],
     inverses: [Packed3; PACKET_GROUPS],
-    /// Axes of the groups' cones there, a group in every lane.
+    /// Axes of the groups' cones in the same space, one group per lane.
     axes: [Packed3; PACKET_GROUPS / LANES],
-    /// Nearest hit so far of each ray, at first the reach; [`RAY_DONE`] when there is nothing left to learn.
+    /// Distance to the nearest hit so far of each ray, initially the radius; [`RAY_DONE`] for a finished ray.
     best: [Packed; PACKET_GROUPS],
     /// Largest `best` of each group.
     reach: [Packed; PACKET_GROUPS / LANES],
-    /// Bit per group: whether there is anything left to learn.
-    alive: u32,
+    /// Bit per group: whether it has unfinished rays.
+    active: u32,
     radius: f32,
-    /// Rays that came into the bounds of a body, a bit each by group.
+    /// Bit per ray, by group: whether it entered the bounds of a body.
     entered: [u8; PACKET_GROUPS],
-    /// Lanes of the last group that pad it.
+    /// Number of padding lanes in the last group.
     padding: usize,
     groups: usize,
-    stack: Vec<Entry>,
+    stack: Vec<StackEntry>,
 }
 
-/// How far a ray of a packet gets.
+/// How far a ray of a packet reaches.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum RayReach {
-    /// As far as rays go, so far.
+    /// The ray has no hit so far.
     Unbounded,
-    /// To a hit; how far that is does not matter.
+    /// The ray has a hit at an irrelevant distance.
     Hit,
-    /// To a hit this far away.
+    /// The ray has a hit at this distance.
     At(f32),
 }
 
-/// What to visit, the squared distance to its box and the groups that go there.
+/// A child to visit, the squared distance to its box, and the groups that visit it.
 #[derive(Clone, Copy, Debug)]
-struct Entry {
+struct StackEntry {
     near: f32,
     child: Child,
     groups: u32,
 }
 
-/// Eight boxes as seen from where the rays start.
-struct Boxes {
-    /// Bit per lane: whether any ray may meet what is in the box.
+/// Eight boxes relative to the origin of the rays.
+struct BoxSetup {
+    /// Bit per lane: whether any ray may hit something in the box.
     lanes: u32,
-    /// Squared.
+    /// Squared distance from the origin to the box.
     distance: Packed,
-    /// The ball around the box, its radius, and the length of a tangent from the origin to it, far below zero where the
-    /// origin is inside.
+    /// Centre and radius of the sphere around the box, and the length of a tangent from the origin to it. The length
+    /// is far below zero if the origin is inside the sphere.
     center: Packed3,
     ball: Packed,
     tangent: Packed,
-    /// Corners, with a margin for what rounds.
+    /// Corners, with a margin for rounding.
     low: Packed3,
     high: Packed3,
 }
 
-/// Where the rays start in the space of a body, and how they are turned into it.
+/// Origin of the rays in the space of a body, and their rotation to it.
 pub(super) struct PacketOrigin {
-    /// Tangent space of the point to the space of the body.
-    pub(super) turn: Mat3,
+    /// Rotation from the tangent space of the point to the space of the body.
+    pub(super) rotation: Mat3,
     pub(super) origin: Vec3,
 }
 
-/// One packet against one body. With `ANY`, a hit at any distance ends
-/// a ray. `accept` is asked about hits on masked triangles only.
+/// The traversal of one body by one packet. With `ANY`, a hit at any distance finishes a ray. `accept` is called for
+/// hits on masked triangles only.
 pub(super) struct PacketTraversal<'a, S: Simd, const ANY: bool> {
     pub(super) simd: S,
     pub(super) packet: &'a mut RayPacket,
@@ -106,7 +107,7 @@ impl Default for RayPacket {
             axes: [Packed3::ZERO; PACKET_GROUPS / LANES],
             best: [Packed::ZERO; PACKET_GROUPS],
             reach: [Packed::ZERO; PACKET_GROUPS / LANES],
-            alive: 0,
+            active: 0,
             radius: 0.0,
             entered: [0; PACKET_GROUPS],
             padding: 0,
@@ -117,23 +118,23 @@ impl Default for RayPacket {
 }
 
 impl RayPacket {
-    /// Starts a chunk of a point's rays: every ray may go `radius` far.
+    /// Starts a chunk of a point's rays, each of length `radius`.
     pub(super) fn begin(&mut self, rays: &PointRays<'_>, chunk: usize, radius: f32) {
         let groups = rays.groups(chunk).len();
         (self.groups, self.radius, self.padding) = (groups, radius, rays.padding(chunk));
         self.best[..groups].fill(Packed::splat(radius));
         self.best[groups - 1].array_mut()[LANES - self.padding..].fill(RAY_DONE);
         self.reach.fill(Packed::splat(radius));
-        self.alive = u32::MAX >> (PACKET_GROUPS - groups);
+        self.active = u32::MAX >> (PACKET_GROUPS - groups);
         self.entered[..groups].fill(0);
     }
 
-    /// Groups in use.
+    /// Returns the number of groups in use.
     pub(super) fn groups(&self) -> usize {
         self.groups
     }
 
-    /// How far each ray gets, group by group.
+    /// Returns how far each ray reaches, group by group.
     pub(super) fn reaches(&self) -> impl Iterator<Item = impl Iterator<Item = RayReach> + '_> + '_ {
         (0..self.groups).map(|group| {
             self.best[group].array()[..self.used(group)].iter().map(|&t| match t {
@@ -144,7 +145,7 @@ impl RayPacket {
         })
     }
 
-    /// Sets how far some rays of a group get.
+    /// Sets how far some rays of a group reach.
     pub(super) fn set(&mut self, group: usize, reaches: impl Iterator<Item = (usize, RayReach)>) {
         let mut best = self.best[group];
         for (ray, reach) in reaches {
@@ -154,22 +155,22 @@ impl RayPacket {
                 RayReach::At(t) => t,
             };
         }
-        self.learn(group, best);
+        self.update_group(group, best);
     }
 
-    /// Rays that came into the bounds of some body before their nearest hit so far.
+    /// Returns the number of rays that entered the bounds of some body before their nearest hit so far.
     pub(super) fn traced(&self) -> u32 {
         self.entered[..self.groups].iter().map(|rays| rays.count_ones()).sum()
     }
 
-    /// Lanes of a group that hold a ray.
+    /// Returns the number of lanes of a group that hold a ray.
     fn used(&self, group: usize) -> usize {
         if group + 1 == self.groups { LANES - self.padding } else { LANES }
     }
 
-    /// Sum over the rays of what hides them: `1 - min(hit distance, R) / R`, or with `ANY` one for every hit. Summed
+    /// Returns the sum of the rays' occlusion: `1 - min(hit distance, R) / R`, or with `ANY` one for every hit. Sums
     /// lane by lane, so that a point without a hit is exactly open.
-    pub(super) fn hidden<const ANY: bool>(&self) -> f32 {
+    pub(super) fn occlusion_sum<const ANY: bool>(&self) -> f32 {
         let mut sum = Packed::ZERO;
         for (group, best) in self.best[..self.groups].iter().enumerate() {
             for (sum, &t) in sum.array_mut().iter_mut().zip(&best.array()[..self.used(group)]) {
@@ -179,7 +180,7 @@ impl RayPacket {
         sum.sum()
     }
 
-    /// Distance of each ray's hit, 0 with binary occlusion, or infinity for none.
+    /// Returns the distance of each ray's hit, 0 with binary occlusion, or infinity for none.
     #[cfg(any(test, feature = "testing"))]
     pub(super) fn distances(&self, kind: super::settings::Occlusion) -> impl Iterator<Item = f32> {
         let all = self.best[..self.groups].iter().flat_map(Packed::array);
@@ -191,62 +192,62 @@ impl RayPacket {
         all.take(self.groups * LANES - self.padding).map(distance)
     }
 
-    /// Replaces what the rays of a group know.
+    /// Updates the nearest hits of a group, and what depends on them.
     #[inline(always)]
-    fn learn(&mut self, group: usize, best: Packed) {
+    fn update_group(&mut self, group: usize, best: Packed) {
         self.best[group] = best;
         let reach = best.largest();
         self.reach[group / LANES].array_mut()[group % LANES] = reach;
-        self.alive &= !(u32::from(reach < 0.0) << group);
+        self.active &= !(u32::from(reach < 0.0) << group);
     }
 }
 
 impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
-    /// Shortens the rays that hit something in the body.
+    /// Traces the packet through the body and shortens the rays that hit something.
     #[inline(always)]
     pub(super) fn run(mut self) {
-        let (nodes, wides) = (self.blas.tree().nodes(), self.blas.wides());
-        if wides.is_empty() || self.packet.alive == 0 {
+        let (nodes, wide_nodes) = (self.blas.tree().nodes(), self.blas.wide_nodes());
+        if wide_nodes.is_empty() || self.packet.active == 0 {
             return;
         }
-        self.turn();
+        self.rotate_directions();
         self.enter(&nodes[0]);
         self.packet.stack.clear();
-        self.packet.stack.push(Entry { near: 0.0, child: Child::Inner(0), groups: self.packet.alive });
-        while let Some(Entry { child, groups, .. }) = self.packet.stack.pop() {
-            let groups = groups & self.packet.alive;
+        self.packet.stack.push(StackEntry { near: 0.0, child: Child::Inner(0), groups: self.packet.active });
+        while let Some(StackEntry { child, groups, .. }) = self.packet.stack.pop() {
+            let groups = groups & self.packet.active;
             match child {
                 _ if groups == 0 => {}
                 Child::Leaf(node) => self.leaf(&nodes[node as usize], groups),
-                Child::Inner(wide) => self.visit(&wides[wide as usize], groups),
+                Child::Inner(wide) => self.visit(&wide_nodes[wide as usize], groups),
                 Child::Vacant => {}
             }
         }
     }
 
-    /// Turns the directions of the set into the body's space.
+    /// Rotates the directions of the set to the body's space.
     #[inline(always)]
-    fn turn(&mut self) {
+    fn rotate_directions(&mut self) {
         let simd = self.simd;
-        let [x, y, z] = self.rays.axes(&self.start.turn);
+        let [x, y, z] = self.rays.axes(&self.start.rotation);
         let packet = &mut *self.packet;
         let both = packet.directions.iter_mut().zip(&mut packet.inverses);
         for (from, (to, inverse)) in self.rays.groups(self.chunk).iter().zip(both) {
-            let turned = from.load(simd).turned(x, y, z);
+            let turned = from.load(simd).rotated(x, y, z);
             *to = turned.into();
             *inverse = Lanes3 { x: inverted(turned.x), y: inverted(turned.y), z: inverted(turned.z) }.into();
         }
         for (from, to) in self.rays.cones(self.chunk).iter().zip(&mut packet.axes) {
-            *to = from.axes.load(simd).turned(x, y, z).into();
+            *to = from.axes.load(simd).rotated(x, y, z).into();
         }
     }
 
-    /// Notes which rays come into the body's bounds.
+    /// Records which rays enter the body's bounds.
     #[inline(always)]
     fn enter(&mut self, root: &Node) {
         let (low, high) = (root.bounds.min() - self.start.origin, root.bounds.max() - self.start.origin);
         let (low, high) = (Lanes3::splat(self.simd, low), Lanes3::splat(self.simd, high));
-        let mut groups = self.packet.alive;
+        let mut groups = self.packet.active;
         while groups != 0 {
             let group = groups.trailing_zeros() as usize % PACKET_GROUPS;
             groups &= groups - 1;
@@ -254,9 +255,9 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
         }
     }
 
-    /// Puts the children that some of the groups go on to on the stack, the nearest last.
+    /// Pushes the children that some of the groups visit, the nearest last.
     #[inline(always)]
-    fn visit(&mut self, wide: &Wide, groups: u32) {
+    fn visit(&mut self, wide: &WideNode, groups: u32) {
         let boxes = self.boxes(wide);
         let first = self.packet.stack.len();
         let mut left = boxes.lanes;
@@ -264,15 +265,16 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
             let lane = left.trailing_zeros() as usize % LANES;
             left &= left - 1;
             let few = |groups: u32| groups.count_ones() <= SLAB_TEST_MAX_GROUPS;
-            let mut groups = if few(groups) { groups } else { self.touching(&boxes, lane, groups) };
+            let mut groups =
+                if few(groups) { groups } else { self.groups_touching_box(&boxes, lane, groups) };
             if few(groups) {
-                groups = self.crossing(boxes.low.at(lane), boxes.high.at(lane), groups);
+                groups = self.groups_crossing_box(boxes.low.at(lane), boxes.high.at(lane), groups);
             }
             if groups == 0 {
                 continue;
             }
             let stack = &mut self.packet.stack;
-            let entry = Entry { near: boxes.distance.array()[lane], child: wide.children[lane], groups };
+            let entry = StackEntry { near: boxes.distance.array()[lane], child: wide.children[lane], groups };
             let mut at = stack.len();
             stack.push(entry);
             while at > first && stack[at - 1].near < entry.near {
@@ -283,14 +285,14 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
         }
     }
 
-    /// What is asked of all eight boxes of a node at once.
+    /// Computes the properties of all eight boxes of a node at once.
     #[inline(always)]
-    fn boxes(&self, wide: &Wide) -> Boxes {
+    fn boxes(&self, wide: &WideNode) -> BoxSetup {
         let simd = self.simd;
         let splat = |value: f32| Lanes::splat(simd, value);
         let (radius, zero) = (splat(self.packet.radius), splat(0.0));
         let origin = Lanes3::splat(simd, self.start.origin);
-        let up = Lanes3::splat(simd, self.start.turn.z_axis);
+        let up = Lanes3::splat(simd, self.start.rotation.z_axis);
         let (low, high) = (wide.low.load(simd).minus(&origin), wide.high.load(simd).minus(&origin));
         let out = |low: Lanes<S>, high: Lanes<S>| low.max(-high).max(zero);
         let out = Lanes3 { x: out(low.x, high.x), y: out(low.y, high.y), z: out(low.z, high.z) };
@@ -305,12 +307,12 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
         let half = |low: Lanes<S>, high: Lanes<S>| (high - low) * splat(0.5);
         let half = Lanes3 { x: half(low.x, high.x), y: half(low.y, high.y), z: half(low.z, high.z) };
         let center = Lanes3 { x: low.x + half.x, y: low.y + half.y, z: low.z + half.z };
-        // Larger by more than the difference below rounds.
+        // Enlarge by more than the rounding of the difference below.
         let ball = half.dot(&half) * splat(1.000_1);
         let beyond = center.dot(&center) - ball;
         let apart = zero.simd_lt(beyond);
         let margin = Lanes3 { x: slack, y: slack, z: slack };
-        Boxes {
+        BoxSetup {
             lanes,
             distance: distance.into(),
             center: center.into(),
@@ -321,9 +323,9 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
         }
     }
 
-    /// The groups whose cones touch the ball around a box and whose rays go as far as the box.
+    /// Returns the groups whose cones touch the sphere around a box and whose rays reach the box.
     #[inline(always)]
-    fn touching(&self, boxes: &Boxes, lane: usize, groups: u32) -> u32 {
+    fn groups_touching_box(&self, boxes: &BoxSetup, lane: usize, groups: u32) -> u32 {
         let simd = self.simd;
         let splat = |value: f32| Lanes::splat(simd, value);
         let center = Lanes3::splat(simd, boxes.center.at(lane));
@@ -332,8 +334,8 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
         let mut kept = 0;
         for (eight, cones) in self.rays.cones(self.chunk).iter().enumerate() {
             let reach = self.packet.reach[eight].load(simd);
-            // Between axis and centre is at most the cone's half angle and that under which the ball is seen; all of it
-            // times the distance of the centre.
+            // The angle between axis and centre is at most the cone's half angle plus the sphere's. Both sides are
+            // multiplied by the distance of the centre.
             let along = self.packet.axes[eight].load(simd).dot(&center);
             let touched = (along + cones.sin.load(simd) * ball).simd_ge(cones.cos.load(simd) * tangent)
                 & (reach * reach).simd_ge(distance);
@@ -342,9 +344,9 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
         kept & groups
     }
 
-    /// The groups of which some ray crosses the box from `low` to `high`, relative to the origin.
+    /// Returns the groups with a ray that crosses the box from `low` to `high`, relative to the origin.
     #[inline(always)]
-    fn crossing(&self, low: Vec3, high: Vec3, groups: u32) -> u32 {
+    fn groups_crossing_box(&self, low: Vec3, high: Vec3, groups: u32) -> u32 {
         let (low, high) = (Lanes3::splat(self.simd, low), Lanes3::splat(self.simd, high));
         let mut left = groups;
         let mut kept = 0;
@@ -356,7 +358,7 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
         kept
     }
 
-    /// Bit per ray of a group: whether it crosses the box before its nearest hit.
+    /// Returns a bit per ray of a group: whether it crosses the box before its nearest hit.
     #[inline(always)]
     fn crossing_rays(&self, low: &Lanes3<S>, high: &Lanes3<S>, group: usize) -> u32 {
         let simd = self.simd;
@@ -372,7 +374,7 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
         bits(leave.simd_ge(enter))
     }
 
-    /// One block of triangles.
+    /// Intersects the groups with the block of triangles of a leaf.
     #[inline(always)]
     fn leaf(&mut self, node: &Node, groups: u32) {
         let simd = self.simd;
@@ -400,17 +402,17 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
         while few != 0 {
             let group = few.trailing_zeros() as usize % PACKET_GROUPS;
             few &= few - 1;
-            self.by_ray(&prepared, rays_of[group].into(), group);
+            self.intersect_by_ray(&prepared, rays_of[group].into(), group);
         }
         if many != 0 {
-            let culling = lanes.culling(self.start.turn.z_axis, self.packet.radius);
-            self.groups(node, &prepared, &culling, masked, many);
+            let culling = lanes.culling(self.start.rotation.z_axis, self.packet.radius);
+            self.intersect_groups(node, &prepared, &culling, masked, many);
         }
     }
 
-    /// Groups many of whose rays cross a leaf.
+    /// Intersects groups with many rays that cross a leaf.
     #[inline(always)]
-    fn groups(
+    fn intersect_groups(
         &mut self,
         node: &Node,
         prepared: &BlockSetup,
@@ -424,7 +426,7 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
             left &= left - 1;
             let lanes = culling.lanes_met(self.simd, prepared, &self.cone(group)) & used;
             if lanes & !masked != 0 {
-                self.by_triangle(prepared, lanes & !masked, group);
+                self.intersect_by_triangle(prepared, lanes & !masked, group);
             }
             let mut lanes = lanes & masked;
             while lanes != 0 {
@@ -439,7 +441,7 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
         }
     }
 
-    /// The cone of a group and how far its rays go.
+    /// Returns the cone of a group and the reach of its rays.
     #[inline(always)]
     fn cone(&self, group: usize) -> RayCone {
         let (eight, lane) = (group / LANES, group % LANES);
@@ -450,11 +452,11 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
         }
     }
 
-    /// Some rays of a group, one by one, against the eight triangles of a block at once.
+    /// Intersects some rays of a group, one by one, with the eight triangles of a block at once.
     #[inline(always)]
-    fn by_ray(&mut self, prepared: &BlockSetup, mut rays: u32, group: usize) {
+    fn intersect_by_ray(&mut self, prepared: &BlockSetup, mut rays: u32, group: usize) {
         let mut best = self.packet.best[group];
-        let mut learnt = false;
+        let mut changed = false;
         while rays != 0 {
             let ray = rays.trailing_zeros() as usize % LANES;
             rays &= rays - 1;
@@ -462,35 +464,36 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
             let known = &mut best.array_mut()[ray];
             if let Some(t) = prepared.nearest(self.simd, direction, *known) {
                 *known = if ANY { RAY_DONE } else { t };
-                learnt = true;
+                changed = true;
             }
         }
-        if learnt {
-            self.packet.learn(group, best);
+        if changed {
+            self.packet.update_group(group, best);
         }
     }
 
-    /// All rays of a group against the triangles `lanes` of a block, none of them masked, one by one.
+    /// Intersects all rays of a group with the unmasked triangles `lanes` of a block, one by one.
     #[inline(always)]
-    fn by_triangle(&mut self, prepared: &BlockSetup, mut lanes: u32, group: usize) {
+    fn intersect_by_triangle(&mut self, prepared: &BlockSetup, mut lanes: u32, group: usize) {
         let simd = self.simd;
         let directions = self.packet.directions[group].load(simd);
         let mut best = self.packet.best[group].load(simd);
-        let mut learnt = false;
+        let mut changed = false;
         while lanes != 0 {
             let lane = lanes.trailing_zeros() as usize % LANES;
             lanes &= lanes - 1;
             if let Some(shorter) = prepared.triangle(lane).shorten(&directions, best, ANY.then_some(RAY_DONE))
             {
-                (best, learnt) = (shorter, true);
+                (best, changed) = (shorter, true);
             }
         }
-        if learnt {
-            self.packet.learn(group, best.into());
+        if changed {
+            self.packet.update_group(group, best.into());
         }
     }
 
-    /// One masked triangle: `opaque` decides about each hit that is nearer than what is known.
+    /// Intersects a group with one masked triangle. `opaque` decides about each hit that is nearer than the nearest
+    /// so far.
     #[inline(never)]
     fn intersect_masked(
         &mut self,
@@ -509,11 +512,11 @@ impl<S: Simd, const ANY: bool> PacketTraversal<'_, S, ANY> {
                 best.array_mut()[ray] = if ANY { RAY_DONE } else { intersection.t };
             }
         }
-        self.packet.learn(group, best);
+        self.packet.update_group(group, best);
     }
 }
 
-/// One over each number; numbers next to zero give large ones of the same sign, so that nothing is infinite.
+/// Returns the reciprocals. Numbers near zero give large results of the same sign, so that nothing is infinite.
 #[inline(always)]
 fn inverted<S: Simd>(numbers: Lanes<S>) -> Lanes<S> {
     let tiny = Lanes::splat(numbers.simd, 1e-12);

@@ -1,4 +1,4 @@
-//! The rays of a sample of a scene's points, to measure tracers by.
+//! The rays of a sample of a scene's points, for benchmarks of tracers.
 
 use std::sync::Arc;
 
@@ -10,19 +10,19 @@ use crate::random::{mix, unit};
 use crate::scene::{InstanceId, Scene};
 use crate::world::SceneBvh;
 
-/// One ray, in the world.
+/// One ray in world space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ray {
-    /// Metres.
+    /// Origin in metres.
     pub origin: Vec3,
-    /// Unit.
+    /// Unit direction.
     pub direction: Vec3,
-    /// Metres; what is farther is not hit.
+    /// Length in metres; farther triangles are not hit.
     pub length: f32,
 }
 
-/// Some points of a scene at its first pose, and all rays that AO takes from them. Masks count for nothing here: their
-/// triangles are solid, as they are to a tracer that has no textures.
+/// A sample of a scene's points at its first pose, and all of their rays. Masks are ignored: masked triangles are
+/// solid, as they are to a tracer without textures.
 pub struct RayWorkload {
     world: SceneBvh,
     tracer: Tracer,
@@ -31,8 +31,8 @@ pub struct RayWorkload {
 }
 
 impl RayWorkload {
-    /// Takes `count` points (at most; at least 1), evenly spread over all in the order in which a server traces them;
-    /// `seed` says which.
+    /// Samples `count` points (at least 1, at most all), evenly spaced in the order in which a server traces them.
+    /// `seed` determines the first of them.
     #[must_use]
     pub fn new(scene: &Arc<Scene>, points: &ScenePoints, tracer: Tracer, count: u32, seed: u64) -> Self {
         let world = SceneBvh::new(scene, &scene.pose(0.0));
@@ -62,20 +62,20 @@ impl RayWorkload {
         Self { world, tracer, points: taken }
     }
 
-    /// The same points and rays, traced by other settings of the same [`super::AoSettings::rays`], radius and seed, or by
-    /// other instructions.
+    /// Returns the same points with another tracer. Its settings must have the same [`super::AoSettings::rays`],
+    /// radius and seed.
     #[must_use]
     pub fn with_tracer(self, tracer: Tracer) -> Self {
         Self { tracer, ..self }
     }
 
-    /// How many points were taken.
+    /// Returns the number of sampled points.
     #[must_use]
     pub fn points(&self) -> usize {
         self.points.len()
     }
 
-    /// Traces all rays as a server does, on the calling thread; gives the mean AO.
+    /// Traces all rays as a server does, on the calling thread. Returns the mean AO.
     #[must_use]
     pub fn trace(&self, scratch: &mut Scratch) -> f64 {
         let bodies = self.world.bodies();
@@ -85,8 +85,8 @@ impl RayWorkload {
         ao.sum::<f64>() / self.points.len().max(1) as f64
     }
 
-    /// What [`RayWorkload::trace`] found, ray by ray: the distance in metres of the nearest hit, with binary occlusion 0 for
-    /// any, and infinity for none.
+    /// Returns the result of [`RayWorkload::trace`] per ray: the distance of the nearest hit in metres, or infinity
+    /// without a hit. With binary occlusion the distance of a hit is 0.
     #[must_use]
     pub fn distances(&self, scratch: &mut Scratch) -> Vec<f32> {
         let mut all = Vec::with_capacity(self.points.len() * self.tracer.settings().rays as usize);
@@ -96,7 +96,7 @@ impl RayWorkload {
         all
     }
 
-    /// All rays, in the order of [`RayWorkload::distances`].
+    /// Returns all rays in the order of [`RayWorkload::distances`].
     #[must_use]
     pub fn rays(&self) -> Vec<Ray> {
         let rays = self.points.iter().flat_map(|(key, ray_frame)| {
@@ -107,7 +107,7 @@ impl RayWorkload {
         rays.collect()
     }
 
-    /// All triangles in sight, in the world.
+    /// Returns all visible triangles in world space.
     #[must_use]
     pub fn triangles(&self) -> Vec<[Vec3; 3]> {
         let mut all = Vec::new();

@@ -1,5 +1,5 @@
-//! Single rays through the box tree of `obvhs`, one triangle at a time, in double precision: the reference that the
-//! packets are measured by and compared with. It shares neither tree layout nor arithmetic with them.
+//! A reference tracer for tests and benchmarks of the packets. It traces single rays through the box tree of `obvhs`,
+//! one triangle after the other, in double precision. It shares neither tree layout nor arithmetic with the packets.
 
 use std::time::Duration;
 
@@ -11,15 +11,15 @@ use obvhs::{BvhBuildParams, triangle::Triangle};
 
 use super::ray_workload::Ray;
 
-/// Triangles of a world, all in one tree.
+/// All triangles of a scene in one tree.
 pub struct ReferenceTracer {
     bvh: Bvh2,
-    /// In the order of the leaves.
+    /// Triangles in the order of the leaves.
     triangles: Vec<[DVec3; 3]>,
 }
 
 impl ReferenceTracer {
-    /// Builds the tree. Triangles with a corner that is not finite are left out.
+    /// Builds the tree. Ignores triangles with a corner that is not finite.
     #[must_use]
     pub fn new(triangles: &[[Vec3; 3]]) -> Self {
         let finite = triangles.iter().filter(|triangle| triangle.iter().all(|corner| corner.is_finite()));
@@ -32,7 +32,7 @@ impl ReferenceTracer {
         Self { bvh, triangles }
     }
 
-    /// Distance to the nearest triangle nearer than the ray's length, or infinity.
+    /// Returns the distance to the nearest triangle within the ray's length, or infinity.
     #[must_use]
     pub fn closest(&self, ray: &Ray) -> f32 {
         let mut hit = RayHit::none();
@@ -40,7 +40,7 @@ impl ReferenceTracer {
         if hit.t < ray.length { hit.t } else { f32::INFINITY }
     }
 
-    /// Whether any triangle is nearer than the ray's length.
+    /// Returns whether any triangle is within the ray's length.
     #[must_use]
     pub fn occluded(&self, ray: &Ray) -> bool {
         !self.bvh.ray_traverse_miss(plain(ray), |_, index| distance(&self.triangles[index], ray))
@@ -51,7 +51,7 @@ fn plain(ray: &Ray) -> PlainRay {
     PlainRay::new(Vec3A::from(ray.origin), Vec3A::from(ray.direction), 0.0, ray.length)
 }
 
-/// Distance to a triangle by the signed volumes of ray and edges, or infinity.
+/// Returns the distance to a triangle by the signed volumes of ray and edges, or infinity.
 fn distance(corners: &[DVec3; 3], ray: &Ray) -> f32 {
     let (origin, along) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
     let [a, b, c] = [corners[0] - origin, corners[1] - origin, corners[2] - origin];
@@ -72,7 +72,7 @@ mod tests {
     use crate::scene::Scene;
 
     #[test]
-    fn a_scenes_rays_hit_the_same_by_every_set_of_instructions_and_but_for_grazing_ones_by_the_twin() {
+    fn packets_agree_with_the_reference_tracer_with_all_instructions() {
         for name in ["colonnade", "robot-lab"] {
             let scene = Arc::new(Scene::load(name).unwrap());
             let settings = PointSettings { per_m2: 1.0, minimum: 16, seed: 3 };
@@ -80,14 +80,14 @@ mod tests {
             for kind in [Occlusion::Obscurance, Occlusion::Binary] {
                 let ao = AoSettings { rays: 48, kind, ..AoSettings::default() };
                 let tracer = Tracer::new(ao).unwrap();
-                let probe = RayWorkload::new(&scene, &points, tracer.clone(), 150, 7);
-                assert_eq!(probe.points(), 150);
-                let found = probe.distances(&mut Scratch::default());
-                let twin = ReferenceTracer::new(&probe.triangles());
+                let workload = RayWorkload::new(&scene, &points, tracer.clone(), 150, 7);
+                assert_eq!(workload.points(), 150);
+                let found = workload.distances(&mut Scratch::default());
+                let reference = ReferenceTracer::new(&workload.triangles());
                 let (mut hits, mut differ) = (0, 0);
-                for (ray, &fast) in probe.rays().iter().zip(&found) {
-                    let slow = twin.closest(ray);
-                    assert_eq!(twin.occluded(ray), slow.is_finite());
+                for (ray, &fast) in workload.rays().iter().zip(&found) {
+                    let slow = reference.closest(ray);
+                    assert_eq!(reference.occluded(ray), slow.is_finite());
                     let same = match kind {
                         Occlusion::Obscurance => fast == slow || (fast - slow).abs() < 1e-4,
                         Occlusion::Binary => fast.is_finite() == slow.is_finite(),
@@ -96,16 +96,16 @@ mod tests {
                     differ += u32::from(!same);
                 }
                 assert!(hits > 500 && differ <= 3, "{name}: {differ} of {hits} hits differ");
-                let probe = Instructions::all().into_iter().fold(probe, |probe, instructions| {
-                    let probe = probe.with_tracer(tracer.clone().with_instructions(instructions));
-                    assert_eq!(probe.distances(&mut Scratch::default()), found);
-                    probe
+                let workload = Instructions::all().into_iter().fold(workload, |workload, instructions| {
+                    let workload = workload.with_tracer(tracer.clone().with_instructions(instructions));
+                    assert_eq!(workload.distances(&mut Scratch::default()), found);
+                    workload
                 });
                 let hidden: f64 =
                     found.iter().map(|&t| if t.is_finite() { 1.0 - f64::from(t / 0.6) } else { 0.0 }).sum();
                 if kind == Occlusion::Obscurance {
                     let mean = 1.0 - hidden / found.len() as f64;
-                    assert!((probe.trace(&mut Scratch::default()) - mean).abs() < 1e-5);
+                    assert!((workload.trace(&mut Scratch::default()) - mean).abs() < 1e-5);
                 }
             }
         }

@@ -1,9 +1,9 @@
-//! Fixed sets of ray directions: cosine-weighted over the hemisphere around +Z.
+//! Fixed sets of ray directions, cosine-weighted over the hemisphere around +Z.
 //!
-//! A point always uses the same set and the same turn about its normal, so that a scene that stands still keeps its
-//! AO to the bit. Each set is a Hammersley set, shifted on the torus by its own random offset and lifted from the
-//! disk (Malley's method), so that every ray carries the same weight. Its rays are sorted into groups of eight that
-//! point roughly the same way.
+//! A point always uses the same set with the same rotation about its normal, so the AO of a still scene is
+//! bit-identical in all frames. Each set is a Hammersley set, shifted on the torus by its own random offset and
+//! projected from the disk (Malley's method). So every ray has the same weight. The rays are sorted into groups of
+//! eight that point in similar directions.
 
 #[cfg(any(test, feature = "testing"))]
 use fearless_simd::{Level, dispatch};
@@ -14,43 +14,43 @@ use crate::bvh::{LANES, PACKET_GROUPS, Packed, Packed3, SPREAD_SLACK};
 use crate::points::RayKey;
 use crate::random::{Random, mix, substream, unit};
 
-/// Number of sets that are computed ahead.
+/// Number of precomputed sets.
 const RAY_SETS: u64 = 64;
 
-/// Cosine of the widest half angle of a cone.
+/// Cosine of the largest half angle of a cone.
 const MIN_CONE_COSINE: f32 = 1e-3;
 
-/// One set: groups of eight rays.
+/// One set of rays, in groups of eight.
 #[derive(Clone, Debug)]
 pub(crate) struct SampleSet {
     rays: usize,
     /// Directions by group. Lanes past the last ray repeat it.
     pub(crate) groups: Vec<Packed3>,
-    /// Cones around the groups; those past the last group are around nothing.
+    /// Cones around the groups. Lanes past the last group are unused.
     cones: Vec<Cones>,
 }
 
-/// Cones that hold the rays of eight groups, a group in every lane.
+/// Cones that contain the rays of eight groups, one group per lane.
 #[derive(Clone, Debug)]
 pub(super) struct Cones {
-    /// Unit.
+    /// Unit axes.
     pub(super) axes: Packed3,
-    /// Largest distance of a direction from the axis, with what [`SPREAD_SLACK`] adds.
+    /// Largest distance of a direction from the axis, plus [`SPREAD_SLACK`].
     pub(super) spread: Packed,
-    /// Cosine (above 0) and sine of the half angle, a hair wider than the rays take. A sine above 1 says that the cone
-    /// holds everything.
+    /// Cosine (above 0) and sine of the half angle, which is slightly wider than the rays. With a sine above 1 the
+    /// cone contains everything.
     pub(super) cos: Packed,
     pub(super) sin: Packed,
 }
 
-/// All sets of one seed and ray count.
+/// All sets for one seed and number of rays.
 #[derive(Clone, Debug)]
 pub(crate) struct SampleSets {
     seed: u64,
     sets: Vec<SampleSet>,
 }
 
-/// A set and how it is turned about the normal.
+/// A set and its rotation about the normal.
 pub(crate) struct PointRays<'a> {
     pub(crate) set: &'a SampleSet,
     pub(crate) cos: f32,
@@ -58,18 +58,18 @@ pub(crate) struct PointRays<'a> {
 }
 
 impl SampleSets {
-    /// Computes the sets for `rays` (at least 1) rays a point.
+    /// Computes the sets for `rays` (at least 1) rays per point.
     pub(crate) fn new(rays: u32, seed: u64) -> Self {
         Self { seed, sets: (0..RAY_SETS).map(|set| SampleSet::new(rays, substream(seed, set))).collect() }
     }
 
-    /// Bytes held.
+    /// Returns the bytes held on the heap.
     pub(super) fn heap_bytes(&self) -> usize {
         let set = |set: &SampleSet| memory::list(&set.groups) + memory::list(&set.cones);
         memory::list(&self.sets) + self.sets.iter().map(set).sum::<usize>()
     }
 
-    /// The rays of a point.
+    /// Returns the rays of a point.
     pub(crate) fn of(&self, key: RayKey) -> PointRays<'_> {
         let hash = mix(self.seed ^ mix(u64::from(key.0).wrapping_add(0x5EED)));
         let angle = unit(hash) * std::f32::consts::TAU;
@@ -79,36 +79,36 @@ impl SampleSets {
 }
 
 impl PointRays<'_> {
-    /// Where the axes of the set point after its turn about the normal and `turn`.
+    /// Returns the axes of the set after its rotation about the normal and `rotation`.
     #[inline(always)]
-    pub(super) fn axes(&self, turn: &Mat3) -> [Vec3; 3] {
-        let Mat3 { x_axis: x, y_axis: y, z_axis: z } = *turn;
+    pub(super) fn axes(&self, rotation: &Mat3) -> [Vec3; 3] {
+        let Mat3 { x_axis: x, y_axis: y, z_axis: z } = *rotation;
         [x * self.cos + y * self.sin, y * self.cos - x * self.sin, z]
     }
 
-    /// Directions of all rays after `turn`, the very ones that a packet has.
+    /// Returns the directions of all rays after `rotation`, bit-identical to those of a packet.
     #[cfg(any(test, feature = "testing"))]
-    pub(super) fn directions(&self, turn: &Mat3) -> Vec<Vec3> {
-        let [x, y, z] = self.axes(turn);
-        let turned = |group: &Packed3| dispatch!(Level::baseline(), simd => Packed3::from(group.load(simd).turned(x, y, z)));
+    pub(super) fn directions(&self, rotation: &Mat3) -> Vec<Vec3> {
+        let [x, y, z] = self.axes(rotation);
+        let turned = |group: &Packed3| dispatch!(Level::baseline(), simd => Packed3::from(group.load(simd).rotated(x, y, z)));
         let all =
             self.set.groups.iter().map(turned).flat_map(|group| (0..LANES).map(move |lane| group.at(lane)));
         all.take(self.set.rays).collect()
     }
 
-    /// How many packets the rays fill.
+    /// Returns the number of packets that the rays fill.
     pub(super) fn chunks(&self) -> usize {
         self.set.groups.len().div_ceil(PACKET_GROUPS)
     }
 
-    /// Directions of one packet, by group.
+    /// Returns the directions of one packet, by group.
     #[inline(always)]
     pub(super) fn groups(&self, chunk: usize) -> &[Packed3] {
         let groups = &self.set.groups;
         &groups[chunk * PACKET_GROUPS..groups.len().min((chunk + 1) * PACKET_GROUPS)]
     }
 
-    /// Cones of one packet, eight groups each.
+    /// Returns the cones of one packet, eight groups each.
     #[inline(always)]
     pub(super) fn cones(&self, chunk: usize) -> &[Cones] {
         const CONES: usize = PACKET_GROUPS / LANES;
@@ -116,7 +116,7 @@ impl PointRays<'_> {
         &cones[chunk * CONES..cones.len().min((chunk + 1) * CONES)]
     }
 
-    /// Lanes of the last group of a packet that hold no ray of their own.
+    /// Returns the number of padding lanes in the last group of a packet.
     pub(super) fn padding(&self, chunk: usize) -> usize {
         if chunk + 1 == self.chunks() { self.set.groups.len() * LANES - self.set.rays } else { 0 }
     }
@@ -136,7 +136,7 @@ impl SampleSet {
             })
             .collect();
         let groups = directions.len().div_ceil(LANES);
-        gather(&mut directions, groups);
+        sort_into_groups(&mut directions, groups);
         Self::from_sorted(&directions)
     }
 
@@ -147,7 +147,7 @@ impl SampleSet {
         Self { rays: directions.len(), groups, cones }
     }
 
-    /// Rays in the set, without the padding of the last group.
+    /// Returns the number of rays in the set, without padding.
     #[cfg(test)]
     pub(crate) fn rays(&self) -> usize {
         self.rays
@@ -155,7 +155,7 @@ impl SampleSet {
 }
 
 impl Cones {
-    /// Around at most eight groups.
+    /// Computes the cones around at most eight groups.
     fn around(groups: &[Packed3]) -> Self {
         let axes: Vec<Vec3> = groups.iter().map(axis).collect();
         let axis = |i: usize| axes.get(i).copied().unwrap_or(Vec3::Z);
@@ -163,7 +163,7 @@ impl Cones {
             |i: usize| groups.get(i).into_iter().flat_map(|group| (0..LANES).map(|lane| group.at(lane)));
         let cos = Packed::from_fn(|i| rays(i).map(|d| d.dot(axis(i))).fold(1.0, f32::min) - 1e-5);
         let spread = |i: usize| rays(i).map(|d| d.distance(axis(i))).fold(0.0, f32::max) + SPREAD_SLACK;
-        // Next to a right angle the half angle is unreliable: then everything is in the cone.
+        // Near a right angle the half angle is unreliable: the cone then contains everything.
         let narrow = |i: usize| Some(cos.array()[i]).filter(|&cos| cos > MIN_CONE_COSINE);
         Self {
             axes: Packed3::from_fn(axis),
@@ -174,8 +174,8 @@ impl Cones {
     }
 }
 
-/// The middle of a group's directions: nearly the least distance from the farthest of them (Badoiu and Clarkson 2003,
-/// "Smaller core-sets for balls").
+/// Returns the approximate centre of a group's directions, which minimises the largest distance to them (Badoiu and
+/// Clarkson 2003, "Smaller core-sets for balls").
 fn axis(group: &Packed3) -> Vec3 {
     let rays = || (0..LANES).map(|lane| group.at(lane));
     let mut axis = rays().sum::<Vec3>() / LANES as f32;
@@ -191,8 +191,9 @@ fn fraction(value: f32) -> f32 {
     value - value.floor()
 }
 
-/// Sorts directions so that every run of eight is close together: halves by the wider axis of the disk, to whole groups.
-fn gather(directions: &mut [Vec3], groups: usize) {
+/// Sorts directions so that every eight consecutive ones are close together. Splits recursively along the wider axis
+/// of the disk, at whole groups.
+fn sort_into_groups(directions: &mut [Vec3], groups: usize) {
     if groups <= 1 {
         return;
     }
@@ -204,8 +205,8 @@ fn gather(directions: &mut [Vec3], groups: usize) {
     directions.sort_by(|a, b| a[axis].total_cmp(&b[axis]));
     let left = groups / 2;
     let (low, high) = directions.split_at_mut(left * LANES);
-    gather(low, left);
-    gather(high, groups - left);
+    sort_into_groups(low, left);
+    sort_into_groups(high, groups - left);
 }
 
 #[cfg(test)]
@@ -265,7 +266,7 @@ mod tests {
                 assert_eq!(set.cones.len(), set.groups.len().div_ceil(LANES));
             }
         }
-        // Rays all around the horizon are in no narrow cone.
+        // No narrow cone contains rays all around the horizon.
         let around = Packed3::from_fn(|i| [Vec3::X, Vec3::Y, Vec3::NEG_X, Vec3::NEG_Y][i % 4]);
         assert!(Cones::around(&[around]).sin.array()[0] > 1.0);
     }

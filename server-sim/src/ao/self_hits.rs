@@ -1,27 +1,27 @@
-//! Hits of a point's rays in its own body, kept from frame to frame.
+//! A cache of the hits of a point's rays in its own body.
 //!
-//! A point's rays turn with its body. As long as the body keeps its shape, their hits in it are bit-identical. So near a
-//! moving instance only the rest of the scene has to be traced again.
+//! A point's rays turn with its body. As long as the body keeps its shape, their hits in it are bit-identical. So
+//! near a moving instance only the rest of the scene must be traced again.
 
 use super::ray_packet::{RayPacket, RayReach};
 
 /// Distances of the hits of one point's rays in its own body.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct SelfHits {
-    /// Bit per ray, groups of eight: whether it hit.
+    /// Bit per ray, in groups of eight: whether it hit.
     hits: Box<[u8]>,
-    /// Distances of those that hit, in the order of the rays; empty where a hit at any distance is all the same.
+    /// Distances of the hits in the order of the rays; empty for binary occlusion, where distances are irrelevant.
     distances: Box<[f32]>,
 }
 
-/// Collects [`SelfHits`] from one packet after the other.
+/// Records [`SelfHits`] from successive packets.
 #[derive(Debug, Default)]
 pub(super) struct SelfHitRecorder {
     hits: Vec<u8>,
     distances: Vec<f32>,
 }
 
-/// Restores [`SelfHits`] to one packet after the other.
+/// Restores [`SelfHits`] to successive packets.
 #[derive(Debug)]
 pub(super) struct SelfHitReader<'a> {
     hits: &'a [u8],
@@ -29,7 +29,7 @@ pub(super) struct SelfHitReader<'a> {
 }
 
 impl SelfHits {
-    /// Bytes of memory.
+    /// Returns the bytes of memory held, including the struct itself.
     pub(crate) fn bytes(&self) -> usize {
         size_of::<Self>() + self.hits.len() + size_of_val(&*self.distances)
     }
@@ -40,7 +40,7 @@ impl SelfHits {
 }
 
 impl SelfHitRecorder {
-    /// Starts with a new point.
+    /// Starts a new point.
     pub(super) fn clear(&mut self) {
         self.hits.clear();
         self.distances.clear();
@@ -62,14 +62,14 @@ impl SelfHitRecorder {
         }
     }
 
-    /// Returns what was recorded since the last [`SelfHitRecorder::clear`].
+    /// Returns the hits recorded since the last [`SelfHitRecorder::clear`].
     pub(super) fn self_hits(&self) -> SelfHits {
         SelfHits { hits: self.hits.as_slice().into(), distances: self.distances.as_slice().into() }
     }
 }
 
 impl SelfHitReader<'_> {
-    /// Restores the recorded hits to a packet that was just begun.
+    /// Restores the recorded hits to a packet right after its start.
     pub(super) fn restore<const ANY: bool>(&mut self, packet: &mut RayPacket) {
         let groups = packet.groups();
         let (hits, rest) = self.hits.split_at(groups.min(self.hits.len()));
@@ -80,7 +80,7 @@ impl SelfHitReader<'_> {
         }
     }
 
-    /// How far the next ray that hit something got.
+    /// Returns how far the next ray with a hit reaches.
     fn next<const ANY: bool>(&mut self) -> RayReach {
         match self.distances.split_first() {
             Some((&distance, rest)) if !ANY => {

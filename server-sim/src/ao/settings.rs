@@ -1,11 +1,11 @@
-//! What the rays of a point are.
+//! Settings of a point's rays.
 
 use thiserror::Error;
 
-/// Most rays a point may have; far beyond any use, it keeps a mistyped number from filling memory.
+/// Largest number of rays per point. It is far beyond any use and keeps a mistyped number from exhausting memory.
 pub const MAX_RAYS: u32 = 65_536;
 
-/// What a ray's hit means.
+/// Contribution of a ray to the AO.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Occlusion {
     /// Mean of `min(distance, R) / R`: near hits darken more. The paper's released prototype uses this.
@@ -17,46 +17,46 @@ pub enum Occlusion {
 /// Settings of the AO of a point (paper, section 3.3).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AoSettings {
-    /// Rays a point, 1 to [`MAX_RAYS`].
+    /// Number of rays per point, 1 to [`MAX_RAYS`].
     pub rays: u32,
     /// Length R of a ray in metres, finite and above 0.
     pub radius: f32,
-    /// What a hit means.
+    /// Contribution of a ray.
     pub kind: Occlusion,
     /// Seed of the ray directions.
     pub seed: u64,
 }
 
 impl Default for AoSettings {
-    /// 192 rays of 0.6 m, obscurance: the authors' own.
+    /// The authors' values: 192 rays of 0.6 m, obscurance.
     fn default() -> Self {
         Self { rays: 192, radius: 0.6, kind: Occlusion::Obscurance, seed: 1 }
     }
 }
 
 impl AoSettings {
-    /// Distance in metres by which a ray's origin is lifted off the surface along the normal: R / 60, which is the
-    /// authors' 0.01 m at 0.6 m.
+    /// Returns the distance in metres by which a ray's origin is moved off the surface along the normal. It is R /
+    /// 60, which is the authors' 0.01 m for 0.6 m.
     #[must_use]
     pub fn bias(&self) -> f32 {
         self.radius / 60.0
     }
 
-    /// Distance in metres from a point within which geometry can change its AO.
+    /// Returns the distance in metres from a point within which geometry can change its AO.
     #[must_use]
     pub fn influence(&self) -> f32 {
         self.radius + self.bias()
     }
 
-    /// Checks the ranges.
+    /// Checks the ranges of the settings.
     ///
     /// # Errors
-    /// Names the first setting out of its range.
+    /// Returns the first setting out of its range.
     pub fn validate(&self) -> Result<(), AoError> {
         if self.rays == 0 || self.rays > MAX_RAYS {
             return Err(AoError::Rays { rays: self.rays });
         }
-        // Squares of lengths are compared: keep them inside the range of f32.
+        // Lengths are squared: keep the squares inside the range of f32.
         if !(self.radius >= 1e-6 && self.radius <= 1e6) {
             return Err(AoError::Radius { radius: self.radius });
         }
@@ -64,20 +64,20 @@ impl AoSettings {
     }
 }
 
-/// An AO setting out of its range.
+/// An AO setting is out of its range.
 #[derive(Clone, Copy, Debug, Error, PartialEq)]
 #[non_exhaustive]
 pub enum AoError {
-    /// Zero or too many rays.
+    /// The number of rays is zero or too large.
     #[error("{rays} rays a point: choose 1 to {MAX_RAYS}")]
     Rays {
-        /// As given.
+        /// Number of rays in the settings.
         rays: u32,
     },
-    /// A radius that is not a length.
+    /// The radius is not a valid length.
     #[error("an AO radius of {radius} m: choose 1e-6 to 1e6")]
     Radius {
-        /// As given.
+        /// Radius in the settings, metres.
         radius: f32,
     },
 }

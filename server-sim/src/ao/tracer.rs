@@ -1,4 +1,4 @@
-//! The AO of one point against all bodies near it.
+//! The AO of one point, traced against all bodies near it.
 
 use fearless_simd::{Simd, dispatch};
 use glam::{Mat3, Vec3};
@@ -12,7 +12,7 @@ use crate::bvh::{BlasHit, BodyId, Instructions, Placement, Tlas};
 use crate::points::RayKey;
 use crate::world::SceneBvh;
 
-/// Computes AO with the rays of one [`AoSettings`]. Shared by all threads; each has its own [`Scratch`].
+/// Computes AO with the rays of one [`AoSettings`]. All threads share it; each has its own [`Scratch`].
 #[derive(Clone, Debug)]
 pub struct Tracer {
     settings: AoSettings,
@@ -34,38 +34,39 @@ pub struct Scratch {
 pub struct PointAo {
     /// Accessibility in [0, 1], 1 is open.
     pub ao: f32,
-    /// Whether no body but the point's own was within reach: then moving it rigidly changes nothing.
+    /// Whether no body but the point's own is within reach. A rigid motion of the point's body then leaves its AO
+    /// unchanged.
     pub alone: bool,
-    /// Rays that had to be traced: those that come into the bounds of a body within reach, which a body whose hits are
-    /// remembered is not.
+    /// Number of traced rays: those that enter the bounds of a body within reach. A body with cached hits does not
+    /// count.
     pub rays: u32,
 }
 
-/// The self hits of a point, and whether to keep them.
+/// The self hits of a point: unused, to be recorded, or known.
 #[derive(Debug)]
 pub(crate) enum SelfHitCache<'a> {
-    /// None are known, none are kept.
+    /// No hits are known, and none are recorded.
     Off,
-    /// None are known. Those of this trace are put here if another body is near.
+    /// No hits are known. The hits of this trace are stored here if another body is near.
     Empty(&'a mut Option<Box<SelfHits>>),
-    /// Known from an earlier frame.
+    /// The hits are known from an earlier frame.
     Filled(&'a SelfHits),
 }
 
-/// Where the rays of a point start and which way they point, in the space of the point's own body if it has one. So the AO
-/// of a body that moves alone is bit-identical.
+/// Origin and orientation of a point's rays, in the space of the point's own body if it has one. So the AO of a body
+/// that moves alone is bit-identical.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct RayFrame {
-    /// The body whose space `position`, `normal` and `edge` are in; none for the space of the world.
+    /// The body in whose space `position`, `normal` and `edge` are; `None` for world space.
     pub(crate) body: Option<BodyId>,
     pub(crate) position: Vec3,
-    /// Unit.
+    /// Unit normal.
     pub(crate) normal: Vec3,
-    /// A direction that moves with the surface, see [`tangent_frame`].
+    /// A direction that moves with the surface; see [`tangent_frame`].
     pub(crate) edge: Vec3,
 }
 
-/// A point among bodies; `opaque` is asked about hits on masked triangles, with the body.
+/// A point among bodies. `opaque` is called for hits on masked triangles, with their body.
 struct PointQuery<'a> {
     bodies: &'a Tlas,
     key: RayKey,
@@ -77,33 +78,33 @@ impl Tracer {
     /// Computes the ray sets.
     ///
     /// # Errors
-    /// A setting out of its range.
+    /// Returns an error for a setting out of its range.
     pub fn new(settings: AoSettings) -> Result<Self, AoError> {
         settings.validate()?;
         let sets = SampleSets::new(settings.rays, settings.seed);
         Ok(Self { settings, sets, instructions: Instructions::best() })
     }
 
-    /// The same, by other instructions than the best that there are; for tests and measurements, as the AO is the same.
+    /// Replaces the best instructions by others, for tests and measurements. The AO stays the same.
     #[must_use]
     pub fn with_instructions(self, instructions: Instructions) -> Self {
         Self { instructions, ..self }
     }
 
-    /// The settings given.
+    /// Returns the settings.
     #[must_use]
     pub fn settings(&self) -> &AoSettings {
         &self.settings
     }
 
-    /// Bytes of memory held: the directions of all sets of rays.
+    /// Returns the bytes of memory held: the directions of all sets of rays.
     #[must_use]
     pub fn heap_bytes(&self) -> usize {
         self.sets.heap_bytes()
     }
 
-    /// AO of a place in the world, as by a point there: `normal` is unit, `key` chooses the rays. For references; the
-    /// server keeps its points in the spaces of their bodies.
+    /// Computes the AO at a place in the world. `normal` is unit, and `key` selects the rays. Use it for references;
+    /// the server keeps its points in the spaces of their bodies.
     #[must_use]
     pub fn at(
         &self,
@@ -124,51 +125,51 @@ impl Tracer {
         )
     }
 
-    /// Returns the AO of a point: `key` chooses its rays, `opaque` is asked about hits on masked triangles. `memory` must be
-    /// of the same point, and of its body in the same shape.
+    /// Computes the AO of a point. `key` selects its rays, and `opaque` is called for hits on masked triangles.
+    /// `self_hits` must belong to the same point, and its body must have the same shape.
     pub(crate) fn trace(
         &self,
         bodies: &Tlas,
         key: RayKey,
         ray_frame: &RayFrame,
         opaque: &dyn Fn(BodyId, &BlasHit) -> bool,
-        memory: SelfHitCache<'_>,
+        self_hits: SelfHitCache<'_>,
         scratch: &mut Scratch,
     ) -> PointAo {
-        let place = PointQuery { bodies, key, ray_frame, opaque };
-        let mut hidden = 0.0;
-        let (alone, rays) = self.trace_all(&place, memory, scratch, &mut |packet| {
-            hidden += match self.settings.kind {
-                Occlusion::Obscurance => packet.hidden::<false>(),
-                Occlusion::Binary => packet.hidden::<true>(),
+        let query = PointQuery { bodies, key, ray_frame, opaque };
+        let mut occlusion = 0.0;
+        let (alone, rays) = self.trace_all(&query, self_hits, scratch, &mut |packet| {
+            occlusion += match self.settings.kind {
+                Occlusion::Obscurance => packet.occlusion_sum::<false>(),
+                Occlusion::Binary => packet.occlusion_sum::<true>(),
             };
         });
-        let ao = 1.0 - hidden / self.settings.rays as f32;
+        let ao = 1.0 - occlusion / self.settings.rays as f32;
         PointAo { ao: ao.clamp(0.0, 1.0), alone, rays }
     }
 
     /// Returns whether no body but its own is within reach of a point.
     pub(crate) fn is_alone(&self, bodies: &Tlas, ray_frame: &RayFrame, scratch: &mut Scratch) -> bool {
-        self.gather(bodies, ray_frame, scratch);
+        self.gather_bodies(bodies, ray_frame, scratch);
         scratch.near.iter().all(|&body| Some(body) == ray_frame.body)
     }
 
-    /// Collects the bodies within reach of a point. Returns where its rays start in the world.
-    fn gather(&self, bodies: &Tlas, ray_frame: &RayFrame, scratch: &mut Scratch) -> Vec3 {
-        let home = home_of(bodies, ray_frame);
+    /// Collects the bodies within reach of a point. Returns the origin of its rays in world space.
+    fn gather_bodies(&self, bodies: &Tlas, ray_frame: &RayFrame, scratch: &mut Scratch) -> Vec3 {
+        let home = frame_placement(bodies, ray_frame);
         let origin = self.origin(ray_frame);
         let in_world = if home == Placement::IDENTITY { origin } else { home.point(origin) };
         bodies.near(in_world, self.settings.radius, &mut scratch.stack, &mut scratch.near);
         in_world
     }
 
-    /// Returns where the rays of a point start, in the space of its frame.
+    /// Returns the origin of a point's rays in the space of its frame.
     fn origin(&self, ray_frame: &RayFrame) -> Vec3 {
         ray_frame.position + ray_frame.normal * self.settings.bias()
     }
 
-    /// Appends what [`Tracer::trace`] finds, ray by ray: the distance of the hit, with binary occlusion 0, or infinity.
-    /// Every texel is there.
+    /// Appends the result of [`Tracer::trace`] per ray: the distance of the hit, or infinity without a hit. With
+    /// binary occlusion the distance of a hit is 0. Masks are ignored.
     #[cfg(any(test, feature = "testing"))]
     pub(super) fn distances(
         &self,
@@ -178,18 +179,18 @@ impl Tracer {
         scratch: &mut Scratch,
         all: &mut Vec<f32>,
     ) {
-        let place = PointQuery { bodies, key, ray_frame, opaque: &|_, _| true };
+        let query = PointQuery { bodies, key, ray_frame, opaque: &|_, _| true };
         let end = all.len() + self.settings.rays as usize;
-        self.trace_all(&place, SelfHitCache::Off, scratch, &mut |packet| {
+        self.trace_all(&query, SelfHitCache::Off, scratch, &mut |packet| {
             all.extend(packet.distances(self.settings.kind));
         });
         all.resize(end, f32::INFINITY);
     }
 
-    /// Origin and directions of a point's rays in the world.
+    /// Returns the origin and directions of a point's rays in world space.
     #[cfg(any(test, feature = "testing"))]
     pub(super) fn rays(&self, bodies: &Tlas, key: RayKey, ray_frame: &RayFrame) -> (Vec3, Vec<Vec3>) {
-        let home = home_of(bodies, ray_frame);
+        let home = frame_placement(bodies, ray_frame);
         let mut directions = self.sets.of(key).directions(&tangent_frame(ray_frame.normal, ray_frame.edge));
         if home == Placement::IDENTITY {
             return (self.origin(ray_frame), directions);
@@ -198,19 +199,19 @@ impl Tracer {
         (home.point(self.origin(ray_frame)), directions)
     }
 
-    /// Traces the rays of a place and calls `done` with every packet of them; whether nothing but its own body is within
-    /// reach, and how many rays had to be traced.
+    /// Traces the rays of a point and calls `done` with each of their packets. Returns whether no body but its own is
+    /// within reach, and the number of traced rays.
     fn trace_all(
         &self,
-        place: &PointQuery<'_>,
-        memory: SelfHitCache<'_>,
+        query: &PointQuery<'_>,
+        self_hits: SelfHitCache<'_>,
         scratch: &mut Scratch,
         done: &mut dyn FnMut(&RayPacket),
     ) -> (bool, u32) {
-        // All of a point is compiled once for each set of instructions.
+        // The code for a point is compiled once per set of instructions.
         dispatch!(self.instructions.level(), simd => match self.settings.kind {
-            Occlusion::Obscurance => self.trace_kind::<_, false>(simd, place, memory, scratch, done),
-            Occlusion::Binary => self.trace_kind::<_, true>(simd, place, memory, scratch, done),
+            Occlusion::Obscurance => self.trace_kind::<_, false>(simd, query, self_hits, scratch, done),
+            Occlusion::Binary => self.trace_kind::<_, true>(simd, query, self_hits, scratch, done),
         })
     }
 
@@ -218,26 +219,26 @@ impl Tracer {
     fn trace_kind<S: Simd, const ANY: bool>(
         &self,
         simd: S,
-        place: &PointQuery<'_>,
-        mut memory: SelfHitCache<'_>,
+        query: &PointQuery<'_>,
+        mut self_hits: SelfHitCache<'_>,
         scratch: &mut Scratch,
         done: &mut dyn FnMut(&RayPacket),
     ) -> (bool, u32) {
-        let PointQuery { bodies, key, ray_frame, opaque } = *place;
-        let in_world = self.gather(bodies, ray_frame, scratch);
-        let (home, origin) = (home_of(bodies, ray_frame), self.origin(ray_frame));
+        let PointQuery { bodies, key, ray_frame, opaque } = *query;
+        let in_world = self.gather_bodies(bodies, ray_frame, scratch);
+        let (home, origin) = (frame_placement(bodies, ray_frame), self.origin(ray_frame));
         let frame = tangent_frame(ray_frame.normal, ray_frame.edge);
         let Scratch { packet, near, recorder, .. } = scratch;
         let alone = near.iter().all(|&body| Some(body) == ray_frame.body);
         if near.is_empty() {
             return (alone, 0);
         }
-        // The point's own body first: it hides the most.
+        // The point's own body comes first, because it occludes most.
         near.sort_by_key(|&body| (Some(body) != ray_frame.body, body));
         let own = near.first().is_some_and(|&body| Some(body) == ray_frame.body);
         if alone || !own {
-            // There is nothing else, or nothing of its own, to tell apart.
-            memory = match memory {
+            // Recording pays off only if its own body and another one are within reach.
+            self_hits = match self_hits {
                 SelfHitCache::Filled(known) if own => SelfHitCache::Filled(known),
                 _ => SelfHitCache::Off,
             };
@@ -246,13 +247,14 @@ impl Tracer {
         let start = |id: BodyId| {
             let body = &bodies.list()[id.index()];
             if Some(id) == ray_frame.body || body.placement == home {
-                PacketOrigin { turn: frame, origin }
+                PacketOrigin { rotation: frame, origin }
             } else {
-                from_home(&home, &body.placement, &frame, in_world)
+                packet_origin(&home, &body.placement, &frame, in_world)
             }
         };
-        let mut reader = if let SelfHitCache::Filled(known) = &memory { Some(known.reader()) } else { None };
-        let keep = matches!(memory, SelfHitCache::Empty(_));
+        let mut reader =
+            if let SelfHitCache::Filled(known) = &self_hits { Some(known.reader()) } else { None };
+        let keep = matches!(self_hits, SelfHitCache::Empty(_));
         recorder.clear();
         let mut traced = 0;
         for chunk in 0..rays.chunks() {
@@ -273,23 +275,23 @@ impl Tracer {
             traced += packet.traced();
             done(packet);
         }
-        if let SelfHitCache::Empty(slot) = memory {
+        if let SelfHitCache::Empty(slot) = self_hits {
             *slot = Some(Box::new(recorder.self_hits()));
         }
         (alone, traced)
     }
 }
 
-/// Returns the placement of the space that a ray frame is in.
-fn home_of(bodies: &Tlas, ray_frame: &RayFrame) -> Placement {
+/// Returns the placement of the space of a ray frame.
+fn frame_placement(bodies: &Tlas, ray_frame: &RayFrame) -> Placement {
     let body = ray_frame.body.and_then(|id| bodies.list().get(id.index()));
     body.map_or(Placement::IDENTITY, |body| body.placement)
 }
 
-/// The start of the rays in the space of another body.
-fn from_home(home: &Placement, body: &Placement, frame: &Mat3, in_world: Vec3) -> PacketOrigin {
+/// Returns the origin of the rays in the space of another body.
+fn packet_origin(home: &Placement, body: &Placement, frame: &Mat3, in_world: Vec3) -> PacketOrigin {
     PacketOrigin {
-        turn: body.rotation.transpose() * (home.rotation * *frame),
+        rotation: body.rotation.transpose() * (home.rotation * *frame),
         origin: body.local_point(in_world),
     }
 }
@@ -325,7 +327,7 @@ mod tests {
         RayFrame { body, position: Vec3::new(0.1, 0.0, 0.2), normal: Vec3::Y, edge: Vec3::X }
     }
 
-    /// The reference: each ray alone against every triangle of every body.
+    /// Computes the AO by testing each ray against every triangle of every body.
     fn reference_ao(
         tracer: &Tracer,
         bodies: &[(Vec<[Vec3; 3]>, Placement)],
@@ -380,13 +382,13 @@ mod tests {
 
     #[test]
     fn a_wall_hides_its_form_factor() {
-        // A half-plane wall at distance d, seen from the floor: with cosine weights, the share of rays that reach a
-        // wall of infinite length and height is 1/2. A radius of a thousand distances stands in for infinity.
+        // A half-plane wall at distance d, seen from the floor: with cosine weights, half of the rays reach a wall of
+        // infinite length and height. A radius of a thousand distances approximates infinity.
         let wall = [Vec3::new(-1.0, 0.0, -1e4), Vec3::new(-1.0, 2e4, 0.0), Vec3::new(-1.0, 0.0, 1e4)];
         let bodies = Tlas::new(vec![body(&[wall], Placement::IDENTITY)]);
         let settings = AoSettings { rays: 4096, radius: 1000.0, kind: Occlusion::Binary, seed: 5 };
         let tracer = Tracer::new(settings).unwrap();
-        // The lifted origin (16 m) shares the direction space: put it at the wall's height zero.
+        // Compensate for the bias of the origin (16 m), so that the rays start at the foot of the wall.
         let position = Vec3::new(0.0, -settings.bias(), 0.0);
         let ray_frame = RayFrame { body: None, position, normal: Vec3::Y, edge: Vec3::X };
         let mean = (0..40).map(|point| trace(&tracer, &bodies, point, &ray_frame).ao).sum::<f32>() / 40.0;
@@ -412,7 +414,7 @@ mod tests {
     }
 
     #[test]
-    fn a_body_that_moves_alone_keeps_its_ao_to_the_bit() {
+    fn the_ao_of_a_body_that_moves_alone_is_bit_identical() {
         let tracer = tracer(192, Occlusion::Obscurance);
         let mut triangles = reference::cube(0.2);
         triangles.extend(floor(0.5).iter().map(|t| t.map(|c| c - Vec3::Y * 0.2)));
@@ -433,10 +435,10 @@ mod tests {
         let plain = Tlas::new(vec![body(&triangles, Placement::IDENTITY)]);
         triangles.extend(floor(2.0).iter().map(|t| t.map(|c| c + Vec3::Y * 0.3)));
         let whole = Tlas::new(vec![body(&triangles, Placement::IDENTITY)]);
-        // Masked and plain triangles in one leaf.
+        // One leaf has masked and unmasked triangles.
         let blas = Blas::build(&triangles, Effort::Best).with_masks(|triangle| triangle >= 3);
         let bodies = Tlas::new(vec![BlasInstance::new(Arc::new(blas), Placement::IDENTITY)]);
-        // Few rays meet a leaf one by one, many in groups.
+        // Few rays are tested one by one in a leaf, many in groups.
         for rays in [3, 64] {
             for kind in [Occlusion::Obscurance, Occlusion::Binary] {
                 let tracer = tracer(rays, kind);
@@ -480,15 +482,15 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(96))]
         #[test]
-        fn bundles_see_what_single_rays_see(
-            soups in prop::collection::vec(crate::bvh::soup(), 1..4), point in any::<u32>(),
+        fn packets_see_what_single_rays_see(
+            triangle_soups in prop::collection::vec(crate::bvh::triangle_soup(), 1..4), point in any::<u32>(),
             angles in prop::array::uniform4(0f32..6.3), home in prop::option::of(0u32..4),
             normal in prop::array::uniform3(-1f32..1.0), position in prop::array::uniform3(-1f32..1.0),
             rays in prop_oneof![Just(1u32), Just(20), Just(192)], binary in any::<bool>(), radius in 0.05f32..3.0,
         ) {
             let kind = if binary { Occlusion::Binary } else { Occlusion::Obscurance };
             let tracer = Tracer::new(AoSettings { rays, radius, kind, seed: 2 }).unwrap();
-            let list: Vec<_> = soups.into_iter().zip(angles).map(|(triangles, angle)| {
+            let list: Vec<_> = triangle_soups.into_iter().zip(angles).map(|(triangles, angle)| {
                 let rotation = Mat3::from_axis_angle(Vec3::new(0.6, 0.8, 0.0), angle);
                 (triangles, Placement { rotation, translation: Vec3::Z * angle * 0.2 })
             }).collect();
@@ -508,9 +510,9 @@ mod tests {
             }
             let (origin, directions) = tracer.rays(&bodies, RayKey(point), &ray_frame);
             prop_assert_eq!((distances.len(), directions.len()), (rays as usize, rays as usize));
-            prop_assert!((origin - home_of(&bodies, &ray_frame).point(tracer.origin(&ray_frame))).length() < 1e-5);
+            prop_assert!((origin - frame_placement(&bodies, &ray_frame).point(tracer.origin(&ray_frame))).length() < 1e-5);
             let slow = reference_ao(&tracer, &list, point, &ray_frame);
-            // The twin rounds its directions in another order: a ray that grazes an edge may fall either way.
+            // The reference rounds directions in another order: a ray that grazes an edge may go either way.
             prop_assert!((fast - slow).abs() <= 1e-4 + 1.01 / rays as f32 * f32::from(rays > 1), "{} {}", fast, slow);
         }
     }

@@ -9,16 +9,18 @@ use super::block::{Block, Intersection};
 use super::bounds::Bounds;
 use super::lanes::{LANES, Lanes, bits};
 use super::tree::{Effort, Tree, VACANT};
-use super::wide::{self, Wide};
+use super::wide::{self, WideNode};
 
-/// A body's triangles, ready for rays. Triangles with a corner that is not finite are left out.
+/// Bottom-level acceleration structure: a body's triangles, ready for rays. Triangles with a corner that is not
+/// finite are ignored.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Blas {
     tree: Tree,
     /// The same tree, for ray packets.
-    wides: Vec<Wide>,
+    wide_nodes: Vec<WideNode>,
     blocks: Vec<Block>,
-    /// Bit per lane of each block: a hit must ask for the texel. Empty where no triangle of the body is masked.
+    /// Bit per lane of each block: a hit must be checked against the mask. Empty if no triangle of the body is
+    /// masked.
     masked: Vec<u8>,
 }
 
@@ -26,12 +28,12 @@ pub(crate) struct Blas {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct BlasHit {
     pub(crate) intersection: Intersection,
-    /// Number of the triangle in the list the body was built from.
+    /// Index of the triangle in the list from which the body was built.
     pub(crate) triangle: u32,
 }
 
 impl Blas {
-    /// Builds from triangles, none of them masked.
+    /// Builds the structure from unmasked triangles.
     pub(crate) fn build(triangles: &[[Vec3; 3]], effort: Effort) -> Self {
         let boxes: Vec<Bounds> = triangles.iter().map(bounds_of).collect();
         let tree = Tree::build(&boxes, LANES, LANES, effort);
@@ -43,20 +45,20 @@ impl Blas {
                 Block::new(&kept.map(|&member| triangles[member as usize]).collect::<Vec<_>>())
             })
             .collect();
-        Self { wides: wide::widen(&tree), tree, blocks, masked: Vec::new() }
+        Self { wide_nodes: wide::widen(&tree), tree, blocks, masked: Vec::new() }
     }
 
-    /// Bytes held, itself included.
+    /// Returns the bytes held, including the struct itself.
     pub(crate) fn heap_bytes(&self) -> usize {
-        let Self { tree, wides, blocks, masked } = self;
+        let Self { tree, wide_nodes, blocks, masked } = self;
         size_of::<Self>()
             + tree.heap_bytes()
-            + memory::list(wides)
+            + memory::list(wide_nodes)
             + memory::list(blocks)
             + memory::list(masked)
     }
 
-    /// Marks the triangles whose hits must ask for the texel.
+    /// Marks the triangles whose hits must be checked against the mask.
     pub(crate) fn with_masks(mut self, is_masked: impl Fn(u32) -> bool) -> Self {
         let lanes = |members: &[u32]| {
             let bits = (0..).zip(members).filter(|&(_, &member)| member != VACANT && is_masked(member));
@@ -67,14 +69,15 @@ impl Blas {
         self
     }
 
-    /// Bit per lane of the block of a leaf that starts at `first`: whether a hit must ask for the texel.
+    /// Returns a bit per lane of the block of a leaf that starts at `first`: whether a hit must be checked against
+    /// the mask.
     #[inline(always)]
     pub(crate) fn masked_lanes(&self, first: u32) -> u8 {
         self.masked.get(first as usize / LANES).copied().unwrap_or(0)
     }
 
-    /// Moves the corners; `triangles` is as long as at the build. Which triangles share a leaf stays. One with a corner
-    /// that is not finite is left out from now on.
+    /// Moves the corners. `triangles` is as long as at the build, and each triangle stays in its leaf. Triangles with
+    /// a corner that is not finite are ignored until the next refit.
     pub(crate) fn refit(&mut self, triangles: &[[Vec3; 3]]) {
         for (block, members) in self.blocks.iter_mut().zip(self.tree.order().chunks(LANES)) {
             for (lane, &member) in members.iter().enumerate().take_while(|&(_, &member)| member != VACANT) {
@@ -82,16 +85,16 @@ impl Blas {
             }
         }
         self.tree.refit(|member| bounds_of(&triangles[member as usize]));
-        wide::refit(&mut self.wides, &self.tree);
+        wide::refit(&mut self.wide_nodes, &self.tree);
     }
 
-    /// Bounds of all triangles.
+    /// Returns the bounds of all triangles.
     pub(crate) fn bounds(&self) -> Bounds {
         self.tree.bounds()
     }
 
-    /// Expected work of a ray through the tree, for comparison with an earlier one of the same triangles: surface areas
-    /// of all nodes over that of the root.
+    /// Returns the expected work of a ray in the tree, for comparison with an earlier state of the same triangles. It
+    /// is the ratio of the surface areas of all nodes to that of the root.
     pub(crate) fn cost(&self) -> f32 {
         let area = |bounds: &Bounds| {
             let size = bounds.size();
@@ -101,31 +104,31 @@ impl Blas {
         (sum / area(&self.bounds()).max(f64::MIN_POSITIVE)) as f32
     }
 
-    /// The box tree.
+    /// Returns the box tree.
     #[inline(always)]
     pub(crate) fn tree(&self) -> &Tree {
         &self.tree
     }
 
-    /// The box tree with eight children per node, for ray packets; empty where the tree is.
+    /// Returns the box tree with eight children per node, for ray packets. It is empty if the tree is.
     #[inline(always)]
-    pub(crate) fn wides(&self) -> &[Wide] {
-        &self.wides
+    pub(crate) fn wide_nodes(&self) -> &[WideNode] {
+        &self.wide_nodes
     }
 
-    /// The block of a leaf that starts at `first`.
+    /// Returns the block of a leaf that starts at `first`.
     #[inline(always)]
     pub(crate) fn block(&self, first: u32) -> &Block {
         &self.blocks[first as usize / LANES]
     }
 
-    /// Number of the triangle in a lane of the block of a leaf that starts at `first`.
+    /// Returns the index of the triangle in a lane of the block of a leaf that starts at `first`.
     #[inline(always)]
     pub(crate) fn triangle_at(&self, first: u32, lane: usize) -> u32 {
         self.tree.order()[first as usize + lane]
     }
 
-    /// The nearest triangle nearer than `tmax` that `accept` takes; with `any`, the first one found.
+    /// Returns the nearest triangle within `tmax` that `accept` accepts; with `any`, the first one found.
     pub(crate) fn nearest(
         &self,
         origin: Vec3,
@@ -165,7 +168,7 @@ impl Blas {
             if node.count == 0 {
                 let left = enter(node.first, limit).map(|t| (t, node.first));
                 let right = enter(node.first + 1, limit).map(|t| (t, node.first + 1));
-                // The nearer child is taken first: it goes on the stack last.
+                // Push the nearer child last, so that it is visited first.
                 match (left, right) {
                     (Some(a), Some(b)) if a.0 <= b.0 => stack.extend([b, a]),
                     (Some(a), Some(b)) => stack.extend([a, b]),
@@ -197,11 +200,11 @@ fn bounds_of(corners: &[Vec3; 3]) -> Bounds {
 
 #[cfg(test)]
 pub(crate) mod reference {
-    //! The reference: every triangle, one by one.
+    //! A reference that tests every triangle, one by one.
 
     use super::*;
 
-    /// As [`Blas::nearest`], from the plain list.
+    /// Computes the same as [`Blas::nearest`] from the plain list.
     pub(crate) fn nearest(
         triangles: &[[Vec3; 3]],
         origin: Vec3,
@@ -211,7 +214,7 @@ pub(crate) mod reference {
         nearest_of(triangles, origin, direction, tmax, |_| true)
     }
 
-    /// As [`nearest`], of the hits that `accept` takes.
+    /// Computes the same as [`nearest`] for the hits that `accept` accepts.
     pub(crate) fn nearest_of(
         triangles: &[[Vec3; 3]],
         origin: Vec3,
@@ -233,7 +236,7 @@ pub(crate) mod reference {
         })
     }
 
-    /// A box of 12 triangles around the origin.
+    /// Returns a box of 12 triangles around the origin.
     pub(crate) fn cube(half: f32) -> Vec<[Vec3; 3]> {
         let mut faces = Vec::new();
         for axis in 0..3 {
@@ -258,7 +261,7 @@ pub(crate) mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    pub(crate) fn soup() -> impl Strategy<Value = Vec<[Vec3; 3]>> {
+    pub(crate) fn triangle_soup() -> impl Strategy<Value = Vec<[Vec3; 3]>> {
         let corner = prop::array::uniform3(-2f32..2.0).prop_map(Vec3::from);
         let size = prop_oneof![Just(0f32), 0.01f32..2.0];
         let triangle = (corner, prop::array::uniform2(prop::array::uniform3(-1f32..1.0)), size)
@@ -269,7 +272,7 @@ pub(crate) mod tests {
     fn check(blas: &Blas, triangles: &[[Vec3; 3]], origin: Vec3, direction: Vec3, tmax: f32) {
         let slow = reference::nearest(triangles, origin, direction, tmax);
         let fast = blas.nearest(origin, direction, tmax, false, |_| true);
-        // Two triangles may be hit at the very same distance: then only that distance is one.
+        // Two triangles may be hit at the same distance, so only the distance is unique.
         assert_eq!(
             fast.map(|hit| hit.intersection.t.to_bits()),
             slow.map(|hit| hit.intersection.t.to_bits())
@@ -280,7 +283,7 @@ pub(crate) mod tests {
     proptest! {
         #[test]
         fn finds_what_the_reference_finds(
-            triangles in soup(), origin in prop::array::uniform3(-3f32..3.0),
+            triangles in triangle_soup(), origin in prop::array::uniform3(-3f32..3.0),
             direction in prop::array::uniform3(-1f32..1.0), tmax in prop_oneof![Just(f32::INFINITY), 0.1f32..4.0],
             axis in prop::option::of(0usize..3),
         ) {

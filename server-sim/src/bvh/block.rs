@@ -1,9 +1,9 @@
-//! Eight triangles side by side, and the one ray-triangle formula that every path uses.
+//! Blocks of eight triangles, and the one ray-triangle formula that all code uses.
 //!
-//! With the origin at zero, a ray `d` is inside the triangle `a b c` when the three signed volumes `d.(b x c)`,
-//! `d.(c x a)` and `d.(a x b)` have the same sign. Two triangles that share an edge compute its volume from the same
-//! two products with the opposite sign, to the bit, so no ray slips between them. All rays of one point share the
-//! three cross products; [`Block::prepare`] computes them once for eight triangles at a time.
+//! With the origin at zero, a ray `d` is inside the triangle `a b c` if the three signed volumes `d.(b x c)`, `d.(c x
+//! a)` and `d.(a x b)` have the same sign. Two triangles that share an edge compute its volume from the same two
+//! products with the opposite sign, bit for bit. So no ray slips between them. All rays of one point share the three
+//! cross products; [`Block::prepare`] computes them once for eight triangles.
 
 use fearless_simd::prelude::*;
 use glam::Vec3;
@@ -16,48 +16,49 @@ pub(crate) struct Block {
     corners: [Packed3; 3],
 }
 
-/// A block as seen from one origin: what is left for a ray are four dot products.
+/// A block relative to one origin. A ray then requires only four dot products.
 pub(crate) struct BlockSetup {
-    /// `b x c`, `c x a`, `a x b` of the corners less the origin; with `normal`, of the sign that makes `plane` positive.
+    /// `b x c`, `c x a`, `a x b` of the corners relative to the origin. Their sign and that of `normal` make `plane`
+    /// positive.
     volumes: [Packed3; 3],
-    /// `(b - a) x (c - a)`, not normalised; from the edges, where nothing cancels.
+    /// `(b - a) x (c - a)`, not normalised. The edges avoid cancellation.
     normal: Packed3,
-    /// `normal . a`: distance of the plane times the length of the normal.
+    /// `normal . a`: the distance of the plane times the length of the normal.
     plane: Packed,
 }
 
-/// Per-lane bounds that rule out triangles of a [`BlockSetup`] which no ray of a cone can meet.
+/// Per-lane bounds that exclude the triangles of a [`BlockSetup`] that no ray of a cone can hit.
 pub(crate) struct BlockCulling {
-    /// Bit per lane: whether any ray may meet the triangle at all.
+    /// Bit per lane: whether any ray may hit the triangle.
     pub(crate) lanes: u32,
     /// Squared distance to the box of the triangle.
     near: Packed,
-    /// Lengths of the three volumes' vectors and of the normal; infinite for a triangle seen so edge-on that rounding
-    /// decides from which side it is met.
+    /// Lengths of the three volumes' vectors and of the normal. They are infinite for a triangle seen so edge-on that
+    /// rounding decides which side is hit.
     lengths: [Packed; 4],
 }
 
-/// A cone of rays: all directions within `spread` of `axis`, none to go farther than `reach`.
+/// A cone of rays: all directions within `spread` of `axis`, up to the length `reach`.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct RayCone {
     pub(crate) axis: Vec3,
-    /// At least 1e-5 more than the rays take, for what rounds; see [`SPREAD_SLACK`].
+    /// Largest distance of a direction from the axis, plus at least 1e-5 for rounding; see [`SPREAD_SLACK`].
     pub(crate) spread: f32,
-    /// Above 0.
+    /// Length of the rays, above 0.
     pub(crate) reach: f32,
 }
 
-/// Added to the spread of rays, it covers how their directions and dot products round.
+/// Margin of the spread of rays. It covers the rounding of their directions and dot products.
 pub(crate) const SPREAD_SLACK: f32 = 2e-5;
 
-/// One triangle of a [`BlockSetup`], to intersect with many rays.
+/// One triangle of a [`BlockSetup`], prepared for many rays.
 pub(crate) struct TriangleSetup {
     volumes: [Vec3; 3],
     normal: Vec3,
     plane: f32,
 }
 
-/// Where a ray meets a triangle.
+/// Intersection of a ray with a triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Intersection {
     /// Distance along the unit direction.
@@ -67,7 +68,7 @@ pub(crate) struct Intersection {
 }
 
 impl Block {
-    /// A block of at most eight triangles.
+    /// Returns a block of at most eight triangles.
     pub(crate) fn new(triangles: &[[Vec3; 3]]) -> Self {
         let mut block = Self { corners: [Packed3::ZERO; 3] };
         for (lane, triangle) in triangles.iter().take(LANES).enumerate() {
@@ -83,13 +84,13 @@ impl Block {
         }
     }
 
-    /// What all rays from `origin` share.
+    /// Computes what all rays from `origin` share.
     #[inline(always)]
     pub(crate) fn prepare<S: Simd>(&self, simd: S, origin: Vec3) -> BlockSetup {
         self.setup_lanes(simd, origin).in_memory()
     }
 
-    /// As [`Block::prepare`], in registers.
+    /// Does the same as [`Block::prepare`], but keeps the result in registers.
     #[inline(always)]
     pub(crate) fn setup_lanes<S: Simd>(&self, simd: S, origin: Vec3) -> BlockSetupLanes<S> {
         let [p, q, r] = &self.corners;
@@ -100,11 +101,11 @@ impl Block {
         let normal = q.minus(&p).cross(&r.minus(&p));
         let plane = normal.dot(a);
         let behind = plane.simd_lt(Lanes::splat(simd, 0.0));
-        let facing = |volume: Lanes3<S>| volume.turned_about(behind);
+        let facing = |volume: Lanes3<S>| volume.negated_where(behind);
         let volumes = [facing(b.cross(c)), facing(c.cross(a)), facing(a.cross(b))];
         BlockSetupLanes {
             volumes,
-            normal: normal.turned_about(behind),
+            normal: normal.negated_where(behind),
             plane: behind.select(-plane, plane),
             corners,
         }
@@ -113,7 +114,7 @@ impl Block {
 
 /// A [`BlockSetup`] in registers, with the corners that [`BlockCulling`] needs.
 pub(crate) struct BlockSetupLanes<S: Simd> {
-    /// Corners less the origin.
+    /// Corners relative to the origin.
     corners: [Lanes3<S>; 3],
     volumes: [Lanes3<S>; 3],
     normal: Lanes3<S>,
@@ -131,7 +132,8 @@ impl<S: Simd> BlockSetupLanes<S> {
         }
     }
 
-    /// What rays into the half-space of `up`, at most `reach` long, may meet. Never says no to a triangle that is met.
+    /// Computes bounds on what rays into the half-space of `up` can hit within `reach`. They never exclude a triangle
+    /// that is hit.
     #[inline(always)]
     pub(crate) fn culling(&self, up: Vec3, reach: f32) -> BlockCulling {
         let simd = self.plane.simd;
@@ -148,15 +150,15 @@ impl<S: Simd> BlockSetupLanes<S> {
         let size = size(lx, hx) + size(ly, hy) + size(lz, hz);
         let up = Lanes3::splat(simd, up);
         let highest = a.dot(&up).max(b.dot(&up)).max(c.dot(&up));
-        // The tolerances cover the rounding of the sums they stand beside and of the rays' own directions.
+        // The tolerances cover the rounding of the sums beside them and of the rays' own directions.
         let far = splat(reach * reach * 1.000_01);
         let near = x * x + y * y + z * z;
         let above = highest.simd_ge(splat(-1e-5) * (splat(reach) + size));
         let slope = self.normal.dot(&self.normal);
         let near_plane = (slope * far * splat(1.01)).simd_ge(self.plane * self.plane);
         let lanes = bits(far.simd_ge(near) & above & near_plane);
-        // A ray that is outside by all three volumes has to pass the plane the other way, which it does within reach
-        // only if the volumes' rounding, some 1e-6 of the squared size, exceeds what the plane is away.
+        // A ray outside all three volumes crosses the plane from the other side. Within reach it can do so only if
+        // the volumes' rounding, about 1e-6 of the squared size, exceeds the distance to the plane.
         let sided = self.plane.simd_ge(splat(1e-5 * reach) * (size * size));
         let length = |a: &Lanes3<S>| Packed::from(sided.select(a.length(), splat(f32::INFINITY)));
         let [u, v, w] = &self.volumes;
@@ -169,7 +171,8 @@ impl<S: Simd> BlockSetupLanes<S> {
 }
 
 impl BlockCulling {
-    /// Bit per lane: whether some ray of a cone may meet the triangle. Never says no to one that is met.
+    /// Returns a bit per lane: whether some ray of a cone may hit the triangle. It is set for every triangle that is
+    /// hit.
     #[inline(always)]
     pub(crate) fn lanes_met<S: Simd>(&self, simd: S, prepared: &BlockSetup, cone: &RayCone) -> u32 {
         let axis = Lanes3::splat(simd, cone.axis);
@@ -187,7 +190,7 @@ impl BlockCulling {
 }
 
 impl BlockSetup {
-    /// The triangle of one lane, for many rays.
+    /// Returns the triangle of one lane, for use with many rays.
     #[inline(always)]
     pub(crate) fn triangle(&self, lane: usize) -> TriangleSetup {
         let [u, v, w] = &self.volumes;
@@ -198,14 +201,14 @@ impl BlockSetup {
         }
     }
 
-    /// The least distance below `best` to any of the eight triangles along one unit direction.
+    /// Returns the smallest distance below `best` to any of the eight triangles along one unit direction.
     #[inline(always)]
     pub(crate) fn nearest<S: Simd>(&self, simd: S, direction: Vec3, best: f32) -> Option<f32> {
         let t = self.distances(simd, direction);
         (bits(t.simd_lt(Lanes::splat(simd, best))) != 0).then(|| Packed::from(t).smallest())
     }
 
-    /// Distance to each of the eight triangles along one unit direction, or infinity where it is missed.
+    /// Returns the distance to each of the eight triangles along one unit direction, or infinity for a miss.
     #[inline(always)]
     pub(crate) fn distances<S: Simd>(&self, simd: S, direction: Vec3) -> Lanes<S> {
         let along = Lanes3::splat(simd, direction);
@@ -217,7 +220,7 @@ impl BlockSetup {
     }
 }
 
-/// Whether three volumes agree in sign.
+/// Returns whether three volumes agree in sign.
 #[inline(always)]
 fn inside<S: Simd>(u: Lanes<S>, v: Lanes<S>, w: Lanes<S>) -> LaneMask<S> {
     let zero = Lanes::splat(u.simd, 0.0);
@@ -225,8 +228,8 @@ fn inside<S: Simd>(u: Lanes<S>, v: Lanes<S>, w: Lanes<S>) -> LaneMask<S> {
 }
 
 impl TriangleSetup {
-    /// Shortens those of eight rays that meet the triangle nearer than `best`: to where they do, or to `hit`. Says whether
-    /// any of them did.
+    /// Shortens those of eight rays that hit the triangle nearer than `best`: to the hit, or to `hit` if given.
+    /// Returns `None` if no ray is inside the triangle.
     #[inline(always)]
     pub(crate) fn shorten<S: Simd>(
         &self,
@@ -241,13 +244,13 @@ impl TriangleSetup {
         if bits(inside) == 0 {
             return None;
         }
-        // A triangle without area gives 0 / 0, and every comparison with NaN says no.
+        // A triangle without area gives 0 / 0, and every comparison with NaN is false.
         let t = Lanes::splat(simd, self.plane) / along(self.normal);
         let met = inside & Lanes::splat(simd, 0.0).simd_lt(t) & t.simd_lt(best);
         Some(met.select(hit.map_or(t, |hit| Lanes::splat(simd, hit)), best))
     }
 
-    /// Where one unit direction meets the triangle; the same bits as [`TriangleSetup::shorten`].
+    /// Intersects one unit direction with the triangle. The bits equal those of [`TriangleSetup::shorten`].
     #[inline(always)]
     pub(crate) fn intersect(&self, direction: Vec3) -> Option<Intersection> {
         let along = |n: Vec3| direction.x * n.x + direction.y * n.y + direction.z * n.z;
@@ -259,7 +262,8 @@ impl TriangleSetup {
 }
 
 impl Intersection {
-    /// Weights of the three corners, summing to 1. A ray that touches an edge-on triangle gets its first corner.
+    /// Returns the weights of the three corners, which sum to 1. For a ray that touches an edge-on triangle the first
+    /// corner has all of the weight.
     pub(crate) fn barycentric(&self) -> [f32; 3] {
         let sum = self.volumes[0] + self.volumes[1] + self.volumes[2];
         if sum == 0.0 { [1.0, 0.0, 0.0] } else { self.volumes.map(|v| v / sum) }
@@ -286,7 +290,8 @@ mod tests {
         prepare(&[triangle], origin).triangle(0).intersect(direction)
     }
 
-    /// Distances to one triangle along eight directions, and along each of them to that triangle four lanes on.
+    /// Returns the distances to one triangle along eight directions: eight rays against one triangle, and each ray
+    /// against a block.
     #[inline(always)]
     fn distances<S: Simd>(simd: S, triangle: [Vec3; 3], origin: Vec3, directions: &[Vec3]) -> [Packed; 2] {
         let setup = Block::new(&[triangle]).prepare(simd, origin).triangle(0);
@@ -325,7 +330,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn lanes_and_single_rays_agree_to_the_bit(
+        fn lanes_and_single_rays_are_bit_identical(
             triangle in prop::array::uniform3(vector(1.0)), origin in vector(1.5),
             directions in prop::collection::vec(vector(1.0), LANES),
         ) {
@@ -343,7 +348,8 @@ mod tests {
         fn no_ray_slips_between_two_triangles_that_share_an_edge(
             corners in prop::array::uniform2(vector(1.0)), origin in vector(1.0), at in 0f32..=1.0, split in 0.2f32..0.8,
         ) {
-            // A flat quad around the shared edge; a ray aimed at a point of that edge must hit one of the two.
+            // A flat quad around the shared edge. A ray aimed at a point of that edge must hit one of the two
+            // triangles.
             let [p, q] = corners;
             let side = (q - p).cross(Vec3::new(0.3, 0.5, 0.8));
             prop_assume!(side.length() > 0.1 && (p - q).length() > 0.1);
@@ -361,7 +367,7 @@ mod tests {
         fn what_is_met_is_never_culled(
             triangle in prop::array::uniform3(vector(1.0)), origin in vector(1.5), up in vector(1.0),
             direction in vector(1.0), reach in 0.1f32..1.5, off in vector(1.0), turn in 0f32..0.6,
-            // Viewed edge-on, or nearly so: from a place in the triangle's plane.
+            // At 1 and nearly 1 the origin is in the triangle's plane, so that the view is edge-on.
             flat in prop_oneof![Just(0f32), Just(1.0), 0.999_99f32..1.0], aimed in any::<bool>(), at in 0f32..1.0,
         ) {
             let [a, b, c] = triangle;
@@ -372,13 +378,13 @@ mod tests {
             let up = up.normalize_or_zero();
             prop_assume!(up.dot(direction) >= 0.0 && direction != Vec3::ZERO);
             let Some(hit) = intersect(triangle, origin, direction).filter(|hit| hit.t <= reach) else { return Ok(()) };
-            // Viewed edge-on, rounding alone may say where it is met, and say nearer than its box is.
+            // In an edge-on view, rounding alone may place the hit nearer than the triangle's box.
             let away = Bounds::around(triangle).distance_squared(origin);
             prop_assume!(away <= reach * reach);
             let axis = (direction + off * turn).normalize_or(direction);
             let spread = axis.distance(direction) + SPREAD_SLACK;
             for instructions in Instructions::all() {
-                // The ray goes just as far as the triangle, too.
+                // Also test a ray that ends exactly at the triangle.
                 for most in [reach, if away > hit.t * hit.t { reach } else { hit.t }] {
                     let cone = RayCone { axis, spread, reach: most };
                     let lanes = dispatch!(instructions.level(), simd => {
@@ -392,7 +398,7 @@ mod tests {
     }
 
     #[test]
-    fn pencils_that_miss_a_triangle_are_told_so() {
+    fn cones_that_miss_a_triangle_are_culled() {
         let triangle = [Vec3::new(0.0, 0.0, 1.0), Vec3::new(0.2, 0.0, 1.0), Vec3::new(0.0, 0.2, 1.0)];
         let by = |axis: Vec3, spread: f32, reach: f32| {
             let cone = RayCone { axis: axis.normalize(), spread, reach };
@@ -402,7 +408,7 @@ mod tests {
             }) & 1
         };
         assert_eq!(by(Vec3::Z, 0.1, 2.0), 1);
-        // Beside it, in front of it, and so oblique that its plane is too far.
+        // Three misses: beside it, in front of it, and so oblique that its plane is too far.
         assert_eq!(by(Vec3::new(-0.5, 0.0, 1.0), 0.1, 2.0), 0);
         assert_eq!(by(Vec3::Z, 0.1, 0.9), 0);
         assert_eq!(by(Vec3::new(0.9, 0.1, 0.2), 0.1, 1.9), 0);

@@ -1,4 +1,4 @@
-//! Axis-aligned boxes and the three questions that tracing asks of them.
+//! Axis-aligned boxes, with the tests that tracing requires.
 
 use glam::{Mat3, Vec3};
 
@@ -10,70 +10,70 @@ pub struct Bounds {
 }
 
 impl Bounds {
-    /// The box that holds nothing; every union with it is the other box.
+    /// The empty box; its union with any box is that box.
     pub const EMPTY: Self = Self { min: Vec3::splat(f32::INFINITY), max: Vec3::splat(f32::NEG_INFINITY) };
 
-    /// The box between two corners, `min` being the smaller one on every axis.
+    /// Creates the box between two corners; `min` is the smaller one on every axis.
     #[must_use]
     pub fn new(min: Vec3, max: Vec3) -> Self {
         Self { min, max }
     }
 
-    /// The smallest box around `points`; empty without points.
+    /// Returns the smallest box around `points`, or the empty box without points.
     #[must_use]
     pub fn around(points: impl IntoIterator<Item = Vec3>) -> Self {
         points.into_iter().fold(Self::EMPTY, Self::with_point)
     }
 
-    /// Smallest corner.
+    /// Returns the smallest corner.
     #[must_use]
     pub fn min(&self) -> Vec3 {
         self.min
     }
 
-    /// Largest corner.
+    /// Returns the largest corner.
     #[must_use]
     pub fn max(&self) -> Vec3 {
         self.max
     }
 
-    /// Whether the box holds nothing at all (a flat box is not empty).
+    /// Returns whether the box is empty. A flat box is not empty.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         !(self.min.x <= self.max.x && self.min.y <= self.max.y && self.min.z <= self.max.z)
     }
 
-    /// The box grown to hold `point`.
+    /// Returns the box grown to hold `point`.
     #[must_use]
     pub fn with_point(self, point: Vec3) -> Self {
         Self { min: self.min.min(point), max: self.max.max(point) }
     }
 
-    /// The box grown to hold `other`.
+    /// Returns the box grown to hold `other`.
     #[must_use]
     pub fn union(self, other: Self) -> Self {
         Self { min: self.min.min(other.min), max: self.max.max(other.max) }
     }
 
-    /// Whether the two boxes have a point in common; the empty box has none.
+    /// Returns whether the two boxes have a point in common. The empty box has none.
     #[must_use]
     pub fn touches(&self, other: &Self) -> bool {
         self.min.cmple(other.max).all() && other.min.cmple(self.max).all()
     }
 
-    /// The box grown by `margin` metres on every side.
+    /// Returns the box grown by `margin` metres on every side.
     #[must_use]
     pub fn grown(self, margin: f32) -> Self {
         Self { min: self.min - margin, max: self.max + margin }
     }
 
-    /// Extent in metres, zero for the empty box.
+    /// Returns the extent in metres, or zero for the empty box.
     #[must_use]
     pub fn size(&self) -> Vec3 {
         if self.is_empty() { Vec3::ZERO } else { self.max - self.min }
     }
 
-    /// Squared distance in m^2 from `point` to the box, zero inside, infinite for the empty box.
+    /// Returns the squared distance in m^2 from `point` to the box: zero inside, infinite for the empty box.
     #[must_use]
     #[inline(always)]
     pub fn distance_squared(&self, point: Vec3) -> f32 {
@@ -81,7 +81,7 @@ impl Bounds {
         out.dot(out)
     }
 
-    /// A box that surely holds this one after `rotation` and then `translation` (its eight corners).
+    /// Returns a box that contains this one after `rotation` and then `translation`.
     #[must_use]
     pub fn transformed(&self, rotation: Mat3, translation: Vec3) -> Self {
         if self.is_empty() {
@@ -92,18 +92,21 @@ impl Bounds {
         let reach =
             rotation.x_axis.abs() * half.x + rotation.y_axis.abs() * half.y + rotation.z_axis.abs() * half.z;
         let middle = rotation * center + translation;
-        // The products above round: a box that is a hair too small would lose hits, a hair too large costs nothing.
+        // The products above round. A box that is slightly too small would lose hits; one that is slightly too large
+        // costs nothing.
         let slack = (middle.abs() + reach + translation.abs()) * 1e-6;
         Self { min: middle - reach - slack, max: middle + reach + slack }
     }
 
-    /// Whether a ray enters the box between 0 and `tmax`; `inverse` is 1 / direction and may be infinite.
+    /// Returns the distance at which a ray enters the box, if it is between 0 and `tmax`. `inverse` is 1 / direction
+    /// and may be infinite.
     #[must_use]
     #[inline(always)]
     pub(crate) fn entry(&self, origin: Vec3, inverse: Vec3, tmax: f32) -> Option<f32> {
         let near = (self.min - origin) * inverse;
         let far = (self.max - origin) * inverse;
-        // A zero direction in the plane of a face gives NaN; f32::min and max drop it, that axis then never rejects.
+        // A zero direction in the plane of a face gives NaN. `f32::min` and `max` drop it, so that axis never
+        // rejects.
         let enter = near.x.min(far.x).max(near.y.min(far.y)).max(near.z.min(far.z)).max(0.0);
         let leave = near.x.max(far.x).min(near.y.max(far.y)).min(near.z.max(far.z));
         // Ize 2013, "Robust BVH Ray Traversal": two units in the last place keep the test conservative.

@@ -1,17 +1,17 @@
-//! Eight numbers at a time, by the widest instructions that the machine has.
+//! Eight numbers in parallel, with the widest instructions of the machine.
 //!
-//! Numbers lie in memory as [`Packed`] and are computed with as [`Lanes`], which know the instructions they were chosen
-//! for. Plain multiplications and additions in a fixed order, never fused: the result has the same bits whatever the
-//! instructions. The smaller and the larger of two numbers may be either one if one of them is not a number.
+//! Numbers are stored as [`Packed`] and computed as [`Lanes`], whose type carries the instructions. Multiplications
+//! and additions have a fixed order and are never fused, so the result has the same bits with all instructions. The
+//! minimum and maximum of two numbers may be either one if one of them is NaN.
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, f32x8, mask32x8};
 use glam::Vec3;
 
-/// Triangles in a block, and rays in a group: eight `f32` fill one AVX register or two SSE ones.
+/// Triangles in a block, and rays in a group. Eight `f32` fill one AVX register or two SSE registers.
 pub(crate) const LANES: usize = 8;
 
-/// Groups of rays that are traced together: bits of a mask.
+/// Groups of rays in a packet, one per bit of a mask.
 pub(crate) const PACKET_GROUPS: usize = 32;
 
 /// Eight numbers in registers.
@@ -45,26 +45,27 @@ pub(crate) struct Lanes3<S: Simd> {
     pub(crate) z: Lanes<S>,
 }
 
-/// The smaller number, or `b` if either is not a number: one instruction, which `f32::min` is not.
+/// Returns the smaller number, or `b` if either is NaN. Unlike `f32::min` this is one instruction.
 #[inline(always)]
 pub(crate) fn smaller(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
 }
 
-/// The larger number, or `b` if either is not a number: one instruction, which `f32::max` is not.
+/// Returns the larger number, or `b` if either is NaN. Unlike `f32::max` this is one instruction.
 #[inline(always)]
 pub(crate) fn larger(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
 impl Instructions {
-    /// The widest that this machine has.
+    /// Returns the widest set that this machine has.
     #[must_use]
     pub fn best() -> Self {
         Self(Level::new())
     }
 
-    /// All that this machine has, from what every machine of its kind has to the widest; for tests and measurements.
+    /// Returns all sets that this machine has, from the baseline of its architecture to the widest; for tests and
+    /// measurements.
     #[must_use]
     pub fn all() -> Vec<Self> {
         let best = Level::new();
@@ -82,7 +83,7 @@ impl Instructions {
         all.into_iter().map(Self).collect()
     }
 
-    /// Name of the set, such as `Avx2`.
+    /// Returns the name of the set, such as `Avx2`.
     #[must_use]
     pub fn name(self) -> String {
         let text = format!("{:?}", self.0);
@@ -102,7 +103,7 @@ impl Packed {
         Self([value; LANES])
     }
 
-    /// The number at `i` is `f(i)`.
+    /// Creates eight numbers; the number at `i` is `f(i)`.
     #[inline(always)]
     pub(crate) fn from_fn(f: impl FnMut(usize) -> f32) -> Self {
         Self(std::array::from_fn(f))
@@ -123,7 +124,7 @@ impl Packed {
         Lanes::simd_from(simd, self.0)
     }
 
-    /// Sum in a fixed tree.
+    /// Returns the sum of all lanes, added in a fixed tree.
     pub(crate) fn sum(&self) -> f32 {
         let l = self.0;
         ((l[0] + l[4]) + (l[2] + l[6])) + ((l[1] + l[5]) + (l[3] + l[7]))
@@ -155,7 +156,7 @@ impl<S: Simd> From<Lanes<S>> for Packed {
 impl Packed3 {
     pub(crate) const ZERO: Self = Self { x: Packed::ZERO, y: Packed::ZERO, z: Packed::ZERO };
 
-    /// The vector at `i` is `f(i)`.
+    /// Creates eight vectors; the vector at `i` is `f(i)`.
     pub(crate) fn from_fn(f: impl Fn(usize) -> Vec3) -> Self {
         let axis = |axis: usize| Packed::from_fn(|i| f(i)[axis]);
         Self { x: axis(0), y: axis(1), z: axis(2) }
@@ -166,7 +167,7 @@ impl Packed3 {
         Lanes3 { x: self.x.load(simd), y: self.y.load(simd), z: self.z.load(simd) }
     }
 
-    /// The vector of one lane.
+    /// Returns the vector of one lane.
     #[inline(always)]
     pub(crate) fn at(&self, lane: usize) -> Vec3 {
         Vec3::new(self.x.0[lane], self.y.0[lane], self.z.0[lane])
@@ -199,9 +200,9 @@ impl<S: Simd> Lanes3<S> {
         Self { x: self.x - other.x, y: self.y - other.y, z: self.z - other.z }
     }
 
-    /// The same vectors, pointing the other way where the answer is yes.
+    /// Returns the same vectors, negated in the lanes in which `answers` is true.
     #[inline(always)]
-    pub(crate) fn turned_about(&self, answers: LaneMask<S>) -> Self {
+    pub(crate) fn negated_where(&self, answers: LaneMask<S>) -> Self {
         Self {
             x: answers.select(-self.x, self.x),
             y: answers.select(-self.y, self.y),
@@ -215,7 +216,7 @@ impl<S: Simd> Lanes3<S> {
         Self { x: a.y * b.z - a.z * b.y, y: a.z * b.x - a.x * b.z, z: a.x * b.y - a.y * b.x }
     }
 
-    /// Dot product lane by lane, summed in the order x, y, z.
+    /// Returns the dot product of each lane, summed in the order x, y, z.
     #[inline(always)]
     pub(crate) fn dot(&self, other: &Self) -> Lanes<S> {
         self.x * other.x + self.y * other.y + self.z * other.z
@@ -226,16 +227,16 @@ impl<S: Simd> Lanes3<S> {
         self.dot(self).sqrt()
     }
 
-    /// Every lane as coordinates along three axes.
+    /// Rotates every vector `v`: returns `x * v.x + y * v.y + z * v.z`.
     #[inline(always)]
-    pub(crate) fn turned(&self, x: Vec3, y: Vec3, z: Vec3) -> Self {
+    pub(crate) fn rotated(&self, x: Vec3, y: Vec3, z: Vec3) -> Self {
         let simd = self.x.simd;
         let row = |a: f32, b: f32, c: f32| self.dot(&Self::splat(simd, Vec3::new(a, b, c)));
         Self { x: row(x.x, y.x, z.x), y: row(x.y, y.y, z.y), z: row(x.z, y.z, z.z) }
     }
 }
 
-/// Bit `i` is set where the answer of lane `i` is yes.
+/// Returns a bitmask; bit `i` is set if lane `i` is true.
 #[inline(always)]
 pub(crate) fn bits<S: Simd>(answers: LaneMask<S>) -> u32 {
     answers.to_bitmask() as u32
@@ -299,10 +300,10 @@ mod tests {
             assert_eq!(l.dot(&m)[i], a.at(i).dot(b.at(i)));
             assert_eq!(l.length()[i], a.at(i).length());
             assert_eq!(Packed3::from(l.minus(&m)).at(i), a.at(i) - b.at(i));
-            let about = l.turned_about(l.x.simd_lt(Lanes::splat(simd, 2.5)));
+            let about = l.negated_where(l.x.simd_lt(Lanes::splat(simd, 2.5)));
             assert_eq!(Packed3::from(about).at(i), if i < 3 { -a.at(i) } else { a.at(i) });
             let turned = x * a.at(i).x + y * a.at(i).y + z * a.at(i).z;
-            assert!((Packed3::from(l.turned(x, y, z)).at(i) - turned).length() < 1e-6);
+            assert!((Packed3::from(l.rotated(x, y, z)).at(i) - turned).length() < 1e-6);
         });
     }
 }

@@ -10,7 +10,7 @@ mod wide;
 
 pub(crate) use blas::{Blas, BlasHit};
 #[cfg(test)]
-pub(crate) use blas::{reference, tests::soup};
+pub(crate) use blas::{reference, tests::triangle_soup};
 pub(crate) use block::{BlockCulling, BlockSetup, Intersection, RayCone, SPREAD_SLACK, TriangleSetup};
 pub use bounds::Bounds;
 pub use lanes::Instructions;
@@ -18,4 +18,4 @@ pub(crate) use lanes::{LANES, Lanes, Lanes3, PACKET_GROUPS, Packed, Packed3, bit
 pub use tlas::Placement;
 pub(crate) use tlas::{BlasInstance, BodyId, Tlas};
 pub(crate) use tree::{Effort, Node};
-pub(crate) use wide::{Child, Wide};
+pub(crate) use wide::{Child, WideNode};

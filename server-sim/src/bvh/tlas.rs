@@ -1,4 +1,4 @@
-//! Triangle trees placed in the world by rigid transforms, and which of them a ray or a ball may meet.
+//! Bodies placed in the world by rigid transforms, and the search for those that a ray or a ball may touch.
 
 use std::num::NonZeroU32;
 use std::sync::Arc;
@@ -10,38 +10,38 @@ use super::blas::{Blas, BlasHit};
 use super::bounds::Bounds;
 use super::tree::{Effort, Tree};
 
-/// A rigid placement: `world = rotation * local + translation`. Distances stay what they are.
+/// A rigid placement: `world = rotation * local + translation`. It preserves distances.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Placement {
     /// Proper rotation.
     pub rotation: Mat3,
-    /// Metres.
+    /// Translation in metres.
     pub translation: Vec3,
 }
 
 impl Placement {
-    /// Local space is world space.
+    /// The placement of a local space that equals the world.
     pub const IDENTITY: Self = Self { rotation: Mat3::IDENTITY, translation: Vec3::ZERO };
 
-    /// A local point in the world.
+    /// Transforms a local point to the world.
     #[must_use]
     pub fn point(&self, local: Vec3) -> Vec3 {
         self.rotation * local + self.translation
     }
 
-    /// A local direction in the world.
+    /// Transforms a local direction to the world.
     #[must_use]
     pub fn direction(&self, local: Vec3) -> Vec3 {
         self.rotation * local
     }
 
-    /// A world point in local space.
+    /// Transforms a world point to local space.
     #[must_use]
     pub fn local_point(&self, world: Vec3) -> Vec3 {
         self.rotation.transpose() * (world - self.translation)
     }
 
-    /// A world direction in local space.
+    /// Transforms a world direction to local space.
     #[must_use]
     pub fn local_direction(&self, world: Vec3) -> Vec3 {
         self.rotation.transpose() * world
@@ -67,31 +67,31 @@ impl BlasInstance {
         Self { blas, placement, bounds }
     }
 
-    /// Bounds in the world.
+    /// Returns the bounds in the world.
     pub(crate) fn bounds(&self) -> Bounds {
         self.bounds
     }
 }
 
-/// Number of a body in its [`Tlas`]. It is stored plus one, so that an `Option` of it has the same size.
+/// Index of a body in its [`Tlas`], stored plus one, so that an `Option` of it has the same size.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct BodyId(NonZeroU32);
 
 impl BodyId {
-    /// The body at `index` of the list.
+    /// Returns the id of the body at `index`.
     #[inline(always)]
     pub(crate) fn new(index: u32) -> Self {
         Self(NonZeroU32::MIN.saturating_add(index))
     }
 
-    /// Index in the list of bodies.
+    /// Returns the index in the list of bodies.
     #[inline(always)]
     pub(crate) fn index(self) -> usize {
         self.0.get() as usize - 1
     }
 }
 
-/// The top-level tree: all bodies of one moment.
+/// Top-level acceleration structure: all bodies at a given time.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Tlas {
     list: Vec<BlasInstance>,
@@ -104,7 +104,7 @@ impl Tlas {
         Self { top: Tree::build(&boxes, 2, 1, Effort::Quick), list }
     }
 
-    /// Bytes held, but for what bodies share.
+    /// Returns the bytes held, without the trees that bodies share.
     pub(crate) fn heap_bytes(&self) -> usize {
         memory::list(&self.list) + self.top.heap_bytes()
     }
@@ -114,12 +114,13 @@ impl Tlas {
         &self.list
     }
 
-    /// Bounds of everything.
+    /// Returns the bounds of everything.
     pub(crate) fn bounds(&self) -> Bounds {
         self.top.bounds()
     }
 
-    /// Puts into `near` the bodies of which some leaf touches the closed ball, in an order that depends on the bodies only.
+    /// Collects in `near` the bodies with a leaf that touches the closed ball. Their order depends on the bodies
+    /// only.
     pub(crate) fn near(&self, center: Vec3, radius: f32, stack: &mut Vec<u32>, near: &mut Vec<BodyId>) {
         near.clear();
         let limit = radius * radius;
@@ -128,14 +129,14 @@ impl Tlas {
                 near.push(BodyId::new(body));
             }
         });
-        // The bounds of all that stands still are those of the whole scene, and say little.
+        // The bounds of the static batch are those of the whole scene, so its leaves must be tested.
         near.retain(|&id| {
             let BlasInstance { blas, placement, .. } = &self.list[id.index()];
             blas.tree().touches(placement.local_point(center), radius, stack)
         });
     }
 
-    /// The nearest hit nearer than `tmax` that `accept` takes, with the number of its body; with `any`, some hit.
+    /// Returns the nearest hit within `tmax` that `accept` accepts, with its body; with `any`, some hit.
     pub(crate) fn nearest(
         &self,
         origin: Vec3,
@@ -221,7 +222,7 @@ mod tests {
         bodies.near(Vec3::X * 5.0, 0.51, &mut Vec::new(), &mut found);
         found.sort_unstable();
         assert_eq!(found, [BodyId::new(2), BodyId::new(3)]);
-        // Between the parts of a body nothing of it is near.
+        // A ball between the parts of a body touches none of its leaves.
         let ends = [-9.0, 9.0].into_iter().flat_map(|z| {
             reference::cube(0.5).into_iter().map(move |triangle| triangle.map(|corner| corner + Vec3::Z * z))
         });

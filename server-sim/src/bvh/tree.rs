@@ -1,6 +1,6 @@
-//! A binary tree of boxes: built by `obvhs` (PLOC and reinsertion), laid out for our two kinds of visit.
+//! A binary tree of boxes, built by `obvhs` (PLOC and reinsertion) and laid out for two kinds of traversal.
 //!
-//! A tree knows boxes only. [`super::blas`] puts triangles into the leaves, [`super::world`] whole bodies.
+//! A tree knows only boxes. Its leaves contain triangles in [`super::blas`] and whole bodies in [`super::tlas`].
 
 use std::ops::Range;
 
@@ -14,11 +14,11 @@ use psao_codec::memory;
 
 use super::bounds::Bounds;
 
-/// Marks a slot of [`Tree::order`] that holds no box, where leaves are padded to whole blocks.
+/// Marks a slot of [`Tree::order`] without a box: leaves are padded to whole blocks.
 pub(crate) const VACANT: u32 = u32::MAX;
 
-/// One node: a leaf when `count > 0` (its boxes are `order[first..first + count]`), else children at `first` and
-/// `first + 1`. Children stand behind their parent, so that a refit is one pass from the back.
+/// One node. It is a leaf if `count > 0`; its boxes are `order[first..first + count]`. Otherwise its children are at
+/// `first` and `first + 1`. Children come after their parent, so that a refit is one backward pass.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Node {
     pub(crate) bounds: Bounds,
@@ -26,12 +26,12 @@ pub(crate) struct Node {
     pub(crate) count: u32,
 }
 
-/// How much work goes into a tree.
+/// Effort for building a tree.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Effort {
-    /// Built once, visited for ever.
+    /// For a tree that is built once and traversed often.
     Best,
-    /// Built every frame.
+    /// For a tree that is built every frame.
     Quick,
 }
 
@@ -51,7 +51,7 @@ impl Effort {
     }
 }
 
-/// The tree. Without boxes it has no node.
+/// The tree. Without boxes it has no nodes.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Tree {
     nodes: Vec<Node>,
@@ -59,27 +59,28 @@ pub(crate) struct Tree {
 }
 
 impl Tree {
-    /// Bytes held.
+    /// Returns the bytes held on the heap.
     pub(super) fn heap_bytes(&self) -> usize {
         memory::list(&self.nodes) + memory::list(&self.order)
     }
 
-    /// Builds over `boxes`; empty or unbounded boxes are left out. Leaves hold at most `leaf` boxes, and each leaf's
-    /// run in [`Tree::order`] starts at a multiple of `stride` (1 = no padding).
+    /// Builds the tree over `boxes`, ignoring empty and unbounded boxes. Leaves hold at most `leaf` boxes. Each
+    /// leaf's run in [`Tree::order`] starts at a multiple of `stride` (1 = no padding).
     pub(crate) fn build(boxes: &[Bounds], leaf: usize, stride: usize, effort: Effort) -> Self {
-        let groups = Groups::of(boxes);
-        if groups.runs.is_empty() {
+        let equal_boxes = EqualBoxes::of(boxes);
+        if equal_boxes.runs.is_empty() {
             return Self::default();
         }
-        let aabbs: Vec<Aabb> = groups
+        let aabbs: Vec<Aabb> = equal_boxes
             .runs
             .iter()
-            .map(|run| boxes[groups.members[run.start] as usize])
+            .map(|run| boxes[equal_boxes.members[run.start] as usize])
             .map(|b| Aabb::new(b.min().into(), b.max().into()))
             .collect();
         let bvh = effort.build(&aabbs);
-        let below = members_below(&bvh, &groups.runs);
-        let mut tree = Self { nodes: vec![placeholder()], order: Vec::with_capacity(groups.members.len()) };
+        let below = members_below(&bvh, &equal_boxes.runs);
+        let mut tree =
+            Self { nodes: vec![placeholder()], order: Vec::with_capacity(equal_boxes.members.len()) };
         let mut work = vec![(0usize, 0usize)];
         while let Some((source, target)) = work.pop() {
             let node = &bvh.nodes[source];
@@ -87,13 +88,13 @@ impl Tree {
             if below[source] as usize <= leaf {
                 let first = tree.start_leaf(stride);
                 collect_primitives(&bvh.nodes, source, |slot| {
-                    let run = &groups.runs[bvh.primitive_indices[slot] as usize];
-                    tree.order.extend_from_slice(&groups.members[run.clone()]);
+                    let run = &equal_boxes.runs[bvh.primitive_indices[slot] as usize];
+                    tree.order.extend_from_slice(&equal_boxes.members[run.clone()]);
                 });
                 tree.nodes[target] = Node { bounds, first, count: below[source] };
             } else if node.is_leaf() {
-                let run = &groups.runs[bvh.primitive_indices[node.first_index as usize] as usize];
-                tree.halve(target, bounds, &groups.members[run.clone()], leaf, stride);
+                let run = &equal_boxes.runs[bvh.primitive_indices[node.first_index as usize] as usize];
+                tree.split_equal_boxes(target, bounds, &equal_boxes.members[run.clone()], leaf, stride);
             } else {
                 let first = tree.nodes.len();
                 tree.nodes.extend([placeholder(), placeholder()]);
@@ -106,14 +107,21 @@ impl Tree {
         tree
     }
 
-    /// Pads [`Tree::order`] to the stride; where the next leaf starts.
+    /// Pads [`Tree::order`] to the stride. Returns the start of the next leaf.
     fn start_leaf(&mut self, stride: usize) -> u32 {
         self.order.resize(self.order.len().next_multiple_of(stride), VACANT);
         self.order.len() as u32
     }
 
-    /// Splits members that all have the same box into leaves, by number.
-    fn halve(&mut self, target: usize, bounds: Bounds, members: &[u32], leaf: usize, stride: usize) {
+    /// Splits members with equal boxes into leaves, by number.
+    fn split_equal_boxes(
+        &mut self,
+        target: usize,
+        bounds: Bounds,
+        members: &[u32],
+        leaf: usize,
+        stride: usize,
+    ) {
         if members.len() <= leaf {
             let first = self.start_leaf(stride);
             self.order.extend_from_slice(members);
@@ -123,28 +131,30 @@ impl Tree {
         let first = self.nodes.len();
         self.nodes.extend([placeholder(), placeholder()]);
         self.nodes[target] = Node { bounds, first: first as u32, count: 0 };
-        // Whole leaves on the left, so that blocks are full; the depth is the logarithm of the number.
+        // The left side has whole leaves, so that blocks are full. The depth is the logarithm of the number of
+        // members.
         let (left, right) = members.split_at(members.len().div_ceil(leaf).div_ceil(2) * leaf);
-        self.halve(first, bounds, left, leaf, stride);
-        self.halve(first + 1, bounds, right, leaf, stride);
+        self.split_equal_boxes(first, bounds, left, leaf, stride);
+        self.split_equal_boxes(first + 1, bounds, right, leaf, stride);
     }
 
-    /// Nodes, root first; empty when the tree holds nothing.
+    /// Returns the nodes, root first; empty for an empty tree.
     pub(crate) fn nodes(&self) -> &[Node] {
         &self.nodes
     }
 
-    /// Box numbers in leaf order; [`VACANT`] where a leaf was padded.
+    /// Returns the box numbers in leaf order, with [`VACANT`] as padding.
     pub(crate) fn order(&self) -> &[u32] {
         &self.order
     }
 
-    /// Bounds of everything in the tree.
+    /// Returns the bounds of everything in the tree.
     pub(crate) fn bounds(&self) -> Bounds {
         self.nodes.first().map_or(Bounds::EMPTY, |root| root.bounds)
     }
 
-    /// At most `count` (at least 1) nodes that hold everything between them, the largest ones being taken apart first.
+    /// Returns at most `count` (at least 1) nodes that together contain everything. The largest nodes are split
+    /// first.
     pub(crate) fn cut(&self, count: usize) -> Vec<u32> {
         let mut cut: Vec<u32> = if self.nodes.is_empty() { Vec::new() } else { vec![0] };
         let area = |node: u32| {
@@ -176,8 +186,8 @@ impl Tree {
         }
     }
 
-    /// Calls `visit` with every box number in a leaf that the closed ball (`center`, `radius`) touches. Members of a
-    /// touched leaf may themselves be farther away: the caller tests them.
+    /// Calls `visit` with every box number in a leaf that touches the closed ball (`center`, `radius`). Boxes of such
+    /// a leaf may themselves be farther away: the caller tests them.
     pub(crate) fn near(&self, center: Vec3, radius: f32, stack: &mut Vec<u32>, mut visit: impl FnMut(u32)) {
         let limit = radius * radius;
         self.leaves(
@@ -189,7 +199,7 @@ impl Tree {
         );
     }
 
-    /// Whether a leaf touches the closed ball (`center`, `radius`).
+    /// Returns whether a leaf touches the closed ball (`center`, `radius`).
     pub(crate) fn touches(&self, center: Vec3, radius: f32, stack: &mut Vec<u32>) -> bool {
         let limit = radius * radius;
         let within = |node: u32| self.nodes[node as usize].bounds.distance_squared(center) <= limit;
@@ -236,14 +246,14 @@ fn placeholder() -> Node {
     Node { bounds: Bounds::EMPTY, first: 0, count: 0 }
 }
 
-/// Boxes in runs of equal ones. Clustering pairs up equal boxes into a chain as deep as there are of them, so it only
-/// ever sees one of each.
-struct Groups {
+/// Boxes in runs of equal ones. Clustering would chain equal boxes to a depth equal to their number, so it gets only
+/// one box per run.
+struct EqualBoxes {
     members: Vec<u32>,
     runs: Vec<Range<usize>>,
 }
 
-impl Groups {
+impl EqualBoxes {
     fn of(boxes: &[Bounds]) -> Self {
         let finite = |b: &Bounds| !b.is_empty() && b.min().is_finite() && b.max().is_finite();
         let key = |&i: &u32| {
@@ -263,7 +273,8 @@ impl Groups {
     }
 }
 
-/// How many members stand below each node; `obvhs` may order nodes freely after reinsertion, so this walks.
+/// Returns the number of members below each node. `obvhs` may order nodes freely after reinsertion, so this traverses
+/// the tree.
 fn members_below(bvh: &Bvh2, runs: &[Range<usize>]) -> Vec<u32> {
     let mut below = vec![0u32; bvh.nodes.len()];
     let mut walk = vec![(0usize, false)];

@@ -1,4 +1,4 @@
-//! The inner nodes of a [`Tree`], eight children at a time, so that eight boxes are tested at once.
+//! The inner nodes of a [`Tree`] with eight children each, so that eight boxes are tested at once.
 
 use glam::Vec3;
 
@@ -6,32 +6,33 @@ use super::bounds::Bounds;
 use super::lanes::{LANES, Packed3};
 use super::tree::{Node, Tree, VACANT};
 
-/// Up to eight children.
+/// An inner node with up to eight children.
 #[derive(Clone, Debug)]
-pub(crate) struct Wide {
-    /// Corners of the children's boxes; a vacant lane has an empty box.
+pub(crate) struct WideNode {
+    /// Corners of the children's boxes. A vacant lane has an empty box.
     pub(crate) low: Packed3,
     pub(crate) high: Packed3,
     pub(crate) children: [Child; LANES],
-    /// The tree's nodes that the children were made from, or [`VACANT`].
+    /// The tree's nodes of the children, or [`VACANT`].
     nodes: [u32; LANES],
 }
 
-/// Where a child is.
+/// Reference to a child.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Child {
-    /// Number of a leaf of the tree.
+    /// The leaf of the tree with this index.
     Leaf(u32),
-    /// Number of a wide node.
+    /// The wide node with this index.
     Inner(u32),
-    /// There is none.
+    /// No child.
     Vacant,
 }
 
-/// Every leaf of the tree is below the first node, once; empty where the tree is.
-pub(crate) fn widen(tree: &Tree) -> Vec<Wide> {
+/// Builds the wide nodes of a tree. Every leaf of the tree is below the first node once. The list is empty if the
+/// tree is.
+pub(crate) fn widen(tree: &Tree) -> Vec<WideNode> {
     let nodes = tree.nodes();
-    let mut wides: Vec<Wide> = Vec::new();
+    let mut wide_nodes: Vec<WideNode> = Vec::new();
     let mut work: Vec<u32> = if nodes.is_empty() { Vec::new() } else { vec![0] };
     // Wide nodes are numbered in the order in which their roots enter the queue.
     let mut next = 0;
@@ -47,15 +48,15 @@ pub(crate) fn widen(tree: &Tree) -> Vec<Wide> {
                 Child::Inner(work.len() as u32 - 1)
             };
         }
-        wides.push(Wide { low: Packed3::ZERO, high: Packed3::ZERO, children, nodes: members });
+        wide_nodes.push(WideNode { low: Packed3::ZERO, high: Packed3::ZERO, children, nodes: members });
     }
-    refit(&mut wides, tree);
-    wides
+    refit(&mut wide_nodes, tree);
+    wide_nodes
 }
 
-/// Takes over the boxes of the tree that the nodes were made from.
-pub(crate) fn refit(wides: &mut [Wide], tree: &Tree) {
-    for Wide { low, high, nodes, .. } in wides {
+/// Copies the boxes of the tree from which the nodes were built.
+pub(crate) fn refit(wide_nodes: &mut [WideNode], tree: &Tree) {
+    for WideNode { low, high, nodes, .. } in wide_nodes {
         let node = |lane: usize| tree.nodes().get(nodes[lane] as usize);
         let bounds = |lane: usize| node(lane).map_or(Bounds::EMPTY, |node| node.bounds);
         *low = Packed3::from_fn(|lane| bounds(lane).min());
@@ -63,7 +64,7 @@ pub(crate) fn refit(wides: &mut [Wide], tree: &Tree) {
     }
 }
 
-/// At most eight nodes that hold what is below a node, the largest ones being taken apart first.
+/// Returns at most eight nodes that together contain everything below a node. The largest nodes are split first.
 fn open(nodes: &[Node], root: u32) -> Vec<u32> {
     let area = |node: u32| {
         let Vec3 { x, y, z } = nodes[node as usize].bounds.size();
@@ -91,15 +92,15 @@ mod tests {
             let list: Vec<Bounds> =
                 (0..count).map(|i| Bounds::new(Vec3::splat(i as f32), Vec3::splat(i as f32 + 0.5))).collect();
             let mut tree = Tree::build(&list, 2, 1, Effort::Best);
-            let mut wides = widen(&tree);
+            let mut wide_nodes = widen(&tree);
             for shift in [0.0, 0.25] {
                 tree.refit(|i| Bounds::new(list[i as usize].min() + shift, list[i as usize].max() + shift));
-                refit(&mut wides, &tree);
+                refit(&mut wide_nodes, &tree);
                 let mut found = Vec::new();
                 let mut work: Vec<(usize, Bounds)> =
-                    wides.first().map(|_| (0, tree.bounds())).into_iter().collect();
+                    wide_nodes.first().map(|_| (0, tree.bounds())).into_iter().collect();
                 while let Some((wide, within)) = work.pop() {
-                    let Wide { low, high, children, .. } = &wides[wide];
+                    let WideNode { low, high, children, .. } = &wide_nodes[wide];
                     for (lane, child) in children.iter().enumerate() {
                         let bounds = Bounds::new(low.at(lane), high.at(lane));
                         assert_eq!(bounds.is_empty(), *child == Child::Vacant);

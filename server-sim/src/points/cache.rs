@@ -1,4 +1,4 @@
-//! Point sets kept between runs: the key they go by, and their bytes.
+//! A cache of point sets between runs: the key of an entry, and its bytes.
 
 use std::fmt;
 
@@ -8,32 +8,31 @@ use thiserror::Error;
 use super::{PointSet, PointSettings, SurfacePoint};
 use crate::scene::{Mesh, RestMesh, Scene};
 
-/// What is made of the same scene and settings; grows whenever that changes.
-const VERSION: u32 = 1;
+/// Version of the method. It grows whenever the method makes other points from the same scene and settings.
+const METHOD_VERSION: u32 = 1;
 /// First bytes of an entry.
 const MAGIC: [u8; 8] = *b"psaopts\x01";
-/// Bytes of the digest at the end of an entry.
+/// Size in bytes of the digest at the end of an entry.
 const DIGEST_BYTES: usize = 32;
-/// Bytes of a set before its points, and of a point.
+/// Sizes in bytes of a set without its points, and of one point.
 const SET_BYTES: usize = 4 + 4 + 8;
 const POINT_BYTES: usize = 4 + 4 + 4 + 1;
 
-/// Where the points of scenes are kept between runs. Nothing depends on whether they are found there but time: an entry
-/// that is damaged, or another one's, is refused and the points are made.
+/// Storage of the points of scenes between runs. A cache affects only time: a damaged or foreign entry is rejected,
+/// and the points are generated.
 pub trait PointCache: Sync {
-    /// The bytes that were stored under a key, if they are there.
+    /// Returns the bytes stored under a key, if there are any.
     fn load(&self, key: &PointKey) -> Option<Vec<u8>>;
 
-    /// Keeps bytes under a key, or does not where it cannot.
+    /// Stores bytes under a key. An implementation that cannot store them does nothing.
     fn store(&self, key: &PointKey, bytes: &[u8]);
 
-    /// Hears that what it loaded is of no use; new bytes are stored right after.
-    fn refused(&self, key: &PointKey, reason: &EntryError);
+    /// Reports that a loaded entry is unusable. New bytes are stored right afterwards.
+    fn refused(&self, key: &PointKey, reason: &PointCacheError);
 }
 
-/// What the points of a scene go by: a BLAKE3 digest of all that they are made of, which is the rest geometry of every
-/// mesh, which parts of it are there and how many sides it has, the settings, and the version of the method. Shown in
-/// hexadecimal.
+/// Key of the points of a scene: a BLAKE3 digest of everything that determines them. It covers the rest geometry,
+/// mask and sides of every mesh, the settings and the version of the method. It is displayed in hexadecimal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct PointKey([u8; 32]);
 
@@ -44,26 +43,26 @@ impl fmt::Display for PointKey {
 }
 
 impl PointKey {
-    /// The key of a scene's points.
+    /// Returns the key of a scene's points.
     #[must_use]
     pub fn new(scene: &Scene, settings: &PointSettings) -> Self {
         let mut hasher = blake3::Hasher::new();
         hasher.update(b"psao points");
-        hasher.update(&VERSION.to_le_bytes());
+        hasher.update(&METHOD_VERSION.to_le_bytes());
         hasher.update(&settings.per_m2.to_le_bytes());
         hasher.update(&settings.minimum.to_le_bytes());
         hasher.update(&settings.seed.to_le_bytes());
         for rest in scene.rests() {
             let mesh = &scene.meshes()[rest.mesh().index()];
-            geometry(&mut hasher, rest);
-            surface(&mut hasher, scene, mesh);
+            hash_geometry(&mut hasher, rest);
+            hash_surface(&mut hasher, scene, mesh);
         }
         Self(hasher.finalize().into())
     }
 }
 
-/// Hashes a list with its length before it.
-fn list<T, const N: usize>(hasher: &mut blake3::Hasher, items: &[T], bytes: impl Fn(&T) -> [u8; N]) {
+/// Hashes a list, preceded by its length.
+fn hash_list<T, const N: usize>(hasher: &mut blake3::Hasher, items: &[T], bytes: impl Fn(&T) -> [u8; N]) {
     hasher.update(&(items.len() as u64).to_le_bytes());
     let mut block = Vec::with_capacity(N * items.len().min(1 << 12));
     for items in items.chunks(1 << 12) {
@@ -73,15 +72,15 @@ fn list<T, const N: usize>(hasher: &mut blake3::Hasher, items: &[T], bytes: impl
     }
 }
 
-fn geometry(hasher: &mut blake3::Hasher, rest: &RestMesh) {
+fn hash_geometry(hasher: &mut blake3::Hasher, rest: &RestMesh) {
     let bytes = |[a, b, c]: [[u8; 4]; 3]| std::array::from_fn::<u8, 12, _>(|i| [a, b, c][i / 4][i % 4]);
-    list(hasher, rest.geometry().positions(), |at: &Vec3| bytes(at.to_array().map(f32::to_le_bytes)));
-    list(hasher, rest.triangles(), |corners| bytes(corners.map(u32::to_le_bytes)));
+    hash_list(hasher, rest.geometry().positions(), |at: &Vec3| bytes(at.to_array().map(f32::to_le_bytes)));
+    hash_list(hasher, rest.triangles(), |corners| bytes(corners.map(u32::to_le_bytes)));
     hasher.update(&rest.area_m2().to_le_bytes());
 }
 
-/// Hashes sides and mask.
-fn surface(hasher: &mut blake3::Hasher, scene: &Scene, mesh: &Mesh) {
+/// Hashes the number of sides and the mask.
+fn hash_surface(hasher: &mut blake3::Hasher, scene: &Scene, mesh: &Mesh) {
     let material = scene.material(mesh);
     hasher.update(&[u8::from(material.double_sided())]);
     let (Some(mask), Some(uvs)) = (material.mask(), mesh.uvs()) else {
@@ -97,28 +96,28 @@ fn surface(hasher: &mut blake3::Hasher, scene: &Scene, mesh: &Mesh) {
         texture.size().iter().for_each(|side| {
             hasher.update(&side.to_le_bytes());
         });
-        list(hasher, texture.texels(), |texel| *texel);
+        hash_list(hasher, texture.texels(), |texel| *texel);
     }
-    list(hasher, uvs, |uv| {
+    hash_list(hasher, uvs, |uv| {
         let [u, v] = uv.to_array().map(f32::to_le_bytes);
         std::array::from_fn::<u8, 8, _>(|i| [u, v][i / 4][i % 4])
     });
 }
 
-/// Why the bytes of an entry are of no use.
+/// Reason why an entry is unusable.
 #[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
 #[non_exhaustive]
-pub enum EntryError {
-    /// Something else, or of another version.
+pub enum PointCacheError {
+    /// The bytes are not an entry, or one of another version.
     #[error("it holds no points of this version")]
     Foreign,
-    /// Points that go by another key.
+    /// The entry has the points of another key.
     #[error("it holds the points of another scene or of other settings")]
     Key,
-    /// The digest at its end is not that of the rest.
-    #[error("it is damaged: its digest is not that of its content")]
+    /// The digest at the end does not match the content.
+    #[error("it is damaged: its digest does not match its content")]
     Digest,
-    /// Its digest is right, and its content is not.
+    /// The digest matches, but the content is invalid.
     #[error("its points are not on the scene's meshes: set {set}")]
     Content {
         /// Number of the set.
@@ -126,8 +125,9 @@ pub enum EntryError {
     },
 }
 
-/// An entry, little endian: magic, key; for every mesh of the scene the number of its points (u32), their radius (f32)
-/// and area (f64), then each point's triangle (u32), weights (2 f32) and side (1: back); BLAKE3 of all that.
+/// Encodes an entry, little endian: magic, key, then the sets in the order of the meshes, then a BLAKE3 digest of all
+/// that. A set has the number of its points (u32), their radius (f32) and area (f64). Each point has its triangle
+/// (u32), weights (2 f32) and side (u8, 1: back).
 pub(super) fn encode(key: &PointKey, sets: &[PointSet]) -> Vec<u8> {
     let points: usize = sets.iter().map(|set| set.points.len()).sum();
     let size = MAGIC.len() + key.0.len() + sets.len() * SET_BYTES + points * POINT_BYTES + DIGEST_BYTES;
@@ -150,49 +150,49 @@ pub(super) fn encode(key: &PointKey, sets: &[PointSet]) -> Vec<u8> {
     bytes
 }
 
-/// The sets of an entry, one for each mesh of the scene.
+/// Decodes the sets of an entry, one for each mesh of the scene.
 ///
 /// # Errors
-/// [`EntryError`] for bytes that are not what [`encode`] gave for this key and scene. Nothing is allocated for more points
-/// than there are bytes.
-pub(super) fn decode(key: &PointKey, scene: &Scene, bytes: &[u8]) -> Result<Vec<PointSet>, EntryError> {
-    let (content, digest) = bytes.split_last_chunk::<DIGEST_BYTES>().ok_or(EntryError::Foreign)?;
-    let (magic, rest) = content.split_first_chunk().ok_or(EntryError::Foreign)?;
-    let (found, mut rest) = rest.split_first_chunk().ok_or(EntryError::Foreign)?;
+/// Returns [`PointCacheError`] for bytes that [`encode`] did not make for this key and scene. Memory is allocated
+/// only for points whose bytes are present.
+pub(super) fn decode(key: &PointKey, scene: &Scene, bytes: &[u8]) -> Result<Vec<PointSet>, PointCacheError> {
+    let (content, digest) = bytes.split_last_chunk::<DIGEST_BYTES>().ok_or(PointCacheError::Foreign)?;
+    let (magic, rest) = content.split_first_chunk().ok_or(PointCacheError::Foreign)?;
+    let (found, mut rest) = rest.split_first_chunk().ok_or(PointCacheError::Foreign)?;
     if *magic != MAGIC {
-        return Err(EntryError::Foreign);
+        return Err(PointCacheError::Foreign);
     }
     if *found != key.0 {
-        return Err(EntryError::Key);
+        return Err(PointCacheError::Key);
     }
     if blake3::hash(content) != *digest {
-        return Err(EntryError::Digest);
+        return Err(PointCacheError::Digest);
     }
     let mut sets = Vec::with_capacity(scene.rests().len());
     for (number, mesh) in scene.rests().iter().enumerate() {
-        let (set, after) = set(mesh, rest).ok_or(EntryError::Content { set: number })?;
+        let (set, after) = decode_set(mesh, rest).ok_or(PointCacheError::Content { set: number })?;
         sets.push(set);
         rest = after;
     }
-    if rest.is_empty() { Ok(sets) } else { Err(EntryError::Content { set: sets.len() }) }
+    if rest.is_empty() { Ok(sets) } else { Err(PointCacheError::Content { set: sets.len() }) }
 }
 
-/// One set, and the bytes after it.
-fn set<'a>(mesh: &RestMesh, bytes: &'a [u8]) -> Option<(PointSet, &'a [u8])> {
+/// Decodes one set. Returns it with the bytes after it.
+fn decode_set<'a>(mesh: &RestMesh, bytes: &'a [u8]) -> Option<(PointSet, &'a [u8])> {
     let (count, bytes) = bytes.split_first_chunk()?;
     let (radius, bytes) = bytes.split_first_chunk()?;
     let (area, bytes) = bytes.split_first_chunk()?;
     let count = u32::from_le_bytes(*count) as usize;
     let (points, after) = bytes.split_at_checked(count.checked_mul(POINT_BYTES)?)?;
     let points: Option<Vec<SurfacePoint>> =
-        points.chunks_exact(POINT_BYTES).map(|point| on(mesh, point)).collect();
+        points.chunks_exact(POINT_BYTES).map(|point| decode_point(mesh, point)).collect();
     let (radius, area) = (f32::from_le_bytes(*radius), f64::from_le_bytes(*area));
     let fine = radius.is_finite() && radius > 0.0 && area.is_finite();
     let set = PointSet { points: points?, numbers: (0..count as u32).collect(), radius, area };
     fine.then_some((set, after))
 }
 
-fn on(mesh: &RestMesh, bytes: &[u8]) -> Option<SurfacePoint> {
+fn decode_point(mesh: &RestMesh, bytes: &[u8]) -> Option<SurfacePoint> {
     let (triangle, bytes) = bytes.split_first_chunk()?;
     let (second, bytes) = bytes.split_first_chunk()?;
     let (third, bytes) = bytes.split_first_chunk()?;
@@ -212,33 +212,33 @@ mod tests {
     use super::*;
     use crate::points::{ScenePoints, generate, generate_cached};
 
-    /// In memory; counts what was found and refused.
+    /// A cache in memory that records the calls.
     #[derive(Default)]
-    struct Memory {
+    struct MemoryCache {
         entries: Mutex<BTreeMap<String, Vec<u8>>>,
-        heard: Mutex<Vec<String>>,
+        events: Mutex<Vec<String>>,
     }
 
-    impl PointCache for Memory {
+    impl PointCache for MemoryCache {
         fn load(&self, key: &PointKey) -> Option<Vec<u8>> {
             let found = self.entries.lock().unwrap().get(&key.to_string()).cloned();
-            self.heard.lock().unwrap().push(if found.is_some() { "found" } else { "none" }.to_owned());
+            self.events.lock().unwrap().push(if found.is_some() { "found" } else { "none" }.to_owned());
             found
         }
 
         fn store(&self, key: &PointKey, bytes: &[u8]) {
-            self.heard.lock().unwrap().push("stored".to_owned());
+            self.events.lock().unwrap().push("stored".to_owned());
             self.entries.lock().unwrap().insert(key.to_string(), bytes.to_vec());
         }
 
-        fn refused(&self, _: &PointKey, reason: &EntryError) {
-            self.heard.lock().unwrap().push(reason.to_string());
+        fn refused(&self, _: &PointKey, reason: &PointCacheError) {
+            self.events.lock().unwrap().push(reason.to_string());
         }
     }
 
-    impl Memory {
-        fn heard(&self) -> Vec<String> {
-            std::mem::take(&mut self.heard.lock().unwrap())
+    impl MemoryCache {
+        fn events(&self) -> Vec<String> {
+            std::mem::take(&mut self.events.lock().unwrap())
         }
 
         fn run(&self, scene: &Scene) -> ScenePoints {
@@ -251,19 +251,19 @@ mod tests {
     #[test]
     fn points_are_the_same_with_and_without() {
         let scene = Scene::load("robot-lab").unwrap();
-        let cache = Memory::default();
+        let cache = MemoryCache::default();
         let without = generate(&scene, &SETTINGS, &|_, _| {}).unwrap();
         for expected in [&["none", "stored"][..], &["found"]] {
             let with = cache.run(&scene);
             assert_eq!((with.sets(), with.offsets()), (without.sets(), without.offsets()));
-            assert_eq!(cache.heard(), expected);
+            assert_eq!(cache.events(), expected);
         }
     }
 
     #[test]
     fn an_entry_that_is_not_whole_is_made_anew() {
         let scene = Scene::load("colonnade").unwrap();
-        let cache = Memory::default();
+        let cache = MemoryCache::default();
         let expected = cache.run(&scene);
         let key = PointKey::new(&scene, &SETTINGS);
         let good = cache.entries.lock().unwrap()[&key.to_string()].clone();
@@ -277,11 +277,11 @@ mod tests {
             .collect();
         bad.push([&good[..], &[0]].concat());
         for bytes in bad {
-            cache.heard();
+            cache.events();
             cache.entries.lock().unwrap().insert(key.to_string(), bytes);
             assert_eq!(cache.run(&scene).sets(), expected.sets());
-            let heard = cache.heard();
-            assert!(heard.len() == 3 && heard[2] == "stored", "{heard:?}");
+            let events = cache.events();
+            assert!(events.len() == 3 && events[2] == "stored", "{events:?}");
         }
     }
 
@@ -296,17 +296,26 @@ mod tests {
             decode(&key, &scene, &encode(&key, &sets))
         };
         assert_eq!(check(&|_| ()).unwrap(), sets);
-        assert_eq!(check(&|sets| sets[1].points[3].triangle = u32::MAX), Err(EntryError::Content { set: 1 }));
-        assert_eq!(check(&|sets| sets[0].points[0].bary[1] = f32::NAN), Err(EntryError::Content { set: 0 }));
-        assert_eq!(check(&|sets| sets[0].radius = 0.0), Err(EntryError::Content { set: 0 }));
+        assert_eq!(
+            check(&|sets| sets[1].points[3].triangle = u32::MAX),
+            Err(PointCacheError::Content { set: 1 })
+        );
+        assert_eq!(
+            check(&|sets| sets[0].points[0].bary[1] = f32::NAN),
+            Err(PointCacheError::Content { set: 0 })
+        );
+        assert_eq!(check(&|sets| sets[0].radius = 0.0), Err(PointCacheError::Content { set: 0 }));
         let count = sets.len();
-        assert_eq!(check(&|sets| sets.truncate(count - 1)), Err(EntryError::Content { set: count - 1 }));
-        assert_eq!(check(&|sets| sets.push(PointSet::default())), Err(EntryError::Content { set: count }));
+        assert_eq!(check(&|sets| sets.truncate(count - 1)), Err(PointCacheError::Content { set: count - 1 }));
+        assert_eq!(
+            check(&|sets| sets.push(PointSet::default())),
+            Err(PointCacheError::Content { set: count })
+        );
         assert_eq!(
             decode(&PointKey::new(&other, &SETTINGS), &other, &encode(&key, &sets)),
-            Err(EntryError::Key)
+            Err(PointCacheError::Key)
         );
-        assert_eq!(decode(&key, &scene, b"psao"), Err(EntryError::Foreign));
+        assert_eq!(decode(&key, &scene, b"psao"), Err(PointCacheError::Foreign));
     }
 
     #[test]
@@ -328,11 +337,12 @@ mod tests {
 
     #[test]
     fn a_version_stands_for_its_points() {
-        // Where this fails, what is made has changed: VERSION grows, so that nobody is served points of old.
+        // If this fails, the method makes other points: increase METHOD_VERSION, so that no cache returns points of
+        // the old method.
         let scene = Scene::load("colonnade").unwrap();
         let sets = generate(&scene, &SETTINGS, &|_, _| {}).unwrap().sets;
         let bytes = encode(&PointKey([0; 32]), &sets);
         let digest = blake3::hash(&bytes).to_hex();
-        assert_eq!((VERSION, &digest[..16]), (1, "88b65fdb5924099d"));
+        assert_eq!((METHOD_VERSION, &digest[..16]), (1, "88b65fdb5924099d"));
     }
 }

@@ -5,15 +5,15 @@ use glam::Vec3;
 use super::SurfacePoint;
 use crate::random::Random;
 
-/// A mesh's triangles with their areas added up.
-pub(super) struct Surface<'a> {
+/// Draws random points from the triangles of a mesh.
+pub(super) struct TriangleSampler<'a> {
     positions: &'a [Vec3],
     triangles: &'a [[u32; 3]],
-    /// Area of the triangles up to and with each, square metres.
+    /// Running sum of the triangles' areas, square metres.
     sums: Vec<f64>,
 }
 
-impl<'a> Surface<'a> {
+impl<'a> TriangleSampler<'a> {
     pub(super) fn new(positions: &'a [Vec3], triangles: &'a [[u32; 3]]) -> Self {
         let mut sum = 0.0;
         let sums = triangles.iter().map(|corners| {
@@ -25,13 +25,13 @@ impl<'a> Surface<'a> {
         Self { positions, triangles, sums: sums.collect() }
     }
 
-    /// Area of one side, square metres.
+    /// Returns the area of one side, square metres.
     pub(super) fn area(&self) -> f64 {
         self.sums.last().copied().unwrap_or(0.0)
     }
 
-    /// Draws `count` points on one side. The area is cut into `count` equal parts with one point in each, so that
-    /// small triangles get their share; within a triangle points are uniform.
+    /// Draws `count` points on one side. The area is divided into `count` equal parts with one point in each, so that
+    /// small triangles get their share. Points are uniform within a triangle.
     pub(super) fn draw(
         &self,
         count: usize,
@@ -46,7 +46,7 @@ impl<'a> Surface<'a> {
         let mut triangle = 0;
         for part in 0..count {
             let at = (part as f64 + f64::from(random.unit())) / count as f64 * area;
-            // A triangle without area adds nothing to the sum and is passed over.
+            // A triangle without area adds nothing to the sum and is skipped.
             while triangle + 1 < self.sums.len() && self.sums[triangle] <= at {
                 triangle += 1;
             }
@@ -69,7 +69,7 @@ mod tests {
     fn triangles_get_points_by_area_and_flat_ones_none() {
         let positions = [Vec3::ZERO, Vec3::X, Vec3::Z, Vec3::X * 3.0, Vec3::Z * 3.0];
         let triangles = [[0, 1, 2], [0, 1, 1], [0, 3, 4], [2, 2, 2]];
-        let surface = Surface::new(&positions, &triangles);
+        let surface = TriangleSampler::new(&positions, &triangles);
         assert!((surface.area() - 5.0).abs() < 1e-9);
         let mut counts = [0; 4];
         let mut mean = Vec3::ZERO;
@@ -79,9 +79,10 @@ mod tests {
             mean += at / 10_000.0;
         });
         assert!((counts[0] - 1000i32).abs() < 5 && counts[1] == 0 && counts[3] == 0, "{counts:?}");
-        // Centroids of the two triangles by area.
+        // Centroids of the two triangles, weighted by area.
         let expected = (Vec3::new(1.0, 0.0, 1.0) / 3.0) * 0.1 + Vec3::new(1.0, 0.0, 1.0) * 0.9;
         assert!((mean - expected).length() < 0.03, "{mean}");
-        Surface::new(&positions, &[[0, 0, 0]]).draw(10, false, &mut Random::new(1), |_, _| panic!("no area"));
+        TriangleSampler::new(&positions, &[[0, 0, 0]])
+            .draw(10, false, &mut Random::new(1), |_, _| panic!("no area"));
     }
 }

@@ -1,4 +1,4 @@
-//! From a scene to its points.
+//! Generates the points of a scene.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -6,25 +6,25 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::cache::{self, PointCache, PointKey};
-use super::candidates::Surface;
+use super::candidates::TriangleSampler;
 use super::eliminate::{eliminate, poisson_radius};
 use super::{MAX_POINTS, PointError, PointSet, PointSettings, ScenePoints, SurfacePoint};
 use crate::random::{Random, substream};
 use crate::scene::{PosedMesh, RestMesh, Scene};
 
-/// How often a masked surface is drawn again, twice as densely each time, before it counts as empty.
+/// Number of attempts on a masked surface, each with twice as many candidates, before it counts as empty.
 const MASKED_ATTEMPTS: u32 = 6;
-/// Radius in metres of a mesh without points, so that its grid has a cell.
+/// Radius in metres of a mesh without points, so that its grid has a positive cell size.
 const EMPTY_SET_RADIUS_M: f32 = 0.05;
 
-/// Spreads points over every mesh of the scene: twice as many random candidates as wanted, then weighted sample
-/// elimination to half, the two sides of double-sided meshes apart; none where a mask cuts the surface away (paper,
-/// section 3.1). The same scene and settings give the same points whatever the number of threads.
+/// Generates points on every mesh of the scene (paper, section 3.1). Each side of a mesh gets twice as many random
+/// candidates as points, and weighted sample elimination halves them. Masked-out parts get no points. Equal scenes
+/// and settings give equal points, whatever the number of threads.
 ///
-/// `progress` hears of points done and points wanted, from any thread.
+/// `progress` is called from any thread with the number of points done and the total.
 ///
 /// # Errors
-/// [`PointError`] for settings that make no sense; nothing was allocated then.
+/// Returns [`PointError`] for invalid settings, before anything is allocated.
 pub fn generate(
     scene: &Scene,
     settings: &PointSettings,
@@ -33,20 +33,20 @@ pub fn generate(
     generate_cached(scene, settings, None, progress)
 }
 
-/// As [`generate`], and the same points; they are taken from a cache where they are there, and kept there where they
-/// are not.
+/// Generates the same points as [`generate`], but reads them from a cache if it has them and otherwise stores them
+/// there.
 ///
 /// # Errors
-/// As [`generate`].
+/// Returns the errors of [`generate`].
 pub fn generate_cached(
     scene: &Scene,
     settings: &PointSettings,
     cache: Option<&dyn PointCache>,
     progress: &(dyn Fn(u64, u64) + Sync),
 ) -> Result<ScenePoints, PointError> {
-    let total = wanted(scene, settings)?;
+    let total = point_count(scene, settings)?;
     let Some(cache) = cache else {
-        return Ok(ScenePoints::new(scene, spread(scene, settings, total, progress)));
+        return Ok(ScenePoints::new(scene, generate_sets(scene, settings, total, progress)));
     };
     let key = PointKey::new(scene, settings);
     if let Some(bytes) = cache.load(&key) {
@@ -58,13 +58,13 @@ pub fn generate_cached(
             Err(reason) => cache.refused(&key, &reason),
         }
     }
-    let sets = spread(scene, settings, total, progress);
+    let sets = generate_sets(scene, settings, total, progress);
     cache.store(&key, &cache::encode(&key, &sets));
     Ok(ScenePoints::new(scene, sets))
 }
 
-/// Points of all meshes, those of each counted once.
-fn wanted(scene: &Scene, settings: &PointSettings) -> Result<u64, PointError> {
+/// Returns the number of points of all sets.
+fn point_count(scene: &Scene, settings: &PointSettings) -> Result<u64, PointError> {
     if !(settings.per_m2.is_finite() && settings.per_m2 > 0.0) {
         return Err(PointError::Density { per_m2: settings.per_m2 });
     }
@@ -72,7 +72,7 @@ fn wanted(scene: &Scene, settings: &PointSettings) -> Result<u64, PointError> {
         return Err(PointError::Minimum);
     }
     let wanted: Vec<f64> =
-        scene.rests().iter().map(|rest| Plan::new(scene, rest, settings).points()).collect();
+        scene.rests().iter().map(|rest| MeshSampling::new(scene, rest, settings).points()).collect();
     let points: f64 = scene.instances().iter().map(|instance| wanted[instance.rest().index()]).sum();
     if points > MAX_POINTS as f64 {
         return Err(PointError::TooMany { points });
@@ -80,8 +80,8 @@ fn wanted(scene: &Scene, settings: &PointSettings) -> Result<u64, PointError> {
     Ok(wanted.iter().sum::<f64>() as u64)
 }
 
-/// The points of every mesh.
-fn spread(
+/// Generates the points of every mesh.
+fn generate_sets(
     scene: &Scene,
     settings: &PointSettings,
     total: u64,
@@ -89,9 +89,9 @@ fn spread(
 ) -> Vec<PointSet> {
     let done = AtomicU64::new(0);
     let sets = scene.rests().par_iter().enumerate().map(|(index, rest)| {
-        let plan = Plan::new(scene, rest, settings);
-        let set = plan.generate(substream(settings.seed, index as u64));
-        let share = plan.points() as u64;
+        let sampling = MeshSampling::new(scene, rest, settings);
+        let set = sampling.generate(substream(settings.seed, index as u64));
+        let share = sampling.points() as u64;
         progress(done.fetch_add(share, Ordering::Relaxed) + share, total);
         set
     });
@@ -99,7 +99,7 @@ fn spread(
 }
 
 impl ScenePoints {
-    /// The sets of a scene's meshes.
+    /// Creates the points from the sets of a scene's meshes.
     fn new(scene: &Scene, sets: Vec<PointSet>) -> Self {
         let mut offsets = vec![0u32];
         for instance in scene.instances() {
@@ -110,17 +110,17 @@ impl ScenePoints {
     }
 }
 
-/// What one mesh gets.
-struct Plan<'a> {
+/// Generates the points of one mesh.
+struct MeshSampling<'a> {
     posed: PosedMesh<'a>,
     area: f64,
     per_m2: f64,
-    /// Fewest points of a side.
+    /// Fewest points of one side.
     minimum: usize,
     sides: &'static [bool],
 }
 
-impl<'a> Plan<'a> {
+impl<'a> MeshSampling<'a> {
     fn new(scene: &'a Scene, rest: &'a RestMesh, settings: &PointSettings) -> Self {
         let posed = PosedMesh::at_rest(scene, rest);
         let sides: &[bool] = if posed.material.double_sided() { &[false, true] } else { &[false] };
@@ -128,12 +128,12 @@ impl<'a> Plan<'a> {
         Self { posed, area: rest.area_m2(), per_m2: f64::from(settings.per_m2), minimum, sides }
     }
 
-    /// Points of one side with this much area.
+    /// Returns the number of points of one side with this area, square metres.
     fn side(&self, area: f64) -> usize {
         ((area * self.per_m2).ceil() as usize).max(self.minimum)
     }
 
-    /// Points of the mesh before anything is masked out.
+    /// Returns the number of points of the mesh without its mask.
     fn points(&self) -> f64 {
         if self.area > 0.0 {
             self.sides.len() as f64 * (self.area * self.per_m2).ceil().max(self.minimum as f64)
@@ -143,10 +143,10 @@ impl<'a> Plan<'a> {
     }
 
     fn generate(&self, seed: u64) -> PointSet {
-        let surface = Surface::new(self.posed.geometry.positions(), self.posed.triangles);
+        let sampler = TriangleSampler::new(self.posed.geometry.positions(), self.posed.triangles);
         let mut set = PointSet::default();
         for &back in self.sides {
-            let (points, area) = self.generate_side(&surface, back, substream(seed, u64::from(back)));
+            let (points, area) = self.generate_side(&sampler, back, substream(seed, u64::from(back)));
             set.points.extend(points);
             set.area += area;
         }
@@ -156,37 +156,42 @@ impl<'a> Plan<'a> {
         set
     }
 
-    /// The points of one side and the area they stand for.
-    fn generate_side(&self, surface: &Surface<'_>, back: bool, seed: u64) -> (Vec<SurfacePoint>, f64) {
-        if surface.area() <= 0.0 {
+    /// Generates the points of one side. Returns them with the area that they stand for, square metres.
+    fn generate_side(
+        &self,
+        sampler: &TriangleSampler<'_>,
+        back: bool,
+        seed: u64,
+    ) -> (Vec<SurfacePoint>, f64) {
+        if sampler.area() <= 0.0 {
             return (Vec::new(), 0.0);
         }
         let masked = self.posed.masked();
         let mut random = Random::new(seed);
-        let mut count = 2 * self.side(surface.area());
+        let mut count = 2 * self.side(sampler.area());
         for _ in 0..MASKED_ATTEMPTS {
             let mut points = Vec::with_capacity(count);
             let mut positions = Vec::with_capacity(count);
-            surface.draw(count, back, &mut random, |point, at| {
+            sampler.draw(count, back, &mut random, |point, at| {
                 if !masked || self.posed.opaque(point.triangle, point.bary) {
                     points.push(point);
                     positions.push(at);
                 }
             });
-            let area = surface.area() * points.len() as f64 / count as f64;
+            let area = sampler.area() * points.len() as f64 / count as f64;
             let keep = self.side(area);
             if points.len() >= 2 * keep {
-                return (thin(&points, &positions, keep, area), area);
+                return (select_points(&points, &positions, keep, area), area);
             }
-            // Rounding alone may leave a masked mesh a point short of twice what is kept.
+            // Rounding alone may leave a masked mesh one point short of twice the number to keep.
             count = if points.len() + 8 >= 2 * keep { count + 16 } else { count * 2 };
         }
         (Vec::new(), 0.0)
     }
 }
 
-/// Keeps an even spread of `keep` points, in an order that follows the surface.
-fn thin(points: &[SurfacePoint], positions: &[Vec3], keep: usize, area: f64) -> Vec<SurfacePoint> {
+/// Selects `keep` evenly spread points and orders them along a Morton curve.
+fn select_points(points: &[SurfacePoint], positions: &[Vec3], keep: usize, area: f64) -> Vec<SurfacePoint> {
     let kept = eliminate(positions, keep, poisson_radius(area, keep));
     let low = positions.iter().copied().fold(Vec3::INFINITY, Vec3::min);
     let high = positions.iter().copied().fold(Vec3::NEG_INFINITY, Vec3::max);
@@ -200,7 +205,7 @@ fn thin(points: &[SurfacePoint], positions: &[Vec3], keep: usize, area: f64) -> 
     order.into_iter().map(|(_, i)| points[i as usize]).collect()
 }
 
-/// The ten low bits with two zeros after each: a third of a Morton code.
+/// Returns the ten low bits with two zeros after each: one axis of a Morton code.
 fn spread_bits(value: u32) -> u32 {
     let value = value.min(1023);
     let value = (value | (value << 16)) & 0x0300_00FF;

@@ -1,6 +1,6 @@
-//! The numbers of a point, each with a type of its own.
+//! The numbers of a point, each with its own type.
 
-/// Declares a number of points.
+/// Declares a type for a number of points.
 macro_rules! number {
     ($(#[$doc:meta])* $name:ident) => {
         $(#[$doc])*
@@ -8,7 +8,7 @@ macro_rules! number {
         pub struct $name(pub u32);
 
         impl $name {
-            /// Index into a list of all of them.
+            /// Returns the number as an index into a list.
             #[must_use]
             #[inline(always)]
             pub fn index(self) -> usize {
@@ -34,7 +34,7 @@ number! {
     PointInSet
 }
 number! {
-    /// Chooses the rays of a point: the number of the point in the order in which points were made, over all instances. It
-    /// stays with the point when its set is put into another order.
+    /// Number that selects the rays of a point: its rank in the order of creation, over all instances. It stays with
+    /// the point when its set is reordered.
     RayKey
 }

@@ -1,4 +1,4 @@
-//! Points on surfaces: an even spread over every mesh, made once (paper, section 3.1).
+//! Points on surfaces: an even distribution over every mesh, generated once (paper, section 3.1).
 
 mod cache;
 mod candidates;
@@ -13,24 +13,24 @@ mod rest;
 
 use thiserror::Error;
 
-pub use cache::{EntryError, PointCache, PointKey};
+pub use cache::{PointCache, PointCacheError, PointKey};
 pub use eliminate::{eliminate, poisson_radius};
 pub use generate::{generate, generate_cached};
 pub use ids::{PointId, PointInSet, RayKey};
 pub use place::PlacedPoint;
 pub use rest::{GeometryPrecision, SharedGeometryError, make_shared_geometry, order_at_rest, rest_points};
 
-/// Most points of a scene, all instances together.
+/// Largest number of points of a scene, all instances together.
 pub const MAX_POINTS: u64 = 64 << 20;
 
-/// A point on a mesh, as weights of a triangle's corners: it moves with the mesh.
+/// A point on a mesh as barycentric weights of a triangle, so that it moves with the mesh.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfacePoint {
     /// Number of the triangle in the mesh.
     pub triangle: u32,
-    /// Weights of the triangle's second and third corner; the first one has the rest to 1.
+    /// Weights of the triangle's second and third corner. The three weights sum to 1.
     pub bary: [f32; 2],
-    /// On the back of a double-sided triangle: its normal is turned round.
+    /// Whether the point is on the back of a double-sided triangle, with a reversed normal.
     pub back: bool,
 }
 
@@ -44,27 +44,28 @@ pub struct PointSet {
 }
 
 impl PointSet {
-    /// The points, those of the front first; close in the list means close on the mesh, mostly.
+    /// Returns the points, those of the front first. Points that are close in the list are mostly close on the mesh.
     #[must_use]
     pub fn points(&self) -> &[SurfacePoint] {
         &self.points
     }
 
-    /// Number of every point in the order in which they were made. It stays with the point when the set is put into
-    /// another order, and so do the rays that it chooses.
+    /// Returns the rank of every point in the order of creation. The rank stays with the point when the set is
+    /// reordered, and so do the rays that it selects.
     #[must_use]
     pub fn numbers(&self) -> &[u32] {
         &self.numbers
     }
 
-    /// Largest possible Poisson-disk radius `r_max` of the points in metres: half the distance between neighbours in
-    /// the densest packing of as many points on the same area. Positive.
+    /// Returns the largest possible Poisson-disk radius `r_max` of the points in metres; it is positive. It is half
+    /// the distance between neighbours in the densest packing of equally many points on the same area.
     #[must_use]
     pub fn radius(&self) -> f32 {
         self.radius
     }
 
-    /// Area that the points stand for in square metres: both sides where both have points, without masked-out parts.
+    /// Returns the area in square metres that the points stand for. It counts both sides of a double-sided mesh and
+    /// no masked-out parts.
     #[must_use]
     pub fn area(&self) -> f64 {
         self.area
@@ -79,29 +80,29 @@ pub struct ScenePoints {
 }
 
 impl ScenePoints {
-    /// Point sets, in the order of the scene's meshes at rest.
+    /// Returns the point sets, in the order of the scene's meshes at rest.
     #[must_use]
     pub fn sets(&self) -> &[PointSet] {
         &self.sets
     }
 
-    /// First point id of every instance in order, then the number of all points.
+    /// Returns the first point id of every instance, followed by the number of all points.
     #[must_use]
     pub fn offsets(&self) -> &[u32] {
         &self.offsets
     }
 
-    /// Puts the points of a set into another order: `order` names, for each place, the point that goes there.
+    /// Reorders the points of a set: `order` has, for each new place, the old place of its point.
     pub(crate) fn reorder(&mut self, set: usize, order: &[u32]) {
         let set = &mut self.sets[set];
         set.points = order.iter().map(|&from| set.points[from as usize]).collect();
         set.numbers = order.iter().map(|&from| set.numbers[from as usize]).collect();
     }
 
-    /// Bytes of memory held.
+    /// Returns the bytes of memory held.
     #[must_use]
     pub fn heap_bytes(&self) -> usize {
-        // Counted by length: how much room there is depends on whether the points come from a cache.
+        // Count lengths: the capacity depends on whether the points come from a cache.
         let set = |set: &PointSet| size_of_val(set) + size_of_val(set.points()) + size_of_val(set.numbers());
         self.sets.iter().map(set).sum::<usize>() + size_of_val(self.offsets())
     }
@@ -117,48 +118,49 @@ impl ScenePoints {
         RayKey(self.offsets[instance] + set.numbers[point.index()])
     }
 
-    /// Points of all instances together.
+    /// Returns the number of points of all instances together.
     #[must_use]
     pub fn total(&self) -> u32 {
         self.offsets.last().copied().unwrap_or(0)
     }
 }
 
-/// How many points there are.
+/// Density and number of points.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PointSettings {
     /// Points per square metre of surface, above 0 and finite.
     pub per_m2: f32,
-    /// Fewest points of an instance, at least 1, however small it is; a double-sided one has half of them on each side.
+    /// Fewest points of an instance, at least 1, whatever its size. A double-sided instance has half of them on each
+    /// side.
     pub minimum: u32,
     /// Seed of the random candidates.
     pub seed: u64,
 }
 
 impl Default for PointSettings {
-    /// 1,024 points per square metre and at least 1,024 an instance: the authors' own.
+    /// The authors' values: 1,024 points per square metre and at least 1,024 per instance.
     fn default() -> Self {
         Self { per_m2: 1024.0, minimum: 1024, seed: 1 }
     }
 }
 
-/// Settings that make no points, or too many.
+/// Settings that give no points or too many.
 #[derive(Clone, Copy, Debug, Error, PartialEq)]
 #[non_exhaustive]
 pub enum PointError {
-    /// A density that is not a number of points.
+    /// The density is not a positive finite number.
     #[error("{per_m2} points per square metre: choose a finite number above 0")]
     Density {
-        /// As given.
+        /// Density in the settings.
         per_m2: f32,
     },
-    /// Instances without points.
+    /// The minimum is 0 points per instance.
     #[error("a minimum of 0 points an instance: choose 1 or more")]
     Minimum,
-    /// More points than [`MAX_POINTS`].
+    /// The scene would have more points than [`MAX_POINTS`].
     #[error("the scene would have {points:.0} points, at most {MAX_POINTS} are possible: lower the density")]
     TooMany {
-        /// Points asked for.
+        /// Number of points that the settings ask for.
         points: f64,
     },
 }

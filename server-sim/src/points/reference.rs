@@ -1,13 +1,13 @@
 //! The reference for [`eliminate`](super::eliminate()), for tests and benches.
 //!
-//! As Yuksel describes it (2015, section 3): a binary heap, in which every weight that drops is sifted down in place;
-//! O(n log n).
+//! It follows Yuksel (2015, section 3): a binary heap in which a decreased weight is sifted down in place, O(n log
+//! n).
 
 use glam::Vec3;
 
 use super::eliminate::Weighting;
 
-/// As [`eliminate`](super::eliminate()), by a heap.
+/// Computes the same result as [`eliminate`](super::eliminate()) with a heap.
 #[must_use]
 pub fn eliminate(points: &[Vec3], keep: usize, radius: f32) -> Vec<u32> {
     if keep >= points.len() {
@@ -17,9 +17,9 @@ pub fn eliminate(points: &[Vec3], keep: usize, radius: f32) -> Vec<u32> {
     let neighbours = Neighbours::new(&grid, Weighting::new(keep, points.len(), radius));
     let mut heap = Heap::new(neighbours.totals());
     for _ in keep..points.len() {
-        let Some(gone) = heap.pop() else { break };
-        for (neighbour, weight) in neighbours.of(gone) {
-            heap.lighten(neighbour, weight);
+        let Some(removed) = heap.pop() else { break };
+        for (neighbour, weight) in neighbours.of(removed) {
+            heap.subtract_weight(neighbour, weight);
         }
     }
     let mut kept: Vec<u32> = heap.members().map(|slot| grid.order[slot as usize]).collect();
@@ -27,7 +27,7 @@ pub fn eliminate(points: &[Vec3], keep: usize, radius: f32) -> Vec<u32> {
     kept
 }
 
-/// Points sorted by cell, so that neighbours lie close in memory. All that follows numbers them by that order.
+/// Points sorted by cell, so that neighbours are close in memory. All code below numbers points in this order.
 struct SortedGrid {
     order: Vec<u32>,
     points: Vec<Vec3>,
@@ -35,22 +35,22 @@ struct SortedGrid {
     edge: f32,
 }
 
-/// Bits of a cell coordinate; one cell on each side stays free for neighbours.
+/// Bits of a cell coordinate. One cell on each side stays free for neighbours.
 const AXIS_BITS: u32 = 21;
-/// Cell of points that are not finite: no other lies next to it.
-const NOWHERE: u64 = 0;
+/// Cell of points that are not finite. No other cell is its neighbour.
+const NON_FINITE_CELL: u64 = 0;
 
 impl SortedGrid {
     fn new(points: &[Vec3], reach: f32) -> Self {
         let finite = || points.iter().copied().filter(|point| point.is_finite());
         let low = finite().fold(Vec3::INFINITY, Vec3::min);
         let high = finite().fold(Vec3::NEG_INFINITY, Vec3::max);
-        // Cells never get so small that their numbers overflow; larger ones are slower but no less right.
+        // Cells are large enough for their numbers not to overflow. Larger cells are slower but equally correct.
         let edge =
             reach.max((high - low).max_element() / ((1 << AXIS_BITS) - 4) as f32).max(f32::MIN_POSITIVE);
         let key = |point: Vec3| {
             if !point.is_finite() {
-                return NOWHERE;
+                return NON_FINITE_CELL;
             }
             let [x, y, z] = ((point - low) / edge).to_array().map(|at| at as u64 + 1);
             (z << (2 * AXIS_BITS)) | (y << AXIS_BITS) | x
@@ -66,15 +66,15 @@ impl SortedGrid {
         }
     }
 
-    /// Calls `visit` with every pair of points within reach, once in each direction, the first ones ascending.
+    /// Calls `visit` with every pair of points within reach, once in each direction, with the first points ascending.
     fn pairs(&self, mut visit: impl FnMut(usize, usize, f32)) {
-        // Rows of three cells are contiguous; as cells go by in order, so does the start of each of the nine rows.
+        // Rows of three cells are contiguous. The starts of the nine rows ascend as the cells do.
         let mut rows = [0usize; 9];
         let limit = self.edge * self.edge;
         let mut start = 0;
         for cell in self.keys.chunk_by(|a, b| a == b) {
             let key = cell[0];
-            if key == NOWHERE {
+            if key == NON_FINITE_CELL {
                 start += cell.len();
                 continue;
             }
@@ -103,7 +103,7 @@ impl SortedGrid {
     }
 }
 
-/// Who is near whom, and how heavily, point by point.
+/// The neighbours of each point, with their weights.
 struct Neighbours {
     starts: Vec<u32>,
     list: Vec<(u32, f32)>,
@@ -134,16 +134,17 @@ impl Neighbours {
     }
 }
 
-/// A binary heap, heaviest first and of equals the lowest number, in which weights can drop in place.
+/// A binary heap, heaviest first, in which weights can decrease in place. Of equal weights the lowest number is
+/// first.
 struct Heap {
     weights: Vec<f32>,
     /// Points in heap order.
     slots: Vec<u32>,
-    /// Where each point is in `slots`; [`GONE`] once popped.
+    /// Place of each point in `slots`, or [`REMOVED`] for a removed point.
     places: Vec<u32>,
 }
 
-const GONE: u32 = u32::MAX;
+const REMOVED: u32 = u32::MAX;
 
 impl Heap {
     fn new(weights: Vec<f32>) -> Self {
@@ -163,7 +164,7 @@ impl Heap {
     fn pop(&mut self) -> Option<u32> {
         let top = *self.slots.first()?;
         let last = self.slots.pop()?;
-        self.places[top as usize] = GONE;
+        self.places[top as usize] = REMOVED;
         if !self.slots.is_empty() {
             self.slots[0] = last;
             self.places[last as usize] = 0;
@@ -172,10 +173,10 @@ impl Heap {
         Some(top)
     }
 
-    /// Takes weight off a point that is still in the heap.
-    fn lighten(&mut self, point: u32, by: f32) {
+    /// Subtracts weight from a point that is still in the heap.
+    fn subtract_weight(&mut self, point: u32, by: f32) {
         let place = self.places[point as usize];
-        if place != GONE {
+        if place != REMOVED {
             self.weights[point as usize] -= by;
             self.sift_down(place as usize);
         }
@@ -215,7 +216,7 @@ mod tests {
     use crate::points::poisson_radius;
     use proptest::prelude::*;
 
-    /// Without heap or grid: all pairs, and a scan for the heaviest.
+    /// Compares all pairs and scans for the heaviest point, without a heap or grid.
     fn naive(points: &[Vec3], keep: usize, radius: f32) -> Vec<u32> {
         let grid = SortedGrid::new(points, 2.0 * radius);
         let weighting = Weighting::new(keep, points.len(), radius);
@@ -229,9 +230,9 @@ mod tests {
         while alive.len() > keep {
             let heaviest = (0..alive.len())
                 .max_by(|&a, &b| totals[alive[a]].total_cmp(&totals[alive[b]]).then(b.cmp(&a)));
-            let gone = alive.remove(heaviest.unwrap());
+            let removed = alive.remove(heaviest.unwrap());
             for &other in &alive {
-                totals[other] -= weight(gone, other);
+                totals[other] -= weight(removed, other);
             }
         }
         let mut kept: Vec<u32> = alive.into_iter().map(|slot| grid.order[slot]).collect();

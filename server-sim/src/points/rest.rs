@@ -1,5 +1,5 @@
-//! Points at rest: what a stream of profile `surface` keeps of them, made alike by a server and by a client that is
-//! not sent them.
+//! Points at rest: the geometry of streams of profile `surface`. A server and a client that is not sent the geometry
+//! compute it identically.
 
 use std::sync::Arc;
 
@@ -11,17 +11,18 @@ use thiserror::Error;
 use super::{PointError, PointSet, PointSettings, ScenePoints, SurfacePoint, generate};
 use crate::scene::{PosedMesh, Scene};
 
-/// How finely the points of a `surface` stream are rounded.
+/// Precision to which the points of a `surface` stream are rounded.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GeometryPrecision {
-    /// Lattice steps to a Poisson-disk radius of the points.
+    /// Lattice steps per Poisson-disk radius of the points.
     pub steps: f32,
     /// Bits of one axis of a normal's octahedral code, 2 to 8.
     pub normal_bits: u8,
 }
 
 impl GeometryPrecision {
-    /// The precision that goes by the bits of the paper's packed points: 32, 24 or 16; `None` for others.
+    /// Returns the precision that corresponds to the 32, 24 or 16 bits of the paper's packed points, or `None` for
+    /// other sizes.
     #[must_use]
     pub const fn of_bits(bits: u8) -> Option<Self> {
         match bits {
@@ -33,8 +34,8 @@ impl GeometryPrecision {
     }
 }
 
-/// Positions and normals of a set's points on its mesh at rest, in the order of the set. `set` is also the number of
-/// the mesh; empty where there is none.
+/// Returns the positions and normals of a set's points on its mesh at rest, in the order of the set. `set` is also
+/// the index of the mesh. The list is empty if there is no such mesh or set.
 #[must_use]
 pub fn rest_points(scene: &Scene, points: &ScenePoints, set: usize) -> Vec<RestPoint> {
     let (Some(rest), Some(set)) = (scene.rests().get(set), points.sets().get(set)) else { return Vec::new() };
@@ -46,8 +47,8 @@ pub fn rest_points(scene: &Scene, points: &ScenePoints, set: usize) -> Vec<RestP
     set.points().iter().map(place).collect()
 }
 
-/// The geometry of every set, rounded as finely as said, with kernels of `kernel` Poisson-disk radii. The points of the
-/// scene are put into the order of their geometry, so that a point has the same number in both.
+/// Returns the geometry of every set, rounded to `precision`, with kernels of `kernel` Poisson-disk radii. Reorders
+/// the points of the scene like their geometry, so that a point has the same index in both.
 #[must_use]
 pub fn order_at_rest(
     scene: &Scene,
@@ -70,35 +71,37 @@ pub fn order_at_rest(
     geometry
 }
 
-/// Why a client could not make the points of a stream itself.
+/// Reason why a client could not compute the points of a stream itself.
 #[derive(Clone, Debug, Error, PartialEq)]
 #[non_exhaustive]
 pub enum SharedGeometryError {
-    /// The stream's settings make no points.
-    #[error("the stream's points cannot be made: {0}")]
+    /// The settings of the stream give no points.
+    #[error("the stream's points cannot be computed: {0}")]
     Points(#[from] PointError),
-    /// The scene has other meshes than the stream has sets.
-    #[error("the scene has {meshes} meshes, the stream {sets} point sets: it was made of another scene")]
+    /// The number of meshes in the scene differs from the number of sets in the stream.
+    #[error(
+        "the scene has {meshes} meshes, but the stream has {sets} point sets: it belongs to another scene"
+    )]
     Sets {
-        /// Meshes of the scene.
+        /// Number of meshes in the scene.
         meshes: usize,
-        /// Sets of the stream.
+        /// Number of sets in the stream.
         sets: usize,
     },
-    /// The stream does not say how its points were spread.
-    #[error("the stream does not say how its points were spread, so they cannot be made from the scene")]
+    /// The stream lacks the settings of its points.
+    #[error("the stream lacks the settings of its points, so they cannot be computed from the scene")]
     NoTrace,
-    /// The points are not the stream's.
+    /// The computed points differ from those of the stream.
     #[error(transparent)]
     Geometry(#[from] GeometryError),
 }
 
-/// Gives `state` the points of a stream that does not carry them: spreads them over the scene as the server did, by the
-/// density, minimum and seed in `info`.
+/// Gives `state` the points of a stream that does not carry them. Generates them from the scene as the server did,
+/// with the density, minimum and seed in `info`.
 ///
 /// # Errors
-/// [`SharedGeometryError`] where the scene or the settings are not those of the stream; sets before the one named have their
-/// points then.
+/// Returns [`SharedGeometryError`] if the scene or the settings differ from those of the stream. Sets before the one
+/// that the error names then already have their points.
 pub fn make_shared_geometry(
     scene: &Scene,
     info: &SceneInfo,
@@ -124,7 +127,8 @@ pub fn make_shared_geometry(
     Ok(())
 }
 
-/// Returns the lattice of a set: of this precision, or as fine as it can be on a mesh that is very large for its points.
+/// Returns the lattice of a set in the given precision. On a mesh that is very large for its number of points the
+/// lattice is coarser: as fine as possible.
 fn lattice(set: &PointSet, points: &[RestPoint], precision: GeometryPrecision, kernel: f32) -> SetLayout {
     let step = set.radius() / precision.steps;
     SetLayout::covering(points, step, precision.normal_bits, kernel * set.radius())

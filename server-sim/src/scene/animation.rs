@@ -1,22 +1,22 @@
-//! Animation curves: step, linear and cubic-spline interpolation as glTF 2.0 defines them (section 3.11 and
-//! appendix C), in doubles.
+//! Animation curves in double precision: step, linear and cubic-spline interpolation as glTF 2.0 defines them
+//! (section 3.11 and appendix C).
 //!
-//! A curve whose keys are all alike gives the same bits at every time.
+//! A curve whose keys are all equal gives the same bits at every time.
 
 use glam::DQuat;
 
-/// How a curve gets from key to key.
+/// Interpolation between the keys of a curve.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Interpolation {
     /// Holds a key's value until the next key.
     Step,
-    /// Straight lines; great arcs for rotations.
+    /// Interpolates along straight lines; rotations along great arcs.
     Linear,
-    /// Cubic Hermite splines with the keys' own tangents.
+    /// Interpolates by cubic Hermite splines with the keys' own tangents.
     Cubic,
 }
 
-/// What a curve moves.
+/// Property of a node that a curve drives.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Property {
     /// Three numbers, metres.
@@ -29,8 +29,9 @@ pub(crate) enum Property {
     Weights,
 }
 
-/// Keys over time. Checked by its maker: at least one key, ascending finite times, and
-/// `times.len() * width` finite values (three times as many, in-tangent, value, out-tangent, for cubic ones).
+/// Key values over time. Whoever builds a curve guarantees at least one key, finite times in ascending order and
+/// `times.len() * width` finite values. A cubic curve has three times as many values: in-tangent, value and
+/// out-tangent of each key.
 #[derive(Debug, Clone)]
 pub(crate) struct Curve {
     pub(crate) interpolation: Interpolation,
@@ -41,12 +42,12 @@ pub(crate) struct Curve {
 }
 
 impl Curve {
-    /// Time of the last key, seconds.
+    /// Returns the time of the last key, seconds.
     pub(crate) fn end_s(&self) -> f64 {
         self.times.last().map_or(0.0, |t| f64::from(*t))
     }
 
-    /// Whether any two times can give different results.
+    /// Returns whether any two times can give different results.
     pub(crate) fn varies(&self) -> bool {
         let stride = self.width * self.parts();
         let (first, rest) = self.values.split_at(stride.min(self.values.len()));
@@ -66,20 +67,22 @@ impl Curve {
         if self.interpolation == Interpolation::Cubic { 3 } else { 1 }
     }
 
-    /// Value `part` (0 in-tangent, 1 value, 2 out-tangent of cubic curves) of a key.
+    /// Returns one component of a key. `part` selects the in-tangent (0), value (1) or out-tangent (2) of a cubic
+    /// curve.
     fn value(&self, key: usize, part: usize, component: usize) -> f64 {
         let (parts, part) = if self.parts() == 3 { (3, part) } else { (1, 0) };
         f64::from(self.values[(key * parts + part) * self.width + component])
     }
 
-    /// The curve at a given time, into `out[..width]`; held before the first and after the last key. Rotations come
-    /// out unit.
+    /// Writes the value at a given time into `out[..width]`. Before the first and after the last key it is constant.
+    /// Rotations are unit quaternions.
     pub(crate) fn sample(&self, time_s: f64, out: &mut [f64]) {
         let next = self.times.partition_point(|t| f64::from(*t) <= time_s);
         let last = self.times.len() - 1;
         let key = next.saturating_sub(1);
         let held = next == 0 || key == last || self.interpolation == Interpolation::Step;
-        // Where rotations go along arcs, keys are made unit first: held or between equal keys, the bits agree.
+        // Rotations along arcs start from unit keys, so that a constant stretch and a stretch between equal keys
+        // agree bit for bit.
         let arcs = self.rotation && self.interpolation != Interpolation::Cubic;
         let span_s = |key: usize| f64::from(self.times[key + 1]) - f64::from(self.times[key]);
         let along = |key: usize| (time_s - f64::from(self.times[key])) / span_s(key);
@@ -103,12 +106,12 @@ impl Curve {
         }
     }
 
-    /// A key's rotation, made unit.
+    /// Returns a key's rotation as a unit quaternion.
     fn quaternion(&self, key: usize) -> DQuat {
         unit_quaternion(DQuat::from_array([0, 1, 2, 3].map(|c| self.value(key, 1, c))))
     }
 
-    /// Cubic Hermite spline (glTF 2.0, appendix C.4); tangents are per second.
+    /// Evaluates a cubic Hermite spline (glTF 2.0, appendix C.4). Tangents are per second.
     fn spline(&self, key: usize, component: usize, s: f64, span: f64) -> f64 {
         let (p, q) = (self.value(key, 1, component), self.value(key + 1, 1, component));
         let (m, n) = (span * self.value(key, 2, component), span * self.value(key + 1, 0, component));
@@ -117,7 +120,7 @@ impl Curve {
     }
 }
 
-/// A quaternion made unit; the identity where it has no length.
+/// Returns a quaternion scaled to unit length, or the identity for a quaternion without length.
 pub(crate) fn unit_quaternion(q: DQuat) -> DQuat {
     let norm = (q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w).sqrt();
     if norm > 1e-12 && norm.is_finite() {
@@ -127,8 +130,8 @@ pub(crate) fn unit_quaternion(q: DQuat) -> DQuat {
     }
 }
 
-/// Spherical linear interpolation along the shorter arc (glTF 2.0, appendix C.3); a straight line, to be made
-/// unit, where the two are so close that the arc's sine is unreliable.
+/// Interpolates spherically along the shorter arc (glTF 2.0, appendix C.3). Quaternions so close that the arc's sine
+/// is unreliable are interpolated linearly; the caller scales the result to unit length.
 fn slerp(a: DQuat, b: DQuat, s: f64) -> DQuat {
     let dot = a.x * b.x + a.y * b.y + a.z * b.z + a.w * b.w;
     let b = if dot < 0.0 { -b } else { b };

@@ -1,4 +1,4 @@
-//! The camera's path: smooth between keys, clamped at the ends.
+//! The camera's path: smooth between keys, constant beyond its ends.
 
 use glam::{DVec3, Vec3};
 
@@ -27,26 +27,26 @@ impl CameraPath {
         Self { fov_y_deg, keys }
     }
 
-    /// A camera that sees a sphere of `radius` metres around `centre` whole, from above at the side.
+    /// Returns a camera that sees the whole sphere of `radius` metres around `centre`, obliquely from above.
     pub(crate) fn around(centre: Vec3, radius: f32) -> Self {
         let eye = centre + Vec3::new(0.55, 0.4, 0.75) * (radius * 2.4).max(0.1);
         Self::new(50.0, vec![CameraKey { time_s: 0.0, eye, target: centre, up: Vec3::Y }])
     }
 
-    /// Vertical opening angle, degrees.
+    /// Returns the vertical opening angle, degrees.
     #[must_use]
     pub fn fov_y_deg(&self) -> f32 {
         self.fov_y_deg
     }
 
-    /// The keys, in ascending time.
+    /// Returns the keys, in ascending time.
     #[must_use]
     pub fn keys(&self) -> &[CameraKey] {
         &self.keys
     }
 
-    /// Eye, target and up at a given time: a cubic Hermite curve through the keys with Catmull-Rom tangents
-    /// (slope between the neighbours, one-sided at the ends).
+    /// Returns eye, target and up direction at a given time. They follow a cubic Hermite curve through the keys with
+    /// Catmull-Rom tangents: the slope between the neighbours, one-sided at the ends.
     #[must_use]
     pub fn at(&self, time_s: f64) -> CameraKey {
         let next = self.keys.partition_point(|key| key.time_s <= time_s);
@@ -72,7 +72,7 @@ impl CameraPath {
         CameraKey { time_s, eye: curve(|k| k.eye), target: curve(|k| k.target), up: curve(|k| k.up) }
     }
 
-    /// Change per second at a key.
+    /// Returns the change per second at a key.
     fn slope(&self, i: usize, get: fn(&CameraKey) -> Vec3) -> DVec3 {
         let (a, b) = (i.saturating_sub(1), (i + 1).min(self.keys.len() - 1));
         let span = self.keys[b].time_s - self.keys[a].time_s;

@@ -1,11 +1,11 @@
-//! Deformed geometry: morph targets, skins and changing scale, all into metric local space.
+//! Deformed geometry: morph targets, skins and changing scale, all in metric local space.
 
 use glam::{DAffine3, DMat3, Mat3, Vec3, Vec4};
 
 use crate::scene::mesh::{Geometry, Mesh, SkinWeights};
 
-/// A transform from mesh space to the instance's local space: the upper three rows of a matrix, row by row
-/// (four numbers a row, the last one the translation).
+/// A transform from mesh space to the instance's local space: the upper three rows of a matrix, row by row. Each row
+/// has four numbers, the last of which is the translation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JointMatrix(pub [f32; 12]);
 
@@ -34,15 +34,15 @@ impl JointMatrix {
         Vec3::new(row(0), row(4), row(8))
     }
 
-    /// The normal of a surface after the transform, up to its length and the determinant's sign: the cofactor
-    /// matrix keeps normals at right angles under any scale and shear, even where one axis is flattened.
+    /// Returns the normal of a surface after the transform, up to its length and the determinant's sign. The cofactor
+    /// matrix keeps normals perpendicular under any scale and shear, even if one axis is flattened.
     fn normal(&self, n: Vec3) -> Vec3 {
         let m = &self.0;
         let [x, y, z] = [0, 4, 8].map(|r| Vec3::new(m[r], m[r + 1], m[r + 2]));
         Vec3::new(y.cross(z).dot(n), z.cross(x).dot(n), x.cross(y).dot(n))
     }
 
-    /// The sum of a vertex's joint matrices, weighted.
+    /// Returns the weighted sum of a vertex's joint matrices.
     fn blend(joints: &[Self], skin: &SkinWeights, vertex: usize) -> Self {
         let groups = vertex * skin.sets..(vertex + 1) * skin.sets;
         let mut sum = [0.0_f32; 12];
@@ -57,17 +57,17 @@ impl JointMatrix {
     }
 }
 
-/// Unit length, or `spare` where there is none.
-fn unit_or(v: Vec3, spare: Vec3) -> Vec3 {
+/// Returns the vector scaled to unit length, or `fallback` for a vector without length.
+fn unit_or(v: Vec3, fallback: Vec3) -> Vec3 {
     let squared = v.length_squared();
     if squared > 1e-36 && squared.is_finite() {
         v / squared.sqrt()
     } else {
-        v.try_normalize().unwrap_or(spare)
+        v.try_normalize().unwrap_or(fallback)
     }
 }
 
-/// The mesh with its morph targets at `weights`. Normals and tangents are made unit.
+/// Computes the mesh with its morph targets at `weights`. Normals and tangents have unit length.
 pub(crate) fn morph(mesh: &Mesh, weights: &[f32], out: &mut Geometry) {
     out.copy_from(&mesh.base);
     for (target, &weight) in mesh.morphs.iter().zip(weights).filter(|(_, weight)| **weight != 0.0) {
@@ -83,22 +83,22 @@ pub(crate) fn morph(mesh: &Mesh, weights: &[f32], out: &mut Geometry) {
     }
 }
 
-/// Applies a linear map (a stretch of any kind) in place.
+/// Applies a linear map of any kind in place.
 pub(crate) fn stretch(linear: Mat3, geometry: &mut Geometry) {
     if linear == Mat3::IDENTITY {
         return;
     }
-    let whole = JointMatrix::new(&DAffine3 { matrix3: wide(linear), translation: glam::DVec3::ZERO });
+    let whole = JointMatrix::new(&DAffine3 { matrix3: to_f64(linear), translation: glam::DVec3::ZERO });
     let sign = if linear.determinant() < 0.0 { -1.0 } else { 1.0 };
     geometry.positions.iter_mut().for_each(|p| *p = whole.point(*p));
     geometry.normals.iter_mut().for_each(|n| *n = unit_or(whole.normal(*n) * sign, *n));
     for t in &mut geometry.tangents {
-        *t = turned(*t, whole.vector(t.truncate()), sign);
+        *t = transform_tangent(*t, whole.vector(t.truncate()), sign);
     }
 }
 
-/// A tangent after a transform; mirroring flips the bitangent's side.
-fn turned(old: Vec4, moved: Vec3, sign: f32) -> Vec4 {
+/// Returns a tangent after a transform. Mirroring flips the side of the bitangent.
+fn transform_tangent(old: Vec4, moved: Vec3, sign: f32) -> Vec4 {
     unit_or(moved, old.truncate()).extend(old.w * sign)
 }
 
@@ -112,17 +112,17 @@ pub(crate) fn skin(joints: &[JointMatrix], weights: &SkinWeights, mirrored: bool
         *position = matrix.point(*position);
         *normal = unit_or(matrix.normal(*normal) * sign, *normal);
         if let Some(t) = tangents.next() {
-            *t = turned(*t, matrix.vector(t.truncate()), sign);
+            *t = transform_tangent(*t, matrix.vector(t.truncate()), sign);
         }
     }
 }
 
-/// In doubles.
-pub(crate) fn wide(m: Mat3) -> DMat3 {
+/// Converts a matrix to double precision.
+pub(crate) fn to_f64(m: Mat3) -> DMat3 {
     DMat3::from_cols(m.x_axis.as_dvec3(), m.y_axis.as_dvec3(), m.z_axis.as_dvec3())
 }
 
-/// In singles.
-pub(crate) fn narrow(m: DMat3) -> Mat3 {
+/// Converts a matrix to single precision.
+pub(crate) fn to_f32(m: DMat3) -> Mat3 {
     Mat3::from_cols(m.x_axis.as_vec3(), m.y_axis.as_vec3(), m.z_axis.as_vec3())
 }

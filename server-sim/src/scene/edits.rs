@@ -1,4 +1,4 @@
-//! Edits: what clients changed of a scene, on top of its animation.
+//! Edits: changes that clients make to a scene, on top of its animation.
 
 use std::collections::BTreeMap;
 
@@ -9,10 +9,10 @@ use super::instance::ScenePose;
 use super::limits::MAX_MAGNITUDE;
 use super::rigid::RigidFrame;
 
-/// Largest |length^2 - 1| of a rotation that passes: what the message itself allows.
+/// Largest |length^2 - 1| of an accepted rotation; the message itself allows as much.
 const UNIT_TOLERANCE: f32 = 1e-3;
 
-/// The edits in force, by instance; the newest counts.
+/// The edits in force, one state per instance. A newer edit replaces an older one.
 ///
 /// ```
 /// use psao_proto::message::{Edit, EditAction};
@@ -31,58 +31,58 @@ const UNIT_TOLERANCE: f32 = 1e-3;
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Edits {
     instances: u32,
-    /// None of them is [`Change::default`].
-    changes: BTreeMap<u32, Change>,
+    /// No entry equals [`InstanceOverride::default`].
+    overrides: BTreeMap<u32, InstanceOverride>,
 }
 
-/// What is changed of an instance.
+/// The changes to one instance.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Change {
-    moved: Option<Moved>,
+struct InstanceOverride {
+    frame: Option<FrameOverride>,
     hidden: bool,
 }
 
-/// A frame as it was asked for: kept as it came, so that passing it on changes no bit.
+/// A frame as the client sent it. It is kept unchanged, so that forwarding it alters no bit.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Moved {
+struct FrameOverride {
     translation: [f32; 3],
     rotation: [f32; 4],
 }
 
-/// An edit that was refused; nothing has changed.
+/// A rejected edit. The set of edits is unchanged.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum EditError {
-    /// No such instance.
+    /// The instance does not exist.
     #[error("instance {instance} does not exist: the scene has {count}, counted from 0")]
     Instance {
-        /// As given.
+        /// Instance in the edit.
         instance: u32,
-        /// How many there are.
+        /// Number of instances.
         count: u32,
     },
-    /// A NaN or an infinity.
+    /// A pose has a NaN or an infinity.
     #[error("instance {instance}: its {what} is not finite")]
     NotFinite {
-        /// Which instance.
+        /// Instance in the edit.
         instance: u32,
         /// `translation` or `rotation`.
         what: &'static str,
     },
-    /// A rotation that is not a unit quaternion.
-    #[error("instance {instance}: {rotation:?} is no unit quaternion: divide it by its length")]
+    /// The rotation is not a unit quaternion.
+    #[error("instance {instance}: {rotation:?} is not a unit quaternion: divide it by its length")]
     Rotation {
-        /// Which instance.
+        /// Instance in the edit.
         instance: u32,
-        /// As given: x, y, z, w.
+        /// Rotation in the edit: x, y, z, w.
         rotation: [f32; 4],
     },
-    /// Farther out than any scene may reach, where single precision fails.
+    /// The translation is beyond the range in which single precision suffices.
     #[error("instance {instance}: {translation:?} is beyond {limit_m:e} m from the origin")]
     TooFar {
-        /// Which instance.
+        /// Instance in the edit.
         instance: u32,
-        /// As given, metres.
+        /// Translation in the edit, metres.
         translation: [f32; 3],
         /// The limit on each axis, metres.
         limit_m: f64,
@@ -90,62 +90,65 @@ pub enum EditError {
 }
 
 impl Edits {
-    /// No edits of a scene of so many instances.
+    /// Creates an empty set of edits for a scene of `instances` instances.
     #[must_use]
     pub fn new(instances: u32) -> Self {
-        Self { instances, changes: BTreeMap::new() }
+        Self { instances, overrides: BTreeMap::new() }
     }
 
-    /// Takes an edit in; says whether it changed anything.
+    /// Applies an edit. Returns whether it changed anything.
     ///
-    /// `Move` replaces the frame from the instance's local space to the world until `Release`; geometry that deforms
-    /// goes on deforming inside it. The rotation is made unit before it is used, in double precision. `Hide` keeps the
-    /// instance out of sight and of all occlusion until `Show`.
+    /// `Move` replaces the frame from the instance's local space to the world until `Release`. Deforming geometry
+    /// continues to deform inside the new frame. The rotation is normalised in double precision before use. `Hide`
+    /// removes the instance from sight and from all occlusion until `Show`.
     ///
     /// # Errors
-    /// [`EditError`], and nothing has changed: no such instance, a pose that is not finite, a rotation whose squared
-    /// length is off 1 by more than 0.001, a translation beyond [`MAX_MAGNITUDE`] on an axis.
+    /// Returns [`EditError`] and changes nothing if the instance does not exist or the pose is not finite. The same
+    /// holds for a rotation whose squared length differs from 1 by more than 0.001, and for a translation beyond
+    /// [`MAX_MAGNITUDE`] on an axis.
     pub fn apply(&mut self, edit: &Edit) -> Result<bool, EditError> {
         let instance = edit.instance;
         if instance >= self.instances {
             return Err(EditError::Instance { instance, count: self.instances });
         }
-        let before = self.changes.get(&instance).copied().unwrap_or_default();
+        let before = self.overrides.get(&instance).copied().unwrap_or_default();
         let after = match edit.action {
-            EditAction::Move { translation, rotation } => {
-                Change { moved: Some(Moved::new(instance, translation, rotation)?), ..before }
-            }
-            EditAction::Release => Change { moved: None, ..before },
-            EditAction::Show => Change { hidden: false, ..before },
-            EditAction::Hide => Change { hidden: true, ..before },
+            EditAction::Move { translation, rotation } => InstanceOverride {
+                frame: Some(FrameOverride::new(instance, translation, rotation)?),
+                ..before
+            },
+            EditAction::Release => InstanceOverride { frame: None, ..before },
+            EditAction::Show => InstanceOverride { hidden: false, ..before },
+            EditAction::Hide => InstanceOverride { hidden: true, ..before },
         };
-        if after == Change::default() {
-            self.changes.remove(&instance);
+        if after == InstanceOverride::default() {
+            self.overrides.remove(&instance);
         } else {
-            self.changes.insert(instance, after);
+            self.overrides.insert(instance, after);
         }
         Ok(after != before)
     }
 
-    /// The fewest edits that make this out of a scene without any, by instance: for clients that join late.
+    /// Returns the shortest list of edits that reproduces this state from an unedited scene, in the order of the
+    /// instances. Late clients receive it.
     pub fn iter(&self) -> impl Iterator<Item = Edit> + '_ {
-        self.changes.iter().flat_map(|(&instance, change)| {
+        self.overrides.iter().flat_map(|(&instance, change)| {
             let moved = change
-                .moved
-                .map(|Moved { translation, rotation }| EditAction::Move { translation, rotation });
+                .frame
+                .map(|FrameOverride { translation, rotation }| EditAction::Move { translation, rotation });
             let hidden = change.hidden.then_some(EditAction::Hide);
             moved.into_iter().chain(hidden).map(move |action| Edit { instance, action })
         })
     }
 
-    /// Whether the scene is as it came.
+    /// Returns whether the scene is unedited.
     #[must_use]
     pub fn is_empty(&self) -> bool {
-        self.changes.is_empty()
+        self.overrides.is_empty()
     }
 }
 
-impl Moved {
+impl FrameOverride {
     fn new(instance: u32, translation: [f32; 3], rotation: [f32; 4]) -> Result<Self, EditError> {
         let finite = |values: &[f32]| values.iter().all(|value| value.is_finite());
         if !finite(&translation) {
@@ -164,22 +167,22 @@ impl Moved {
         Ok(Self { translation, rotation })
     }
 
-    fn frame(&self) -> RigidFrame {
+    fn rigid_frame(&self) -> RigidFrame {
         RigidFrame::unit(DQuat::from_array(self.rotation.map(f64::from)), Vec3::from(self.translation))
     }
 }
 
 impl ScenePose {
-    /// Puts edits of the same scene on top of the animation. Call it once after every [`Scene::pose`] or
-    /// [`Scene::pose_into`], which start from the animation alone.
+    /// Applies edits of the same scene on top of the animation. Call it once after every [`Scene::pose`] or
+    /// [`Scene::pose_into`]; both start from the animation alone.
     ///
     /// [`Scene::pose`]: super::Scene::pose
     /// [`Scene::pose_into`]: super::Scene::pose_into
     pub fn apply(&mut self, edits: &Edits) {
-        for (&instance, change) in &edits.changes {
+        for (&instance, change) in &edits.overrides {
             let Some(slot) = self.instances.get_mut(instance as usize) else { break };
-            if let Some(moved) = &change.moved {
-                slot.frame = moved.frame();
+            if let Some(frame) = &change.frame {
+                slot.frame = frame.rigid_frame();
             }
             slot.visible &= !change.hidden;
         }
@@ -242,7 +245,7 @@ mod tests {
         let (at, plain) = (&pose.instances()[walker], scene.pose(0.4));
         assert_eq!((at.frame().translation, at.visible()), (Vec3::new(5.0, 6.0, 7.0), true));
         assert!((at.frame().vector(Vec3::X) - Vec3::new(0.28, 0.0, -0.96)).length() < 1e-6);
-        assert_eq!(at.deform(), plain.instances()[walker].deform());
+        assert_eq!(at.deformation(), plain.instances()[walker].deformation());
         edits.apply(&Edit { instance, action: EditAction::Hide }).unwrap();
         edits.apply(&Edit { instance, action: EditAction::Release }).unwrap();
         scene.pose_into(0.4, &mut pose);
@@ -267,7 +270,7 @@ mod tests {
             list in prop::collection::vec((0_u32..4, action()), 0..40),
         ) {
             let mut edits = Edits::new(4);
-            // The slow, obvious twin: the last word on pose and on sight.
+            // The reference keeps only the latest pose and the latest visibility.
             let mut plain = [(None, false); 4];
             for (instance, action) in list {
                 let slot = &mut plain[instance as usize];

@@ -1,17 +1,17 @@
-//! What can go wrong while a scene is read: each error names the file, the place in it and what to do.
+//! Errors of scene loading. Each error names the file, the place in it and what to do.
 
 use std::path::PathBuf;
 
-/// Why a scene could not be loaded.
+/// Reason why a scene could not be loaded.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SceneError {
-    /// The argument is no built-in scene and has no known file extension.
+    /// The argument is not a built-in scene and has no known file extension.
     #[error("`{name}` is neither a built-in scene ({}) nor a .toml, .gltf or .glb file", builtin.join(", "))]
     UnknownScene {
         /// The name as given.
         name: String,
-        /// The names that would have worked.
+        /// Names of the built-in scenes.
         builtin: &'static [&'static str],
     },
     /// A file could not be read.
@@ -19,11 +19,11 @@ pub enum SceneError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What the operating system said.
+        /// Error of the operating system.
         source: std::io::Error,
     },
     /// A file is larger than [`limits`](crate::scene::limits) allow.
-    #[error("{}: {bytes} bytes, at most {limit} are read", path.display())]
+    #[error("{}: {bytes} bytes, at most {limit} are supported", path.display())]
     FileTooLarge {
         /// The file.
         path: PathBuf,
@@ -47,7 +47,7 @@ pub enum SceneError {
         path: PathBuf,
         /// The key, with the index of its table.
         key: String,
-        /// What is wrong with it.
+        /// Problem with the value.
         problem: String,
     },
     /// A file is not glTF 2.0.
@@ -55,7 +55,7 @@ pub enum SceneError {
     NotGltf {
         /// The file.
         path: PathBuf,
-        /// What the parser said.
+        /// Error of the parser.
         source: Box<gltf::Error>,
     },
     /// A glTF file contradicts itself or the specification.
@@ -65,7 +65,7 @@ pub enum SceneError {
         path: PathBuf,
         /// The place, as a JSON path such as `accessors[3]`.
         place: String,
-        /// What is wrong there.
+        /// Problem at that place.
         problem: GltfProblem,
     },
     /// A texture that a mask or a normal map needs cannot be decoded.
@@ -75,26 +75,26 @@ pub enum SceneError {
         path: PathBuf,
         /// The image, as a JSON path.
         place: String,
-        /// What the decoder said.
+        /// Error of the decoder.
         source: Box<image::ImageError>,
     },
     /// The scene file asks for an animation that the model does not have.
-    #[error("{}: no animation `{wanted}`; it has: {}", path.display(), available.join(", "))]
+    #[error("{}: no animation `{requested}`; it has: {}", path.display(), available.join(", "))]
     UnknownAnimation {
         /// The glTF file.
         path: PathBuf,
-        /// The name or index that was asked for.
-        wanted: String,
-        /// The names (or indices where unnamed) of its animations.
+        /// The requested name or index.
+        requested: String,
+        /// Names of the animations in the file, or indices of unnamed ones.
         available: Vec<String>,
     },
-    /// Nothing with a surface is in the scene.
+    /// The scene has no triangle with a surface.
     #[error("{origin}: no triangles in the scene: there is nothing to shade")]
     NoTriangles {
         /// The scene as it was named.
         origin: String,
     },
-    /// An instance is so far out or so large that single precision fails.
+    /// An instance is so far from the origin or so large that single precision fails.
     #[error("{origin}: instance `{instance}` reaches beyond {limit_m:e} m: scale the scene to metres")]
     TooFar {
         /// The scene as it was named.
@@ -105,41 +105,41 @@ pub enum SceneError {
         limit_m: f64,
     },
     /// The assembled scene is larger than [`limits`](crate::scene::limits) allow.
-    #[error("{origin}: {count} {what}, at most {limit} are taken")]
+    #[error("{origin}: {count} {what}, at most {limit} are supported")]
     TooMany {
         /// The scene as it was named.
         origin: String,
-        /// What there is too much of.
+        /// Kind of the things that are too many.
         what: &'static str,
-        /// How many there are.
+        /// Number found.
         count: usize,
-        /// How many are allowed.
+        /// Number allowed.
         limit: usize,
     },
 }
 
-/// What is wrong at one place of a glTF file.
+/// Problem at one place of a glTF file.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum GltfProblem {
-    /// Something that has to be there is not.
+    /// Something required is missing.
     #[error("{0} is missing")]
     Missing(&'static str),
-    /// A value that the specification does not know.
-    #[error("{0} has a value that glTF 2.0 does not know")]
+    /// A value is not defined by the specification.
+    #[error("{0} has a value that glTF 2.0 does not define")]
     Invalid(&'static str),
-    /// An index points past the end.
-    #[error("{what} {index} does not exist, there are {count}")]
+    /// An index is past the end of its list.
+    #[error("{what} {index} does not exist: there are {count}, counted from 0")]
     OutOfRange {
-        /// What the index selects.
+        /// Kind of the indexed things.
         what: &'static str,
         /// The index.
         index: usize,
-        /// How many there are.
+        /// Number of things in the list.
         count: usize,
     },
-    /// Bytes past the end of a buffer or view are asked for.
-    #[error("bytes {start}..{end} are outside the {available} that there are")]
+    /// A range goes past the end of a buffer or view.
+    #[error("bytes {start}..{end} are beyond the {available} bytes available")]
     OutOfBytes {
         /// First byte.
         start: u64,
@@ -148,18 +148,18 @@ pub enum GltfProblem {
         /// Bytes present.
         available: u64,
     },
-    /// An accessor has another type than its use needs.
+    /// An accessor has a type that does not fit its use.
     #[error("expected {expected}, found {found}")]
     WrongType {
-        /// Types that would do.
+        /// Types that fit.
         expected: &'static str,
         /// Type found.
         found: String,
     },
-    /// Two things that belong together differ in length.
+    /// Two lists that belong together differ in length.
     #[error("{what}: expected {expected}, found {found}")]
     CountMismatch {
-        /// What is counted.
+        /// Kind of the counted things.
         what: &'static str,
         /// Expected count.
         expected: usize,
@@ -169,10 +169,10 @@ pub enum GltfProblem {
     /// A NaN or an infinity.
     #[error("element {element} is not a finite number")]
     NonFinite {
-        /// Which element of the accessor or array.
+        /// Index of the element in the accessor or array.
         element: usize,
     },
-    /// A magnitude beyond what single precision can square.
+    /// A magnitude is too large: single precision cannot hold its square.
     #[error("a magnitude of {value:e} is beyond the limit of {limit:e}")]
     TooFar {
         /// The value.
@@ -180,10 +180,10 @@ pub enum GltfProblem {
         /// The limit.
         limit: f64,
     },
-    /// Key times that go back.
+    /// The times of keys decrease.
     #[error("key {element} is earlier than the key before it")]
     TimeGoesBack {
-        /// Which key.
+        /// Index of the key.
         element: usize,
     },
     /// A node is its own ancestor.
@@ -192,18 +192,18 @@ pub enum GltfProblem {
     /// A node has two parents.
     #[error("the node has two parents")]
     TwoParents,
-    /// A feature that this reader does not have.
+    /// This reader does not support a feature.
     #[error("{0} is not supported")]
     Unsupported(String),
-    /// A URI that cannot be resolved.
+    /// A URI cannot be resolved.
     #[error("cannot resolve the URI: {0}")]
     Uri(String),
-    /// More than [`limits`](crate::scene::limits) allow.
-    #[error("{what}: {count}, at most {limit} are read")]
+    /// A count is larger than [`limits`](crate::scene::limits) allow.
+    #[error("{what}: {count}, at most {limit} are supported")]
     TooMany {
-        /// What there is too much of.
+        /// Kind of the things that are too many.
         what: &'static str,
-        /// How many.
+        /// Number found.
         count: u64,
         /// The limit.
         limit: u64,

@@ -1,5 +1,5 @@
-//! Scene files: TOML, version 1. A scene file places one or more glTF files and gives the camera's path.
-//! Unknown keys are errors, and every error names the file and the key.
+//! Scene files: TOML, version 1. A scene file places one or more glTF files and gives the camera's path. Unknown keys
+//! are errors. Every error names the file and the key.
 
 use std::path::{Path, PathBuf};
 
@@ -9,13 +9,13 @@ use serde::Deserialize;
 use crate::scene::animation::unit_quaternion;
 use crate::scene::camera::{CameraKey, CameraPath};
 use crate::scene::error::SceneError;
-use crate::scene::gltf::{Part, Play};
+use crate::scene::gltf::{AnimationChoice, ScenePart};
 use crate::scene::io::{Checker, hash_file, read_file};
 use crate::scene::limits;
-use crate::scene::model::{Local, Model};
-use crate::scene::{Header, Scene};
+use crate::scene::model::{LocalTransform, Model};
+use crate::scene::{Scene, SceneHeader};
 
-/// Radius of occlusion where nothing else is said, metres: the paper's (section 4).
+/// Default AO radius in metres: the paper's (section 4).
 pub(crate) const DEFAULT_RADIUS_M: f32 = 0.6;
 /// Length of a clip without animation, seconds.
 const STILL_DURATION_S: f64 = 10.0;
@@ -40,11 +40,11 @@ struct SceneTable {
 #[serde(deny_unknown_fields)]
 struct PartTable {
     file: String,
-    animation: Option<Animation>,
+    animation: Option<AnimationSelector>,
     #[serde(default)]
     translation: [f64; 3],
     rotation: Option<[f64; 4]>,
-    scale: Option<Scale>,
+    scale: Option<ScaleValue>,
     speed: Option<f64>,
     #[serde(default)]
     phase_s: f64,
@@ -52,14 +52,14 @@ struct PartTable {
 
 #[derive(Debug, Deserialize)]
 #[serde(untagged, expecting = "expected \"all\", \"none\", the name of an animation, or its index")]
-enum Animation {
+enum AnimationSelector {
     Index(usize),
     Name(String),
 }
 
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[serde(untagged, expecting = "expected a number or [x, y, z]")]
-enum Scale {
+enum ScaleValue {
     Uniform(f64),
     Axes([f64; 3]),
 }
@@ -96,9 +96,10 @@ pub(crate) fn load(path: &Path, source: &str) -> Result<Scene, SceneError> {
         return Err(check.wrong("part", "at least one is needed"));
     }
     if file.part.len() > limits::MAX_PARTS {
-        return Err(
-            check.wrong("part", format!("{} parts, at most {} are read", file.part.len(), limits::MAX_PARTS))
-        );
+        return Err(check.wrong(
+            "part",
+            format!("{} parts, at most {} are supported", file.part.len(), limits::MAX_PARTS),
+        ));
     }
     let mut hasher = blake3::Hasher::new();
     hash_file(&mut hasher, &bytes);
@@ -108,7 +109,7 @@ pub(crate) fn load(path: &Path, source: &str) -> Result<Scene, SceneError> {
         crate::scene::gltf::load(&part, &mut model, &mut hasher)?;
     }
     let radius = file.scene.ao_radius_m.unwrap_or(f64::from(DEFAULT_RADIUS_M));
-    let header = Header {
+    let header = SceneHeader {
         name: file.scene.name,
         source: source.to_owned(),
         digest: *hasher.finalize().as_bytes(),
@@ -116,19 +117,24 @@ pub(crate) fn load(path: &Path, source: &str) -> Result<Scene, SceneError> {
         ao_radius_m: check.range("scene.ao_radius_m", radius, 1e-4, 1e6)? as f32,
         camera: file.camera.map(|table| camera_of(&check, &table)).transpose()?,
     };
-    Scene::assemble(model, header)
+    Scene::from_model(model, header)
 }
 
-/// Loads one glTF file as a scene of its own.
+/// Loads one glTF file as a scene.
 pub(crate) fn load_model(path: &Path, source: &str) -> Result<Scene, SceneError> {
     let mut hasher = blake3::Hasher::new();
     let mut model = Model::default();
-    let part =
-        Part { path: path.to_owned(), play: Play::All, root: Local::IDENTITY, speed: 1.0, phase_s: 0.0 };
+    let part = ScenePart {
+        path: path.to_owned(),
+        play: AnimationChoice::All,
+        root: LocalTransform::IDENTITY,
+        speed: 1.0,
+        phase_s: 0.0,
+    };
     crate::scene::gltf::load(&part, &mut model, &mut hasher)?;
     let longest = model.clips.iter().map(|clip| clip.length_s).fold(0.0, f64::max);
     let name = path.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
-    let header = Header {
+    let header = SceneHeader {
         name,
         source: source.to_owned(),
         digest: *hasher.finalize().as_bytes(),
@@ -136,19 +142,19 @@ pub(crate) fn load_model(path: &Path, source: &str) -> Result<Scene, SceneError>
         ao_radius_m: DEFAULT_RADIUS_M,
         camera: None,
     };
-    Scene::assemble(model, header)
+    Scene::from_model(model, header)
 }
 
-fn part_of(check: &Checker<'_>, table: &PartTable, index: usize) -> Result<Part, SceneError> {
+fn part_of(check: &Checker<'_>, table: &PartTable, index: usize) -> Result<ScenePart, SceneError> {
     let key = |name: &str| format!("part[{index}].{name}");
     let scale = match table.scale {
         None => [1.0; 3],
-        Some(Scale::Uniform(s)) => [s; 3],
-        Some(Scale::Axes(axes)) => axes,
+        Some(ScaleValue::Uniform(s)) => [s; 3],
+        Some(ScaleValue::Axes(axes)) => axes,
     };
     let scale = check.vector(&key("scale"), scale)?;
     if scale.min_element() == 0.0 && scale.max_element() == 0.0 {
-        return Err(check.wrong(&key("scale"), "it leaves nothing of the part"));
+        return Err(check.wrong(&key("scale"), "it scales the part to nothing"));
     }
     let rotation = DQuat::from_array(table.rotation.unwrap_or([0.0, 0.0, 0.0, 1.0]));
     let length = rotation.length();
@@ -156,19 +162,19 @@ fn part_of(check: &Checker<'_>, table: &PartTable, index: usize) -> Result<Part,
         return Err(check
             .wrong(&key("rotation"), format!("a unit quaternion is needed, this one has length {length}")));
     }
-    Ok(Part {
+    Ok(ScenePart {
         path: check
             .path
             .parent()
             .map_or_else(|| PathBuf::from(&table.file), |folder| folder.join(&table.file)),
         play: match &table.animation {
-            None => Play::All,
-            Some(Animation::Index(index)) => Play::Index(*index),
-            Some(Animation::Name(name)) if name == "all" => Play::All,
-            Some(Animation::Name(name)) if name == "none" => Play::None,
-            Some(Animation::Name(name)) => Play::Name(name.clone()),
+            None => AnimationChoice::All,
+            Some(AnimationSelector::Index(index)) => AnimationChoice::Index(*index),
+            Some(AnimationSelector::Name(name)) if name == "all" => AnimationChoice::All,
+            Some(AnimationSelector::Name(name)) if name == "none" => AnimationChoice::None,
+            Some(AnimationSelector::Name(name)) => AnimationChoice::Name(name.clone()),
         },
-        root: Local::Trs {
+        root: LocalTransform::Trs {
             translation: check.vector(&key("translation"), table.translation)?,
             rotation: unit_quaternion(rotation),
             scale,
@@ -193,7 +199,9 @@ fn camera_of(check: &Checker<'_>, table: &CameraTable) -> Result<CameraPath, Sce
             return Err(check.wrong(&name("time_s"), "it is not later than the key before it"));
         }
         if (target - eye).cross(up) == Vec3::ZERO {
-            return Err(check.wrong(&name("up"), "eye, target and up are on one line: which way is up?"));
+            return Err(
+                check.wrong(&name("up"), "eye, target and up are on one line: choose another up direction")
+            );
         }
         keys.push(CameraKey { time_s, eye, target, up });
     }

@@ -1,4 +1,4 @@
-//! Ids of a scene's parts: positions in the scene's own tables, in file order.
+//! Ids of the things in a scene: positions in the scene's own tables, in file order.
 
 /// Declares an id that is a position in one table of the scene.
 macro_rules! id {
@@ -8,13 +8,13 @@ macro_rules! id {
         pub struct $name(pub u32);
 
         impl $name {
-            /// The id of the `index`-th entry. Tables are limited to far below `u32::MAX` entries.
+            /// Returns the id of the `index`-th entry. Tables are limited to far fewer than `u32::MAX` entries.
             #[must_use]
             pub(crate) fn at(index: usize) -> Self {
                 Self(u32::try_from(index).unwrap_or(u32::MAX))
             }
 
-            /// Position in the table.
+            /// Returns the position in the table.
             #[must_use]
             pub fn index(self) -> usize {
                 self.0 as usize
@@ -24,18 +24,18 @@ macro_rules! id {
 }
 
 id! {
-    /// An instance: one primitive at one node ([`Scene::instances`](crate::scene::Scene::instances)).
+    /// Id of an instance: one primitive at one node ([`Scene::instances`](crate::scene::Scene::instances)).
     InstanceId
 }
 id! {
-    /// A mesh: one primitive as it was modelled ([`Scene::meshes`](crate::scene::Scene::meshes)).
+    /// Id of a mesh: one primitive as modelled ([`Scene::meshes`](crate::scene::Scene::meshes)).
     MeshId
 }
 id! {
-    /// A material ([`Scene::materials`](crate::scene::Scene::materials)).
+    /// Id of a material ([`Scene::materials`](crate::scene::Scene::materials)).
     MaterialId
 }
 id! {
-    /// A mesh in metric local space ([`Scene::rests`](crate::scene::Scene::rests)).
+    /// Id of a mesh at rest in metric local space ([`Scene::rests`](crate::scene::Scene::rests)).
     RestId
 }

@@ -1,4 +1,4 @@
-//! Instances: one primitive at one node, and how it moves.
+//! Instances: one primitive at one node, and its motion.
 
 use glam::Mat3;
 use psao_codec::memory;
@@ -8,19 +8,19 @@ use crate::scene::ids::{MeshId, RestId};
 use crate::scene::needs::Needs;
 use crate::scene::rigid::RigidFrame;
 
-/// How an instance moves over the clip.
+/// Motion of an instance over the clip.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Motion {
-    /// Not at all: its frame has the same bits at every time.
+    /// The frame has the same bits at every time, and so has the local geometry.
     Static,
-    /// As a rigid body: its local geometry is its rest at every time.
+    /// The instance moves as a rigid body: its local geometry is its rest at every time.
     Rigid,
-    /// Its local geometry changes.
+    /// The local geometry changes.
     Deforming,
 }
 
 impl Motion {
-    /// In a word, for people and documents.
+    /// Returns a word for users and documents.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -31,16 +31,16 @@ impl Motion {
     }
 }
 
-/// How an instance's local geometry comes about.
+/// The way in which an instance's local geometry is computed.
 #[derive(Debug, Clone)]
-pub(crate) enum Shape {
-    /// It is the rest.
+pub(crate) enum Deformer {
+    /// The local geometry is the rest.
     Rest,
-    /// The mesh under a linear map that changes.
+    /// The mesh is transformed by a changing linear map.
     Affine,
-    /// Morph targets, then a linear map (which may change too).
+    /// Morph targets act first, then a linear map, which may change too.
     Morph,
-    /// Morph targets, then the joints of a skin.
+    /// Morph targets act first, then the joints of a skin.
     Skin { joints: Vec<usize>, inverse_bind: Vec<glam::DAffine3>, mirrored: bool },
 }
 
@@ -52,108 +52,108 @@ pub struct Instance {
     pub(crate) rest: RestId,
     pub(crate) motion: Motion,
     pub(crate) needs: Needs,
-    pub(crate) shape: Shape,
-    /// Rig node whose rigid part is the frame; `None`: the world itself.
-    pub(crate) carrier: Option<usize>,
-    /// Rig node of the mesh, for its morph weights.
+    pub(crate) deformer: Deformer,
+    /// Hierarchy node whose rigid part is the frame; `None` for the world itself.
+    pub(crate) frame_node: Option<usize>,
+    /// Hierarchy node of the mesh, for its morph weights.
     pub(crate) node: usize,
     /// Default morph weights.
     pub(crate) weights: Vec<f32>,
-    /// The frame, where it never changes.
-    pub(crate) fixed: Option<RigidFrame>,
+    /// The frame, if it never changes.
+    pub(crate) constant_frame: Option<RigidFrame>,
 }
 
 impl Instance {
-    /// Name of its node (and primitive), may be empty.
+    /// Returns the name of its node and primitive; it may be empty.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// The mesh it shows.
+    /// Returns the id of its mesh.
     #[must_use]
     pub fn mesh(&self) -> MeshId {
         self.mesh
     }
 
-    /// The mesh at rest in metric local space.
+    /// Returns the id of its mesh at rest in metric local space.
     #[must_use]
     pub fn rest(&self) -> RestId {
         self.rest
     }
 
-    /// How it moves.
+    /// Returns how it moves.
     #[must_use]
     pub fn motion(&self) -> Motion {
         self.motion
     }
 
-    /// What it needs of a codec and a client.
+    /// Returns the features that it requires of a codec and a client.
     #[must_use]
     pub fn needs(&self) -> Needs {
         self.needs
     }
 
-    /// Whether its frame has the same bits at every time; its local geometry may change all the same.
+    /// Returns whether its frame has the same bits at every time. Its local geometry may still change.
     #[must_use]
-    pub fn stays_put(&self) -> bool {
-        self.fixed.is_some()
+    pub fn has_constant_frame(&self) -> bool {
+        self.constant_frame.is_some()
     }
 }
 
-/// What makes the local geometry of an instance at one time.
+/// Deformation of an instance's local geometry at a given time.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub enum Deform {
-    /// The rest as it is.
+pub enum Deformation {
+    /// The rest, unchanged.
     #[default]
     Rest,
     /// The mesh under a linear map.
     Affine(Mat3),
-    /// Morph targets at these weights, then a linear map.
+    /// Morph targets at given weights, then a linear map.
     Morph {
-        /// One per morph target.
+        /// One weight per morph target.
         weights: Vec<f32>,
-        /// From mesh to local space.
+        /// Linear map from mesh space to local space.
         linear: Mat3,
     },
-    /// Morph targets at these weights (none for most meshes), then the joints.
+    /// Morph targets at given weights (most meshes have none), then the joints.
     Skin {
-        /// One per joint of the skin, from mesh to local space.
+        /// One matrix per joint of the skin, from mesh space to local space.
         joints: Vec<JointMatrix>,
-        /// One per morph target.
+        /// One weight per morph target.
         weights: Vec<f32>,
     },
 }
 
-/// An instance at one time.
+/// State of an instance at a given time.
 #[derive(Debug, Clone, PartialEq)]
 pub struct InstancePose {
     pub(crate) frame: RigidFrame,
-    pub(crate) deform: Deform,
+    pub(crate) deformation: Deformation,
     pub(crate) visible: bool,
 }
 
 impl InstancePose {
-    /// From local space to the world.
+    /// Returns the frame from local space to the world.
     #[must_use]
     pub fn frame(&self) -> &RigidFrame {
         &self.frame
     }
 
-    /// What makes the local geometry.
+    /// Returns the deformation of the local geometry.
     #[must_use]
-    pub fn deform(&self) -> &Deform {
-        &self.deform
+    pub fn deformation(&self) -> &Deformation {
+        &self.deformation
     }
 
-    /// False while an animation has scaled it to nothing.
+    /// Returns false while an animation has scaled it to nothing or an edit hides it.
     #[must_use]
     pub fn visible(&self) -> bool {
         self.visible
     }
 }
 
-/// All instances of a scene at one time. Keep it from frame to frame: its memory is used again.
+/// All instances of a scene at a given time. Keep the value from frame to frame to reuse its memory.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ScenePose {
     pub(crate) time_s: f64,
@@ -162,23 +162,23 @@ pub struct ScenePose {
 }
 
 impl ScenePose {
-    /// Bytes held.
+    /// Returns the bytes held on the heap.
     pub(crate) fn heap_bytes(&self) -> usize {
-        let posed = self.instances.iter().map(|instance| match &instance.deform {
-            Deform::Rest | Deform::Affine(_) => 0,
-            Deform::Morph { weights, .. } => memory::list(weights),
-            Deform::Skin { joints, weights } => memory::list(joints) + memory::list(weights),
+        let posed = self.instances.iter().map(|instance| match &instance.deformation {
+            Deformation::Rest | Deformation::Affine(_) => 0,
+            Deformation::Morph { weights, .. } => memory::list(weights),
+            Deformation::Skin { joints, weights } => memory::list(joints) + memory::list(weights),
         });
         memory::list(&self.instances) + memory::list(&self.worlds) + posed.sum::<usize>()
     }
 
-    /// The time, seconds from the start of the clip.
+    /// Returns the time in seconds from the start of the clip.
     #[must_use]
     pub fn time_s(&self) -> f64 {
         self.time_s
     }
 
-    /// The instances, in the order of the scene's.
+    /// Returns the instances in the order of the scene.
     #[must_use]
     pub fn instances(&self) -> &[InstancePose] {
         &self.instances

@@ -1,4 +1,4 @@
-//! The bytes and the values of scene files: reading, hashing, checking.
+//! Reads and hashes the bytes of scene files and checks their values.
 
 use std::fs;
 use std::io::Read;
@@ -9,13 +9,13 @@ use glam::DVec3;
 use crate::scene::error::SceneError;
 use crate::scene::limits;
 
-/// Checks the values of a scene file and names the key of a wrong one.
+/// Checks the values of a scene file. Its errors name the key of the value.
 pub(super) struct Checker<'a> {
     pub(super) path: &'a Path,
 }
 
 impl Checker<'_> {
-    /// The error for a wrong value of a key.
+    /// Returns the error for an invalid value of a key.
     pub(super) fn wrong(&self, key: &str, problem: impl Into<String>) -> SceneError {
         SceneError::SceneValue { path: self.path.to_owned(), key: key.to_owned(), problem: problem.into() }
     }
@@ -29,7 +29,7 @@ impl Checker<'_> {
         }
     }
 
-    /// Returns the vector if each coordinate is small enough.
+    /// Returns the vector if each coordinate is within the limit.
     pub(super) fn vector(&self, key: &str, value: [f64; 3]) -> Result<DVec3, SceneError> {
         for v in value {
             self.range(key, v, -limits::MAX_MAGNITUDE, limits::MAX_MAGNITUDE)?;
@@ -38,7 +38,7 @@ impl Checker<'_> {
     }
 }
 
-/// Reads a whole file, within the size limit.
+/// Reads a whole file if it is within the size limit.
 pub(crate) fn read_file(path: &Path) -> Result<Vec<u8>, SceneError> {
     let io = |source| SceneError::Io { path: path.to_owned(), source };
     let file = fs::File::open(path).map_err(io)?;
@@ -49,7 +49,7 @@ pub(crate) fn read_file(path: &Path) -> Result<Vec<u8>, SceneError> {
         return Err(too_large(bytes));
     }
     let mut data = Vec::new();
-    // A device or a pipe has no size beforehand: read at most one byte more than is allowed.
+    // A device or a pipe has no known size: read at most one byte more than allowed.
     file.take(limits::MAX_FILE_BYTES + 1).read_to_end(&mut data).map_err(io)?;
     if data.len() as u64 > limits::MAX_FILE_BYTES {
         return Err(too_large(data.len() as u64));
@@ -57,7 +57,7 @@ pub(crate) fn read_file(path: &Path) -> Result<Vec<u8>, SceneError> {
     Ok(data)
 }
 
-/// Adds a file to a scene's digest, with its length, so that no two lists of files run together.
+/// Adds a file and its length to a scene's digest. The length keeps different lists of files apart.
 pub(crate) fn hash_file(hasher: &mut blake3::Hasher, bytes: &[u8]) {
     hasher.update(&(bytes.len() as u64).to_le_bytes());
     hasher.update(bytes);

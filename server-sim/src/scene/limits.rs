@@ -1,22 +1,22 @@
-//! Sizes beyond which a scene is refused before anything is allocated for it.
+//! Limits of a scene. A larger scene is rejected before memory is allocated for it.
 
-/// Bytes of one file that a scene refers to.
+/// Largest size in bytes of one file that a scene refers to.
 pub const MAX_FILE_BYTES: u64 = 1 << 31;
-/// Elements of one glTF accessor.
+/// Most elements of one glTF accessor.
 pub const MAX_ELEMENTS: u64 = 1 << 25;
-/// Nodes of one glTF file, and of all parts of a scene together.
+/// Most nodes of one glTF file, and of all parts of a scene together.
 pub const MAX_NODES: usize = 1 << 16;
-/// Instances (one per node and primitive) of a scene.
+/// Most instances (one per node and primitive) of a scene.
 pub const MAX_INSTANCES: usize = 65_536;
-/// Triangles of all instances of a scene together.
+/// Most triangles of all instances of a scene together.
 pub const MAX_TRIANGLES: usize = 1 << 27;
-/// Pixels of one texture.
+/// Most pixels of one texture.
 pub const MAX_TEXTURE_PIXELS: u64 = 1 << 26;
-/// Parts of a scene file.
+/// Most parts of a scene file.
 pub const MAX_PARTS: usize = 4_096;
-/// Largest magnitude of a position, translation or scale, in metres: its cube is still a finite `f32`.
+/// Largest magnitude of a position, translation or scale, in metres. Its cube is still a finite `f32`.
 pub const MAX_MAGNITUDE: f64 = 1e9;
-/// Vertices of all meshes of one glTF file together.
+/// Most vertices of all meshes of one glTF file together.
 pub const MAX_VERTICES: usize = 1 << 26;
-/// Joints of one skin.
+/// Most joints of one skin.
 pub const MAX_JOINTS: usize = 1 << 12;

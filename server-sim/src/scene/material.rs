@@ -1,10 +1,10 @@
-//! The part of a material that ambient occlusion can see: sides, masks and normal maps.
+//! The properties of a material that affect ambient occlusion: sides, masks and normal maps.
 
 use glam::{Vec2, Vec3};
 
 use crate::scene::texture::Texture;
 
-/// Where a masked surface is there and where it is not.
+/// Alpha test that decides where a masked surface exists.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AlphaMask {
     pub(crate) texture: Option<Texture<1>>,
@@ -13,19 +13,19 @@ pub struct AlphaMask {
 }
 
 impl AlphaMask {
-    /// Alpha channel of the base colour texture; `None` where the factor alone decides.
+    /// Returns the alpha channel of the base colour texture, or `None` if the factor alone decides.
     #[must_use]
     pub fn texture(&self) -> Option<&Texture<1>> {
         self.texture.as_ref()
     }
 
-    /// The texture's alpha is multiplied by this.
+    /// Returns the factor of the texture's alpha.
     #[must_use]
     pub fn factor(&self) -> f32 {
         self.factor
     }
 
-    /// From this alpha on the surface is there.
+    /// Returns the smallest alpha at which the surface exists.
     #[must_use]
     pub fn cutoff(&self) -> f32 {
         self.cutoff
@@ -40,20 +40,20 @@ pub struct NormalMap {
 }
 
 impl NormalMap {
-    /// The map: red along the tangent, green along the bitangent, blue along the normal.
+    /// Returns the map. Red is the component along the tangent, green along the bitangent, blue along the normal.
     #[must_use]
     pub fn texture(&self) -> &Texture<3> {
         &self.texture
     }
 
-    /// Factor of the first two components.
+    /// Returns the factor of the first two components.
     #[must_use]
     pub fn scale(&self) -> f32 {
         self.scale
     }
 }
 
-/// A material. Vertex colours do not count: their alpha is not part of a mask here.
+/// A material. Vertex colours are ignored: their alpha is not part of a mask.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Material {
     pub(crate) name: String,
@@ -63,41 +63,41 @@ pub struct Material {
 }
 
 impl Material {
-    /// Name from the file, may be empty.
+    /// Returns the name from the file; it may be empty.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// Whether the back of its triangles is a surface as well. Occlusion is two-sided for every material.
+    /// Returns whether the back of its triangles is a surface as well. Occlusion is two-sided for every material.
     #[must_use]
     pub fn double_sided(&self) -> bool {
         self.double_sided
     }
 
-    /// The mask, if the surface has holes.
+    /// Returns the mask, if the surface has holes.
     #[must_use]
     pub fn mask(&self) -> Option<&AlphaMask> {
         self.mask.as_ref()
     }
 
-    /// The normal map, if there is one.
+    /// Returns the normal map, if there is one.
     #[must_use]
     pub fn normal_map(&self) -> Option<&NormalMap> {
         self.normal_map.as_ref()
     }
 
-    /// Whether the surface is there at these coordinates of the mask ([`Mesh::uvs`](crate::scene::Mesh::uvs)).
+    /// Returns whether the surface exists at these coordinates of the mask ([`Mesh::uvs`](crate::scene::Mesh::uvs)).
     #[must_use]
-    pub fn alpha_at(&self, uv: Vec2) -> bool {
+    pub fn is_opaque_at(&self, uv: Vec2) -> bool {
         self.mask.as_ref().is_none_or(|mask| {
             let alpha = mask.texture.as_ref().map_or(1.0, |texture| texture.sample(uv)[0]);
             alpha * mask.factor >= mask.cutoff
         })
     }
 
-    /// Unit normal in tangent space at these coordinates of the normal map
-    /// ([`Mesh::normal_uvs`](crate::scene::Mesh::normal_uvs)); straight up without a map.
+    /// Returns the unit normal in tangent space at these coordinates of the normal map
+    /// ([`Mesh::normal_uvs`](crate::scene::Mesh::normal_uvs)), or +Z without a map.
     #[must_use]
     pub fn normal_at(&self, uv: Vec2) -> Vec3 {
         self.normal_map.as_ref().map_or(Vec3::Z, |map| {
@@ -106,7 +106,7 @@ impl Material {
         })
     }
 
-    /// Returns whether the mask cuts away all of the surface.
+    /// Returns whether the mask removes the whole surface.
     pub(crate) fn all_masked(&self) -> bool {
         self.mask.as_ref().is_some_and(|mask| {
             let alpha =

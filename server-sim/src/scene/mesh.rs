@@ -1,4 +1,4 @@
-//! Meshes: one primitive as it was modelled, and the geometry that is made of it.
+//! Meshes: one primitive as modelled, and the geometry derived from it.
 
 use std::sync::Arc;
 
@@ -7,8 +7,8 @@ use psao_codec::memory;
 
 use crate::scene::ids::{MaterialId, MeshId};
 
-/// Vertex positions (metres), unit normals and, for meshes with a normal map, tangents (xyz unit, w the
-/// bitangent's sign). Reused from frame to frame, so that a steady state allocates nothing.
+/// Vertex positions (metres), unit normals and, for meshes with a normal map, tangents (xyz unit, w the bitangent's
+/// sign). Reuse it from frame to frame, so that a steady state allocates nothing.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Geometry {
     pub(crate) positions: Vec<Vec3>,
@@ -17,24 +17,24 @@ pub struct Geometry {
 }
 
 impl Geometry {
-    /// Bytes held.
+    /// Returns the bytes held on the heap.
     pub(crate) fn heap_bytes(&self) -> usize {
         memory::list(&self.positions) + memory::list(&self.normals) + memory::list(&self.tangents)
     }
 
-    /// Positions, one per vertex, metres in the instance's local space.
+    /// Returns the positions, one per vertex, metres in the instance's local space.
     #[must_use]
     pub fn positions(&self) -> &[Vec3] {
         &self.positions
     }
 
-    /// Unit normals, one per vertex.
+    /// Returns the unit normals, one per vertex.
     #[must_use]
     pub fn normals(&self) -> &[Vec3] {
         &self.normals
     }
 
-    /// Tangents, one per vertex, or none where nothing needs them.
+    /// Returns the tangents, one per vertex; empty for a mesh without a normal map.
     #[must_use]
     pub fn tangents(&self) -> &[Vec4] {
         &self.tangents
@@ -47,7 +47,7 @@ impl Geometry {
     }
 }
 
-/// Which joints a vertex follows, and how much: `sets` groups of four per vertex.
+/// Joints that each vertex follows, with weights: `sets` groups of four per vertex.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SkinWeights {
     pub(crate) sets: usize,
@@ -56,32 +56,34 @@ pub struct SkinWeights {
 }
 
 impl SkinWeights {
-    /// Groups of four influences per vertex; vertex `v` owns groups `v * sets .. (v + 1) * sets`.
+    /// Returns the number of groups of four influences per vertex. Vertex `v` owns groups `v * sets .. (v + 1) *
+    /// sets`.
     #[must_use]
     pub fn sets(&self) -> usize {
         self.sets
     }
 
-    /// Joint numbers within the instance's skin, `sets` groups per vertex.
+    /// Returns the joint numbers within the instance's skin, `sets` groups per vertex.
     #[must_use]
     pub fn joints(&self) -> &[[u16; 4]] {
         &self.joints
     }
 
-    /// Weights, in the order of the joints; those of a vertex add up to 1.
+    /// Returns the weights in the order of the joints. The weights of a vertex sum to 1.
     #[must_use]
     pub fn weights(&self) -> &[[f32; 4]] {
         &self.weights
     }
 
-    /// The largest joint number that carries weight.
+    /// Returns the largest joint number with a positive weight.
     pub(crate) fn last_joint(&self) -> u16 {
         let all = self.joints.iter().flatten().zip(self.weights.iter().flatten());
         all.filter(|(_, weight)| **weight > 0.0).map(|(joint, _)| *joint).max().unwrap_or(0)
     }
 }
 
-/// Displacements of one morph target, one per vertex; a part that the target leaves alone is empty.
+/// Displacements of one morph target, one per vertex. The list of an attribute that the target does not change is
+/// empty.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct MorphTarget {
     pub(crate) positions: Vec<Vec3>,
@@ -90,26 +92,26 @@ pub struct MorphTarget {
 }
 
 impl MorphTarget {
-    /// Displacements of the positions, mesh units.
+    /// Returns the displacements of the positions in mesh units.
     #[must_use]
     pub fn positions(&self) -> &[Vec3] {
         &self.positions
     }
 
-    /// Displacements of the normals.
+    /// Returns the displacements of the normals.
     #[must_use]
     pub fn normals(&self) -> &[Vec3] {
         &self.normals
     }
 
-    /// Displacements of the tangents.
+    /// Returns the displacements of the tangents.
     #[must_use]
     pub fn tangents(&self) -> &[Vec3] {
         &self.tangents
     }
 }
 
-/// One primitive as it was modelled, before any transform. At least one triangle; all numbers finite.
+/// One primitive as modelled, before any transform. It has at least one triangle, and all numbers are finite.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mesh {
     pub(crate) name: String,
@@ -123,61 +125,62 @@ pub struct Mesh {
 }
 
 impl Mesh {
-    /// Name from the file, may be empty.
+    /// Returns the name from the file; it may be empty.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// Its material.
+    /// Returns the id of its material.
     #[must_use]
     pub fn material(&self) -> MaterialId {
         self.material
     }
 
-    /// Positions, normals and tangents as modelled: unscaled, unskinned, unmorphed.
+    /// Returns the positions, normals and tangents as modelled, before scale, skin and morph targets.
     #[must_use]
     pub fn base(&self) -> &Geometry {
         &self.base
     }
 
-    /// Texture coordinates of the mask, one per vertex. A mesh without them is opaque, whatever its material.
+    /// Returns the texture coordinates of the mask, one per vertex. A mesh without them is opaque, whatever its
+    /// material.
     #[must_use]
     pub fn uvs(&self) -> Option<&[Vec2]> {
         self.uvs.as_deref()
     }
 
-    /// Texture coordinates of the normal map, one per vertex; `Some` wherever the material has a normal map
-    /// that applies here. The tangents are present exactly then.
+    /// Returns the texture coordinates of the normal map, one per vertex. They are `Some` exactly if the material has
+    /// a normal map that applies to this mesh; the mesh then has tangents, too.
     #[must_use]
     pub fn normal_uvs(&self) -> Option<&[Vec2]> {
         self.normal_uvs.as_deref()
     }
 
-    /// Vertex numbers of each triangle as modelled, counter-clockwise from the front. A mirrored rest turns
-    /// them round: take [`RestMesh::triangles`] for anything that has a front.
+    /// Returns the vertex numbers of each triangle as modelled, counter-clockwise from the front. A mirrored rest
+    /// reverses them: use [`RestMesh::triangles`] wherever the front matters.
     #[must_use]
     pub fn triangles(&self) -> &[[u32; 3]] {
         &self.triangles
     }
 
-    /// Joints and weights, if the mesh can be skinned.
+    /// Returns the joints and weights if the mesh can be skinned.
     #[must_use]
     pub fn skin(&self) -> Option<&SkinWeights> {
         self.skin.as_ref()
     }
 
-    /// Morph targets.
+    /// Returns the morph targets.
     #[must_use]
     pub fn morphs(&self) -> &[MorphTarget] {
         &self.morphs
     }
 }
 
-/// A mesh in metric local space at rest, shared by all instances that use it at that scale.
+/// A mesh at rest in metric local space. All instances with the same mesh and scale share it.
 ///
-/// For a rigid instance this is its geometry at all times. For a deforming one it is what its surface points
-/// are generated on: the undeformed mesh at the deformed one's size.
+/// For a rigid instance this is its geometry at all times. For a deforming instance it is the undeformed mesh in the
+/// size of the deformed one; surface points are generated on it.
 #[derive(Debug, Clone)]
 pub struct RestMesh {
     pub(crate) mesh: MeshId,
@@ -190,52 +193,52 @@ pub struct RestMesh {
 }
 
 impl RestMesh {
-    /// The mesh it was made of.
+    /// Returns the id of its mesh.
     #[must_use]
     pub fn mesh(&self) -> MeshId {
         self.mesh
     }
 
-    /// Scale, shear and mirroring that were baked in.
+    /// Returns the scale, shear and mirroring that are part of the geometry.
     #[must_use]
     pub fn stretch(&self) -> Mat3 {
         self.stretch
     }
 
-    /// Whether the baked part mirrors, so that triangles are wound the other way than in the mesh.
+    /// Returns whether the stretch mirrors, so that the winding of triangles is the reverse of the mesh's.
     #[must_use]
     pub fn mirrored(&self) -> bool {
         self.mirrored
     }
 
-    /// Positions, normals and tangents, metres.
+    /// Returns the positions, normals and tangents, metres.
     #[must_use]
     pub fn geometry(&self) -> &Geometry {
         &self.geometry
     }
 
-    /// Vertex numbers of each triangle, counter-clockwise from the front, in the order of the mesh's. The same
-    /// triangles hold for the deformed geometry of every instance. Of a mesh that deforms some may have no
+    /// Returns the vertex numbers of each triangle, counter-clockwise from the front, in the order of the mesh. The
+    /// same triangles apply to the deformed geometry of every instance. Triangles of a deforming mesh may have no
     /// area at rest.
     #[must_use]
     pub fn triangles(&self) -> &[[u32; 3]] {
         &self.triangles
     }
 
-    /// Area of one side of all triangles, square metres; masked-out parts count.
+    /// Returns the area of one side of all triangles in square metres, masked-out parts included.
     #[must_use]
     pub fn area_m2(&self) -> f64 {
         self.area_m2
     }
 }
 
-/// Twice the area times the unit normal of a triangle, in doubles.
+/// Returns twice the area times the unit normal of a triangle, in double precision.
 pub(crate) fn area_vector(positions: &[Vec3], triangle: [u32; 3]) -> glam::DVec3 {
     let [a, b, c] = triangle.map(|v| positions[v as usize].as_dvec3());
     (b - a).cross(c - a)
 }
 
-/// Area of one side of all triangles.
+/// Returns the area of one side of all triangles.
 pub(crate) fn area(positions: &[Vec3], triangles: &[[u32; 3]]) -> f64 {
     triangles.iter().map(|&t| area_vector(positions, t).length() * 0.5).sum()
 }

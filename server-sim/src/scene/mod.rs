@@ -1,12 +1,11 @@
 //! Scenes: geometry, materials, animation and a camera path, from glTF 2.0 files or built in.
 //!
-//! A scene is a list of **instances**, one per node and primitive. Each has a metric **local space** that is
-//! related to the world by a rigid transform only ([`RigidFrame`]): all scale, shear and mirroring is baked
-//! into its local geometry. Instances of the same mesh at the same scale share one [`RestMesh`], whatever
-//! their animation does.
+//! A scene is a list of **instances**, one per node and primitive. Each has a metric **local space**, which a rigid
+//! transform ([`RigidFrame`]) relates to the world. All scale, shear and mirroring is part of its local geometry.
+//! Instances of the same mesh at the same scale share one [`RestMesh`], whatever their animation.
 //!
-//! * [`Scene::pose`] gives the frames of all instances, and what deforms them, at a given time.
-//! * [`ScenePose::apply`] puts on top what clients changed: [`Edits`].
+//! * [`Scene::pose`] gives the frames and the deformations of all instances at a given time.
+//! * [`ScenePose::apply`] adds the changes that clients made: [`Edits`].
 //! * [`Scene::local_geometry`] gives an instance's deformed vertices in its local space at that time.
 //!
 //! ```
@@ -21,22 +20,24 @@
 //! # Ok::<(), psao_server::scene::SceneError>(())
 //! ```
 //!
-//! glTF is read in full as far as surfaces are concerned: node hierarchies, rigid and skinned animation, morph
-//! targets, masks, double-sided materials, normal maps, strips and fans, sparse accessors. Without normals a
-//! primitive is flat-shaded, as the specification demands (section 3.7.2.1). Input that contradicts itself is a
-//! [`SceneError`]; odd but harmless input has a defined result that [`SceneReport`] counts.
+//! The reader supports all of glTF that affects surfaces: node hierarchies, rigid and skinned animation, morph
+//! targets, masks, double-sided materials, normal maps, strips, fans and sparse accessors. A primitive without
+//! normals is flat-shaded, as the specification requires (section 3.7.2.1). Contradictory input is a [`SceneError`].
+//! Unusual but harmless input has a defined result that [`SceneReport`] counts.
 
 mod animation;
-mod assemble;
 mod builtin;
 mod camera;
 mod deform;
 mod edits;
 mod error;
 mod file;
+mod from_triangles;
 mod gltf;
+mod hierarchy;
 mod ids;
 mod instance;
+mod instance_builder;
 mod io;
 pub mod limits;
 mod material;
@@ -45,11 +46,9 @@ mod model;
 mod needs;
 mod pose;
 mod posed_mesh;
-mod prepare;
+mod raw_mesh;
 mod report;
-mod rig;
 mod rigid;
-mod soup;
 mod texture;
 
 use std::path::Path;
@@ -62,7 +61,7 @@ pub use deform::JointMatrix;
 pub use edits::{EditError, Edits};
 pub use error::{GltfProblem, SceneError};
 pub use ids::{InstanceId, MaterialId, MeshId, RestId};
-pub use instance::{Deform, Instance, InstancePose, Motion, ScenePose};
+pub use instance::{Deformation, Instance, InstancePose, Motion, ScenePose};
 pub use material::{AlphaMask, Material, NormalMap};
 pub use mesh::{Geometry, Mesh, MorphTarget, RestMesh, SkinWeights};
 pub use needs::{Needs, SceneNeeds};
@@ -73,7 +72,7 @@ pub use texture::{Texture, Wrap};
 
 use model::Model;
 
-/// A scene, ready to be posed at any time.
+/// A scene that can be posed at any time.
 #[derive(Debug)]
 pub struct Scene {
     name: String,
@@ -82,7 +81,7 @@ pub struct Scene {
     duration_s: f64,
     ao_radius_m: f32,
     camera: CameraPath,
-    rig: rig::Rig,
+    hierarchy: hierarchy::NodeHierarchy,
     materials: Vec<Material>,
     meshes: Vec<Mesh>,
     rests: Vec<RestMesh>,
@@ -90,27 +89,27 @@ pub struct Scene {
     report: SceneReport,
 }
 
-/// What describes a scene apart from its model.
+/// Description of a scene without its model.
 #[derive(Debug, Clone)]
-pub(crate) struct Header {
+pub(crate) struct SceneHeader {
     name: String,
     source: String,
     digest: [u8; 32],
     duration_s: f64,
     ao_radius_m: f32,
-    /// `None`: one that sees all of it.
+    /// `None` selects a camera that sees the whole scene.
     camera: Option<CameraPath>,
 }
 
 impl Scene {
     /// Loads a built-in scene by its name, or a scene file (`.toml`), or a model (`.gltf`, `.glb`).
     ///
-    /// A model by itself plays all of its animations, lasts as long as the longest of them (10 s without any)
-    /// and is seen whole by a still camera.
+    /// A model by itself plays all of its animations. It lasts as long as the longest of them, or 10 s without
+    /// animation. A still camera sees the whole model.
     ///
     /// # Errors
     ///
-    /// A [`SceneError`] that names the file, the place in it and what is wrong there.
+    /// Returns a [`SceneError`] that names the file, the place in it and the problem there.
     pub fn load(name_or_path: &str) -> Result<Self, SceneError> {
         if let Some(scene) = builtin::build(name_or_path) {
             return scene;
@@ -127,14 +126,14 @@ impl Scene {
         }
     }
 
-    /// Names of the scenes that need no file.
+    /// Returns the names of the scenes that need no file.
     #[must_use]
     pub fn builtin_names() -> &'static [&'static str] {
         builtin::NAMES
     }
 
-    pub(crate) fn assemble(model: Model, header: Header) -> Result<Self, SceneError> {
-        let assembly = assemble::assemble(&model, header.duration_s, &header.source)?;
+    pub(crate) fn from_model(model: Model, header: SceneHeader) -> Result<Self, SceneError> {
+        let parts = instance_builder::build_instances(&model, header.duration_s, &header.source)?;
         let mut scene = Self {
             name: header.name,
             source: header.source,
@@ -142,18 +141,18 @@ impl Scene {
             duration_s: header.duration_s,
             ao_radius_m: header.ao_radius_m,
             camera: CameraPath::around(Vec3::ZERO, 1.0),
-            rig: assembly.rig,
+            hierarchy: parts.hierarchy,
             materials: model.materials,
             meshes: model.meshes,
-            rests: assembly.rests,
-            instances: assembly.instances,
-            report: assembly.report,
+            rests: parts.rests,
+            instances: parts.instances,
+            report: parts.report,
         };
         scene.camera = header.camera.unwrap_or_else(|| scene.overview());
         Ok(scene)
     }
 
-    /// A camera that sees the whole scene at its start.
+    /// Returns a camera that sees the whole scene at its start.
     fn overview(&self) -> CameraPath {
         let pose = self.pose(0.0);
         let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
@@ -169,80 +168,81 @@ impl Scene {
         CameraPath::around((low + high) * 0.5, (high - low).length() * 0.5)
     }
 
-    /// Name of the scene.
+    /// Returns the name of the scene.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// The name or path that it was loaded by.
+    /// Returns the name or path from which it was loaded.
     #[must_use]
     pub fn source(&self) -> &str {
         &self.source
     }
 
-    /// BLAKE3 digest of all files that were read for it (of name and version for a built-in scene): the same
-    /// digest means the same scene.
+    /// Returns the BLAKE3 digest of all files of the scene, or of name and version of a built-in scene. Equal digests
+    /// mean equal scenes.
     #[must_use]
     pub fn digest(&self) -> &[u8; 32] {
         &self.digest
     }
 
-    /// Length of the clip, seconds. Animations loop with their own lengths.
+    /// Returns the length of the clip, seconds. Animations loop with their own lengths.
     #[must_use]
     pub fn duration_s(&self) -> f64 {
         self.duration_s
     }
 
-    /// Radius within which geometry occludes, unless something else is asked for; metres.
+    /// Returns the default AO radius of the scene in metres.
     #[must_use]
     pub fn ao_radius_m(&self) -> f32 {
         self.ao_radius_m
     }
 
-    /// The meshes as modelled, one per different primitive.
+    /// Returns the meshes as modelled, one per distinct primitive.
     #[must_use]
     pub fn meshes(&self) -> &[Mesh] {
         &self.meshes
     }
 
-    /// The materials.
+    /// Returns the materials.
     #[must_use]
     pub fn materials(&self) -> &[Material] {
         &self.materials
     }
 
-    /// The meshes at rest in metric local space, one per different mesh and scale.
+    /// Returns the meshes at rest in metric local space, one per distinct mesh and scale.
     #[must_use]
     pub fn rests(&self) -> &[RestMesh] {
         &self.rests
     }
 
-    /// The instances, one per node and primitive.
+    /// Returns the instances, one per node and primitive.
     #[must_use]
     pub fn instances(&self) -> &[Instance] {
         &self.instances
     }
 
-    /// The mesh at rest of an instance.
+    /// Returns the mesh at rest of an instance.
     #[must_use]
     pub fn rest(&self, instance: &Instance) -> &RestMesh {
         &self.rests[instance.rest.index()]
     }
 
-    /// The material of a mesh.
+    /// Returns the material of a mesh.
     #[must_use]
     pub fn material(&self, mesh: &Mesh) -> &Material {
         &self.materials[mesh.material.index()]
     }
 
-    /// The camera's path.
+    /// Returns the camera's path.
     #[must_use]
     pub fn camera_path(&self) -> &CameraPath {
         &self.camera
     }
 
-    /// The camera at a given time, for a picture of 16 to 9: smooth between the path's keys, clamped at its ends.
+    /// Returns the camera at a given time for a 16:9 picture. It moves smoothly between the path's keys and stands
+    /// still beyond its ends.
     #[must_use]
     pub fn camera(&self, time_s: f64) -> CameraPose {
         let key = self.camera.at(time_s);
@@ -255,13 +255,13 @@ impl Scene {
         }
     }
 
-    /// What was left out or repaired while the scene was loaded.
+    /// Returns what was dropped or repaired while the scene was loaded.
     #[must_use]
     pub fn report(&self) -> &SceneReport {
         &self.report
     }
 
-    /// What a codec and a client need for this scene: everything else can be left out.
+    /// Returns the features that this scene requires of a codec and a client.
     #[must_use]
     pub fn needs(&self) -> SceneNeeds {
         SceneNeeds::new(self.instances.iter().map(Instance::needs).collect())

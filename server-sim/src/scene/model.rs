@@ -1,5 +1,5 @@
-//! What the readers and the built-in scenes hand over: nodes, primitives, skins and animation curves of any
-//! number of parts, not yet turned into instances.
+//! Models: the common result of the readers and the built-in scenes. A model has the nodes, primitives, skins and
+//! animation curves of all parts; instances are built from it.
 
 use std::sync::Arc;
 
@@ -9,34 +9,34 @@ use crate::scene::animation::{Curve, Property};
 use crate::scene::ids::MaterialId;
 use crate::scene::material::Material;
 use crate::scene::mesh::Mesh;
-use crate::scene::prepare::RawMesh;
+use crate::scene::raw_mesh::RawMesh;
 use crate::scene::report::SceneReport;
 
 /// A node's own transform.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum Local {
-    /// Scale, then rotation, then translation: can be animated.
+pub(crate) enum LocalTransform {
+    /// Scale, then rotation, then translation; it can be animated.
     Trs { translation: DVec3, rotation: DQuat, scale: DVec3 },
-    /// Fixed, and free to shear.
+    /// A fixed matrix, which may shear.
     Matrix(DAffine3),
 }
 
-impl Local {
-    /// No transform.
+impl LocalTransform {
+    /// The identity.
     pub(crate) const IDENTITY: Self =
         Self::Trs { translation: DVec3::ZERO, rotation: DQuat::IDENTITY, scale: DVec3::ONE };
 
-    /// Moved, nothing else.
+    /// Returns a translation.
     pub(crate) fn at(translation: DVec3) -> Self {
         Self::Trs { translation, rotation: DQuat::IDENTITY, scale: DVec3::ONE }
     }
 
-    /// Turned and moved.
+    /// Returns a rotation followed by a translation.
     pub(crate) fn rigid(translation: DVec3, rotation: DQuat) -> Self {
         Self::Trs { translation, rotation, scale: DVec3::ONE }
     }
 
-    /// The transform as a matrix.
+    /// Returns the transform as a matrix.
     pub(crate) fn affine(&self) -> DAffine3 {
         match *self {
             Self::Trs { translation, rotation, scale } => {
@@ -54,10 +54,10 @@ impl Local {
 #[derive(Debug, Clone)]
 pub(crate) struct Node {
     pub(crate) parent: Option<usize>,
-    pub(crate) local: Local,
+    pub(crate) local: LocalTransform,
 }
 
-/// Joints of a skin and the transforms from mesh to joint space, one each.
+/// Joints of a skin, and for each the transform from mesh space to joint space.
 #[derive(Debug, Clone)]
 pub(crate) struct Skin {
     pub(crate) joints: Vec<usize>,
@@ -66,26 +66,26 @@ pub(crate) struct Skin {
 
 /// One primitive at one node.
 #[derive(Debug, Clone)]
-pub(crate) struct Placement {
+pub(crate) struct MeshNode {
     pub(crate) name: String,
     pub(crate) node: usize,
     pub(crate) mesh: usize,
-    /// Index into the model's skins; the joints that the mesh names exist in it.
+    /// Index into the model's skins. The skin has all joints that the mesh refers to.
     pub(crate) skin: Option<usize>,
     /// One weight per morph target of the mesh.
     pub(crate) weights: Vec<f32>,
 }
 
-/// How an animation runs: `time * speed + phase`, modulo its own length.
+/// Timing of an animation: its own time is `time * speed + phase`, modulo its own length.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Clip {
+pub(crate) struct AnimationClip {
     pub(crate) length_s: f64,
     pub(crate) speed: f64,
     pub(crate) phase_s: f64,
 }
 
-impl Clip {
-    /// The clip's own time at a scene time.
+impl AnimationClip {
+    /// Returns the clip's own time at a scene time.
     pub(crate) fn local_time(&self, time_s: f64) -> f64 {
         if self.length_s > 0.0 {
             let local = (time_s * self.speed + self.phase_s).rem_euclid(self.length_s);
@@ -105,15 +105,15 @@ pub(crate) struct Channel {
     pub(crate) curve: Arc<Curve>,
 }
 
-/// A scene's raw material. Indices are in range.
+/// The content of a scene before instances are built. Indices are in range.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Model {
     pub(crate) nodes: Vec<Node>,
     pub(crate) meshes: Vec<Mesh>,
     pub(crate) materials: Vec<Material>,
     pub(crate) skins: Vec<Skin>,
-    pub(crate) placements: Vec<Placement>,
-    pub(crate) clips: Vec<Clip>,
+    pub(crate) mesh_nodes: Vec<MeshNode>,
+    pub(crate) clips: Vec<AnimationClip>,
     pub(crate) channels: Vec<Channel>,
     pub(crate) report: SceneReport,
     mesh_keys: std::collections::BTreeMap<[u8; 32], usize>,
@@ -121,23 +121,23 @@ pub(crate) struct Model {
 
 impl Model {
     /// Adds a node.
-    pub(crate) fn node(&mut self, parent: Option<usize>, local: Local) -> usize {
+    pub(crate) fn add_node(&mut self, parent: Option<usize>, local: LocalTransform) -> usize {
         self.nodes.push(Node { parent, local });
         self.nodes.len() - 1
     }
 
-    /// Adds a material; one that is there already is used again.
-    pub(crate) fn material(&mut self, material: Material) -> usize {
+    /// Adds a material, or returns the index of an equal one.
+    pub(crate) fn add_material(&mut self, material: Material) -> usize {
         self.materials.iter().position(|m| *m == material).unwrap_or_else(|| {
             self.materials.push(material);
             self.materials.len() - 1
         })
     }
 
-    /// Adds a mesh; one that is there already is used again. `None` where it has no surface.
-    pub(crate) fn mesh(&mut self, raw: RawMesh, material: usize) -> Option<usize> {
+    /// Adds a mesh, or returns the index of an equal one. Returns `None` if the mesh has no surface.
+    pub(crate) fn add_mesh(&mut self, raw: RawMesh, material: usize) -> Option<usize> {
         let id = MaterialId::at(material);
-        let mesh = raw.prepare(id, &self.materials[material], &mut self.report)?;
+        let mesh = raw.into_mesh(id, &self.materials[material], &mut self.report)?;
         let next = self.meshes.len();
         let index = *self.mesh_keys.entry(content_key(&mesh)).or_insert(next);
         if index == next {
@@ -147,18 +147,12 @@ impl Model {
     }
 
     /// Adds a primitive at a node.
-    pub(crate) fn place(&mut self, name: &str, node: usize, mesh: usize) {
-        self.placements.push(Placement {
-            name: name.to_owned(),
-            node,
-            mesh,
-            skin: None,
-            weights: Vec::new(),
-        });
+    pub(crate) fn add_mesh_node(&mut self, name: &str, node: usize, mesh: usize) {
+        self.mesh_nodes.push(MeshNode { name: name.to_owned(), node, mesh, skin: None, weights: Vec::new() });
     }
 }
 
-/// Digest of everything in a mesh but its name.
+/// Returns a digest of everything in a mesh except its name.
 fn content_key(mesh: &Mesh) -> [u8; 32] {
     let mut hasher = blake3::Hasher::new();
     let mut section = |count: usize, words: &mut dyn Iterator<Item = u32>| {

@@ -1,8 +1,8 @@
-//! What a scene needs from a codec and a client: everything else can be left out.
+//! The features that a scene requires of a codec and a client.
 
 pub use psao_proto::message::Needs;
 
-/// The needs of a scene: per instance, and of all of them together.
+/// The features that a scene requires, per instance and as a union.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SceneNeeds {
     instances: Vec<Needs>,
@@ -15,13 +15,13 @@ impl SceneNeeds {
         Self { instances, all }
     }
 
-    /// Needs of each instance, in the order of the scene's instances.
+    /// Returns the features that each instance requires, in the order of the scene's instances.
     #[must_use]
     pub fn instances(&self) -> &[Needs] {
         &self.instances
     }
 
-    /// What any instance needs.
+    /// Returns the union over all instances.
     #[must_use]
     pub fn all(&self) -> Needs {
         self.all

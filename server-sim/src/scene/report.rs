@@ -1,37 +1,37 @@
-//! What was left out or repaired while a scene was loaded: defined results for odd input, counted.
+//! Counts of what was dropped or repaired while a scene was loaded.
 
-/// Counts of everything that a scene file held and the scene does not, or holds otherwise.
+/// Counts of the content of a scene file that was dropped or changed during loading.
 ///
-/// All zero for a clean file. Nothing here is an error: each count has a documented, deterministic result.
+/// All counts are zero for a clean file. None of them is an error: each has a documented, deterministic result.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct SceneReport {
-    /// Triangles without area (or, where vertices move, with a vertex named twice) that were dropped.
+    /// Dropped triangles without area. If vertices move, only triangles that name a vertex twice are dropped.
     pub degenerate_triangles: usize,
-    /// Primitives made of points or lines, which have no surface.
-    pub pointless_primitives: usize,
-    /// Primitives without any triangle left.
+    /// Primitives of points or lines, which have no surface.
+    pub point_or_line_primitives: usize,
+    /// Primitives without any remaining triangle.
     pub empty_primitives: usize,
-    /// Primitives whose mask lets nothing through, everywhere.
+    /// Primitives that their mask removes completely.
     pub masked_out_primitives: usize,
-    /// Primitives without normals: they were given flat ones, as glTF 2.0 (section 3.7.2.1) demands.
+    /// Primitives without normals. They get flat normals, as glTF 2.0 (section 3.7.2.1) requires.
     pub flat_normals: usize,
     /// Vertex normals without length, replaced by the area-weighted normal of their triangles.
     pub replaced_normals: usize,
-    /// Primitives with a normal map but without tangents: tangents were derived from the texture coordinates.
+    /// Primitives with a normal map but without tangents. The tangents were derived from the texture coordinates.
     pub generated_tangents: usize,
-    /// Masks or normal maps on primitives without the texture coordinates that they need: not applied.
+    /// Masks or normal maps that are ignored because the primitive lacks their texture coordinates.
     pub missing_texcoords: usize,
-    /// Skinned vertices whose weights add up to nothing: bound to their first joint.
+    /// Skinned vertices whose weights sum to zero. They follow their first joint.
     pub unweighted_vertices: usize,
-    /// Instances whose transform has no area left (two axes scaled to nothing, for ever).
+    /// Instances that never have an area because two axes are always scaled to zero.
     pub collapsed_instances: usize,
     /// Animation channels that move nothing visible.
     pub idle_channels: usize,
-    /// Animation channels overruled by a later channel of the same node and property.
+    /// Animation channels replaced by a later channel of the same node and property.
     pub overruled_channels: usize,
-    /// Animation channels on nodes given as a matrix, which glTF 2.0 forbids: ignored.
+    /// Ignored animation channels on nodes with a matrix, which glTF 2.0 forbids.
     pub matrix_channels: usize,
-    /// Materials with `BLEND` transparency: taken as opaque.
+    /// Materials with `BLEND` transparency, which count as opaque.
     pub blended_materials: usize,
 }

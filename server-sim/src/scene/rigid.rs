@@ -1,6 +1,6 @@
-//! Rigid frames, and how a transform is split into a rigid part and what the local geometry bakes.
+//! Rigid frames, and the split of a transform into a rigid part and a stretch of the local geometry.
 //!
-//! Doubles and plain component arithmetic throughout, so that every machine computes the same bits.
+//! All computations use doubles and plain component arithmetic, so that every machine computes the same bits.
 
 use glam::{DAffine3, DMat3, DQuat, DVec3, Mat3, Quat, Vec3};
 
@@ -14,45 +14,45 @@ pub struct RigidFrame {
 }
 
 impl RigidFrame {
-    /// Local space is the world.
+    /// The frame of a local space that equals the world.
     pub const IDENTITY: Self = Self { rotation: Quat::IDENTITY, translation: Vec3::ZERO };
 
-    /// The rotation as a matrix. Take it once when many points are transformed.
+    /// Returns the rotation as a matrix. Compute it once to transform many points.
     #[must_use]
     pub fn matrix(&self) -> Mat3 {
         Mat3::from_quat(self.rotation)
     }
 
-    /// A local point in the world.
+    /// Transforms a local point to the world.
     #[must_use]
     pub fn point(&self, local: Vec3) -> Vec3 {
         self.matrix() * local + self.translation
     }
 
-    /// A local direction in the world.
+    /// Transforms a local direction to the world.
     #[must_use]
     pub fn vector(&self, local: Vec3) -> Vec3 {
         self.matrix() * local
     }
 
-    /// A world point in local space.
+    /// Transforms a world point to local space.
     #[must_use]
     pub fn inverse_point(&self, world: Vec3) -> Vec3 {
         self.matrix().transpose() * (world - self.translation)
     }
 
-    /// A world direction in local space.
+    /// Transforms a world direction to local space.
     #[must_use]
     pub fn inverse_vector(&self, world: Vec3) -> Vec3 {
         self.matrix().transpose() * world
     }
 
-    /// The frame of a proper rotation and an origin.
+    /// Returns the frame of a proper rotation and an origin.
     pub(crate) fn new(rotation: DMat3, origin: DVec3) -> Self {
         Self::unit(DQuat::from_mat3(&rotation), origin.as_vec3())
     }
 
-    /// The frame of a rotation that is made unit and given the sign that makes `w` non-negative.
+    /// Returns the frame of a rotation scaled to unit length, with the sign that makes `w` non-negative.
     pub(crate) fn unit(q: DQuat, translation: Vec3) -> Self {
         let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
         let scale = sign / (q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w).sqrt();
@@ -63,7 +63,7 @@ impl RigidFrame {
         }
     }
 
-    /// The inverse, exact for the rounded components, for bringing world transforms into local space.
+    /// Returns the inverse for transforming world transforms to local space. It is exact for the rounded components.
     pub(crate) fn inverse(&self) -> DAffine3 {
         let q = self.rotation;
         let q = DQuat::from_xyzw(q.x.into(), q.y.into(), q.z.into(), q.w.into());
@@ -74,13 +74,13 @@ impl RigidFrame {
     }
 }
 
-/// The rotation of the polar decomposition of `linear`, with the sign that makes it proper:
-/// `linear = rotation * stretch`, where the stretch has the sign of the determinant.
+/// Returns the proper rotation of the polar decomposition of `linear`: `linear = rotation * stretch`. The stretch has
+/// the sign of the determinant.
 ///
-/// A matrix that flattens one axis still has one (that axis is put back at a right angle to the two others);
-/// `None` where two axes or more are gone, or the rest is singular.
+/// A matrix that flattens one axis still has a rotation: that axis is replaced by one perpendicular to the other two.
+/// Returns `None` if two or more axes are flattened or the result is singular.
 pub(crate) fn rotation_of(linear: DMat3) -> Option<DMat3> {
-    let full = complete(linear)?;
+    let full = restore_flat_axis(linear)?;
     let mut q = full;
     for _ in 0..40 {
         let next = (q + q.inverse().transpose()) * 0.5;
@@ -94,8 +94,8 @@ pub(crate) fn rotation_of(linear: DMat3) -> Option<DMat3> {
     finite.then(|| if q.determinant() < 0.0 { q * -1.0 } else { q })
 }
 
-/// The matrix with a flattened column replaced by one at right angles, so that it can be inverted.
-fn complete(linear: DMat3) -> Option<DMat3> {
+/// Returns an invertible matrix in which a perpendicular column replaces a flattened one.
+fn restore_flat_axis(linear: DMat3) -> Option<DMat3> {
     let mut axes = columns(linear);
     let longest = axes.iter().map(|a| a.length()).fold(0.0, f64::max);
     if !longest.is_finite() || longest < 1e-30 {
@@ -109,19 +109,19 @@ fn complete(linear: DMat3) -> Option<DMat3> {
     (full.determinant().abs() > 1e-12 * longest * longest * longest).then_some(full)
 }
 
-/// The three columns.
+/// Returns the three columns.
 pub(crate) fn columns(m: DMat3) -> [DVec3; 3] {
     [m.x_axis, m.y_axis, m.z_axis]
 }
 
-/// Whether two linear maps agree within `tolerance` of the larger one's size.
+/// Returns whether two linear maps agree within `tolerance` relative to the larger one.
 pub(crate) fn nearly_equal(a: DMat3, b: DMat3, tolerance: f64) -> bool {
     let size = columns(a).iter().chain(&columns(b)).map(|c| c.length()).fold(0.0, f64::max);
     columns(a - b).iter().all(|c| c.length() <= tolerance * size)
 }
 
-/// A stretch without the rounding noise of its making: exactly diagonal, uniform or the identity where it
-/// is so within a millionth.
+/// Removes rounding noise from a stretch: one that is diagonal, uniform or the identity within a millionth becomes
+/// exactly so.
 pub(crate) fn snapped(stretch: DMat3) -> DMat3 {
     let diagonal = DVec3::new(stretch.x_axis.x, stretch.y_axis.y, stretch.z_axis.z);
     let mean = (diagonal.x + diagonal.y + diagonal.z) / 3.0;

@@ -1,4 +1,4 @@
-//! Poses against answers worked out by hand, closed loops of the built-in scenes, and real files.
+//! Poses against answers computed by hand, closed loops of the built-in scenes, and real files.
 
 use std::path::PathBuf;
 
@@ -49,10 +49,10 @@ fn arm() -> Scene {
 fn a_two_bone_arm_bends_as_by_hand() {
     let scene = arm();
     let instance = &scene.instances()[0];
-    assert_eq!((instance.motion(), instance.stays_put()), (Motion::Deforming, true));
+    assert_eq!((instance.motion(), instance.has_constant_frame()), (Motion::Deforming, true));
     assert!(instance.needs().contains(Needs::SKIN));
-    // Just before the loop ends the upper bone has turned a quarter about z: up becomes -x. Its share of the
-    // middle vertex (0.5, 1) goes to (0, 1.5). The mesh node's own transform does not count.
+    // Just before the loop ends the upper bone has turned a quarter about z: up becomes -x. Its share of the middle
+    // vertex (0.5, 1) goes to (0, 1.5). The mesh node's own transform is ignored.
     let (world, normals) = geometry(&scene, 0, 1.0 - 1e-9);
     assert!(near(world[0], Vec3::new(10.0, 0.0, 0.0)), "{world:?}");
     assert!(near(world[1], Vec3::new(10.25, 1.25, 0.0)), "{world:?}");
@@ -64,7 +64,7 @@ fn a_two_bone_arm_bends_as_by_hand() {
     assert!(near(world[2], Vec3::new(10.0 - s, 1.0 + s, 0.0)), "{world:?}");
     // The rest is the undeformed mesh.
     assert_eq!(scene.rests()[0].geometry().positions()[2], Vec3::new(0.0, 2.0, 0.0));
-    // Loops with its own length.
+    // The animation loops with its own length.
     assert_eq!(geometry(&scene, 0, 0.25), geometry(&scene, 0, 7.25));
 }
 
@@ -89,9 +89,9 @@ fn morph_weights_add_up() {
     assert!(near(world[0], Vec3::new(-1.0, 1.5, 1.0)), "{world:?}");
     let slant = Vec3::new(0.5, 0.0, 0.5).normalize();
     assert!(near(normal[0], slant), "{normal:?}");
-    // At rest the default weights count, which nothing but the rest uses here.
+    // The rest has the default weights.
     assert!(near(scene.rests()[0].geometry().positions()[0], Vec3::new(-1.0, 0.75, 0.0)));
-    // Without the animation the default weights are baked and nothing is left to deform.
+    // Without the animation the default weights are part of the rest, and the instance does not deform.
     let still = rest.split(r#""animations""#).next().unwrap().trim_end().trim_end_matches(',');
     let scene = doc.load(still).unwrap();
     assert_eq!((scene.instances()[0].motion(), scene.needs().all()), (Motion::Static, Needs::NONE));
@@ -127,7 +127,7 @@ fn rigid_movers_keep_their_rest_and_still_nodes_their_bits() {
     for i in 0..40 {
         let pose = scene.pose(f64::from(i) * 0.173);
         assert_eq!(pose.instances()[1], first.instances()[1]);
-        assert_eq!(*pose.instances()[0].deform(), Deform::Rest);
+        assert_eq!(*pose.instances()[0].deformation(), Deformation::Rest);
         let frame = pose.instances()[0].frame();
         assert!((frame.rotation.length() - 1.0).abs() < 1e-6);
     }
@@ -241,8 +241,8 @@ fn builtin_scenes_close_and_stay_clean() {
 #[test]
 fn builtin_scenes_exercise_what_they_are_for() {
     let colonnade = Scene::load("colonnade").unwrap();
-    let wanted = Needs::SKIN | Needs::MORPH | Needs::RIGID_MOTION | Needs::MASKED | Needs::DOUBLE_SIDED;
-    assert!(colonnade.needs().all().contains(wanted));
+    let requested = Needs::SKIN | Needs::MORPH | Needs::RIGID_MOTION | Needs::MASKED | Needs::DOUBLE_SIDED;
+    assert!(colonnade.needs().all().contains(requested));
     let lab = Scene::load("robot-lab").unwrap();
     let walkers: Vec<&Instance> =
         lab.instances().iter().filter(|i| i.needs().contains(Needs::SKIN)).collect();
@@ -394,14 +394,14 @@ fn shared() -> Option<PathBuf> {
     None
 }
 
-/// Every scene and model there; none without the folder.
+/// Returns every scene and model in the folder; none without the folder.
 pub(crate) fn shared_files() -> Vec<PathBuf> {
     let Some(folder) = shared() else { return Vec::new() };
     let mut files: Vec<PathBuf> = Vec::new();
     for entry in std::fs::read_dir(&folder).unwrap().flatten().filter(|e| e.path().is_dir()) {
         let inside = std::fs::read_dir(entry.path()).unwrap().flatten().map(|e| e.path());
-        let wanted = if entry.file_name() == "models" { "glb" } else { "toml" };
-        files.extend(inside.filter(|path| path.extension().is_some_and(|e| e == wanted)));
+        let requested = if entry.file_name() == "models" { "glb" } else { "toml" };
+        files.extend(inside.filter(|path| path.extension().is_some_and(|e| e == requested)));
     }
     assert!(!files.is_empty());
     files

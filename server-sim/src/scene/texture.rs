@@ -1,23 +1,23 @@
-//! Textures that decide where a surface is or how its normals bend, with the sampling rules of glTF 2.0.
+//! Textures for masks and normal maps, with the sampling rules of glTF 2.0.
 
 use std::sync::Arc;
 
 use glam::Vec2;
 
-/// What happens to texture coordinates outside 0 to 1.
+/// Treatment of texture coordinates outside 0 to 1.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Wrap {
-    /// The edge goes on for ever.
+    /// The edge continues without end.
     Clamp,
-    /// Every other copy is mirrored.
+    /// Copies follow each other, every other one mirrored.
     Mirror,
-    /// Copies side by side.
+    /// Copies follow each other.
     #[default]
     Repeat,
 }
 
 impl Wrap {
-    /// The texel that stands at an integer position, for `size` texels.
+    /// Returns the index of the texel at an integer position, for `size` texels.
     fn texel(self, position: i64, size: u32) -> usize {
         let size = i64::from(size);
         let inside = match self {
@@ -42,7 +42,7 @@ pub struct Texture<const N: usize> {
 }
 
 impl<const N: usize> Texture<N> {
-    /// A texture of `size[0] * size[1]` texels; `None` if the count does not fit or is zero.
+    /// Creates a texture of `size[0] * size[1]` texels. Returns `None` if the count is zero or does not fit.
     pub(crate) fn new(
         size: [u32; 2],
         wrap: [Wrap; 2],
@@ -53,33 +53,33 @@ impl<const N: usize> Texture<N> {
         (count > 0 && count == texels.len() as u64).then_some(Self { size, wrap, nearest, texels })
     }
 
-    /// Width and height in texels.
+    /// Returns the width and height in texels.
     #[must_use]
     pub fn size(&self) -> [u32; 2] {
         self.size
     }
 
-    /// What happens outside 0 to 1, across and down.
+    /// Returns the wrap modes of the horizontal and the vertical axis.
     #[must_use]
     pub fn wrap(&self) -> [Wrap; 2] {
         self.wrap
     }
 
-    /// Whether the nearest texel counts alone.
+    /// Returns whether sampling takes the nearest texel.
     #[must_use]
     pub fn nearest(&self) -> bool {
         self.nearest
     }
 
-    /// The texels, row by row from the top.
+    /// Returns the texels, row by row from the top.
     #[must_use]
     pub fn texels(&self) -> &[[u8; N]] {
         &self.texels
     }
 
-    /// The texture at `uv` (origin at the upper left corner, 1 = the whole width or height), each channel 0 to
-    /// 1: bilinear between texel centres, or the nearest texel where the sampler says so. No mip levels. A
-    /// coordinate that is not a finite number counts as 0.
+    /// Samples the texture at `uv`, each channel 0 to 1. The origin is the upper left corner, and 1 is the whole
+    /// width or height. Sampling is bilinear between texel centres, or takes the nearest texel if the sampler says
+    /// so, without mip levels. A coordinate that is not finite counts as 0.
     #[must_use]
     pub fn sample(&self, uv: Vec2) -> [f32; N] {
         let place =

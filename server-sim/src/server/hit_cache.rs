@@ -38,7 +38,7 @@ impl ChunkHitCache {
         *self = Self::default();
     }
 
-    /// Ends a frame: drops the entries of a chunk that was idle for long. Returns the bytes held.
+    /// Ends a frame: drops the entries of a chunk that was idle for long. Returns the bytes held on the heap.
     fn rest(&mut self) -> usize {
         if self.points.is_empty() {
             return 0;
@@ -55,7 +55,7 @@ impl ChunkHitCache {
     }
 }
 
-/// Ends a frame for all chunks. Drops entries beyond `limit` bytes, the idlest chunks first. Returns the bytes held.
+/// Ends a frame for all chunks. Drops entries beyond `limit` bytes, the idlest chunks first. Returns the bytes held on the heap.
 pub(super) fn settle(chunks: &mut [ChunkHitCache], limit: usize) -> usize {
     let mut bytes: usize = chunks.iter_mut().map(ChunkHitCache::rest).sum();
     if bytes > limit {

@@ -1,4 +1,4 @@
-//! From meshes of the scene to bottom-level trees.
+//! Builds bottom-level trees from meshes of the scene.
 
 use std::sync::Arc;
 
@@ -8,12 +8,12 @@ use crate::bvh::{Blas, Effort, Placement};
 use crate::scene::{PosedMesh, RigidFrame, Scene};
 use crate::shortcuts::Shortcuts;
 
-/// The placement that an instance's rigid frame stands for.
+/// Converts an instance's rigid frame to a placement.
 pub(super) fn placement(frame: &RigidFrame) -> Placement {
     Placement { rotation: frame.matrix(), translation: frame.translation }
 }
 
-/// Corners of all triangles of a mesh, in its local space.
+/// Returns the corners of all triangles of a mesh, in its local space.
 pub(super) fn corners(posed: &PosedMesh<'_>) -> Vec<[Vec3; 3]> {
     (0..posed.triangles.len() as u32).map(|triangle| posed.corners(triangle)).collect()
 }
@@ -24,7 +24,7 @@ pub(super) fn build(posed: &PosedMesh<'_>, shortcuts: Shortcuts) -> Blas {
     if posed.masked() || !shortcuts.contains(Shortcuts::MASKS) { blas.with_masks(|_| true) } else { blas }
 }
 
-/// Builds the tree of a mesh at rest, by its number.
+/// Builds the tree of the mesh at rest with index `rest`.
 pub(super) fn build_rest(scene: &Scene, rest: usize, shortcuts: Shortcuts) -> Arc<Blas> {
     Arc::new(build(&PosedMesh::at_rest(scene, &scene.rests()[rest]), shortcuts))
 }

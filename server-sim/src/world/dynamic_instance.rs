@@ -1,4 +1,4 @@
-//! An instance with a body of its own, and what became of it from one moment to the next.
+//! An instance with its own body, and its changes from one moment to the next.
 
 use std::sync::Arc;
 
@@ -9,30 +9,31 @@ use crate::bvh::{Blas, BlasInstance, Bounds, Placement};
 use crate::scene::{Geometry, InstanceId, Motion, PosedMesh, Scene, ScenePose};
 use crate::shortcuts::Shortcuts;
 
-/// What happened to an instance from one moment to the next.
+/// Change of an instance from one moment to the next.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum InstanceChange {
-    /// Nothing: every bit is the same.
+    /// The instance is bit-identical.
     Unchanged,
-    /// It moved as a rigid body, or came or went.
+    /// The instance moved as a rigid body, appeared or disappeared.
     Moved(SweptBounds),
-    /// Its local geometry changed too.
+    /// The local geometry changed, too.
     Deformed(SweptBounds),
-    /// It was moved out of the shared static BLAS into its own. Both BLASes changed.
+    /// The instance was moved out of the static batch into its own BLAS. Both BLASes changed.
     Detached(SweptBounds),
 }
 
 /// Bounds of an instance before and after a change, as far as it was and is visible.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct SweptBounds {
-    /// All of it.
+    /// Bounds of the whole instance.
     pub(crate) bounds: Bounds,
-    /// The same in parts: every triangle, before and after, is in one of them.
+    /// Bounds of parts: each of them contains some triangles, and every triangle before and after the change is in
+    /// one of them.
     pub(crate) parts: Vec<Bounds>,
 }
 
 impl InstanceChange {
-    /// Where the world may have changed.
+    /// Returns the bounds within which the scene may have changed.
     pub(crate) fn swept(&self) -> Option<&SweptBounds> {
         match self {
             Self::Unchanged => None,
@@ -41,7 +42,7 @@ impl InstanceChange {
     }
 }
 
-/// An instance with a body of its own, in its current pose.
+/// An instance with its own body, in its current pose.
 #[derive(Clone, Debug)]
 pub(super) struct DynamicInstance {
     pub(super) instance: usize,
@@ -49,28 +50,28 @@ pub(super) struct DynamicInstance {
     pub(super) visible: bool,
     pub(super) bounds: Bounds,
     pub(super) blas: Arc<Blas>,
-    /// Bounds in world space of the nodes `cut` of the tree.
+    /// Bounds in world space of the tree's nodes `cut`.
     parts: Vec<Bounds>,
     cut: Vec<u32>,
-    /// Geometry of an instance that is posed vertex by vertex, and the work its tree took when it was built.
-    shape: Option<Shape>,
+    /// Geometry of an instance whose vertices are posed one by one; `None` for one that was never posed that way.
+    deformed: Option<DeformedGeometry>,
 }
 
 #[derive(Clone, Debug)]
-struct Shape {
+struct DeformedGeometry {
     geometry: Geometry,
-    spare: Geometry,
+    scratch: Geometry,
     built_cost: f32,
 }
 
-/// Parts that a moving instance is cut into, to tell what it comes near.
+/// Number of parts of a moving instance, to find what it comes near.
 const SWEPT_PARTS: usize = 32;
 
-/// A refitted tree is built anew once its cost exceeds the cost at its build by this factor.
+/// A refitted tree is rebuilt once its cost exceeds the cost at its build by this factor.
 const REBUILD_COST_RATIO: f32 = 1.6;
 
 impl DynamicInstance {
-    /// An instance at a pose of its scene; `rest` is its mesh at rest, where it does not deform.
+    /// Creates an instance in a pose of its scene. `rest` is the tree of its mesh at rest, used unless it deforms.
     pub(super) fn posed(
         scene: &Arc<Scene>,
         pose: &ScenePose,
@@ -80,42 +81,44 @@ impl DynamicInstance {
     ) -> Self {
         let instance = &scene.instances()[index];
         let at = &pose.instances()[index];
-        let (blas, shape) = match rest {
+        let (blas, deformed) = match rest {
             Some(blas) if instance.motion() != Motion::Deforming => (Arc::clone(blas), None),
             _ => {
                 let mut geometry = Geometry::default();
                 scene.local_geometry(InstanceId(index as u32), pose, &mut geometry);
                 let blas = build(&PosedMesh::posed(scene, scene.rest(instance), &geometry), shortcuts);
-                let shape = Shape::new(geometry, &blas);
-                (Arc::new(blas), Some(shape))
+                let deformed = DeformedGeometry::new(geometry, &blas);
+                (Arc::new(blas), Some(deformed))
             }
         };
-        Self { shape, visible: at.visible(), ..Self::rigid(index, blas, placement(at.frame())) }
+        Self { deformed, visible: at.visible(), ..Self::rigid(index, blas, placement(at.frame())) }
     }
 
-    /// An instance that does not deform, in sight.
+    /// Creates a visible instance that does not deform.
     pub(super) fn rigid(instance: usize, blas: Arc<Blas>, placement: Placement) -> Self {
         let bounds = BlasInstance::new(Arc::clone(&blas), placement).bounds();
         let cut = blas.tree().cut(SWEPT_PARTS);
         let parts = parts(&blas, &cut, &placement);
-        Self { instance, placement, visible: true, bounds, blas, parts, cut, shape: None }
+        Self { instance, placement, visible: true, bounds, blas, parts, cut, deformed: None }
     }
 
-    /// Bytes held. The tree counts only where it is not `rest`, which instances share.
+    /// Returns the bytes held on the heap. The tree is not counted if it is `rest`, which instances share.
     pub(super) fn heap_bytes(&self, rest: Option<&Arc<Blas>>) -> usize {
         let shared = rest.is_some_and(|rest| Arc::ptr_eq(rest, &self.blas));
         let tree = if shared { 0 } else { self.blas.heap_bytes() };
-        let shape =
-            self.shape.as_ref().map_or(0, |shape| shape.geometry.heap_bytes() + shape.spare.heap_bytes());
+        let shape = self
+            .deformed
+            .as_ref()
+            .map_or(0, |shape| shape.geometry.heap_bytes() + shape.scratch.heap_bytes());
         tree + memory::list(&self.parts) + memory::list(&self.cut) + shape
     }
 
-    /// Geometry of an instance that is posed vertex by vertex, as of when that was last done.
+    /// Returns the geometry of an instance whose vertices are posed one by one, as of the last time they were posed.
     pub(super) fn geometry(&self) -> Option<&Geometry> {
-        self.shape.as_ref().map(|shape| &shape.geometry)
+        self.deformed.as_ref().map(|shape| &shape.geometry)
     }
 
-    /// Moves on to another pose.
+    /// Moves the instance to another pose. Returns the change.
     pub(super) fn update(
         &mut self,
         scene: &Arc<Scene>,
@@ -126,7 +129,7 @@ impl DynamicInstance {
         let now = placement(at.frame());
         let was_visible = std::mem::replace(&mut self.visible, at.visible());
         let moved = std::mem::replace(&mut self.placement, now) != now || was_visible != self.visible;
-        // Out of sight it keeps the geometry that it had: nothing asks for it, and its points are not kept up to date.
+        // A hidden instance keeps its geometry: nothing refers to it, and its points are not kept up to date.
         let posed = self.visible || !shortcuts.contains(Shortcuts::HIDDEN);
         let (deformed, rebuilt) = if posed { self.deform(scene, pose, shortcuts) } else { (false, false) };
         if !moved && !deformed {
@@ -136,19 +139,20 @@ impl DynamicInstance {
         let parts = parts(&self.blas, &self.cut, &now);
         let before =
             (std::mem::replace(&mut self.bounds, bounds), std::mem::replace(&mut self.parts, parts.clone()));
-        let there = |visible: bool, (bounds, parts): (Bounds, Vec<Bounds>)| {
+        let visible_bounds = |visible: bool, (bounds, parts): (Bounds, Vec<Bounds>)| {
             if visible {
                 SweptBounds { bounds, parts }
             } else {
                 SweptBounds { bounds: Bounds::EMPTY, parts: Vec::new() }
             }
         };
-        let swept = there(was_visible, before).with(there(self.visible, (bounds, parts)), !rebuilt);
+        let swept =
+            visible_bounds(was_visible, before).with(visible_bounds(self.visible, (bounds, parts)), !rebuilt);
         if deformed { InstanceChange::Deformed(swept) } else { InstanceChange::Moved(swept) }
     }
 
-    /// Brings the geometry of an instance that is posed vertex by vertex up to date; says whether to take it for another
-    /// shape than before, and whether its tree is a new one.
+    /// Updates the geometry of an instance whose vertices are posed one by one. Returns whether it counts as
+    /// deformed, and whether its tree was rebuilt.
     fn deform(&mut self, scene: &Arc<Scene>, pose: &ScenePose, shortcuts: Shortcuts) -> (bool, bool) {
         let instance = &scene.instances()[self.instance];
         let deforming = instance.motion() == Motion::Deforming;
@@ -156,13 +160,13 @@ impl DynamicInstance {
             return (false, false);
         }
         let blas = &mut self.blas;
-        let at_rest = || Shape::new(scene.rest(instance).geometry().clone(), blas);
-        let shape = self.shape.get_or_insert_with(at_rest);
-        scene.local_geometry(InstanceId(self.instance as u32), pose, &mut shape.spare);
-        if deforming && shortcuts.contains(Shortcuts::SHAPES) && shape.spare == shape.geometry {
+        let at_rest = || DeformedGeometry::new(scene.rest(instance).geometry().clone(), blas);
+        let shape = self.deformed.get_or_insert_with(at_rest);
+        scene.local_geometry(InstanceId(self.instance as u32), pose, &mut shape.scratch);
+        if deforming && shortcuts.contains(Shortcuts::SHAPES) && shape.scratch == shape.geometry {
             return (false, false);
         }
-        std::mem::swap(&mut shape.spare, &mut shape.geometry);
+        std::mem::swap(&mut shape.scratch, &mut shape.geometry);
         let posed = PosedMesh::posed(scene, scene.rest(instance), &shape.geometry);
         let blas = Arc::make_mut(blas);
         blas.refit(&corners(&posed));
@@ -176,15 +180,15 @@ impl DynamicInstance {
     }
 }
 
-impl Shape {
-    /// A geometry that a tree was built for.
+impl DeformedGeometry {
+    /// Creates the geometry for which a tree was built.
     fn new(geometry: Geometry, blas: &Blas) -> Self {
-        Self { geometry, spare: Geometry::default(), built_cost: blas.cost() }
+        Self { geometry, scratch: Geometry::default(), built_cost: blas.cost() }
     }
 }
 
 impl SweptBounds {
-    /// Both together. `paired` says that the parts are those of the same triangles: then boxes that touch become one.
+    /// Returns the union of both. If `paired`, the parts have the same triangles, and overlapping parts are merged.
     fn with(self, other: Self, paired: bool) -> Self {
         let bounds = self.bounds.union(other.bounds);
         if !paired || self.parts.len() != other.parts.len() {
@@ -195,7 +199,7 @@ impl SweptBounds {
             if before.touches(&after) {
                 parts.push(before.union(after));
             } else {
-                // It was put elsewhere: nothing happened in between.
+                // The part jumped: nothing happened in between.
                 parts.extend([before, after]);
             }
         }
@@ -203,7 +207,7 @@ impl SweptBounds {
     }
 }
 
-/// Bounds in world space of some nodes of a body's tree.
+/// Returns the bounds in world space of some nodes of a body's tree.
 fn parts(blas: &Blas, cut: &[u32], at: &Placement) -> Vec<Bounds> {
     let nodes = blas.tree().nodes();
     cut.iter().map(|&node| nodes[node as usize].bounds.transformed(at.rotation, at.translation)).collect()

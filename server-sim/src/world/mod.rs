@@ -1,4 +1,4 @@
-//! A scene at one moment, ready for rays: its instances as bodies, kept up to date from pose to pose.
+//! A scene at a given time, ready for rays. Its instances are bodies, which are updated from pose to pose.
 
 mod build;
 mod dynamic_instance;

@@ -1,4 +1,4 @@
-//! The BVH of a scene at one moment.
+//! The BVH of a scene at a given time.
 
 use std::sync::Arc;
 
@@ -13,14 +13,14 @@ use crate::bvh::{Blas, BlasHit, BlasInstance, BodyId, Bounds, Placement, Tlas};
 use crate::scene::{InstanceId, Motion, PosedMesh, Scene, ScenePose};
 use crate::shortcuts::Shortcuts;
 
-/// Where a ray hit.
+/// A hit of a ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
     /// Distance in metres along the unit direction.
     pub t: f32,
-    /// Which instance.
+    /// The hit instance.
     pub instance: InstanceId,
-    /// Triangle of the instance's mesh.
+    /// Index of the triangle in the instance's mesh.
     pub triangle: u32,
     /// Weight of the triangle's second corner.
     pub u: f32,
@@ -28,60 +28,62 @@ pub struct Hit {
     pub v: f32,
 }
 
-/// The surface at a hit: world space, or rest space where it says so.
+/// The surface at a hit, in world space or rest space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfaceAt {
-    /// Metres.
+    /// Position in metres.
     pub position: Vec3,
-    /// Unit normal of the triangle's front; zero for a triangle without area.
+    /// Unit normal of the triangle's front, or zero for a triangle without area.
     pub facing: Vec3,
     /// Unit shading normal of the front, bent by the normal map if there is one.
     pub normal: Vec3,
 }
 
-/// A scene at one moment, ready for rays. All static instances share one body in world space, the static batch. Every
-/// other instance has a body of its own, which is placed rigidly: a rigid motion rebuilds only the small tree over the bodies.
+/// A scene at a given time, ready for rays. All static instances share one body in world space, the static batch.
+/// Every other instance has its own body, placed by a rigid transform. So a rigid motion rebuilds only the small tree
+/// over the bodies.
 ///
-/// Only an edit ([`ScenePose::apply`]) moves or hides a static instance. It is then detached from the static batch and
-/// has a body of its own for good: what was moved by hand is likely to move again, and each change of body costs the AO
-/// of all points near it.
+/// Only an edit ([`ScenePose::apply`]) moves or hides a static instance. The instance is then detached from the
+/// static batch and permanently has its own body. An instance that a client moved is likely to move again, and each
+/// change of body costs the AO of all points near it.
 #[derive(Clone, Debug)]
 pub struct SceneBvh {
     scene: Arc<Scene>,
     /// Whether each instance is in a static batch.
     shared: Vec<bool>,
-    /// The instances that were static at the build, less those that were detached: one batch, unless shortcuts are off.
+    /// The instances that were static at the build, without the detached ones: one batch, or one per instance without
+    /// [`Shortcuts::STATIC_BATCH`].
     static_batches: Vec<StaticBatch>,
-    /// Trees of meshes at rest, as far as dynamic instances that do not deform need them.
+    /// Trees of the meshes at rest that rigid dynamic instances use.
     rests: Vec<Option<Arc<Blas>>>,
-    /// Ascending by instance.
+    /// Dynamic instances in ascending order of instance.
     dynamic_instances: Vec<DynamicInstance>,
     bodies: Tlas,
     owners: Vec<Owner>,
-    /// The body of each instance; none while it is out of sight or without triangles.
+    /// Body of each instance; `None` for one that is hidden or has no triangles.
     instance_bodies: Vec<Option<BodyId>>,
     placements: Vec<Placement>,
     changes: Vec<InstanceChange>,
     shortcuts: Shortcuts,
 }
 
-/// What a body was built from.
+/// Source of a body's triangles.
 #[derive(Clone, Copy, Debug)]
 enum Owner {
-    /// A static batch, by number.
+    /// The static batch with this index.
     Batch(u32),
-    /// One instance.
+    /// The instance with this index.
     Instance(u32),
 }
 
 impl SceneBvh {
-    /// Builds the structures of the scene at a pose of it.
+    /// Builds the BVH of the scene at a pose.
     #[must_use]
     pub fn new(scene: &Arc<Scene>, pose: &ScenePose) -> Self {
         Self::with_shortcuts(scene, pose, Shortcuts::ALL)
     }
 
-    /// As [`SceneBvh::new`], with only some shortcuts. Rays meet the same surfaces whatever they are.
+    /// Does the same as [`SceneBvh::new`] with a subset of the shortcuts. The hits of rays do not depend on it.
     #[must_use]
     pub fn with_shortcuts(scene: &Arc<Scene>, pose: &ScenePose, shortcuts: Shortcuts) -> Self {
         let count = scene.instances().len();
@@ -89,14 +91,15 @@ impl SceneBvh {
         let shared: Vec<bool> = (0..count)
             .map(|index| {
                 let instance = &scene.instances()[index];
-                let fixed = instance.fixed.filter(|_| instance.motion() == Motion::Static);
+                let fixed = instance.constant_frame.filter(|_| instance.motion() == Motion::Static);
                 fixed.is_some_and(|fixed| is_at(pose, index, &placement(&fixed)))
             })
             .collect();
-        let standing: Vec<usize> = (0..count).filter(|&index| shared[index]).collect();
-        let together = if shortcuts.contains(Shortcuts::STATIC_BATCH) { standing.len().max(1) } else { 1 };
-        let static_batches = standing
-            .par_chunks(together)
+        let static_instances: Vec<usize> = (0..count).filter(|&index| shared[index]).collect();
+        let batch_size =
+            if shortcuts.contains(Shortcuts::STATIC_BATCH) { static_instances.len().max(1) } else { 1 };
+        let static_batches = static_instances
+            .par_chunks(batch_size)
             .map(|instances| StaticBatch::build(scene, pose, instances, &placements, shortcuts))
             .collect();
         let rigid = |&index: &usize| !shared[index] && scene.instances()[index].motion() != Motion::Deforming;
@@ -128,21 +131,21 @@ impl SceneBvh {
             changes: vec![InstanceChange::Unchanged; count],
             shortcuts,
         };
-        world.assemble();
+        world.rebuild_tlas();
         world
     }
 
-    /// Moves on to another pose of the same scene.
+    /// Moves the scene to another pose.
     pub fn update(&mut self, pose: &ScenePose) {
         let detached = self.detach(pose);
-        let refits_still = !detached.is_empty() || !self.shortcuts.contains(Shortcuts::RIGID);
+        let refits_static = !detached.is_empty() || !self.shortcuts.contains(Shortcuts::RIGID);
         let refits =
-            refits_still || self.dynamic_instances.iter().any(|dynamic| dynamic.geometry().is_some());
+            refits_static || self.dynamic_instances.iter().any(|dynamic| dynamic.geometry().is_some());
         if refits {
-            // A tree that the bodies share would be copied before it is refitted.
+            // Release shared trees, because a refit would copy them.
             self.bodies = Tlas::default();
         }
-        if refits_still {
+        if refits_static {
             let refit =
                 |batch: &mut StaticBatch| batch.refit(&self.scene, pose, &self.placements, &self.shared);
             self.static_batches.par_iter_mut().for_each(refit);
@@ -164,16 +167,17 @@ impl SceneBvh {
             self.placements[dynamic.instance] = dynamic.placement;
         }
         if refits || self.changes.iter().any(|change| change.swept().is_some()) {
-            self.assemble();
+            self.rebuild_tlas();
         }
     }
 
-    /// Gives bodies of their own to the static instances that a pose moves or hides. Places them where they stood, so that
-    /// their first move counts as one. Returns those instances, ascending; their batch still has their triangles.
+    /// Gives own bodies to the static instances that a pose moves or hides. Places them at their old positions, so
+    /// that the first move counts as a change. Returns these instances, ascending; their batch still contains their
+    /// triangles.
     fn detach(&mut self, pose: &ScenePose) -> Vec<usize> {
-        let gone = |&index: &usize| self.shared[index] && !is_at(pose, index, &self.placements[index]);
-        let gone: Vec<usize> = (0..self.shared.len()).filter(gone).collect();
-        for &index in &gone {
+        let detached = |&index: &usize| self.shared[index] && !is_at(pose, index, &self.placements[index]);
+        let detached: Vec<usize> = (0..self.shared.len()).filter(detached).collect();
+        for &index in &detached {
             self.shared[index] = false;
             let rest = self.scene.instances()[index].rest().index();
             let blas = self.rests[rest].get_or_insert_with(|| build_rest(&self.scene, rest, self.shortcuts));
@@ -184,10 +188,10 @@ impl SceneBvh {
             ));
         }
         self.dynamic_instances.sort_unstable_by_key(|dynamic| dynamic.instance);
-        gone
+        detached
     }
 
-    fn assemble(&mut self) {
+    fn rebuild_tlas(&mut self) {
         self.instance_bodies.fill(None);
         let mut list = Vec::with_capacity(self.dynamic_instances.len() + self.static_batches.len());
         self.owners.clear();
@@ -210,8 +214,8 @@ impl SceneBvh {
         self.bodies = Tlas::new(list);
     }
 
-    /// Bytes of memory held: trees, the posed geometry of what deforms, and where everything is. What instances share counts
-    /// once; the scene does not.
+    /// Returns the bytes of memory held: trees, posed geometry, and placements. Shared parts count once. The scene
+    /// does not count.
     #[must_use]
     pub fn heap_bytes(&self) -> usize {
         let Self {
@@ -227,7 +231,7 @@ impl SceneBvh {
             changes,
             ..
         } = self;
-        let stills: usize = static_batches.iter().map(StaticBatch::heap_bytes).sum();
+        let batches: usize = static_batches.iter().map(StaticBatch::heap_bytes).sum();
         let at_rest: usize = rests.iter().flatten().map(|blas| blas.heap_bytes()).sum();
         let rest =
             |dynamic: &DynamicInstance| rests[scene.instances()[dynamic.instance].rest().index()].as_ref();
@@ -238,30 +242,30 @@ impl SceneBvh {
             + memory::list(dynamic_instances)
             + memory::list(owners);
         let instances = memory::list(shared) + memory::list(instance_bodies) + memory::list(placements);
-        let trees = stills + at_rest + moving + bodies.heap_bytes();
+        let trees = batches + at_rest + moving + bodies.heap_bytes();
         trees + structures + instances + memory::list(changes) + swept.sum::<usize>()
     }
 
-    /// The scene.
+    /// Returns the scene.
     #[must_use]
     pub fn scene(&self) -> &Arc<Scene> {
         &self.scene
     }
 
-    /// Bounds of everything.
+    /// Returns the bounds of everything.
     #[must_use]
     pub fn bounds(&self) -> Bounds {
         self.bodies.bounds()
     }
 
-    /// Where an instance is; of one that is not in the scene, the identity.
+    /// Returns the placement of an instance, or the identity for an unknown instance.
     #[must_use]
     pub fn placement(&self, instance: InstanceId) -> Placement {
         self.placements.get(instance.index()).copied().unwrap_or(Placement::IDENTITY)
     }
 
-    /// An instance's mesh in its local space as it is now, or was when it was last in sight; `None` for one that is not
-    /// in the scene.
+    /// Returns an instance's mesh in its local space, in its current pose or the last visible one. Returns `None` for
+    /// an unknown instance.
     #[must_use]
     pub fn posed(&self, instance: InstanceId) -> Option<PosedMesh<'_>> {
         let rest = self.scene.rest(self.scene.instances().get(instance.index())?);
@@ -271,21 +275,21 @@ impl SceneBvh {
         Some(PosedMesh::posed(&self.scene, rest, deformed.unwrap_or(rest.geometry())))
     }
 
-    /// The nearest hit nearer than `tmax` metres along a unit direction. Both sides of a triangle are hit; masked-out
-    /// texels let rays through.
+    /// Returns the nearest hit within `tmax` metres along a unit direction. Both sides of a triangle can be hit. Rays
+    /// pass through masked-out texels.
     #[must_use]
     pub fn closest(&self, origin: Vec3, direction: Vec3, tmax: f32) -> Option<Hit> {
         let found = self.bodies.nearest(origin, direction, tmax, false, |body, hit| self.opaque(body, hit));
         found.map(|(body, hit)| self.hit(body, &hit))
     }
 
-    /// Whether anything is nearer than `tmax` metres along a unit direction.
+    /// Returns whether anything is within `tmax` metres along a unit direction.
     #[must_use]
     pub fn occluded(&self, origin: Vec3, direction: Vec3, tmax: f32) -> bool {
         self.bodies.nearest(origin, direction, tmax, true, |body, hit| self.opaque(body, hit)).is_some()
     }
 
-    /// The surface at a hit of this world; `None` for a hit of another one.
+    /// Returns the surface at a hit of this scene, or `None` for an unknown instance or triangle.
     #[must_use]
     pub fn surface(&self, hit: &Hit) -> Option<SurfaceAt> {
         let local = surface(&self.posed(hit.instance)?, hit)?;
@@ -297,9 +301,9 @@ impl SceneBvh {
         })
     }
 
-    /// Where a hit of this world is on the mesh at rest, whatever pose the instance is in now: on the same triangle,
-    /// with the same weights of its corners. In the space of [`RestMesh::geometry`](crate::scene::RestMesh::geometry),
-    /// not the world's. `None` for a hit of another world.
+    /// Returns the place of a hit on the mesh at rest: on the same triangle with the same weights, whatever the
+    /// instance's pose. It is in the space of [`RestMesh::geometry`](crate::scene::RestMesh::geometry), not in world
+    /// space. Returns `None` for an unknown instance or triangle.
     #[must_use]
     pub fn rest_surface(&self, hit: &Hit) -> Option<SurfaceAt> {
         let instance = self.scene.instances().get(hit.instance.index())?;
@@ -310,27 +314,27 @@ impl SceneBvh {
         &self.bodies
     }
 
-    /// The body of an instance now, if it has one.
+    /// Returns the current body of an instance, if it has one.
     pub(crate) fn body(&self, instance: usize) -> Option<BodyId> {
         self.instance_bodies[instance]
     }
 
-    /// Whether the space of an instance's body is the world, not its own.
+    /// Returns whether the space of an instance's body is the world.
     pub(crate) fn is_still(&self, instance: usize) -> bool {
         self.shared[instance]
     }
 
-    /// Whether an instance can be seen and hit now.
+    /// Returns whether an instance is visible and can be hit.
     pub(crate) fn is_present(&self, instance: usize) -> bool {
         self.instance_bodies[instance].is_some()
     }
 
-    /// What happened to each instance in the last [`SceneBvh::update`].
+    /// Returns the change of each instance in the last [`SceneBvh::update`].
     pub(crate) fn changes(&self) -> &[InstanceChange] {
         &self.changes
     }
 
-    /// Whether the texel at a hit is there.
+    /// Returns whether the mask keeps the surface at a hit.
     pub(crate) fn opaque(&self, body: BodyId, hit: &BlasHit) -> bool {
         let (instance, triangle) = self.source(body, hit.triangle);
         let [_, u, v] = hit.intersection.barycentric();
@@ -344,7 +348,7 @@ impl SceneBvh {
         Hit { t: hit.intersection.t, instance: InstanceId(instance), triangle, u, v }
     }
 
-    /// Instance and triangle of a triangle of a body.
+    /// Returns the instance and its triangle for a triangle of a body.
     fn source(&self, body: BodyId, triangle: u32) -> (u32, u32) {
         match self.owners[body.index()] {
             Owner::Batch(number) => self.static_batches[number as usize].source(triangle),
@@ -353,7 +357,7 @@ impl SceneBvh {
     }
 }
 
-/// The surface of a mesh where a hit's triangle and weights say, in the mesh's space.
+/// Returns the surface of a mesh at the triangle and weights of a hit, in the mesh's space.
 fn surface(posed: &PosedMesh<'_>, hit: &Hit) -> Option<SurfaceAt> {
     if hit.triangle as usize >= posed.triangles.len() {
         return None;
@@ -366,7 +370,7 @@ fn surface(posed: &PosedMesh<'_>, hit: &Hit) -> Option<SurfaceAt> {
     })
 }
 
-/// Whether a pose has an instance in sight and at this very place.
+/// Returns whether an instance is visible at exactly this placement in a pose.
 fn is_at(pose: &ScenePose, index: usize, at: &Placement) -> bool {
     let now = &pose.instances()[index];
     now.visible() && placement(now.frame()) == *at

@@ -1,4 +1,4 @@
-//! Static instances, in one body in world space.
+//! Static instances in one body in world space.
 
 use std::sync::Arc;
 
@@ -14,12 +14,12 @@ use crate::shortcuts::Shortcuts;
 #[derive(Clone, Debug)]
 pub(super) struct StaticBatch {
     pub(super) blas: Arc<Blas>,
-    /// Number of each instance's first triangle, and the instance.
+    /// First triangle of each instance in the body, and the instance.
     starts: Vec<(u32, u32)>,
 }
 
 impl StaticBatch {
-    /// Builds the batch of some instances of a scene, where they are.
+    /// Builds the batch of some instances of a scene at their current placements.
     pub(super) fn build(
         scene: &Scene,
         pose: &ScenePose,
@@ -31,8 +31,8 @@ impl StaticBatch {
         for &index in instances {
             let posed = PosedMesh::at_rest(scene, scene.rest(&scene.instances()[index]));
             starts.push((masked.len() as u32, index as u32));
-            let asked = posed.masked() || !shortcuts.contains(Shortcuts::MASKS);
-            masked.resize(masked.len() + posed.triangles.len(), asked);
+            let is_masked = posed.masked() || !shortcuts.contains(Shortcuts::MASKS);
+            masked.resize(masked.len() + posed.triangles.len(), is_masked);
         }
         let mut batch = Self { blas: Arc::default(), starts };
         let triangles = batch.triangles(scene, pose, placements, |_| true);
@@ -41,7 +41,7 @@ impl StaticBatch {
         batch
     }
 
-    /// Refits the body. Removes the triangles of instances that are not `present`.
+    /// Refits the body, without the triangles of instances that are not `present`.
     pub(super) fn refit(
         &mut self,
         scene: &Scene,
@@ -53,24 +53,24 @@ impl StaticBatch {
         Arc::make_mut(&mut self.blas).refit(&triangles);
     }
 
-    /// Bytes held.
+    /// Returns the bytes held on the heap.
     pub(super) fn heap_bytes(&self) -> usize {
         self.blas.heap_bytes() + memory::list(&self.starts)
     }
 
-    /// The instances that it was built of.
+    /// Returns the instances from which it was built.
     pub(super) fn instances(&self) -> impl Iterator<Item = usize> + '_ {
         self.starts.iter().map(|&(_, index)| index as usize)
     }
 
-    /// Instance and triangle of a triangle of the body.
+    /// Returns the instance and its triangle for a triangle of the body.
     pub(super) fn source(&self, triangle: u32) -> (u32, u32) {
         let at = self.starts.partition_point(|&(first, _)| first <= triangle) - 1;
         let (first, instance) = self.starts[at];
         (instance, triangle - first)
     }
 
-    /// Its triangles in the world; of instances that are not present, ones that nothing meets.
+    /// Returns its triangles in world space. Triangles of absent instances are NaN, which no ray hits.
     fn triangles(
         &self,
         scene: &Scene,
@@ -83,8 +83,8 @@ impl StaticBatch {
         for index in self.instances() {
             scene.local_geometry(InstanceId(index as u32), pose, &mut geometry);
             let posed = PosedMesh::posed(scene, scene.rest(&scene.instances()[index]), &geometry);
-            let (at, there) = (&placements[index], present(index));
-            let placed = |corner: Vec3| if there { at.point(corner) } else { Vec3::NAN };
+            let (at, is_present) = (&placements[index], present(index));
+            let placed = |corner: Vec3| if is_present { at.point(corner) } else { Vec3::NAN };
             triangles.extend(corners(&posed).into_iter().map(|triangle| triangle.map(placed)));
         }
         triangles

@@ -1,4 +1,4 @@
-//! Worlds against a scan of every triangle of a real scene, moving.
+//! Moving scenes against a scan of every triangle of a real scene.
 
 use std::sync::Arc;
 
@@ -11,7 +11,7 @@ use crate::bvh::{BlasHit, reference};
 use crate::random::Random;
 use crate::scene::{Edits, InstanceId, Scene};
 
-/// All triangles in sight in the world, and where each instance's begin.
+/// Returns all visible triangles in world space, and the first triangle of each instance.
 fn triangles(world: &SceneBvh) -> (Vec<[Vec3; 3]>, Vec<usize>) {
     let (mut all, mut starts) = (Vec::new(), Vec::new());
     for index in 0..world.scene().instances().len() {
@@ -33,7 +33,7 @@ fn direction(random: &mut Random) -> Vec3 {
     Vec3::new(one(random), one(random), one(random)).normalize_or(Vec3::X)
 }
 
-/// Rays through a world against its plain triangles; how many hit.
+/// Compares rays through a scene with its plain triangles. Returns the number of hits.
 fn check(world: &SceneBvh, random: &mut Random) -> u32 {
     let (all, starts) = triangles(world);
     let (low, size) = (world.bounds().min(), world.bounds().size());
@@ -55,7 +55,7 @@ fn check(world: &SceneBvh, random: &mut Random) -> u32 {
             continue;
         };
         hits += 1;
-        // Rays go through a body's own space: the distance may round differently.
+        // Rays are traced in a body's own space, so the distance may round differently.
         assert!((slow.intersection.t - fast.t).abs() < 1e-4, "{slow:?} {fast:?}");
         let surface = world.surface(&fast).unwrap();
         assert!((surface.position - (origin + along * fast.t)).length() < 1e-3);
@@ -117,7 +117,7 @@ fn an_edited_world_is_hit_like_its_plain_triangles_and_like_one_made_that_way() 
 }
 
 #[test]
-fn nothing_stirs_when_time_stands_still() {
+fn nothing_changes_when_time_stands_still() {
     let scene = Arc::new(Scene::load("robot-lab").unwrap());
     let mut world = SceneBvh::new(&scene, &scene.pose(1.0));
     world.update(&scene.pose(1.0));

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use std::time::SystemTime;
 
 use etcetera::{BaseStrategy as _, choose_base_strategy};
-use psao_server::points::{EntryError, PointCache, PointKey};
+use psao_server::points::{PointCache, PointCacheError, PointKey};
 
 use crate::args::CacheArgs;
 
@@ -111,7 +111,7 @@ impl PointCache for Folder {
         }
     }
 
-    fn refused(&self, key: &PointKey, reason: &EntryError) {
+    fn refused(&self, key: &PointKey, reason: &PointCacheError) {
         eprintln!("psao: {} is not used: {reason}; the points are computed again", self.file(key).display());
     }
 }

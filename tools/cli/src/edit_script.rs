@@ -146,7 +146,7 @@ mod tests {
             ("1 2 move nan,0,0", "not three numbers"),
             ("1 2 move 1e30,0,0", "beyond 1e9 m"),
             ("1 2 move 1,2,3 0,0,0", "not a quaternion"),
-            ("1 2 move 1,2,3 0,0,0,2", "no unit quaternion"),
+            ("1 2 move 1,2,3 0,0,0,2", "not a unit quaternion"),
             ("1 9999 hide", "instance 9999 does not exist"),
             ("1 nobody hide", "no instance is named \"nobody\""),
             ("1 column hide", "instances are named \"column\""),

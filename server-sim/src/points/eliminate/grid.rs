@@ -1,4 +1,4 @@
-//! Points sorted by the cells of a grid, and which of them are neighbours.
+//! Points sorted by the cells of a grid, and their neighbours.
 
 use std::ops::Range;
 
@@ -7,44 +7,44 @@ use rayon::prelude::*;
 
 use super::Weighting;
 
-/// Most bits of a cell's coordinate.
+/// Largest number of bits of a cell coordinate.
 const AXIS_BITS: u32 = 21;
-/// Cell of points that are not finite: no other lies next to it.
-const NOWHERE: u64 = 0;
-/// After the last cell, so that there are always three to look at.
+/// Cell of points that are not finite. No other cell is its neighbour.
+const NON_FINITE_CELL: u64 = 0;
+/// Keys after the last cell, so that three cells can always be compared.
 const PADDING: [u64; 3] = [u64::MAX; 3];
 
-/// The points in order of their cells, so that neighbours lie close in memory. All that follows numbers points by their
-/// place in this order; equally heavy ones go in it.
+/// The points sorted by cell, so that neighbours are close in memory. All code below numbers points in this order,
+/// which also orders points of equal weight.
 pub(super) struct Grid {
-    /// Numbers that the points came with.
+    /// Original number of each point.
     numbers: Vec<u32>,
     points: Vec<Vec3>,
-    /// Keys of the cells that hold points, ascending, then [`PADDING`].
+    /// Ascending keys of the cells that contain points, then [`PADDING`].
     cells: Vec<u64>,
     /// First point of each of these cells, then the number of points.
     starts: Vec<u32>,
-    /// What a step along y and one along z add to a key; one along x adds 1.
+    /// Differences of keys between neighbours along y and along z. Along x the difference is 1.
     steps: [u64; 2],
 }
 
-/// A neighbour, and the weight that two points put on each other.
+/// A neighbour, and the weight that the two points put on each other.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Link {
     pub(super) to: u32,
     pub(super) weight: f32,
 }
 
-/// Neighbours of consecutive points.
+/// Neighbours of consecutive points, in one list.
 pub(super) struct Links {
-    /// Where those of each point begin, then where the last ones end.
+    /// Offsets of each point's neighbours in the list, then the length of the list.
     pub(super) starts: Vec<u32>,
-    /// Those of one point after the other, ascending.
+    /// Neighbours of one point after the other, ascending.
     pub(super) list: Vec<Link>,
 }
 
 impl Links {
-    /// Out of pairs of a point below `count` and a neighbour.
+    /// Builds the list from pairs of a point below `count` and a neighbour.
     pub(super) fn collect(count: usize, mut pairs: Vec<(u32, Link)>) -> Self {
         pairs.sort_unstable_by_key(|&(point, link)| (point, link.to));
         let start = |point| pairs.partition_point(|&(other, _)| other < point) as u32;
@@ -52,12 +52,12 @@ impl Links {
         Self { starts, list: pairs.into_iter().map(|(_, link)| link).collect() }
     }
 
-    /// Where the neighbours of a point are in the list.
+    /// Returns the range of a point's neighbours in the list.
     pub(super) fn range(&self, point: usize) -> Range<usize> {
         self.starts[point] as usize..self.starts[point + 1] as usize
     }
 
-    /// The neighbours of a point.
+    /// Returns the neighbours of a point.
     pub(super) fn of(&self, point: usize) -> &[Link] {
         &self.list[self.range(point)]
     }
@@ -69,7 +69,7 @@ impl Grid {
         let finite = || points.iter().copied().filter(|point| point.is_finite());
         let low = finite().fold(Vec3::INFINITY, Vec3::min);
         let high = finite().fold(Vec3::NEG_INFINITY, Vec3::max);
-        // Cells never get so small that their numbers overflow; larger ones are slower but no less right.
+        // Cells are large enough for their numbers not to overflow. Larger cells are slower but equally correct.
         let edge =
             reach.max((high - low).max_element() / ((1 << AXIS_BITS) - 4) as f32).max(f32::MIN_POSITIVE);
         // One cell on each side stays free for neighbours.
@@ -78,7 +78,7 @@ impl Grid {
         let steps = [1 << bits[0], 1 << (bits[0] + bits[1])];
         let key = |point: Vec3| {
             if !point.is_finite() {
-                return NOWHERE;
+                return NON_FINITE_CELL;
             }
             let [x, y, z] = cell(point);
             z * steps[1] + y * steps[0] + x
@@ -98,7 +98,7 @@ impl Grid {
         }
     }
 
-    /// Out of what orders by key and then by number, and `split`s into both.
+    /// Builds the grid from items that sort by key and then by number; `split` returns both.
     fn sorted<T: Copy + Ord + Send + Sync>(
         points: &[Vec3],
         steps: [u64; 2],
@@ -127,13 +127,13 @@ impl Grid {
         }
     }
 
-    /// The number that a point came with.
+    /// Returns the original number of a point.
     pub(super) fn number(&self, point: u32) -> u32 {
         self.numbers[point as usize]
     }
 
-    /// Cuts the points, between cells, into stretches of about `length`; gives the places of their cells.
-    pub(super) fn stretches(&self, length: usize) -> Vec<Range<usize>> {
+    /// Divides the cells into ranges of about `length` points each. Returns ranges of cell indices.
+    pub(super) fn cell_ranges(&self, length: usize) -> Vec<Range<usize>> {
         let cells = self.starts.len() - 1;
         let mut ranges = Vec::new();
         let mut from = 0;
@@ -146,17 +146,17 @@ impl Grid {
         ranges
     }
 
-    /// The points of a stretch of cells.
+    /// Returns the points of a range of cells.
     pub(super) fn points_of(&self, cells: &Range<usize>) -> Range<u32> {
         self.starts[cells.start]..self.starts[cells.end]
     }
 
-    /// The neighbours with higher numbers of the points of a stretch of cells.
+    /// Returns, for the points of a range of cells, their neighbours with higher numbers.
     pub(super) fn links_ahead(&self, cells: &Range<usize>, weighting: Weighting) -> Links {
         let count = self.points_of(cells).len();
         let mut links = Links { starts: Vec::with_capacity(count + 1), list: Vec::with_capacity(count * 4) };
         links.starts.push(0);
-        // Rows of three cells are contiguous; as cells go by in order, so does the start of each row.
+        // Rows of three cells are contiguous. The start of each row ascends as the cells do.
         let [y, z] = self.steps;
         let offsets = [y - 1, z - y - 1, z - 1, z + y - 1];
         let first = self.cells[cells.start];
@@ -165,11 +165,11 @@ impl Grid {
         for index in cells.clone() {
             let key = self.cells[index];
             let own = self.starts[index] as usize..self.starts[index + 1] as usize;
-            if key == NOWHERE {
+            if key == NON_FINITE_CELL {
                 links.starts.extend(own.map(|_| links.list.len() as u32));
                 continue;
             }
-            // The rest of this cell with the next one, then the four rows ahead.
+            // First the rest of this cell and the next cell, then the four rows ahead.
             let next = index + 1 + usize::from(self.cells[index + 1] == key + 1);
             let mut ahead: [Range<usize>; 5] = std::array::from_fn(|_| own.end..self.starts[next] as usize);
             for ((offset, row), range) in offsets.iter().zip(&mut rows).zip(&mut ahead[1..]) {
@@ -190,9 +190,9 @@ impl Grid {
         links
     }
 
-    /// The points of the three cells from `low` on; moves `from` up to the first of these cells.
+    /// Returns the points of the three cells from `low` on. Advances `from` to the first of these cells.
     fn row(&self, low: u64, from: &mut usize) -> Range<usize> {
-        // No branch for each cell: almost every step is short, and which one it is cannot be foreseen.
+        // There is no branch per cell: almost every step is short, and the branch would be unpredictable.
         let below = |from: usize, key: u64| {
             self.cells[from..from + 3].iter().map(|&cell| usize::from(cell < key)).sum::<usize>()
         };
@@ -206,12 +206,12 @@ impl Grid {
         self.starts[*from] as usize..self.starts[*from + below(*from, low + 3)] as usize
     }
 
-    /// Writes those of `points` that are within reach of `at` into `found` from `end` on, with the square of their
-    /// distance instead of a weight; gives the new end.
+    /// Writes those of `points` that are within reach of `at` into `found`, starting at `end`. The square of the
+    /// distance takes the place of the weight. Returns the new end.
     fn near(&self, at: Vec3, points: Range<usize>, reach: f32, found: &mut [Link], mut end: usize) -> usize {
         let limit = reach * reach;
         for (to, point) in (points.start as u32..).zip(&self.points[points]) {
-            // Written always, and counted or not: a branch would go either way.
+            // Write always and count conditionally, because a branch would be unpredictable.
             let square = at.distance_squared(*point);
             found[end] = Link { to, weight: square };
             end += usize::from(square < limit);
@@ -227,7 +227,7 @@ mod tests {
     #[test]
     fn points_go_by_cell_and_number_however_many_bits_a_key_has() {
         let count = 1000;
-        // A reach that leaves 10 bits an axis, and one that leaves 21.
+        // One reach results in 10 bits per axis, the other in 21.
         for reach in [0.01, 1e-9] {
             let points: Vec<Vec3> =
                 (0..count).map(|i| Vec3::new((i % 7) as f32, (i % 5) as f32, ((i * i) % 3) as f32)).collect();

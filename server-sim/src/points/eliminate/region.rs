@@ -1,31 +1,31 @@
-//! Elimination in one stretch of points, beside others that do the same.
+//! Elimination in one range of points, in parallel with other ranges.
 
 use std::cmp::Reverse;
 use std::ops::Range;
 
-use super::Key;
+use super::RemovalKey;
 use super::grid::{Link, Links};
 
-/// How many points one stands for where they are counted.
+/// Interval of the points that are sampled for counting.
 const SAMPLE: usize = 4;
 
-/// Where a region hears of a guest: the guest's own region, and its place among that one's hosts.
+/// Source of a ghost's key: its own region, and its place among the points that the region exports.
 #[derive(Clone, Copy)]
-struct Source {
+struct GhostSource {
     region: u32,
     place: u32,
 }
 
-/// Neighbours in two regions, by the grid's numbers, `from` the lower one.
+/// Neighbours in two regions, by the grid's numbers; `from` is the lower one.
 #[derive(Clone, Copy)]
-pub(super) struct Crossing {
+pub(super) struct CrossLink {
     pub(super) from: u32,
     pub(super) to: u32,
     weight: f32,
 }
 
-impl Crossing {
-    /// Those of the points `own` with points after them, out of all links to points ahead.
+impl CrossLink {
+    /// Selects the links from the points `own` to later regions out of all links ahead.
     pub(super) fn out_of(own: Range<u32>, ahead: &Links) -> impl Iterator<Item = Self> {
         let end = own.end;
         own.enumerate().flat_map(move |(index, from)| {
@@ -35,52 +35,52 @@ impl Crossing {
     }
 }
 
-/// A stretch of points and, as guests, those of other regions that are within reach of one of them. It numbers both
-/// together in the grid's order: guests before its own points, its own, guests after them.
+/// A range of points and, as ghosts, the points of other regions within reach of one of them. It numbers both
+/// together in the grid's order: earlier ghosts, own points, later ghosts.
 pub(super) struct Region {
-    /// The grid's numbers of its own points.
+    /// Grid numbers of its own points.
     own: Range<u32>,
     /// Number of its first own point.
     first: u32,
-    /// The grid's numbers of the guests, ascending.
-    guests: Vec<u32>,
-    sources: Vec<Source>,
-    /// Its own points that are guests elsewhere.
-    hosts: Vec<u32>,
+    /// Grid numbers of the ghosts, ascending.
+    ghosts: Vec<u32>,
+    sources: Vec<GhostSource>,
+    /// Its own points that are ghosts in other regions.
+    exported: Vec<u32>,
     /// Neighbours of its own points.
-    web: Web,
-    /// Its own points that are neighbours of each guest.
-    guest_links: Links,
-    scales: Scales,
-    /// Its own points that cannot go before a guest does.
+    neighbours: Neighbours,
+    /// For each ghost, its neighbours among the own points.
+    ghost_links: Links,
+    weights: Weights,
+    /// Its own points that must wait for the removal of a ghost.
     blocked: Vec<u32>,
-    /// Its own points that are gone, by the grid's numbers.
-    gone: Vec<Key>,
-    /// Links looked at so far.
-    looks: usize,
-    // Room that is used again.
+    /// Its own removed points, by grid numbers.
+    removed: Vec<RemovalKey>,
+    /// Number of links visited so far.
+    link_visits: usize,
+    // Buffers that are reused.
     ascent: Vec<u32>,
-    taken: Vec<(Key, f32)>,
+    removed_links: Vec<(RemovalKey, f32)>,
 }
 
 impl Region {
-    /// The points `own`. `ahead` links them to their neighbours with higher numbers, `behind` to those with lower ones
-    /// that are not their own, ordered by the higher number and then the lower; all by the grid's numbers.
-    pub(super) fn new(own: Range<u32>, mut ahead: Links, behind: &[Crossing]) -> Self {
+    /// Creates the region of the points `own`, by grid numbers. `ahead` has their links to neighbours with higher
+    /// numbers. `behind` has the links from earlier regions, sorted by the higher and then the lower number.
+    pub(super) fn new(own: Range<u32>, mut ahead: Links, behind: &[CrossLink]) -> Self {
         let count = own.len() as u32;
-        let mut guests = sorted(behind.iter().map(|link| link.from));
-        let first = guests.len() as u32;
-        guests.extend(sorted(ahead.list.iter().map(|link| link.to).filter(|&to| to >= own.end)));
-        let guest = |number| guests.partition_point(|&guest| guest < number) as u32;
+        let mut ghosts = sorted(behind.iter().map(|link| link.from));
+        let first = ghosts.len() as u32;
+        ghosts.extend(sorted(ahead.list.iter().map(|link| link.to).filter(|&to| to >= own.end)));
+        let ghost = |number| ghosts.partition_point(|&ghost| ghost < number) as u32;
         let mut visits = Vec::new();
-        let mut back = Back::new(&own, &ahead, behind);
+        let mut back = BackLinks::new(&own, &ahead, behind);
         for link in behind {
-            let (index, guest) = (link.to - own.start, guest(link.from));
-            back.add(index, Link { to: guest, weight: link.weight });
-            visits.push((guest, Link { to: index + first, weight: link.weight }));
+            let (index, ghost) = (link.to - own.start, ghost(link.from));
+            back.add(index, Link { to: ghost, weight: link.weight });
+            visits.push((ghost, Link { to: index + first, weight: link.weight }));
         }
-        let mut scales = Scales::new(first, count, guests.len() as u32);
-        // In this order, all links back to points with lower numbers are there, and weights add up in one order.
+        let mut weights = Weights::new(first, count, ghosts.len() as u32);
+        // This order makes all links to lower numbers available and sums weights in a fixed order.
         for point in first..first + count {
             let index = point - first;
             let mut total = back.next[index as usize].1;
@@ -92,44 +92,44 @@ impl Region {
                     back.add(to, Link { to: point, weight: link.weight });
                     link.to = to + first;
                 } else {
-                    let guest = guest(link.to);
-                    visits.push((guest, Link { to: point, weight: link.weight }));
-                    link.to = guest + count;
+                    let ghost = ghost(link.to);
+                    visits.push((ghost, Link { to: point, weight: link.weight }));
+                    link.to = ghost + count;
                 }
             }
-            scales.keys[point as usize] = Key::new(total, point);
+            weights.keys[point as usize] = RemovalKey::new(total, point);
         }
         Self {
-            hosts: sorted(visits.iter().map(|(_, link)| link.to)),
-            guest_links: Links::collect(guests.len(), visits),
-            web: Web { behind: back.links, ahead },
+            exported: sorted(visits.iter().map(|(_, link)| link.to)),
+            ghost_links: Links::collect(ghosts.len(), visits),
+            neighbours: Neighbours { behind: back.links, ahead },
             sources: Vec::new(),
             blocked: Vec::new(),
-            gone: Vec::new(),
-            looks: 0,
+            removed: Vec::new(),
+            link_visits: 0,
             ascent: Vec::new(),
-            taken: Vec::new(),
-            scales,
+            removed_links: Vec::new(),
+            weights,
             own,
             first,
-            guests,
+            ghosts,
         }
     }
 
-    /// Introduces all regions to each other.
-    pub(super) fn introduce(regions: &mut [Self]) {
+    /// Finds the source of every ghost.
+    pub(super) fn connect_ghosts(regions: &mut [Self]) {
         let ends: Vec<u32> = regions.iter().map(|region| region.own.end).collect();
-        let sources: Vec<Vec<Source>> = regions
+        let sources: Vec<Vec<GhostSource>> = regions
             .iter()
             .map(|region| {
-                let source = |&guest| {
-                    let region = ends.partition_point(|&end| end <= guest);
+                let source = |&ghost| {
+                    let region = ends.partition_point(|&end| end <= ghost);
                     let home: &Self = &regions[region];
-                    let number = guest - home.own.start + home.first;
-                    let place = home.hosts.partition_point(|&host| host < number);
-                    Source { region: region as u32, place: place as u32 }
+                    let number = ghost - home.own.start + home.first;
+                    let place = home.exported.partition_point(|&point| point < number);
+                    GhostSource { region: region as u32, place: place as u32 }
                 };
-                region.guests.iter().map(source).collect()
+                region.ghosts.iter().map(source).collect()
             })
             .collect();
         for (region, sources) in regions.iter_mut().zip(sources) {
@@ -137,95 +137,95 @@ impl Region {
         }
     }
 
-    /// What other regions hear of this one's points: their keys.
-    pub(super) fn tell(&self) -> Vec<Key> {
-        self.hosts.iter().map(|&host| self.scales.keys[host as usize]).collect()
+    /// Returns the keys of the exported points.
+    pub(super) fn export_keys(&self) -> Vec<RemovalKey> {
+        self.exported.iter().map(|&point| self.weights.keys[point as usize]).collect()
     }
 
-    /// Takes in what all regions tell of their points.
-    pub(super) fn hear(&mut self, told: &[Vec<Key>]) {
+    /// Copies the keys of the ghosts from all exported keys.
+    pub(super) fn import_keys(&mut self, exported_keys: &[Vec<RemovalKey>]) {
         for (index, source) in self.sources.iter().enumerate() {
-            let guest = index as u32 + if (index as u32) < self.first { 0 } else { self.own.len() as u32 };
-            let key = &mut self.scales.keys[guest as usize];
-            if key.is_gone() {
+            let ghost = index as u32 + if (index as u32) < self.first { 0 } else { self.own.len() as u32 };
+            let key = &mut self.weights.keys[ghost as usize];
+            if key.is_removed() {
                 continue;
             }
-            *key = told[source.region as usize][source.place as usize].of(guest);
-            if key.is_gone() {
-                let parting = key.parting();
-                for link in self.guest_links.of(index) {
-                    self.scales.lighten(link.to, parting, link.weight);
+            *key = exported_keys[source.region as usize][source.place as usize].of(ghost);
+            if key.is_removed() {
+                let key_at_removal = key.key_at_removal();
+                for link in self.ghost_links.of(index) {
+                    self.weights.subtract_weight(link.to, key_at_removal, link.weight);
                 }
             }
         }
     }
 
-    /// Counts its own points that are left by class of weight, every [`SAMPLE`]th for all.
-    pub(super) fn census(&self, classes: &mut [usize]) {
-        let own = &self.scales.keys[self.first as usize..][..self.own.len()];
-        for key in own.iter().step_by(SAMPLE).filter(|key| !key.is_gone()) {
+    /// Counts its own remaining points by class of weight, sampling every [`SAMPLE`]th point.
+    pub(super) fn count_classes(&self, classes: &mut [usize]) {
+        let own = &self.weights.keys[self.first as usize..][..self.own.len()];
+        for key in own.iter().step_by(SAMPLE).filter(|key| !key.is_removed()) {
             classes[key.class()] += SAMPLE;
         }
     }
 
-    /// Its own points that are gone.
-    pub(super) fn gone(&self) -> &[Key] {
-        &self.gone
+    /// Returns its own removed points.
+    pub(super) fn removed(&self) -> &[RemovalKey] {
+        &self.removed
     }
 
-    /// Links of its own points.
+    /// Returns the number of links of its own points.
     pub(super) fn links(&self) -> usize {
-        self.web.behind.list.len() + self.web.ahead.list.len()
+        self.neighbours.behind.list.len() + self.neighbours.ahead.list.len()
     }
 
-    /// How many links it has looked at to find points that go.
-    pub(super) fn looks(&self) -> usize {
-        self.looks
+    /// Returns the number of links visited so far.
+    pub(super) fn link_visits(&self) -> usize {
+        self.link_visits
     }
 
-    /// Whether some of its points wait for others.
+    /// Returns whether some of its points wait for a ghost.
     pub(super) fn is_blocked(&self) -> bool {
         !self.blocked.is_empty()
     }
 
-    /// Lets go all of its own points that weigh `least` or more, but for those that wait for a guest.
-    pub(super) fn sweep(&mut self, least: Key) {
+    /// Removes all of its own points with a weight of at least `threshold`, except those that wait for a ghost.
+    pub(super) fn sweep(&mut self, threshold: RemovalKey) {
         for point in self.first..self.first + self.own.len() as u32 {
-            self.settle(point, least);
+            self.eliminate_around(point, threshold);
         }
     }
 
-    /// As [`Region::sweep`], for those that waited.
-    pub(super) fn retry(&mut self, least: Key) {
+    /// Does the same as [`Region::sweep`] for the waiting points.
+    pub(super) fn retry(&mut self, threshold: RemovalKey) {
         for point in std::mem::take(&mut self.blocked) {
-            self.settle(point, least);
+            self.eliminate_around(point, threshold);
         }
     }
 
     /// Climbs from `point` along heaviest neighbours to a local maximum, removes it, and repeats until `point` itself is
     /// removed or below the threshold.
-    fn settle(&mut self, point: u32, least: Key) {
+    fn eliminate_around(&mut self, point: u32, threshold: RemovalKey) {
         self.ascent.push(point);
         while let Some(&top) = self.ascent.last() {
-            let mut own = self.scales.keys[top as usize];
-            if own >= least && self.scales.is_stale(top) {
-                own = self.weigh(top);
+            let mut own = self.weights.keys[top as usize];
+            if own >= threshold && self.weights.is_stale(top) {
+                own = self.recompute_weight(top);
             }
-            if own < least {
+            if own < threshold {
                 self.ascent.pop();
                 continue;
             }
             let mut heaviest = own;
-            for links in self.web.of(top - self.first) {
-                self.looks += links.len();
+            for links in self.neighbours.of(top - self.first) {
+                self.link_visits += links.len();
                 for link in links {
-                    heaviest = heaviest.max(self.scales.keys[link.to as usize]);
+                    heaviest = heaviest.max(self.weights.keys[link.to as usize]);
                 }
             }
             if heaviest == own {
                 self.ascent.pop();
                 self.remove(own);
-            } else if self.scales.is_own(heaviest.point()) {
+            } else if self.weights.is_own(heaviest.point()) {
                 self.ascent.push(heaviest.point());
             } else {
                 self.ascent.clear();
@@ -234,116 +234,117 @@ impl Region {
         }
     }
 
-    fn remove(&mut self, key: Key) {
+    fn remove(&mut self, key: RemovalKey) {
         let point = key.point();
-        self.scales.keys[point as usize] = key.gone();
-        self.gone.push(key.of(point - self.first + self.own.start));
-        for links in self.web.of(point - self.first) {
+        self.weights.keys[point as usize] = key.removed();
+        self.removed.push(key.of(point - self.first + self.own.start));
+        for links in self.neighbours.of(point - self.first) {
             for link in links {
-                if self.scales.is_own(link.to) {
-                    self.scales.lighten(link.to, key, link.weight);
+                if self.weights.is_own(link.to) {
+                    self.weights.subtract_weight(link.to, key, link.weight);
                 }
             }
         }
     }
 
-    /// Weighs one of its own points without the neighbours that are gone, taken off in the order in which they go one by
-    /// one: the sum depends on it.
-    fn weigh(&mut self, point: u32) -> Key {
-        self.taken.clear();
+    /// Recomputes the weight of one of its own points. Subtracts the weights of removed neighbours in the order in
+    /// which a heap removes them, because the sum depends on that order.
+    fn recompute_weight(&mut self, point: u32) -> RemovalKey {
+        self.removed_links.clear();
         let mut weight = 0.0;
-        for links in self.web.of(point - self.first) {
+        for links in self.neighbours.of(point - self.first) {
             for link in links {
                 weight += link.weight;
-                let key = self.scales.keys[link.to as usize];
-                if key.is_gone() {
-                    self.taken.push((key.parting(), link.weight));
+                let key = self.weights.keys[link.to as usize];
+                if key.is_removed() {
+                    self.removed_links.push((key.key_at_removal(), link.weight));
                 }
             }
         }
-        self.taken.sort_unstable_by_key(|&(key, _)| Reverse(key));
-        for (_, gone) in &self.taken {
-            weight -= gone;
+        self.removed_links.sort_unstable_by_key(|&(key, _)| Reverse(key));
+        for (_, removed) in &self.removed_links {
+            weight -= removed;
         }
-        let latest = self.taken.last().map_or(Key::FIRST, |&(key, _)| key);
-        self.scales.set(Key::new(weight, point), latest)
+        let last_removed = self.removed_links.last().map_or(RemovalKey::FIRST, |&(key, _)| key);
+        self.weights.set(RemovalKey::new(weight, point), last_removed)
     }
 }
 
 /// Neighbours of a region's own points.
-struct Web {
-    /// Those with lower numbers.
+struct Neighbours {
+    /// Neighbours with lower numbers.
     behind: Links,
-    /// Those with higher numbers.
+    /// Neighbours with higher numbers.
     ahead: Links,
 }
 
-impl Web {
-    /// Neighbours of an own point, ascending in two parts.
+impl Neighbours {
+    /// Returns the neighbours of an own point, ascending in two lists.
     fn of(&self, index: u32) -> [&[Link]; 2] {
         [self.behind.of(index as usize), self.ahead.of(index as usize)]
     }
 }
 
-/// What a region's points weigh.
-struct Scales {
+/// The weights of a region's points.
+struct Weights {
     first: u32,
-    /// What points weigh, or more than that; of those that are gone, what they weighed when they went.
-    keys: Vec<Key>,
-    /// The last neighbour of each own point to go; [`Key::NONE`] where the point is to be weighed again.
-    latest: Vec<Key>,
+    /// Upper bounds of the points' weights; for removed points, their weights at removal.
+    keys: Vec<RemovalKey>,
+    /// The last removed neighbour of each own point, or [`RemovalKey::NONE`] if the point's weight must be recomputed.
+    last_removed: Vec<RemovalKey>,
 }
 
-impl Scales {
-    /// Of `count` own points from `first` on and some guests, heavier than anything until more is known.
-    fn new(first: u32, count: u32, guests: u32) -> Self {
-        let keys = (0..count + guests).map(|point| Key::new(f32::INFINITY, point)).collect();
-        Self { first, keys, latest: vec![Key::FIRST; count as usize] }
+impl Weights {
+    /// Creates the weights of `count` own points from `first` on and of some ghosts. All are infinite until they are
+    /// known.
+    fn new(first: u32, count: u32, ghosts: u32) -> Self {
+        let keys = (0..count + ghosts).map(|point| RemovalKey::new(f32::INFINITY, point)).collect();
+        Self { first, keys, last_removed: vec![RemovalKey::FIRST; count as usize] }
     }
 
     fn is_own(&self, point: u32) -> bool {
-        (point.wrapping_sub(self.first) as usize) < self.latest.len()
+        (point.wrapping_sub(self.first) as usize) < self.last_removed.len()
     }
 
-    /// Whether an own point is to be weighed again.
+    /// Returns whether the weight of an own point must be recomputed.
     fn is_stale(&self, point: u32) -> bool {
-        self.latest[(point - self.first) as usize] == Key::NONE
+        self.last_removed[(point - self.first) as usize] == RemovalKey::NONE
     }
 
-    /// What an own point weighs, without neighbours up to `latest`.
-    fn set(&mut self, key: Key, latest: Key) -> Key {
+    /// Sets the weight of an own point, computed without the neighbours removed up to `last_removed`.
+    fn set(&mut self, key: RemovalKey, last_removed: RemovalKey) -> RemovalKey {
         self.keys[key.point() as usize] = key;
-        self.latest[(key.point() - self.first) as usize] = latest;
+        self.last_removed[(key.point() - self.first) as usize] = last_removed;
         key
     }
 
-    /// Takes the weight of a neighbour that is gone off an own point. Where neighbours go in another order than they
-    /// would one by one, the point keeps its weight, which is too high then, until it is weighed again.
-    fn lighten(&mut self, point: u32, gone: Key, by: f32) {
+    /// Subtracts the weight of a removed neighbour from an own point. If the removals come in another order than a
+    /// heap's, the point keeps its weight, which is then too high, until it is recomputed.
+    fn subtract_weight(&mut self, point: u32, removed: RemovalKey, by: f32) {
         let key = &mut self.keys[point as usize];
-        if key.is_gone() {
+        if key.is_removed() {
             return;
         }
-        let latest = &mut self.latest[(point - self.first) as usize];
-        if gone < *latest {
-            *latest = gone;
-            *key = Key::new(key.weight() - by, point);
+        let last_removed = &mut self.last_removed[(point - self.first) as usize];
+        if removed < *last_removed {
+            *last_removed = removed;
+            *key = RemovalKey::new(key.weight() - by, point);
         } else {
-            *latest = Key::NONE;
+            *last_removed = RemovalKey::NONE;
         }
     }
 }
 
-/// Links back to points with lower numbers, as they are put together.
-struct Back {
+/// Links to points with lower numbers, under construction.
+struct BackLinks {
     links: Links,
-    /// Where the next one of each point goes, and the weights so far.
+    /// Next place in the list, and sum of weights so far, for each point.
     next: Vec<(u32, f32)>,
 }
 
-impl Back {
-    /// Makes room.
-    fn new(own: &Range<u32>, ahead: &Links, behind: &[Crossing]) -> Self {
+impl BackLinks {
+    /// Allocates the lists.
+    fn new(own: &Range<u32>, ahead: &Links, behind: &[CrossLink]) -> Self {
         let mut starts = vec![0; own.len() + 1];
         let inside = ahead.list.iter().map(|link| link.to).filter(|&to| to < own.end);
         for to in inside.chain(behind.iter().map(|link| link.to)) {
@@ -358,7 +359,7 @@ impl Back {
         Self { links: Links { starts, list: vec![Link::default(); sum as usize] }, next }
     }
 
-    /// Adds a link of the own point at `index`, to a higher number than those before.
+    /// Adds a link to the own point at `index`. Links are added in ascending order.
     fn add(&mut self, index: u32, link: Link) {
         let (next, total) = &mut self.next[index as usize];
         self.links.list[*next as usize] = link;
@@ -367,7 +368,7 @@ impl Back {
     }
 }
 
-/// Numbers ascending, each once.
+/// Returns the distinct numbers in ascending order.
 fn sorted(numbers: impl Iterator<Item = u32>) -> Vec<u32> {
     let mut numbers: Vec<u32> = numbers.collect();
     numbers.sort_unstable();

@@ -1,4 +1,4 @@
-//! The same points as the heap keeps, whatever the set, the regions and the threads.
+//! The result equals that of the heap for all kinds of sets, regions and threads.
 
 use proptest::prelude::*;
 
@@ -17,7 +17,7 @@ pub(in crate::points) fn on_sphere(count: usize, seed: u64) -> Vec<Vec3> {
     (0..count).map(point).collect()
 }
 
-/// Sets of every kind that may come, of area about 10.
+/// Sets of several kinds, of area about 10.
 fn points_of(kind: u32, count: usize, seed: u64) -> Vec<Vec3> {
     let mut random = Random::new(seed);
     let mut unit = move || random.unit();
@@ -32,13 +32,13 @@ fn points_of(kind: u32, count: usize, seed: u64) -> Vec<Vec3> {
             };
             sphere.into_iter().map(flat).collect()
         }
-        // A lattice: nearly all weights are equal to another.
+        // A lattice: nearly all weights are equal.
         2 => {
             let side = (count as f32).sqrt().ceil();
             let at = |i: f32| Vec3::new((i % side).floor(), 0.0, (i / side).floor()) * (3.0 / side);
             (0..count).map(|i| at(i as f32)).collect()
         }
-        // Clusters, some points of which are the same.
+        // Clusters with some equal points.
         3 => {
             let mut around = |at: Vec3| (at * 3.0).round() + at * 0.02 * (unit() * 3.0).floor();
             sphere.into_iter().map(&mut around).collect()
@@ -47,9 +47,9 @@ fn points_of(kind: u32, count: usize, seed: u64) -> Vec<Vec3> {
         4 => sphere.iter().map(|at| (*at * 12.0).round() / 12.0).collect(),
         // A volume, so that points have many neighbours.
         5 => (0..count).map(|_| Vec3::new(unit(), unit(), unit())).collect(),
-        // A long line of points that get denser.
+        // A long line of points with increasing density.
         6 => (0..count).map(|i| Vec3::X * (i as f32 / count as f32).powi(2) * 3.0).collect(),
-        // Some points that are nowhere.
+        // Some points that are not finite.
         _ => {
             let odd = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY];
             let lost = |(i, mut point): (usize, Vec3)| {
@@ -89,14 +89,14 @@ proptest! {
 
     #[test]
     fn keys_order_as_weights_do_and_equal_ones_by_number(a in -1e9f32..1e9, b in -1e9f32..1e9, first in 0u32..99) {
-        let (x, y) = (Key::new(a, first), Key::new(b, first + 1));
+        let (x, y) = (RemovalKey::new(a, first), RemovalKey::new(b, first + 1));
         prop_assert_eq!((x.weight(), x.point()), (a + 0.0, first));
         prop_assert_eq!(x > y, a >= b);
-        prop_assert!(x < Key::FIRST && x > Key::NONE && !x.is_gone());
-        prop_assert!(x.gone().is_gone() && x.gone() < Key::least_of(0) && x.gone() < y);
-        prop_assert_eq!((x.gone().parting(), x.gone().weight()), (x, x.weight()));
-        prop_assert!(Key::least_of(x.class()) <= x && Key::least_of(x.class() + 1) > x);
-        prop_assert_eq!(Key::new(-0.0, first), Key::new(0.0, first));
+        prop_assert!(x < RemovalKey::FIRST && x > RemovalKey::NONE && !x.is_removed());
+        prop_assert!(x.removed().is_removed() && x.removed() < RemovalKey::lowest_of(0) && x.removed() < y);
+        prop_assert_eq!((x.removed().key_at_removal(), x.removed().weight()), (x, x.weight()));
+        prop_assert!(RemovalKey::lowest_of(x.class()) <= x && RemovalKey::lowest_of(x.class() + 1) > x);
+        prop_assert_eq!(RemovalKey::new(-0.0, first), RemovalKey::new(0.0, first));
     }
 }
 
@@ -115,12 +115,12 @@ fn large_sets_are_those_of_the_heap_on_any_number_of_threads() {
     }
 }
 
-/// Smallest and mean distance to the nearest neighbour among points.
+/// Returns the smallest and the mean distance to the nearest neighbour.
 fn spread(points: &[Vec3]) -> (f32, f32) {
     let mut nearest = vec![f32::MAX; points.len()];
     let grid = Grid::new(points, 0.1);
     let weighting = Weighting { reach: 0.1, nearest: 0.0 };
-    for cells in grid.stretches(usize::MAX / 2) {
+    for cells in grid.cell_ranges(usize::MAX / 2) {
         let links = grid.links_ahead(&cells, weighting);
         let at = |point: usize| points[grid.number(point as u32) as usize];
         for point in 0..points.len() {

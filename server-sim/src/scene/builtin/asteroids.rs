@@ -1,38 +1,39 @@
-//! `asteroids`: a detailed ship that never moves, and tumbling rocks that keep at least 2 m from it and from
-//! each other. The counterpart of the paper's scene *Space* (section 4): nearly all ambient occlusion is still.
+//! `asteroids`: a detailed ship that never moves, and tumbling rocks that stay at least 2 m away from it and from
+//! each other. It is the counterpart of the paper's scene *Space* (section 4): nearly all ambient occlusion is
+//! constant.
 
 use std::f64::consts::{PI, TAU};
 
 use glam::{DAffine3, DMat3, DVec3};
 
+use super::model_builder::{ModelBuilder, about, camera, swing};
 use super::solid::{Solid, at, turn};
-use super::stage::{Stage, about, camera, swing};
-use super::{DURATION_S, Design, noise};
+use super::{BuiltinScene, DURATION_S, noise};
 
-/// Rocks in the scene.
+/// Number of rocks in the scene.
 const ROCKS: i32 = 14;
-/// Different rock shapes.
+/// Number of different rock shapes.
 const SHAPES: usize = 5;
 /// Free space between any two bodies, metres.
 const GAP_M: f64 = 2.0;
-/// How far a rock drifts from its place, metres.
+/// Largest drift of a rock from its place, metres.
 const DRIFT_M: f64 = 0.4;
-/// Half axes of an ellipsoid that holds the whole ship, metres.
+/// Half axes of an ellipsoid that contains the whole ship, metres.
 const SHIP_HALF: DVec3 = DVec3::new(5.4, 2.9, 8.4);
 
-/// The scene.
-pub(super) fn design() -> Design {
-    let mut stage = Stage::new();
-    let plain = stage.plain;
-    stage.still("hull", hull(), plain);
-    stage.still("greebles", greebles(), plain);
-    stage.still("wings", wings(), plain);
-    stage.still("engines", engines(), plain);
-    stage.still("antennas", antennas(), plain);
+/// Builds the scene.
+pub(super) fn build() -> BuiltinScene {
+    let mut builder = ModelBuilder::new();
+    let plain = builder.plain;
+    builder.add_static("hull", hull(), plain);
+    builder.add_static("greebles", greebles(), plain);
+    builder.add_static("wings", wings(), plain);
+    builder.add_static("engines", engines(), plain);
+    builder.add_static("antennas", antennas(), plain);
     let dish = dish();
-    let thin = stage.thin;
-    stage.still("dish", dish, thin);
-    rocks(&mut stage);
+    let thin = builder.thin;
+    builder.add_static("dish", dish, thin);
+    rocks(&mut builder);
     let keys = [
         (0.0, [9.0, 4.5, 10.0], [0.0, 0.2, 0.5]),
         (4.0, [11.0, 3.0, 2.5], [0.0, 0.2, 0.0]),
@@ -40,17 +41,18 @@ pub(super) fn design() -> Design {
         (12.0, [9.5, 5.0, 5.0], [0.0, 0.2, 0.0]),
         (DURATION_S, [9.0, 4.5, 10.0], [0.0, 0.2, 0.5]),
     ];
-    Design { model: stage.model, ao_radius_m: 0.6, camera: camera(55.0, &keys) }
+    BuiltinScene { model: builder.model, ao_radius_m: 0.6, camera: camera(55.0, &keys) }
 }
 
-/// Radius of the hull's cross-section at a place along the ship (z from -6 at the stern to 7.2 at the bow).
+/// Returns the radius of the hull's cross-section at a place along the ship (z from -6 at the stern to 7.2 at the
+/// bow).
 fn hull_radius(z: f64) -> f64 {
     let t = ((z + 6.0) / 13.2).clamp(0.0, 1.0);
     let nose = (1.0 - t * t * t * t).max(0.0).sqrt();
     1.25 * nose * (0.86 + 0.14 * libm::sin(PI * t.min(0.6) / 0.6))
 }
 
-/// Lathe coordinates (y up) to the ship's (z ahead), flattened a little.
+/// Returns the transform from lathe coordinates (y up) to the ship's (z ahead), slightly flattened.
 fn along_ship() -> DAffine3 {
     DAffine3 {
         matrix3: DMat3::from_diagonal(DVec3::new(1.15, 0.85, 1.0)) * turn(0, PI / 2.0),
@@ -60,7 +62,7 @@ fn along_ship() -> DAffine3 {
 
 fn hull() -> Solid {
     let mut sections: Vec<Vec<(f64, f64)>> = Vec::new();
-    // Plates with grooves between them.
+    // The hull has plates with grooves between them.
     let plates = 11;
     let place = |i: i32| -6.0 + 13.2 * f64::from(i) / f64::from(plates);
     for i in 0..plates {
@@ -80,7 +82,7 @@ fn hull() -> Solid {
     let sections: Vec<&[(f64, f64)]> = sections.iter().map(Vec::as_slice).collect();
     let mut solid = Solid::default();
     solid.add(&Solid::lathe(&sections, 40), along_ship());
-    // The bridge and its windows' frames.
+    // The bridge and the frames of its windows.
     let bridge = Solid::lathe(
         &[&[(0.75, 0.0), (0.75, 0.25)], &[(0.75, 0.25), (0.62, 0.55), (0.36, 0.75), (0.0, 0.82)]],
         24,
@@ -105,7 +107,7 @@ fn greebles() -> Solid {
         let radius = hull_radius(z);
         let (x, y) = (radius * 1.15 * libm::cos(angle), radius * 0.85 * libm::sin(angle));
         let half = DVec3::new(number(2, 0.04, 0.2), number(3, 0.02, 0.09), number(4, 0.05, 0.32));
-        // Stand on the surface: up is the ellipse's normal.
+        // The block stands on the surface: up is the ellipse's normal.
         let tilt = libm::atan2(libm::sin(angle) / 0.85, libm::cos(angle) / 1.15) - PI / 2.0;
         let place = at(turn(2, tilt), x, y, z);
         solid.add(&Solid::block(half, half.y * 0.3).without_facing(DVec3::NEG_Y), place);
@@ -170,7 +172,7 @@ fn engines() -> Solid {
     let back: &[(f64, f64)] = &[(0.45, -1.9), (0.5, -1.9)];
     let intake: &[(f64, f64)] = &[(0.2, 1.4), (0.0, 1.1)];
     let throat: &[(f64, f64)] = &[(0.0, -1.2), (0.2, -1.2)];
-    // Sections run from below to above on the outside; the inside runs the other way.
+    // Sections run from bottom to top on the outside and the other way on the inside.
     let mut engine = Solid::lathe(&[outside, intake], 24);
     let reversed: Vec<Vec<(f64, f64)>> = [throat, inside, back].iter().map(|s| s.to_vec()).collect();
     let reversed: Vec<&[(f64, f64)]> = reversed.iter().map(Vec::as_slice).collect();
@@ -215,13 +217,13 @@ fn dish() -> Solid {
     solid
 }
 
-/// A rock's place, size and shape.
+/// Place and size of a rock.
 struct Rock {
     place: DVec3,
     radius: f64,
 }
 
-/// Rocks placed one by one where there is room.
+/// Places rocks one by one where there is room.
 fn placed_rocks() -> Vec<Rock> {
     let mut rocks: Vec<Rock> = Vec::new();
     let mut tries = 0;
@@ -229,7 +231,7 @@ fn placed_rocks() -> Vec<Rock> {
         let number = |k: i32, low, high| noise::between(13, tries * 8 + k, low, high);
         let place = DVec3::new(number(0, -13.0, 13.0), number(1, -6.0, 6.0), number(2, -14.0, 14.0));
         let radius = number(3, 0.4, 1.0);
-        // Roughness and drift included.
+        // The reach includes roughness and drift.
         let reach = |radius: f64| radius * 1.3 + DRIFT_M;
         let room = GAP_M + reach(radius);
         let clear_of_ship = (place / (SHIP_HALF + DVec3::splat(room))).length() > 1.0;
@@ -242,21 +244,21 @@ fn placed_rocks() -> Vec<Rock> {
     rocks
 }
 
-fn rocks(stage: &mut Stage) {
-    let plain = stage.plain;
+fn rocks(builder: &mut ModelBuilder) {
+    let plain = builder.plain;
     for (i, rock) in placed_rocks().into_iter().enumerate() {
         let seed = 100 + 10 * (i % SHAPES) as u32;
         let level = if rock.radius > 0.7 { 4 } else { 3 };
         let solid = Solid::ball(level, |direction| rock.radius * noise::rock(seed, direction, 0.42));
-        let mesh = stage.mesh("rock", solid, plain);
+        let mesh = builder.add_mesh("rock", solid, plain);
         let number = |k: i32, low, high| noise::between(17, i as i32 * 8 + k, low, high);
-        let node = stage.node(None, rock.place.x, rock.place.y, rock.place.z);
-        stage.show(&format!("rock {i}"), node, mesh);
+        let node = builder.add_node(None, rock.place.x, rock.place.y, rock.place.z);
+        builder.place_mesh(&format!("rock {i}"), node, mesh);
         let axis = DVec3::new(number(0, -1.0, 1.0), number(1, -1.0, 1.0), number(2, 0.1, 1.0)).normalize();
         let turns = if i % 2 == 0 { 1.0 } else { -2.0 };
-        stage.turns(node, 60, |time| about(axis, TAU * turns * time / DURATION_S));
+        builder.animate_rotation(node, 60, |time| about(axis, TAU * turns * time / DURATION_S));
         let phase = number(3, 0.0, 1.0);
-        stage.moves(node, 90, |time| {
+        builder.animate_translation(node, 90, |time| {
             let drift = DVec3::new(
                 swing(time, 1.0, phase),
                 swing(time, 1.0, phase + 0.3),

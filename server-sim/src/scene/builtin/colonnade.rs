@@ -1,24 +1,23 @@
-//! `colonnade`: a paved hall between two rows of columns and arches, with thin banners that sway, masked plants
-//! and boulders that roll through it. The counterpart of the paper's *Sponza* (section 4): much motion near
-//! everything.
+//! `colonnade`: a paved hall between two rows of columns and arches, with swaying banners, masked plants and boulders
+//! that roll through it. It is the counterpart of the paper's *Sponza* (section 4): much motion near everything.
 
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 
+use super::model_builder::{ModelBuilder, about, camera, swing};
 use super::solid::{Solid, at, turn};
-use super::stage::{Stage, about, camera, swing};
-use super::{DURATION_S, Design, noise};
+use super::{BuiltinScene, DURATION_S, noise};
 use crate::scene::material::{AlphaMask, Material};
 use crate::scene::mesh::{MorphTarget, SkinWeights};
-use crate::scene::model::{Placement, Skin};
-use crate::scene::prepare::vertex_normals;
+use crate::scene::model::{MeshNode, Skin};
+use crate::scene::raw_mesh::vertex_normals;
 use crate::scene::texture::{Texture, Wrap};
 
 /// Distance between columns of a row, metres.
 const BAY_M: f64 = 2.2;
-/// Columns of a row.
+/// Number of columns of a row.
 const COLUMNS: i32 = 5;
 /// Distance of a row from the hall's middle, metres.
 const ROW_M: f64 = 1.8;
@@ -27,30 +26,30 @@ const SPRING_M: f64 = 2.3;
 /// Height of the wall above the arches, metres.
 const TOP_M: f64 = 3.7;
 
-/// The scene.
-pub(super) fn design() -> Design {
-    let mut stage = Stage::new();
-    let (plain, thin) = (stage.plain, stage.thin);
-    stage.still("paving", paving(), plain);
-    let column = stage.mesh("column", column(), plain);
-    let arch = stage.mesh("arch", arch(), plain);
+/// Builds the scene.
+pub(super) fn build() -> BuiltinScene {
+    let mut builder = ModelBuilder::new();
+    let (plain, thin) = (builder.plain, builder.thin);
+    builder.add_static("paving", paving(), plain);
+    let column = builder.add_mesh("column", column(), plain);
+    let arch = builder.add_mesh("arch", arch(), plain);
     for row in [-ROW_M, ROW_M] {
         for i in 0..COLUMNS {
             let x = (f64::from(i) - 2.0) * BAY_M;
-            let node = stage.node(None, x, 0.0, row);
-            stage.show("column", node, column);
+            let node = builder.add_node(None, x, 0.0, row);
+            builder.place_mesh("column", node, column);
             if i + 1 < COLUMNS {
-                let node = stage.node(None, x + BAY_M / 2.0, 0.0, row);
-                stage.show("arch", node, arch);
+                let node = builder.add_node(None, x + BAY_M / 2.0, 0.0, row);
+                builder.place_mesh("arch", node, arch);
             }
         }
     }
-    stage.still("cornices", cornices(), plain);
-    stage.still("wall", wall(), plain);
-    banners(&mut stage, thin);
-    pennants(&mut stage, thin);
-    plants(&mut stage);
-    boulders(&mut stage);
+    builder.add_static("cornices", cornices(), plain);
+    builder.add_static("wall", wall(), plain);
+    banners(&mut builder, thin);
+    pennants(&mut builder, thin);
+    plants(&mut builder);
+    boulders(&mut builder);
     let keys = [
         (0.0, [6.0, 1.7, 0.1], [0.0, 1.3, -0.3]),
         (3.0, [4.2, 1.5, 0.3], [-0.6, 1.2, -0.3]),
@@ -59,7 +58,7 @@ pub(super) fn design() -> Design {
         (12.0, [5.9, 1.9, 2.4], [0.0, 1.0, -0.5]),
         (DURATION_S, [6.0, 1.7, 0.1], [0.0, 1.3, -0.3]),
     ];
-    Design { model: stage.model, ao_radius_m: 0.6, camera: camera(59.5, &keys) }
+    BuiltinScene { model: builder.model, ao_radius_m: 0.6, camera: camera(59.5, &keys) }
 }
 
 /// Slabs with chamfered edges and grooves between them, on a step. Their tops are at height 0.
@@ -163,7 +162,7 @@ fn arch() -> Solid {
         }
         solid.polygon(&under);
     }
-    // The soffit, and the band: one closed profile swept along the half circle.
+    // The soffit and the band: one closed profile swept along the half circle.
     let band =
         [(inner, -thick), (inner, -thick - 0.05), (inner + 0.14, -thick - 0.05), (inner + 0.14, -thick)];
     let other = band.map(|(r, z)| (r, -z));
@@ -255,8 +254,8 @@ fn wall() -> Solid {
     solid
 }
 
-/// Cloths that hang from the arches' crowns on chains of joints: one mesh, one rest, six instances.
-fn banners(stage: &mut Stage, material: usize) {
+/// Adds cloths that hang from the arches' crowns on chains of joints: one mesh, one rest, six instances.
+fn banners(builder: &mut ModelBuilder, material: usize) {
     let (columns, rows, joints, height) = (12, 24, 6_usize, 1.15);
     let mut raw = Solid::sheet(0.8, height, columns, rows).raw("banner");
     let follow = |p: &Vec3| {
@@ -267,22 +266,22 @@ fn banners(stage: &mut Stage, material: usize) {
     };
     let (numbers, weights) = raw.positions.iter().map(follow).unzip();
     raw.skin = Some(SkinWeights { sets: 1, joints: numbers, weights });
-    let mesh = stage.model.mesh(raw, material);
+    let mesh = builder.model.add_mesh(raw, material);
     let step = height / (joints - 1) as f64;
     for i in 0..6 {
         let (bay, row) = (f64::from(i % 3) - 1.0, if i < 3 { -ROW_M } else { ROW_M });
         let phase = noise::uniform(23, i);
-        let holder = stage.node(None, bay * BAY_M + BAY_M / 2.0, SPRING_M + 0.78, row);
+        let holder = builder.add_node(None, bay * BAY_M + BAY_M / 2.0, SPRING_M + 0.78, row);
         let mut nodes = Vec::new();
         let mut parent = holder;
         for joint in 0..joints {
             let down = if joint == 0 { 0.0 } else { -step };
-            parent = stage.node(Some(parent), 0.0, down, 0.0);
+            parent = builder.add_node(Some(parent), 0.0, down, 0.0);
             nodes.push(parent);
-            // The wave runs down the cloth and grows; a slower one leans the whole of it.
+            // The wave runs down the cloth and grows. A slower wave moves the whole cloth.
             let share = joint as f64 / joints as f64;
             let amount = 0.07 + 0.12 * share;
-            stage.turns(parent, 180, |time| {
+            builder.animate_rotation(parent, 180, |time| {
                 let bend = amount * swing(time, 5.0, phase - 0.45 * share) + 0.06 * swing(time, 2.0, phase);
                 let twist = 0.07 * swing(time, 3.0, phase * 1.7 - 0.3 * share);
                 about(DVec3::X, bend) * about(DVec3::Y, twist)
@@ -290,17 +289,17 @@ fn banners(stage: &mut Stage, material: usize) {
         }
         let inverse_bind =
             (0..joints).map(|j| DAffine3::from_translation(DVec3::Y * (step * j as f64))).collect();
-        stage.model.skins.push(Skin { joints: nodes, inverse_bind });
-        let skin = Some(stage.model.skins.len() - 1);
+        builder.model.skins.push(Skin { joints: nodes, inverse_bind });
+        let skin = Some(builder.model.skins.len() - 1);
         if let Some(mesh) = mesh {
             let name = format!("banner {i}");
-            stage.model.placements.push(Placement { name, node: holder, mesh, skin, weights: Vec::new() });
+            builder.model.mesh_nodes.push(MeshNode { name, node: holder, mesh, skin, weights: Vec::new() });
         }
     }
 }
 
-/// Pennants that ripple by two morph targets, a sine and a cosine: together a wave that runs along.
-fn pennants(stage: &mut Stage, material: usize) {
+/// Adds pennants that ripple by two morph targets, a sine and a cosine. Together they make a travelling wave.
+fn pennants(builder: &mut ModelBuilder, material: usize) {
     let (columns, rows, width, height) = (28, 10, 1.3, 0.45);
     let mut raw = Solid::sheet(width, height, columns, rows).raw("pennant");
     let base = vertex_normals(&raw.positions, &raw.triangles);
@@ -319,9 +318,9 @@ fn pennants(stage: &mut Stage, material: usize) {
         }
     };
     raw.morphs = vec![target(0.0), target(0.25)];
-    let mesh = stage.model.mesh(raw, material);
+    let mesh = builder.model.add_mesh(raw, material);
     let poles = [Vec3::new(-5.6, 0.0, -2.6), Vec3::new(-5.6, 0.0, 2.6), Vec3::new(5.7, 0.0, -2.6)];
-    let plain = stage.plain;
+    let plain = builder.plain;
     for (i, pole) in poles.iter().enumerate() {
         let (x, z) = (f64::from(pole.x), f64::from(pole.z));
         let path: Vec<DVec3> = (0..=4).map(|k| DVec3::new(x, 0.65 * f64::from(k), z)).collect();
@@ -331,20 +330,20 @@ fn pennants(stage: &mut Stage, material: usize) {
             20,
         );
         mast.add_at(&foot, x, 0.0, z).add_at(&Solid::ball(2, |_| 0.055), x, 2.63, z);
-        stage.still("mast", mast, plain);
-        let node = stage.node(None, x + width / 2.0 + 0.03, 2.5, z);
+        builder.add_static("mast", mast, plain);
+        let node = builder.add_node(None, x + width / 2.0 + 0.03, 2.5, z);
         let phase = 0.3 * i as f64;
-        stage.morphs(node, 2, 240, |time| {
+        builder.animate_morph_weights(node, 2, 240, |time| {
             vec![swing(time, 10.0, phase) as f32, swing(time, 10.0, phase + 0.25) as f32]
         });
         if let Some(mesh) = mesh {
             let name = format!("pennant {i}");
-            stage.model.placements.push(Placement { name, node, mesh, skin: None, weights: vec![0.0; 2] });
+            builder.model.mesh_nodes.push(MeshNode { name, node, mesh, skin: None, weights: vec![0.0; 2] });
         }
     }
 }
 
-/// Alpha of a spray of leaves on twigs, 128 texels square.
+/// Returns the alpha of a spray of leaves on twigs, 128 texels square.
 fn foliage() -> Arc<[[u8; 1]]> {
     const SIZE: i32 = 128;
     let leaves: Vec<[f64; 5]> = (0..46)
@@ -381,13 +380,13 @@ fn foliage() -> Arc<[[u8; 1]]> {
     (0..SIZE * SIZE).map(texel).collect()
 }
 
-/// Potted plants and ivy, made of masked cards.
-fn plants(stage: &mut Stage) {
+/// Adds potted plants and ivy, made of masked cards.
+fn plants(builder: &mut ModelBuilder) {
     let texture = Texture::new([128, 128], [Wrap::Clamp; 2], false, foliage());
     let mask = Some(AlphaMask { texture, factor: 1.0, cutoff: 0.5 });
     let leaves = Material { name: "leaves".to_owned(), double_sided: true, mask, normal_map: None };
-    let leaves = stage.model.material(leaves);
-    let plain = stage.plain;
+    let leaves = builder.model.add_material(leaves);
+    let plain = builder.plain;
     let pot: [&[(f64, f64)]; 5] = [
         &[(0.0, 0.0), (0.16, 0.0)],
         &[(0.16, 0.0), (0.22, 0.28), (0.23, 0.34)],
@@ -395,7 +394,7 @@ fn plants(stage: &mut Stage) {
         &[(0.23, 0.4), (0.2, 0.33)],
         &[(0.2, 0.33), (0.0, 0.35)],
     ];
-    let pot = stage.mesh("pot", Solid::lathe(&pot, 28), plain);
+    let pot = builder.add_mesh("pot", Solid::lathe(&pot, 28), plain);
     let card = |width: f64, height: f64| {
         let (a, b) = (width / 2.0, height);
         let mut solid = Solid::default();
@@ -408,15 +407,15 @@ fn plants(stage: &mut Stage) {
         let lean = turn(1, TAU * f64::from(i) / 9.0) * turn(0, number(0, 0.1, 0.75));
         bush.add(&card(0.55, number(1, 0.6, 0.85)), at(lean, 0.0, 0.36, 0.0));
     }
-    let bush = stage.mesh("bush", bush, leaves);
+    let bush = builder.add_mesh("bush", bush, leaves);
     for (i, (x, z)) in
         [(-5.4, 0.0), (5.5, -3.4), (-2.2, -3.75), (2.2, -3.75), (5.6, 1.9), (-5.6, -3.6)].iter().enumerate()
     {
-        let node = stage.turned(None, turn(1, i as f64 * 1.3), *x, 0.0, *z);
-        stage.show("pot", node, pot);
-        stage.show("bush", node, bush);
+        let node = builder.add_turned_node(None, turn(1, i as f64 * 1.3), *x, 0.0, *z);
+        builder.place_mesh("pot", node, pot);
+        builder.place_mesh("bush", node, bush);
     }
-    // Ivy climbs two columns and the wall.
+    // Ivy grows on two columns and the wall.
     let mut ivy = Solid::default();
     for i in 0..44 {
         let number = |k: i32, low, high| noise::between(31, i * 8 + k, low, high);
@@ -435,17 +434,17 @@ fn plants(stage: &mut Stage) {
             at(turn(0, number(2, -0.15, 0.2)), x, tall + 0.3, -4.1 + number(3, 0.02, 0.06)),
         );
     }
-    stage.still("ivy", ivy, leaves);
+    builder.add_static("ivy", ivy, leaves);
 }
 
-/// Where a boulder is that has rolled `s` metres along the loop around one row, and which way it heads
-/// (radians about y, 0 along x).
+/// Returns the place and heading (radians about y, 0 along x) of a boulder after it has rolled `s` metres along the
+/// loop around one row.
 fn along_loop(s: f64, row: f64) -> (DVec3, f64) {
     let inward = -row.signum();
     let (half, radius) = (4.9, 1.42);
     let (straight, bend) = (2.0 * half, PI * radius);
     let s = s.rem_euclid(2.0 * (straight + bend));
-    // Along the hall, round the end column, back outside, round the other one.
+    // The loop runs along the hall, round the end column, back outside, and round the other end column.
     let (x, out, turned) = if s < straight {
         (s - half, radius, 0.0)
     } else if s < straight + bend {
@@ -460,30 +459,30 @@ fn along_loop(s: f64, row: f64) -> (DVec3, f64) {
     (DVec3::new(x, 0.0, row + inward * out), turned * inward)
 }
 
-/// Boulders on two closed loops, one around each row. They roll without sliding: the angle rolled is the way
-/// over the mean radius, chosen so that a lap is a whole number of turns; each lap takes the whole clip.
-fn boulders(stage: &mut Stage) {
+/// Adds boulders on two closed loops, one around each row. They roll without sliding: the rolled angle is the
+/// distance over the mean radius. The radius makes a lap a whole number of turns, and each lap takes the whole clip.
+fn boulders(builder: &mut ModelBuilder) {
     let lap = 2.0 * (2.0 * 4.9 + PI * 1.42);
-    let plain = stage.plain;
+    let plain = builder.plain;
     for i in 0..6 {
         let row = if i % 2 == 0 { ROW_M } else { -ROW_M };
         let turns = [11.0, 13.0, 16.0, 12.0, 18.0, 14.0][i];
         let radius = lap / (TAU * turns);
         let rock = Solid::ball(3, |direction| radius * noise::rock(200 + i as u32, direction, 0.22));
         let points: Vec<DVec3> = rock.positions().iter().map(|p| p.as_dvec3()).collect();
-        let mesh = stage.mesh("boulder", rock, plain);
-        let node = stage.node(None, 0.0, 0.0, 0.0);
-        stage.show(&format!("boulder {i}"), node, mesh);
-        // Three boulders share a loop; those of the other one run between them.
+        let mesh = builder.add_mesh("boulder", rock, plain);
+        let node = builder.add_node(None, 0.0, 0.0, 0.0);
+        builder.place_mesh(&format!("boulder {i}"), node, mesh);
+        // Three boulders share a loop. Those of one loop are offset from those of the other.
         let start = lap * (i / 2) as f64 / 3.0 + if row > 0.0 { 0.0 } else { lap / 6.0 };
         let state = |time: f64| {
             let way = lap * time / DURATION_S;
             let (place, heading) = along_loop(start + way, row);
             (place, about(DVec3::Y, heading) * about(DVec3::Z, -way / radius))
         };
-        stage.turns(node, 900, |time| state(time).1);
-        // The lowest of its bumps touches the floor.
-        stage.moves(node, 900, |time| {
+        builder.animate_rotation(node, 900, |time| state(time).1);
+        // The lowest point of the boulder touches the floor.
+        builder.animate_translation(node, 900, |time| {
             let (place, rotation) = state(time);
             let up = DMat3::from_quat(rotation).transpose().y_axis;
             let lowest = points.iter().map(|p| up.dot(*p)).fold(0.0, f64::min);

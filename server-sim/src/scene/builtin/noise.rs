@@ -1,9 +1,10 @@
-//! Hashed numbers and smooth noise: the only randomness of the built-in scenes, the same on every machine.
+//! Hashed numbers and smooth noise. The built-in scenes have no other randomness, so they are the same on every
+//! machine.
 
 use glam::{DVec3, IVec3};
 
-/// A well-mixed number from a seed and a position.
-fn mixed(seed: u32, p: IVec3) -> u32 {
+/// Hashes a seed and a position.
+fn hash(seed: u32, p: IVec3) -> u32 {
     let mut h = seed.wrapping_mul(0x9E37_79B9);
     for word in p.to_array() {
         h = (h ^ word as u32).wrapping_mul(0x85EB_CA6B);
@@ -13,30 +14,30 @@ fn mixed(seed: u32, p: IVec3) -> u32 {
     h
 }
 
-/// Number `index` of a row of numbers between 0 and 1.
+/// Returns number `index` of a sequence of numbers between 0 and 1.
 pub(super) fn uniform(seed: u32, index: i32) -> f64 {
-    f64::from(mixed(seed, IVec3::new(index, index >> 16, 77))) / f64::from(u32::MAX)
+    f64::from(hash(seed, IVec3::new(index, index >> 16, 77))) / f64::from(u32::MAX)
 }
 
-/// Number `index` of a row of numbers between `low` and `high`.
+/// Returns number `index` of a sequence of numbers between `low` and `high`.
 pub(super) fn between(seed: u32, index: i32, low: f64, high: f64) -> f64 {
     low + (high - low) * uniform(seed, index)
 }
 
-/// Smooth noise between -1 and 1 with features about 1 m across.
+/// Returns smooth noise between -1 and 1 with features about 1 m across.
 pub(super) fn noise(seed: u32, p: DVec3) -> f64 {
     let floor = p.floor();
     let (cell, f) = (floor.as_ivec3(), p - floor);
     let ease = f * f * f * (f * (f * 6.0 - 15.0) + 10.0);
     let corner =
-        |x, y, z| f64::from(mixed(seed, cell + IVec3::new(x, y, z))) / f64::from(u32::MAX) * 2.0 - 1.0;
+        |x, y, z| f64::from(hash(seed, cell + IVec3::new(x, y, z))) / f64::from(u32::MAX) * 2.0 - 1.0;
     let mix = |a: f64, b: f64, t: f64| a + (b - a) * t;
     let along_x = |y, z| mix(corner(0, y, z), corner(1, y, z), ease.x);
     let plane = |z| mix(along_x(0, z), along_x(1, z), ease.y);
     mix(plane(0), plane(1), ease.z)
 }
 
-/// Radius of a rock of mean radius 1 in a direction: lumps, dents and grain.
+/// Returns the radius in some direction of a rock with mean radius 1, with lumps, dents and grain.
 pub(super) fn rock(seed: u32, direction: DVec3, roughness: f64) -> f64 {
     let octave = |k: u32, scale: f64| noise(seed + k, direction * scale + DVec3::splat(31.7));
     let dent = octave(3, 2.3).max(0.0);

@@ -1,39 +1,39 @@
-//! `robot-lab`: large flat walls and floor, railings, pipes, workbenches, robot arms and two dozen skinned
-//! walkers. The counterpart of the paper's *Robot Lab* (section 4).
+//! `robot-lab`: large flat walls and floor, railings, pipes, workbenches, robot arms and two dozen skinned walkers.
+//! It is the counterpart of the paper's *Robot Lab* (section 4).
 
 use std::f64::consts::{PI, TAU};
 
 use glam::{DAffine3, DMat3, DVec3};
 
+use super::model_builder::{ModelBuilder, about, camera, swing};
 use super::solid::{Solid, at, turn};
-use super::stage::{Stage, about, camera, swing};
-use super::walker::{Track, Troupe};
-use super::{DURATION_S, Design, noise};
+use super::walker::{Track, WalkerMesh};
+use super::{BuiltinScene, DURATION_S, noise};
 
 /// Half the room's length (x) and width (z), and its height, metres.
 const HALF_X: f64 = 5.8;
 const HALF_Z: f64 = 4.3;
 const HEIGHT: f64 = 2.7;
 
-/// The scene.
-pub(super) fn design() -> Design {
-    let mut stage = Stage::new();
-    let plain = stage.plain;
-    stage.still("room", room(), plain);
-    stage.still("pipes", pipes(), plain);
-    stage.still("railing", railing(), plain);
-    stage.still("island", island(), plain);
-    benches(&mut stage);
-    let links = Links::new(&mut stage);
+/// Builds the scene.
+pub(super) fn build() -> BuiltinScene {
+    let mut builder = ModelBuilder::new();
+    let plain = builder.plain;
+    builder.add_static("room", room(), plain);
+    builder.add_static("pipes", pipes(), plain);
+    builder.add_static("railing", railing(), plain);
+    builder.add_static("island", island(), plain);
+    benches(&mut builder);
+    let links = Links::new(&mut builder);
     for (i, (x, z, heading)) in
         [(-0.95, 0.0, 0.4), (0.95, 0.0, 2.2), (-5.35, 0.7, 1.57), (-5.35, -0.7, 1.57), (5.35, 0.0, -1.57)]
             .into_iter()
             .enumerate()
     {
         let y = if i < 2 { 0.3 } else { 0.0 };
-        links.arm(&mut stage, i as i32, DVec3::new(x, y, z), heading);
+        links.arm(&mut builder, i as i32, DVec3::new(x, y, z), heading);
     }
-    walkers(&mut stage);
+    walkers(&mut builder);
     let keys = [
         (0.0, [5.1, 2.3, 3.7], [0.0, 0.7, -0.4]),
         (3.75, [2.2, 2.0, 3.9], [-0.6, 0.8, -0.6]),
@@ -41,10 +41,10 @@ pub(super) fn design() -> Design {
         (11.25, [1.6, 2.4, 4.0], [0.6, 0.6, -0.6]),
         (DURATION_S, [5.1, 2.3, 3.7], [0.0, 0.7, -0.4]),
     ];
-    Design { model: stage.model, ao_radius_m: 0.6, camera: camera(62.0, &keys) }
+    BuiltinScene { model: builder.model, ao_radius_m: 0.6, camera: camera(62.0, &keys) }
 }
 
-/// Floor and walls (of two triangles each, deliberately), skirting, wall panels and pilasters.
+/// Floor and walls (intentionally of two triangles each), skirting, wall panels and pilasters.
 fn room() -> Solid {
     let mut solid = Solid::default();
     let floor = [(-1.0, 1.0), (1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)]
@@ -96,7 +96,7 @@ fn room() -> Solid {
 fn pipes() -> Solid {
     let mut solid = Solid::default();
     let bend = |corners: &[DVec3], radius: f64| {
-        // Straight runs joined by quarter circles.
+        // Quarter circles join straight runs.
         let mut path = vec![corners[0]];
         for w in corners.windows(3) {
             let (back, on) = ((w[0] - w[1]).normalize() * radius, (w[2] - w[1]).normalize() * radius);
@@ -173,7 +173,7 @@ fn railing() -> Solid {
     solid
 }
 
-/// The platform in the middle, with a work piece on it.
+/// The platform in the middle, with a workpiece on it.
 fn island() -> Solid {
     let mut solid = Solid::default();
     solid.add_at(&Solid::block(DVec3::new(1.75, 0.06, 0.78), 0.02), 0.0, 0.06, 0.0);
@@ -194,8 +194,8 @@ fn island() -> Solid {
     solid
 }
 
-/// Workbenches along both long walls with drawers, screens and odds and ends.
-fn benches(stage: &mut Stage) {
+/// Adds workbenches along both long walls with drawers, screens and clutter.
+fn benches(builder: &mut ModelBuilder) {
     let mut bench = Solid::default();
     bench.add_at(&Solid::block(DVec3::new(0.85, 0.025, 0.33), 0.01), 0.0, 0.86, 0.0);
     for x in [-0.78, 0.78] {
@@ -218,14 +218,14 @@ fn benches(stage: &mut Stage) {
             0.3,
         );
     }
-    let (plain, mut clutter) = (stage.plain, Solid::default());
-    let mesh = stage.mesh("bench", bench, plain);
+    let (plain, mut clutter) = (builder.plain, Solid::default());
+    let mesh = builder.add_mesh("bench", bench, plain);
     for i in 0..6 {
         let side = if i % 2 == 0 { -1.0 } else { 1.0 };
         let (x, z) = ([-1.7, 1.0, 2.9][i / 2] - if side > 0.0 { 0.0 } else { 1.5 }, side * (HALF_Z - 0.5));
         let turned = if side > 0.0 { turn(1, PI) } else { DMat3::IDENTITY };
-        let node = stage.turned(None, turned, x, 0.0, z);
-        stage.show("bench", node, mesh);
+        let node = builder.add_turned_node(None, turned, x, 0.0, z);
+        builder.place_mesh("bench", node, mesh);
         for k in 0..9 {
             let number = |j: i32, low, high| noise::between(51, (i as i32 * 16 + k) * 8 + j, low, high);
             let (dx, dz) = ((f64::from(k) - 4.0) * 0.17, number(0, -0.18, 0.18));
@@ -256,7 +256,7 @@ fn benches(stage: &mut Stage) {
         );
         clutter.add_at(&Solid::block(DVec3::new(0.12, 0.01, 0.07), 0.004), screen.x, 0.895, screen.z);
     }
-    stage.still("clutter", clutter, plain);
+    builder.add_static("clutter", clutter, plain);
 }
 
 /// Meshes of a robot arm's links, shared by all arms.
@@ -265,8 +265,8 @@ struct Links {
 }
 
 impl Links {
-    fn new(stage: &mut Stage) -> Self {
-        let plain = stage.plain;
+    fn new(builder: &mut ModelBuilder) -> Self {
+        let plain = builder.plain;
         let mut base = Solid::lathe(
             &[
                 &[(0.28, 0.0), (0.28, 0.06)],
@@ -333,45 +333,49 @@ impl Links {
             ("hand", hand),
             ("finger", finger),
         ];
-        Self { meshes: meshes.map(|(name, solid)| stage.mesh(name, solid, plain)) }
+        Self { meshes: meshes.map(|(name, solid)| builder.add_mesh(name, solid, plain)) }
     }
 
-    /// An arm at a place, its joints swinging in whole cycles.
-    fn arm(&self, stage: &mut Stage, index: i32, place: DVec3, heading: f64) {
+    /// Adds an arm at a place. Its joints swing in whole cycles.
+    fn arm(&self, builder: &mut ModelBuilder, index: i32, place: DVec3, heading: f64) {
         let number = |k: i32, low, high| noise::between(71, index * 16 + k, low, high);
         let [base, turret, upper, fore, hand, finger] = self.meshes;
         let phase = number(0, 0.0, 1.0);
         let name = |part: &str| format!("arm {index} {part}");
-        let root = stage.turned(None, turn(1, heading), place.x, place.y, place.z);
-        stage.show(&name("base"), root, base);
-        let top = stage.node(Some(root), 0.0, 0.28, 0.0);
-        stage.turns(top, 150, |time| about(DVec3::Y, 0.9 * swing(time, 2.0, phase)));
-        stage.show(&name("turret"), top, turret);
-        let shoulder = stage.node(Some(top), 0.0, 0.33, 0.0);
-        stage.turns(shoulder, 150, |time| about(DVec3::X, 0.3 + 0.35 * swing(time, 3.0, phase + 0.2)));
-        stage.show(&name("upper arm"), shoulder, upper);
-        let elbow = stage.node(Some(shoulder), 0.0, 0.62, 0.0);
-        stage.turns(elbow, 150, |time| about(DVec3::X, 1.1 + 0.45 * swing(time, 3.0, phase + 0.55)));
-        stage.show(&name("forearm"), elbow, fore);
-        let wrist = stage.node(Some(elbow), 0.0, 0.5, 0.0);
-        stage.turns(wrist, 150, |time| {
+        let root = builder.add_turned_node(None, turn(1, heading), place.x, place.y, place.z);
+        builder.place_mesh(&name("base"), root, base);
+        let top = builder.add_node(Some(root), 0.0, 0.28, 0.0);
+        builder.animate_rotation(top, 150, |time| about(DVec3::Y, 0.9 * swing(time, 2.0, phase)));
+        builder.place_mesh(&name("turret"), top, turret);
+        let shoulder = builder.add_node(Some(top), 0.0, 0.33, 0.0);
+        builder.animate_rotation(shoulder, 150, |time| {
+            about(DVec3::X, 0.3 + 0.35 * swing(time, 3.0, phase + 0.2))
+        });
+        builder.place_mesh(&name("upper arm"), shoulder, upper);
+        let elbow = builder.add_node(Some(shoulder), 0.0, 0.62, 0.0);
+        builder.animate_rotation(elbow, 150, |time| {
+            about(DVec3::X, 1.1 + 0.45 * swing(time, 3.0, phase + 0.55))
+        });
+        builder.place_mesh(&name("forearm"), elbow, fore);
+        let wrist = builder.add_node(Some(elbow), 0.0, 0.5, 0.0);
+        builder.animate_rotation(wrist, 150, |time| {
             about(DVec3::X, 0.5 + 0.4 * swing(time, 4.0, phase))
                 * about(DVec3::Y, 1.4 * swing(time, 2.0, phase + 0.4))
         });
-        stage.show(&name("hand"), wrist, hand);
+        builder.place_mesh(&name("hand"), wrist, hand);
         for side in [-1.0, 1.0] {
-            let claw = stage.node(Some(wrist), 0.0, 0.0, 0.0);
-            stage.moves(claw, 150, |time| {
+            let claw = builder.add_node(Some(wrist), 0.0, 0.0, 0.0);
+            builder.animate_translation(claw, 150, |time| {
                 DVec3::new(side * (0.05 + 0.03 * swing(time, 5.0, phase)), 0.155, 0.0)
             });
-            stage.show(&name("finger"), claw, finger);
+            builder.place_mesh(&name("finger"), claw, finger);
         }
     }
 }
 
-/// Two rings of walkers around the island in opposite directions, and pairs pacing in the corners.
-fn walkers(stage: &mut Stage) {
-    let Some(troupe) = Troupe::new(stage) else { return };
+/// Adds two rings of walkers around the island in opposite directions, and pairs of walkers in the corners.
+fn walkers(builder: &mut ModelBuilder) {
+    let Some(walker) = WalkerMesh::new(builder) else { return };
     let ring = |half_x: f64, half_z: f64, start: f64, laps: f64| Track {
         centre: DVec3::ZERO,
         half_x,
@@ -381,17 +385,17 @@ fn walkers(stage: &mut Stage) {
     };
     for i in 0..7 {
         let vary = 0.06 * f64::from(i % 3 - 1);
-        troupe.walk(stage, &ring(2.75 + vary, 1.75 + vary, f64::from(i) / 7.0, 1.0));
+        walker.walk(builder, &ring(2.75 + vary, 1.75 + vary, f64::from(i) / 7.0, 1.0));
     }
     for i in 0..9 {
         let vary = 0.08 * f64::from(i % 3 - 1);
-        troupe.walk(stage, &ring(3.9 + vary, 2.75 + vary, f64::from(i) / 9.0, -1.0));
+        walker.walk(builder, &ring(3.9 + vary, 2.75 + vary, f64::from(i) / 9.0, -1.0));
     }
     for (x, z) in [(4.9, 3.3), (-4.9, 3.3), (4.9, -2.8), (-4.9, -2.8)] {
         for k in 0..2 {
             let centre = DVec3::new(x, 0.0, z);
             let (start, laps) = (f64::from(k) / 2.0 + 0.1 * x, if x * z > 0.0 { 1.0 } else { -1.0 });
-            troupe.walk(stage, &Track { centre, half_x: 0.62, half_z: 0.58, start, laps });
+            walker.walk(builder, &Track { centre, half_x: 0.62, half_z: 0.58, start, laps });
         }
     }
 }

@@ -1,13 +1,13 @@
-//! Shapes of the built-in scenes: small closed or open surfaces that are moved about and put together.
+//! Shapes of the built-in scenes: small closed or open surfaces that are transformed and combined.
 
 use std::f64::consts::TAU;
 
 use glam::{DAffine3, DMat3, DVec2, DVec3, Vec2, Vec3};
 
 use crate::scene::mesh::area_vector;
-use crate::scene::prepare::{RawMesh, vertex_normals};
+use crate::scene::raw_mesh::{RawMesh, vertex_normals};
 
-/// Vertices with normals and texture coordinates, and triangles wound counter-clockwise from outside.
+/// A surface with normals, texture coordinates and triangles wound counter-clockwise from outside.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Solid {
     positions: Vec<Vec3>,
@@ -17,7 +17,7 @@ pub(super) struct Solid {
 }
 
 impl Solid {
-    /// The mesh as the rest of the scene takes it.
+    /// Converts the shape to a raw mesh.
     pub(super) fn raw(self, name: &str) -> RawMesh {
         RawMesh {
             name: name.to_owned(),
@@ -29,7 +29,7 @@ impl Solid {
         }
     }
 
-    /// The positions made so far.
+    /// Returns the positions so far.
     pub(super) fn positions(&self) -> &[Vec3] {
         &self.positions
     }
@@ -41,8 +41,8 @@ impl Solid {
         self.positions.len() as u32 - 1
     }
 
-    /// Adds a flat polygon, corners counter-clockwise from outside. Texture coordinates run over the first
-    /// four corners: lower left, lower right, upper right, upper left.
+    /// Adds a flat polygon with corners counter-clockwise from outside. Texture coordinates cover the first four
+    /// corners: lower left, lower right, upper right, upper left.
     pub(super) fn polygon(&mut self, corners: &[DVec3]) {
         let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or_zero();
         let uvs = [DVec2::Y, DVec2::ONE, DVec2::X, DVec2::ZERO];
@@ -55,7 +55,7 @@ impl Solid {
         }
     }
 
-    /// Adds a flat polygon of a body that lies around `centre`, whichever way its corners run.
+    /// Adds a flat polygon of a body around `centre`. Its corners may run in either direction.
     fn polygon_around(&mut self, centre: DVec3, mut corners: Vec<DVec3>) {
         let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
         if normal.dot(corners[0] - centre) < 0.0 {
@@ -64,7 +64,7 @@ impl Solid {
         self.polygon(&corners);
     }
 
-    /// Adds another solid, moved.
+    /// Adds another shape, transformed.
     pub(super) fn add(&mut self, other: &Self, place: DAffine3) -> &mut Self {
         let first = self.positions.len() as u32;
         let normals = place.matrix3.inverse().transpose();
@@ -79,16 +79,16 @@ impl Solid {
         self
     }
 
-    /// Adds another solid, shifted.
+    /// Adds another shape, translated.
     pub(super) fn add_at(&mut self, other: &Self, x: f64, y: f64, z: f64) -> &mut Self {
         self.add(other, DAffine3::from_translation(DVec3::new(x, y, z)))
     }
 
-    /// A box around the origin with chamfered edges.
+    /// Returns a box around the origin with chamfered edges.
     pub(super) fn block(half: DVec3, bevel: f64) -> Self {
         let mut solid = Self::default();
         let signs = [-1.0, 1.0];
-        // The corner of the face across `axis` nearest to the box's corner `s`.
+        // The corner, nearest to the box's corner `s`, of the face perpendicular to `axis`.
         let corner = |s: DVec3, axis: usize| {
             let mut inset = DVec3::splat(bevel);
             inset[axis] = 0.0;
@@ -129,15 +129,15 @@ impl Solid {
         solid
     }
 
-    /// Without the flat faces that look along `direction`: nothing sees what stands on something else, and
-    /// points there would be wasted.
+    /// Removes the flat faces that point along `direction`. Faces that touch another body are invisible and would
+    /// waste points.
     pub(super) fn without_facing(mut self, direction: DVec3) -> Self {
         let positions = &self.positions;
         self.triangles.retain(|t| area_vector(positions, *t).normalize_or_zero().dot(direction) < 0.999);
         self
     }
 
-    /// A bar along x of a symmetric cross-section, given as half widths (z) and heights from below to above.
+    /// Returns a bar along x with a symmetric cross-section, given as half widths (z) and heights from bottom to top.
     pub(super) fn bar(half_length: f64, profile: &[(f64, f64)]) -> Self {
         let mut solid = Self::default();
         let point = |x: f64, side: f64, (z, y): (f64, f64)| DVec3::new(x * half_length, y, side * z);
@@ -159,8 +159,8 @@ impl Solid {
         solid
     }
 
-    /// A smooth skin over closed rings of equal length. Seen along the way from the first ring to the last,
-    /// rings run clockwise (counter-clockwise seen from the last one).
+    /// Returns a smooth surface over closed rings of equal length. Seen along the path from the first to the last
+    /// ring, the rings run clockwise.
     pub(super) fn loft(rings: &[Vec<DVec3>]) -> Self {
         let mut solid = Self::default();
         let around = rings.first().map_or(0, Vec::len);
@@ -180,14 +180,15 @@ impl Solid {
         solid.smoothed()
     }
 
-    /// With smooth normals: the area-weighted mean of the triangles at each vertex.
+    /// Replaces the normals by smooth ones: the area-weighted mean of the triangles at each vertex.
     pub(super) fn smoothed(mut self) -> Self {
         self.normals = vertex_normals(&self.positions, &self.triangles);
         self
     }
 
-    /// A body of revolution about y. Each section of the profile (radius, height), from below to above on the
-    /// outside, is smooth in itself; sections meet in sharp edges. `shape` changes the radius by angle.
+    /// Returns a body of revolution about y. Each section of the profile (radius, height) is smooth, from bottom to
+    /// top on the outside. Sections meet in sharp edges. `shape` returns a factor of the radius for an angle and a
+    /// height.
     pub(super) fn turned(sections: &[&[(f64, f64)]], around: usize, shape: impl Fn(f64, f64) -> f64) -> Self {
         let mut solid = Self::default();
         for section in sections {
@@ -205,12 +206,12 @@ impl Solid {
         solid
     }
 
-    /// A round body of revolution about y.
+    /// Returns a circular body of revolution about y.
     pub(super) fn lathe(sections: &[&[(f64, f64)]], around: usize) -> Self {
         Self::turned(sections, around, |_, _| 1.0)
     }
 
-    /// A round pipe along a path, its ends closed.
+    /// Returns a round pipe along a path, with closed ends.
     pub(super) fn pipe(path: &[DVec3], radius: f64, around: usize) -> Self {
         let rings = sweep(path, around, |_| (radius, radius));
         let mut solid = Self::loft(&rings);
@@ -221,7 +222,7 @@ impl Solid {
         solid
     }
 
-    /// A sphere of 20 * 4^`level` triangles whose radius depends on the direction.
+    /// Returns a sphere of 20 * 4^`level` triangles whose radius depends on the direction.
     pub(super) fn ball(level: u32, radius: impl Fn(DVec3) -> f64) -> Self {
         let (mut points, mut triangles) = icosahedron();
         for _ in 0..level {
@@ -246,7 +247,7 @@ impl Solid {
         solid.smoothed()
     }
 
-    /// A flat sheet in the xy plane, hanging from the origin down, `columns` by `rows` quads. One-sided.
+    /// Returns a flat one-sided sheet of `columns` by `rows` quads in the xy plane, hanging down from the origin.
     pub(super) fn sheet(width: f64, height: f64, columns: u32, rows: u32) -> Self {
         let mut solid = Self::default();
         for r in 0..=rows {
@@ -266,7 +267,8 @@ impl Solid {
     }
 }
 
-/// Closed rings along a path, for [`Solid::loft`]; `radii` gives the half axes at a share (0 to 1) of the path.
+/// Returns closed rings along a path, for [`Solid::loft`]. `radii` returns the half axes at a fraction (0 to 1) of
+/// the path.
 pub(super) fn sweep(path: &[DVec3], around: usize, radii: impl Fn(f64) -> (f64, f64)) -> Vec<Vec<DVec3>> {
     let last = path.len() - 1;
     let direction = |i: usize| (path[(i + 1).min(last)] - path[i.saturating_sub(1)]).normalize();
@@ -287,7 +289,7 @@ pub(super) fn sweep(path: &[DVec3], around: usize, radii: impl Fn(f64) -> (f64, 
     rings
 }
 
-/// Corners and faces of a regular icosahedron of radius 1.
+/// Returns the corners and faces of a regular icosahedron of radius 1.
 fn icosahedron() -> (Vec<DVec3>, Vec<[u32; 3]>) {
     let long = (1.0 + 5.0_f64.sqrt()) / 2.0;
     let mut points = Vec::new();
@@ -315,7 +317,7 @@ fn icosahedron() -> (Vec<DVec3>, Vec<[u32; 3]>) {
     (points, faces)
 }
 
-/// A turn about x, y or z (0, 1, 2), radians.
+/// Returns the rotation about x, y or z (0, 1, 2) by an angle in radians.
 pub(super) fn turn(axis: usize, angle: f64) -> DMat3 {
     let (s, c) = (libm::sin(angle), libm::cos(angle));
     let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
@@ -326,7 +328,7 @@ pub(super) fn turn(axis: usize, angle: f64) -> DMat3 {
     DMat3::from_cols(columns[0], columns[1], columns[2])
 }
 
-/// A place: turned, then moved.
+/// Returns a rotation followed by a translation.
 pub(super) fn at(turned: DMat3, x: f64, y: f64, z: f64) -> DAffine3 {
     DAffine3 { matrix3: turned, translation: DVec3::new(x, y, z) }
 }
@@ -335,7 +337,7 @@ pub(super) fn at(turned: DMat3, x: f64, y: f64, z: f64) -> DAffine3 {
 mod tests {
     use super::*;
 
-    /// Volume inside a closed surface: positive where its triangles face outwards.
+    /// Returns the volume of a closed surface; positive if its triangles face outwards.
     fn volume(solid: &Solid) -> f64 {
         let corner = |v: u32| solid.positions[v as usize].as_dvec3();
         solid.triangles.iter().map(|t| corner(t[0]).dot(corner(t[1]).cross(corner(t[2]))) / 6.0).sum()

@@ -1,37 +1,37 @@
-//! Skinned walkers: one body, one rest, any number of them, each with joints of its own.
+//! Skinned walkers. They share one body and one rest; each has its own joints.
 //!
-//! Feet are planted: while a foot stands it has a fixed place on the floor, and the leg bends to reach it (two
-//! bones, law of cosines), however the path turns.
+//! A standing foot has a fixed place on the floor, and the leg bends to reach it (two bones, law of cosines), along
+//! any path.
 
 use std::f64::consts::{PI, TAU};
 
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
 use super::DURATION_S;
+use super::model_builder::{ModelBuilder, about};
 use super::solid::{Solid, sweep};
-use super::stage::{Stage, about};
 use crate::scene::mesh::SkinWeights;
-use crate::scene::model::{Placement, Skin};
+use crate::scene::model::{MeshNode, Skin};
 
 /// Height of the hip joints, metres.
 const HIP_M: f64 = 0.86;
-/// How far above that a walking body carries them at most: its ankles are off the floor, unlike at rest.
+/// Largest height of a walking body's hips above their height at rest, because its ankles are off the floor.
 const STRETCH_M: f64 = 0.03;
 /// Length of thigh and shin, metres.
 const BONE_M: f64 = 0.43;
 /// Height of the ankle over the sole, metres.
 const ANKLE_M: f64 = 0.08;
-/// Distance of a foot's line from the body's middle, metres.
+/// Distance of each foot's line from the middle of the body, metres.
 const ASIDE_M: f64 = 0.1;
-/// Share of a step's cycle in which the foot stands.
+/// Fraction of a step's cycle in which the foot stands.
 const STAND: f64 = 0.6;
-/// Keys of an animation over the clip.
+/// Number of keys of an animation over the clip.
 const KEYS: u32 = 450;
 
-/// A joint: parent, place in the body at rest (metres, y up, z ahead, +x is the left side).
+/// A joint: its parent, and its place in the body at rest (metres, y up, z ahead, +x is the left side).
 struct Joint(Option<usize>, [f64; 3]);
 
-/// The skeleton. Sides: left first.
+/// The skeleton, left side first.
 const JOINTS: [Joint; 19] = [
     Joint(None, [0.0, HIP_M + 0.06, 0.0]),                  // 0 hips
     Joint(Some(0), [0.0, 1.08, 0.0]),                       // 1 spine
@@ -54,7 +54,7 @@ const JOINTS: [Joint; 19] = [
     Joint(Some(17), [-ASIDE_M, HIP_M - 2.0 * BONE_M, 0.0]), // 18 right ankle
 ];
 
-/// Where a joint is at rest: legs straight, so that the soles are below the floor until a pose bends them.
+/// Returns the place of a joint at rest. Legs are straight, so the soles are below the floor until a pose bends them.
 fn rest(joint: usize) -> DVec3 {
     DVec3::from_array(JOINTS[joint].1)
 }
@@ -65,14 +65,14 @@ pub(super) struct Track {
     pub(super) centre: DVec3,
     pub(super) half_x: f64,
     pub(super) half_z: f64,
-    /// Share of a lap at the start of the clip.
+    /// Position at the start of the clip as a fraction of a lap.
     pub(super) start: f64,
-    /// Laps over the clip: 1 or -1.
+    /// Number of laps over the clip: 1 or -1.
     pub(super) laps: f64,
 }
 
 impl Track {
-    /// Place on the floor and heading (radians about y, 0 along z) at a time.
+    /// Returns the place on the floor and the heading (radians about y, 0 along z) at a given time.
     fn at(&self, time_s: f64) -> (DVec3, f64) {
         let angle = TAU * (self.start + self.laps * time_s / DURATION_S);
         let (s, c) = (libm::sin(angle), libm::cos(angle));
@@ -80,21 +80,21 @@ impl Track {
         (place, libm::atan2(-self.half_x * s * self.laps, self.half_z * c * self.laps))
     }
 
-    /// Length of a lap (Ramanujan's approximation), metres.
+    /// Returns the length of a lap in metres (Ramanujan's approximation).
     fn length(&self) -> f64 {
         let (a, b) = (self.half_x, self.half_z);
         PI * (3.0 * (a + b) - ((3.0 * a + b) * (a + 3.0 * b)).sqrt())
     }
 }
 
-/// The body that all walkers share.
-pub(super) struct Troupe {
+/// The mesh that all walkers share.
+pub(super) struct WalkerMesh {
     mesh: usize,
 }
 
-impl Troupe {
-    /// Makes the body.
-    pub(super) fn new(stage: &mut Stage) -> Option<Self> {
+impl WalkerMesh {
+    /// Adds the mesh to the model.
+    pub(super) fn new(builder: &mut ModelBuilder) -> Option<Self> {
         let (mut whole, mut bound) = (Solid::default(), Vec::new());
         for (part, chain) in body() {
             bound.extend(part.positions().iter().map(|p| influences(p.as_dvec3(), &chain)));
@@ -103,31 +103,31 @@ impl Troupe {
         let mut raw = whole.raw("walker");
         let (joints, weights) = bound.into_iter().unzip();
         raw.skin = Some(SkinWeights { sets: 1, joints, weights });
-        let plain = stage.plain;
-        stage.model.mesh(raw, plain).map(|mesh| Self { mesh })
+        let plain = builder.plain;
+        builder.model.add_mesh(raw, plain).map(|mesh| Self { mesh })
     }
 
     /// Adds a walker on a track.
-    pub(super) fn walk(&self, stage: &mut Stage, track: &Track) {
+    pub(super) fn walk(&self, builder: &mut ModelBuilder, track: &Track) {
         let gait = Gait::new(*track);
-        let root = stage.node(None, 0.0, 0.0, 0.0);
-        stage.moves(root, KEYS, |time| track.at(time).0);
-        stage.turns(root, KEYS, |time| about(DVec3::Y, track.at(time).1));
+        let root = builder.add_node(None, 0.0, 0.0, 0.0);
+        builder.animate_translation(root, KEYS, |time| track.at(time).0);
+        builder.animate_rotation(root, KEYS, |time| about(DVec3::Y, track.at(time).1));
         let mut nodes = Vec::new();
         for (i, Joint(parent, _)) in JOINTS.iter().enumerate() {
             let place = rest(i) - parent.map_or(DVec3::ZERO, rest);
-            let node = stage.node(Some(parent.map_or(root, |p| nodes[p])), place.x, place.y, place.z);
+            let node = builder.add_node(Some(parent.map_or(root, |p| nodes[p])), place.x, place.y, place.z);
             nodes.push(node);
         }
         for (i, node) in nodes.iter().enumerate() {
-            stage.turns(*node, KEYS, |time| gait.rotation(i, time));
+            builder.animate_rotation(*node, KEYS, |time| gait.rotation(i, time));
         }
-        stage.moves(nodes[0], KEYS, |time| rest(0) + DVec3::Y * gait.bob(time));
+        builder.animate_translation(nodes[0], KEYS, |time| rest(0) + DVec3::Y * gait.bob(time));
         let inverse_bind = (0..JOINTS.len()).map(|i| DAffine3::from_translation(-rest(i))).collect();
-        stage.model.skins.push(Skin { joints: nodes, inverse_bind });
-        let skin = Some(stage.model.skins.len() - 1);
-        let name = format!("walker {}", stage.model.skins.len());
-        stage.model.placements.push(Placement {
+        builder.model.skins.push(Skin { joints: nodes, inverse_bind });
+        let skin = Some(builder.model.skins.len() - 1);
+        let name = format!("walker {}", builder.model.skins.len());
+        builder.model.mesh_nodes.push(MeshNode {
             name,
             node: root,
             mesh: self.mesh,
@@ -137,7 +137,7 @@ impl Troupe {
     }
 }
 
-/// How one walker steps.
+/// Steps of one walker.
 struct Gait {
     track: Track,
     /// Length of a cycle (two steps), seconds.
@@ -147,22 +147,22 @@ struct Gait {
 
 impl Gait {
     fn new(track: Track) -> Self {
-        // A whole number of cycles of about a metre, so that the clip closes.
+        // A whole number of cycles of about one metre each closes the clip.
         let cycles = (track.length() / 0.9).round().max(1.0);
         Self { track, cycle_s: DURATION_S / cycles, phase: (track.start * 7.31).rem_euclid(1.0) }
     }
 
-    /// Cycles since the foot's first stand began; `side` 0 is left, 1 right.
+    /// Returns the number of cycles since the foot's first stand began; `side` 0 is left, 1 right.
     fn progress(&self, side: usize, time_s: f64) -> f64 {
         time_s / self.cycle_s + self.phase + 0.5 * side as f64
     }
 
-    /// How far the hips are above their height at rest, metres.
+    /// Returns the height of the hips above their height at rest, metres.
     fn bob(&self, time_s: f64) -> f64 {
         STRETCH_M + 0.012 * libm::cos(2.0 * TAU * (self.progress(0, time_s) - 0.3)) - 0.012
     }
 
-    /// Where a foot stands in its `stand`-th stand: its ankle's place and heading in the world.
+    /// Returns the place and heading of a foot's ankle in the world during its `stand`-th stand.
     fn planted(&self, side: usize, stand: f64) -> (DVec3, f64) {
         let middle = (stand + STAND / 2.0 - self.phase - 0.5 * side as f64) * self.cycle_s;
         let (place, heading) = self.track.at(middle);
@@ -171,7 +171,7 @@ impl Gait {
         (place + across * aside + DVec3::Y * ANKLE_M, heading)
     }
 
-    /// An ankle in the world: its place, its heading, and how far its toes point up (radians).
+    /// Returns an ankle in the world: its place, its heading, and the angle of its toes upwards (radians).
     fn ankle(&self, side: usize, time_s: f64) -> (DVec3, f64, f64) {
         let progress = self.progress(side, time_s);
         let (stand, share) = (progress.floor(), progress - progress.floor());
@@ -192,7 +192,7 @@ impl Gait {
         )
     }
 
-    /// Rotation of a joint against its parent.
+    /// Returns the rotation of a joint relative to its parent.
     fn rotation(&self, joint: usize, time_s: f64) -> DQuat {
         let wave = |shift: f64| libm::sin(TAU * (self.progress(0, time_s) + shift));
         match joint {
@@ -209,7 +209,7 @@ impl Gait {
         }
     }
 
-    /// Rotations of hip, knee and ankle that bring the ankle to its place.
+    /// Returns the rotations of hip, knee and ankle that bring the ankle to its place.
     fn leg(&self, side: usize, time_s: f64) -> [DQuat; 3] {
         let (place, heading) = self.track.at(time_s);
         let (ankle, foot_heading, toes) = self.ankle(side, time_s);
@@ -219,7 +219,7 @@ impl Gait {
         let distance = reach.length().clamp(0.1, 2.0 * BONE_M - 1e-4);
         let down = reach / reach.length();
         let foot = about(DVec3::Y, foot_heading - heading) * about(DVec3::X, -toes);
-        // The knee bends towards where the foot points.
+        // The knee bends in the direction of the foot.
         let side_axis = (foot * DVec3::X).cross(down).cross(down).normalize() * -1.0;
         let open = libm::acos(distance / (2.0 * BONE_M));
         let thigh = bone(about(side_axis, -open) * down, side_axis);
@@ -228,20 +228,20 @@ impl Gait {
     }
 }
 
-/// The rotation of a bone that hangs down (-y) at rest, given where it points and its sideways axis.
+/// Returns the rotation of a bone that hangs down (-y) at rest, from its direction and its sideways axis.
 fn bone(direction: DVec3, side_axis: DVec3) -> DQuat {
     let up = -direction;
     DQuat::from_mat3(&DMat3::from_cols(side_axis, up, side_axis.cross(up)))
 }
 
-/// A closed, rounded limb along a path; `radii` gives half widths (x, z) along it.
+/// Returns a closed, rounded limb along a path; `radii` returns the half widths (x, z) along it.
 fn limb(path: &[DVec3], rings: usize, radii: impl Fn(f64) -> (f64, f64)) -> Solid {
     let last = (path.len() - 1) as f64;
     let point = |t: f64| {
         let i = ((t * last) as usize).min(path.len() - 2);
         path[i].lerp(path[i + 1], t * last - i as f64)
     };
-    // Rings are closer at the ends, which are rounded off.
+    // The rings are closer together at the rounded ends.
     let share = |k: usize| 0.5 - 0.5 * libm::cos(PI * k as f64 / rings as f64);
     let centres: Vec<DVec3> = (0..=rings).map(|k| point(share(k))).collect();
     let shape = |s: f64| {
@@ -254,7 +254,7 @@ fn limb(path: &[DVec3], rings: usize, radii: impl Fn(f64) -> (f64, f64)) -> Soli
     Solid::loft(&sweep(&centres, 10, shape))
 }
 
-/// The undeformed body, part by part, each with the joints that it follows from its root on.
+/// Returns the undeformed body, part by part, each with the chain of joints that it follows from its root on.
 fn body() -> Vec<(Solid, Vec<usize>)> {
     let mut parts = Vec::new();
     let up = |y: f64| DVec3::new(0.0, y, 0.0);
@@ -292,8 +292,8 @@ fn body() -> Vec<(Solid, Vec<usize>)> {
     parts
 }
 
-/// The (at most four) joints of a chain that a point follows: it goes over from one to the next within 6 cm to
-/// either side of the next one's height. Legs and arms run down, the spine runs up.
+/// Returns the joints (at most four) of a chain that a point follows, with weights. The influence changes from one
+/// joint to the next within 6 cm of the next one's height. Legs and arms run down, the spine runs up.
 fn influences(p: DVec3, joints: &[usize]) -> ([u16; 4], [f32; 4]) {
     const BLEND_M: f64 = 0.06;
     let upward = joints.contains(&1);
@@ -328,7 +328,7 @@ mod tests {
         Track { centre: DVec3::new(1.0, 0.0, -2.0), half_x: 2.0, half_z: 1.2, start: 0.3, laps: -1.0 }
     }
 
-    /// World place of an ankle, joint by joint.
+    /// Returns the world place of an ankle, computed joint by joint.
     fn forward(gait: &Gait, side: usize, time: f64) -> DVec3 {
         let (place, heading) = gait.track.at(time);
         let mut at = rest(13 + 3 * side) + DVec3::Y * gait.bob(time);

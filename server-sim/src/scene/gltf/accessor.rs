@@ -1,47 +1,47 @@
-//! Accessors: typed numbers in buffers, dense or sparse, with every range checked before it is read.
+//! Accessors: typed numbers in buffers, dense or sparse. Every range is checked before it is read.
 
 use gltf::json::Index;
 use gltf::json::accessor::{Accessor, ComponentType, Type};
 use gltf::json::validation::Checked;
 
-use super::source::{Document, slice};
+use super::document::{GltfDocument, slice};
 use crate::scene::error::{GltfProblem, SceneError};
 use crate::scene::limits;
 
-/// Numbers of one accessor, element by element.
-enum Numbers {
-    /// Floats, or integers that stand for them.
+/// The numbers of one accessor, element by element.
+enum AccessorValues {
+    /// Floats, or normalised integers converted to floats.
     Floats(Vec<f32>),
-    /// Integers as they are.
+    /// Unsigned integers.
     Integers(Vec<u32>),
 }
 
-/// What the numbers of an accessor are wanted as.
+/// The type to which the numbers of an accessor are converted.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Wanted {
-    /// Floats; integers must be normalised ones, and are scaled to 0..1 or -1..1.
+enum ValueType {
+    /// Floats. Integers must be normalised and are scaled to 0..1 or -1..1.
     Floats,
     /// Unsigned integers.
     Integers,
 }
 
-/// How the elements of an accessor lie in memory.
+/// Memory layout of the elements of an accessor.
 #[derive(Clone, Copy)]
-struct Format {
+struct ElementFormat {
     component: ComponentType,
     width: usize,
 }
 
-impl Format {
+impl ElementFormat {
     fn bytes(self) -> usize {
         self.component.size() * self.width
     }
 
     /// Appends the components of one element.
-    fn read(self, element: &[u8], out: &mut Numbers) {
+    fn read(self, element: &[u8], out: &mut AccessorValues) {
         for c in element.chunks_exact(self.component.size()) {
             match out {
-                Numbers::Floats(list) => list.push(match (self.component, c) {
+                AccessorValues::Floats(list) => list.push(match (self.component, c) {
                     (ComponentType::F32, &[a, b, c, d]) => f32::from_le_bytes([a, b, c, d]),
                     (ComponentType::U8, &[a]) => f32::from(a) / 255.0,
                     (ComponentType::I8, &[a]) => (f32::from(i8::from_le_bytes([a])) / 127.0).max(-1.0),
@@ -51,7 +51,7 @@ impl Format {
                     }
                     _ => 0.0,
                 }),
-                Numbers::Integers(list) => list.push(match *c {
+                AccessorValues::Integers(list) => list.push(match *c {
                     [a] => u32::from(a),
                     [a, b] => u32::from(u16::from_le_bytes([a, b])),
                     [a, b, c, d] => u32::from_le_bytes([a, b, c, d]),
@@ -62,50 +62,50 @@ impl Format {
     }
 }
 
-impl Document {
-    /// Elements of `N` floats. Integer components have to be normalised ones. All results are finite.
+impl GltfDocument {
+    /// Reads elements of `N` floats. Integer components must be normalised. All results are finite.
     pub(super) fn floats<const N: usize>(
         &self,
         index: Index<Accessor>,
         place: &str,
     ) -> Result<Vec<[f32; N]>, SceneError> {
-        match self.numbers(index, place, N, Wanted::Floats)? {
-            Numbers::Floats(list) => Ok(list.as_chunks::<N>().0.to_vec()),
-            Numbers::Integers(_) => Ok(Vec::new()),
+        match self.values(index, place, N, ValueType::Floats)? {
+            AccessorValues::Floats(list) => Ok(list.as_chunks::<N>().0.to_vec()),
+            AccessorValues::Integers(_) => Ok(Vec::new()),
         }
     }
 
-    /// Elements of `N` unsigned integers.
+    /// Reads elements of `N` unsigned integers.
     pub(super) fn integers<const N: usize>(
         &self,
         index: Index<Accessor>,
         place: &str,
     ) -> Result<Vec<[u32; N]>, SceneError> {
-        match self.numbers(index, place, N, Wanted::Integers)? {
-            Numbers::Integers(list) => Ok(list.as_chunks::<N>().0.to_vec()),
-            Numbers::Floats(_) => Ok(Vec::new()),
+        match self.values(index, place, N, ValueType::Integers)? {
+            AccessorValues::Integers(list) => Ok(list.as_chunks::<N>().0.to_vec()),
+            AccessorValues::Floats(_) => Ok(Vec::new()),
         }
     }
 
-    fn numbers(
+    fn values(
         &self,
         index: Index<Accessor>,
         place: &str,
         width: usize,
-        wanted: Wanted,
-    ) -> Result<Numbers, SceneError> {
+        value_type: ValueType,
+    ) -> Result<AccessorValues, SceneError> {
         let accessor = self.get("accessor", index, place)?;
         let here = format!("accessors[{}]", index.value());
         let fail = |problem| self.error(here.as_str(), problem);
-        let format = format_of(accessor, width, wanted).map_err(fail)?;
+        let format = format_of(accessor, width, value_type).map_err(fail)?;
         let count = accessor.count.0;
         if count == 0 || count > limits::MAX_ELEMENTS {
             return Err(fail(GltfProblem::TooMany { what: "elements", count, limit: limits::MAX_ELEMENTS }));
         }
         let count = count as usize;
-        let mut out = match wanted {
-            Wanted::Floats => Numbers::Floats(Vec::new()),
-            Wanted::Integers => Numbers::Integers(Vec::new()),
+        let mut out = match value_type {
+            ValueType::Floats => AccessorValues::Floats(Vec::new()),
+            ValueType::Integers => AccessorValues::Integers(Vec::new()),
         };
         match accessor.buffer_view {
             Some(view) => {
@@ -116,12 +116,12 @@ impl Document {
                 read_elements(bytes, stride, count, format, &mut out).map_err(fail)?;
             }
             None => match &mut out {
-                Numbers::Floats(list) => list.resize(count * width, 0.0),
-                Numbers::Integers(list) => list.resize(count * width, 0),
+                AccessorValues::Floats(list) => list.resize(count * width, 0.0),
+                AccessorValues::Integers(list) => list.resize(count * width, 0),
             },
         }
         self.apply_sparse(accessor, &here, format, &mut out)?;
-        if let Numbers::Floats(list) = &out
+        if let AccessorValues::Floats(list) = &out
             && let Some(bad) = list.iter().position(|v| !v.is_finite())
         {
             return Err(fail(GltfProblem::NonFinite { element: bad / width }));
@@ -134,8 +134,8 @@ impl Document {
         &self,
         accessor: &Accessor,
         here: &str,
-        format: Format,
-        out: &mut Numbers,
+        format: ElementFormat,
+        out: &mut AccessorValues,
     ) -> Result<(), SceneError> {
         let Some(sparse) = &accessor.sparse else { return Ok(()) };
         let (count, total) = (sparse.count.0, accessor.count.0);
@@ -147,7 +147,7 @@ impl Document {
         let Checked::Valid(component) = sparse.indices.component_type else {
             return Err(fail(GltfProblem::Invalid("indices.componentType")));
         };
-        let indices = Format { component: component.0, width: 1 };
+        let indices = ElementFormat { component: component.0, width: 1 };
         let read = |view, offset: u64, format, mut list| {
             let (bytes, stride) = self.view(view, &place)?;
             let bytes = slice(bytes, offset, (bytes.len() as u64).saturating_sub(offset)).map_err(fail)?;
@@ -158,14 +158,14 @@ impl Document {
             sparse.indices.buffer_view,
             sparse.indices.byte_offset.0,
             indices,
-            Numbers::Integers(Vec::new()),
+            AccessorValues::Integers(Vec::new()),
         )?;
         let empty = match out {
-            Numbers::Floats(_) => Numbers::Floats(Vec::new()),
-            Numbers::Integers(_) => Numbers::Integers(Vec::new()),
+            AccessorValues::Floats(_) => AccessorValues::Floats(Vec::new()),
+            AccessorValues::Integers(_) => AccessorValues::Integers(Vec::new()),
         };
         let values = read(sparse.values.buffer_view, sparse.values.byte_offset.0, format, empty)?;
-        let Numbers::Integers(at) = at else { return Ok(()) };
+        let AccessorValues::Integers(at) = at else { return Ok(()) };
         let width = format.width;
         for (i, &element) in at.iter().enumerate() {
             let element = element as usize;
@@ -178,8 +178,12 @@ impl Document {
             }
             let (to, from) = (element * width..(element + 1) * width, i * width..(i + 1) * width);
             match (&mut *out, &values) {
-                (Numbers::Floats(out), Numbers::Floats(values)) => out[to].copy_from_slice(&values[from]),
-                (Numbers::Integers(out), Numbers::Integers(values)) => out[to].copy_from_slice(&values[from]),
+                (AccessorValues::Floats(out), AccessorValues::Floats(values)) => {
+                    out[to].copy_from_slice(&values[from])
+                }
+                (AccessorValues::Integers(out), AccessorValues::Integers(values)) => {
+                    out[to].copy_from_slice(&values[from])
+                }
                 _ => {}
             }
         }
@@ -187,43 +191,43 @@ impl Document {
     }
 }
 
-/// Checks that an accessor is of the wanted kind.
-fn format_of(accessor: &Accessor, width: usize, wanted: Wanted) -> Result<Format, GltfProblem> {
+/// Checks that an accessor can be read as the given type.
+fn format_of(accessor: &Accessor, width: usize, value_type: ValueType) -> Result<ElementFormat, GltfProblem> {
     let Checked::Valid(component) = accessor.component_type else {
         return Err(GltfProblem::Invalid("componentType"));
     };
     let Checked::Valid(kind) = accessor.type_ else { return Err(GltfProblem::Invalid("type")) };
     let component = component.0;
-    let expected = match (wanted, width) {
-        (Wanted::Integers, 1) => "SCALAR of unsigned integers",
-        (Wanted::Integers, _) => "VEC4 of unsigned integers",
-        (Wanted::Floats, 1) => "SCALAR of floats",
-        (Wanted::Floats, 2) => "VEC2 of floats",
-        (Wanted::Floats, 3) => "VEC3 of floats",
-        (Wanted::Floats, 4) => "VEC4 of floats",
-        (Wanted::Floats, _) => "MAT4 of floats",
+    let expected = match (value_type, width) {
+        (ValueType::Integers, 1) => "SCALAR of unsigned integers",
+        (ValueType::Integers, _) => "VEC4 of unsigned integers",
+        (ValueType::Floats, 1) => "SCALAR of floats",
+        (ValueType::Floats, 2) => "VEC2 of floats",
+        (ValueType::Floats, 3) => "VEC3 of floats",
+        (ValueType::Floats, 4) => "VEC4 of floats",
+        (ValueType::Floats, _) => "MAT4 of floats",
     };
     let unsigned = matches!(component, ComponentType::U8 | ComponentType::U16 | ComponentType::U32);
-    let fits = match wanted {
-        Wanted::Integers => unsigned && !accessor.normalized,
-        Wanted::Floats if component == ComponentType::F32 => true,
-        Wanted::Floats => accessor.normalized && component != ComponentType::U32 && kind != Type::Mat4,
+    let fits = match value_type {
+        ValueType::Integers => unsigned && !accessor.normalized,
+        ValueType::Floats if component == ComponentType::F32 => true,
+        ValueType::Floats => accessor.normalized && component != ComponentType::U32 && kind != Type::Mat4,
     };
     if fits && kind.multiplicity() == width && !matches!(kind, Type::Mat2 | Type::Mat3) {
-        Ok(Format { component, width })
+        Ok(ElementFormat { component, width })
     } else {
         let sign = if accessor.normalized { "normalized " } else { "" };
         Err(GltfProblem::WrongType { expected, found: format!("{kind:?} of {sign}{component:?}") })
     }
 }
 
-/// Reads `count` elements that stand `stride` bytes apart (side by side without a stride).
+/// Reads `count` elements that lie `stride` bytes apart, or adjacent without a stride.
 fn read_elements(
     bytes: &[u8],
     stride: Option<usize>,
     count: usize,
-    format: Format,
-    out: &mut Numbers,
+    format: ElementFormat,
+    out: &mut AccessorValues,
 ) -> Result<(), GltfProblem> {
     if count == 0 {
         return Ok(());

@@ -6,26 +6,26 @@ use std::sync::Arc;
 use gltf::json::animation::{Animation, Interpolation as JsonInterpolation, Property as JsonProperty};
 use gltf::json::validation::Checked;
 
-use super::source::Document;
-use super::{Part, Play};
+use super::document::GltfDocument;
+use super::{AnimationChoice, ScenePart};
 use crate::scene::animation::{Curve, Interpolation, Property};
 use crate::scene::error::{GltfProblem, SceneError};
-use crate::scene::model::{Channel, Clip, Model};
+use crate::scene::model::{AnimationClip, Channel, Model};
 
 /// Adds the animations that the part plays.
 pub(super) fn read(
-    document: &Document,
-    part: &Part,
+    document: &GltfDocument,
+    part: &ScenePart,
     first_node: usize,
     model: &mut Model,
 ) -> Result<(), SceneError> {
     let all = &document.root.animations;
     let chosen = match &part.play {
-        Play::All => 0..all.len(),
-        Play::None => 0..0,
-        Play::Index(index) if *index < all.len() => *index..*index + 1,
-        Play::Index(index) => return Err(unknown(document, index.to_string())),
-        Play::Name(name) => {
+        AnimationChoice::All => 0..all.len(),
+        AnimationChoice::None => 0..0,
+        AnimationChoice::Index(index) if *index < all.len() => *index..*index + 1,
+        AnimationChoice::Index(index) => return Err(unknown(document, index.to_string())),
+        AnimationChoice::Name(name) => {
             let found = all.iter().position(|animation| animation.name.as_ref() == Some(name));
             let index = found.ok_or_else(|| unknown(document, name.clone()))?;
             index..index + 1
@@ -34,20 +34,20 @@ pub(super) fn read(
     for index in chosen {
         let clip = model.clips.len();
         let length_s = read_one(document, index, first_node, clip, model)?;
-        model.clips.push(Clip { length_s, speed: part.speed, phase_s: part.phase_s });
+        model.clips.push(AnimationClip { length_s, speed: part.speed, phase_s: part.phase_s });
     }
     Ok(())
 }
 
-fn unknown(document: &Document, wanted: String) -> SceneError {
+fn unknown(document: &GltfDocument, requested: String) -> SceneError {
     let name = |(i, animation): (usize, &Animation)| animation.name.clone().unwrap_or_else(|| i.to_string());
     let available = document.root.animations.iter().enumerate().map(name).collect();
-    SceneError::UnknownAnimation { path: document.path.clone(), wanted, available }
+    SceneError::UnknownAnimation { path: document.path.clone(), requested, available }
 }
 
-/// Adds the channels of one animation. Gives its length: the time of its last key.
+/// Adds the channels of one animation. Returns its length: the time of its last key.
 fn read_one(
-    document: &Document,
+    document: &GltfDocument,
     index: usize,
     first_node: usize,
     clip: usize,
@@ -97,7 +97,7 @@ fn read_one(
 }
 
 fn read_curve(
-    document: &Document,
+    document: &GltfDocument,
     animation: &Animation,
     sampler: usize,
     property: Property,

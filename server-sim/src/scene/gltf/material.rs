@@ -1,4 +1,4 @@
-//! Materials of a glTF file: sides, masks and normal maps. Images that neither needs are not even opened.
+//! Materials of a glTF file: sides, masks and normal maps. Other images are not opened.
 
 use std::sync::Arc;
 
@@ -8,14 +8,14 @@ use gltf::json::validation::Checked;
 use gltf::json::{self, Index};
 use image::ImageReader;
 
-use super::source::Document;
+use super::document::GltfDocument;
 use crate::scene::error::{GltfProblem, SceneError};
 use crate::scene::limits;
 use crate::scene::material::{AlphaMask, Material, NormalMap};
 use crate::scene::model::Model;
 use crate::scene::texture::{Texture, Wrap};
 
-/// A material in the model, and which texture coordinates its parts use.
+/// A material of the model, and the sets of texture coordinates for its mask and normal map.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct MaterialUse {
     pub(super) material: usize,
@@ -23,9 +23,9 @@ pub(super) struct MaterialUse {
     pub(super) normal_set: Option<u32>,
 }
 
-/// Adds the file's materials to the model; the last entry is the default material.
+/// Adds the file's materials to the model. The last entry is the default material.
 pub(super) fn read(
-    document: &Document,
+    document: &GltfDocument,
     model: &mut Model,
     hasher: &mut blake3::Hasher,
 ) -> Result<Vec<MaterialUse>, SceneError> {
@@ -33,13 +33,13 @@ pub(super) fn read(
     for (i, material) in document.root.materials.iter().enumerate() {
         out.push(read_one(document, material, &format!("materials[{i}]"), model, hasher)?);
     }
-    let plain = model.material(Material::default());
+    let plain = model.add_material(Material::default());
     out.push(MaterialUse { material: plain, mask_set: None, normal_set: None });
     Ok(out)
 }
 
 fn read_one(
-    document: &Document,
+    document: &GltfDocument,
     json: &JsonMaterial,
     place: &str,
     model: &mut Model,
@@ -75,12 +75,12 @@ fn read_one(
         mask,
         normal_map,
     };
-    Ok(MaterialUse { material: model.material(material), mask_set, normal_set })
+    Ok(MaterialUse { material: model.add_material(material), mask_set, normal_set })
 }
 
-/// Reads and decodes an image, and keeps the channels that `pick` takes.
+/// Reads and decodes an image, and keeps the channels that `pick` selects.
 fn load_texture<const N: usize>(
-    document: &Document,
+    document: &GltfDocument,
     index: Index<json::Texture>,
     place: &str,
     hasher: &mut blake3::Hasher,
@@ -117,9 +117,9 @@ fn load_texture<const N: usize>(
         .ok_or_else(|| document.error(here.as_str(), GltfProblem::Missing("a pixel")))
 }
 
-/// Wrap modes and whether the nearest texel is taken.
+/// Returns the wrap modes, and whether sampling takes the nearest texel.
 fn sampling(
-    document: &Document,
+    document: &GltfDocument,
     sampler: Option<&Sampler>,
     place: &str,
 ) -> Result<([Wrap; 2], bool), SceneError> {

@@ -3,14 +3,18 @@
 use glam::{DAffine3, DMat4, DQuat, DVec3};
 use gltf::json;
 
-use super::source::Document;
+use super::document::GltfDocument;
 use crate::scene::animation::unit_quaternion;
 use crate::scene::error::{GltfProblem, SceneError};
 use crate::scene::limits;
-use crate::scene::model::{Local, Model, Skin};
+use crate::scene::model::{LocalTransform, Model, Skin};
 
-/// Adds all nodes below one for the part's placement. Gives the model's number of the file's first node.
-pub(super) fn read(document: &Document, root: &Local, model: &mut Model) -> Result<usize, SceneError> {
+/// Adds all nodes below one node for the part's placement. Returns the model's index of the file's first node.
+pub(super) fn read(
+    document: &GltfDocument,
+    root: &LocalTransform,
+    model: &mut Model,
+) -> Result<usize, SceneError> {
     let nodes = &document.root.nodes;
     if nodes.len() > limits::MAX_NODES {
         let problem = GltfProblem::TooMany {
@@ -21,17 +25,17 @@ pub(super) fn read(document: &Document, root: &Local, model: &mut Model) -> Resu
         return Err(document.error("nodes", problem));
     }
     let parents = parents(document)?;
-    let top = model.node(None, *root);
+    let top = model.add_node(None, *root);
     let first = top + 1;
     for (i, node) in nodes.iter().enumerate() {
         let local = local_of(node).map_err(|problem| document.error(format!("nodes[{i}]"), problem))?;
-        model.node(Some(parents[i].map_or(top, |parent| first + parent)), local);
+        model.add_node(Some(parents[i].map_or(top, |parent| first + parent)), local);
     }
     Ok(first)
 }
 
-/// The parent of each node; a hierarchy that is no forest is an error.
-fn parents(document: &Document) -> Result<Vec<Option<usize>>, SceneError> {
+/// Returns the parent of each node. A hierarchy that is not a forest is an error.
+fn parents(document: &GltfDocument) -> Result<Vec<Option<usize>>, SceneError> {
     let nodes = &document.root.nodes;
     let mut parents: Vec<Option<usize>> = vec![None; nodes.len()];
     for (i, node) in nodes.iter().enumerate() {
@@ -43,7 +47,7 @@ fn parents(document: &Document) -> Result<Vec<Option<usize>>, SceneError> {
             }
         }
     }
-    // With one parent each, what cannot be reached from a root is a ring (or hangs on one).
+    // Every node has at most one parent, so a node that no root reaches is on a cycle or below one.
     let mut order: Vec<usize> = (0..nodes.len()).filter(|&i| parents[i].is_none()).collect();
     let mut reached = vec![false; nodes.len()];
     let mut at = 0;
@@ -59,12 +63,12 @@ fn parents(document: &Document) -> Result<Vec<Option<usize>>, SceneError> {
     }
 }
 
-/// A node's own transform, its numbers checked.
-fn local_of(node: &json::Node) -> Result<Local, GltfProblem> {
+/// Returns a node's own transform and checks its numbers.
+fn local_of(node: &json::Node) -> Result<LocalTransform, GltfProblem> {
     if let Some(matrix) = &node.matrix {
         check(matrix)?;
         let m = DMat4::from_cols_array(&matrix.map(f64::from));
-        return Ok(Local::Matrix(DAffine3::from_mat4(m)));
+        return Ok(LocalTransform::Matrix(DAffine3::from_mat4(m)));
     }
     let translation = node.translation.unwrap_or([0.0; 3]);
     let rotation = node.rotation.map_or([0.0, 0.0, 0.0, 1.0], |q| q.0);
@@ -72,14 +76,14 @@ fn local_of(node: &json::Node) -> Result<Local, GltfProblem> {
     check(&translation)?;
     check(&rotation)?;
     check(&scale)?;
-    Ok(Local::Trs {
+    Ok(LocalTransform::Trs {
         translation: DVec3::from_array(translation.map(f64::from)),
         rotation: unit_quaternion(DQuat::from_array(rotation.map(f64::from))),
         scale: DVec3::from_array(scale.map(f64::from)),
     })
 }
 
-/// Checks that numbers are finite and not absurdly large.
+/// Checks that numbers are finite and within the limit of magnitude.
 pub(super) fn check(values: &[f32]) -> Result<(), GltfProblem> {
     for (element, value) in values.iter().enumerate() {
         if !value.is_finite() {
@@ -92,9 +96,9 @@ pub(super) fn check(values: &[f32]) -> Result<(), GltfProblem> {
     Ok(())
 }
 
-/// Adds the file's skins to the model. Gives the model's number of the first one.
+/// Adds the file's skins to the model. Returns the model's index of the first one.
 pub(super) fn read_skins(
-    document: &Document,
+    document: &GltfDocument,
     first_node: usize,
     model: &mut Model,
 ) -> Result<usize, SceneError> {

@@ -1,4 +1,4 @@
-//! Primitives of a glTF file: attributes, triangles, and where they stand.
+//! Primitives of a glTF file: attributes, triangles, and the nodes that show them.
 
 use std::collections::BTreeMap;
 
@@ -7,23 +7,23 @@ use gltf::json::mesh::{Mode, Primitive, Semantic};
 use gltf::json::validation::Checked;
 use gltf::json::{Accessor, Index};
 
+use super::document::GltfDocument;
 use super::material::MaterialUse;
-use super::source::Document;
 use crate::scene::error::{GltfProblem, SceneError};
 use crate::scene::limits;
 use crate::scene::mesh::{MorphTarget, SkinWeights};
-use crate::scene::model::{Model, Placement};
-use crate::scene::prepare::RawMesh;
+use crate::scene::model::{MeshNode, Model};
+use crate::scene::raw_mesh::RawMesh;
 
 /// Adds every primitive of every node of the file's scene, in node order.
-pub(super) fn place_all(
-    document: &Document,
+pub(super) fn add_mesh_nodes(
+    document: &GltfDocument,
     first_node: usize,
     materials: &[MaterialUse],
     first_skin: usize,
     model: &mut Model,
 ) -> Result<(), SceneError> {
-    let mut reader = Reader { document, materials, done: BTreeMap::new(), vertices: 0 };
+    let mut reader = PrimitiveReader { document, materials, mesh_of_primitive: BTreeMap::new(), vertices: 0 };
     let shown = shown_nodes(document)?;
     for (i, node) in document.root.nodes.iter().enumerate() {
         let Some(mesh) = node.mesh.filter(|_| shown[i]) else { continue };
@@ -53,14 +53,14 @@ pub(super) fn place_all(
             super::nodes::check(&weights).map_err(|problem| document.error(place.as_str(), problem))?;
             weights.resize(placed.morphs.len(), 0.0);
             let name = if json.primitives.len() > 1 { format!("{name}[{p}]") } else { name.to_owned() };
-            model.placements.push(Placement { name, node: first_node + i, mesh: id, skin, weights });
+            model.mesh_nodes.push(MeshNode { name, node: first_node + i, mesh: id, skin, weights });
         }
     }
     Ok(())
 }
 
-/// Which nodes hang on the file's scene: the one it names, else its first, else all nodes.
-fn shown_nodes(document: &Document) -> Result<Vec<bool>, SceneError> {
+/// Returns which nodes belong to the file's scene: the scene that the file names, else its first one, else all nodes.
+fn shown_nodes(document: &GltfDocument) -> Result<Vec<bool>, SceneError> {
     let nodes = &document.root.nodes;
     let scene = match document.root.scene {
         Some(scene) => Some(document.get("scene", scene, "scene")?),
@@ -78,16 +78,16 @@ fn shown_nodes(document: &Document) -> Result<Vec<bool>, SceneError> {
     Ok(shown)
 }
 
-struct Reader<'a> {
-    document: &'a Document,
+struct PrimitiveReader<'a> {
+    document: &'a GltfDocument,
     materials: &'a [MaterialUse],
-    /// Model mesh of each primitive that was read; `None` where it has no surface.
-    done: BTreeMap<(usize, usize), Option<usize>>,
+    /// Model mesh of each primitive read so far; `None` for a primitive without a surface.
+    mesh_of_primitive: BTreeMap<(usize, usize), Option<usize>>,
     vertices: usize,
 }
 
-impl Reader<'_> {
-    /// The model's mesh for a primitive.
+impl PrimitiveReader<'_> {
+    /// Returns the index of a primitive's mesh in the model.
     fn mesh(
         &mut self,
         mesh: usize,
@@ -96,7 +96,7 @@ impl Reader<'_> {
         name: Option<&str>,
         model: &mut Model,
     ) -> Result<Option<usize>, SceneError> {
-        if let Some(known) = self.done.get(&(mesh, index)) {
+        if let Some(known) = self.mesh_of_primitive.get(&(mesh, index)) {
             return Ok(*known);
         }
         let place = format!("meshes[{mesh}].primitives[{index}]");
@@ -117,18 +117,19 @@ impl Reader<'_> {
                         .document
                         .error(place, GltfProblem::TooMany { what: "vertices", count, limit }));
                 }
-                model.mesh(RawMesh { name: name.unwrap_or_default().to_owned(), ..raw }, material.material)
+                model
+                    .add_mesh(RawMesh { name: name.unwrap_or_default().to_owned(), ..raw }, material.material)
             }
             None => {
-                model.report.pointless_primitives += 1;
+                model.report.point_or_line_primitives += 1;
                 None
             }
         };
-        self.done.insert((mesh, index), id);
+        self.mesh_of_primitive.insert((mesh, index), id);
         Ok(id)
     }
 
-    /// Reads a primitive; `None` if it is made of points or lines.
+    /// Reads a primitive. Returns `None` if it consists of points or lines.
     fn raw(
         &self,
         primitive: &Primitive,
@@ -176,8 +177,8 @@ impl Reader<'_> {
     }
 }
 
-/// Three floats an element, none of them absurdly large.
-fn vectors(document: &Document, accessor: Index<Accessor>, place: &str) -> Result<Vec<Vec3>, SceneError> {
+/// Reads vectors of three floats within the limit of magnitude.
+fn vectors(document: &GltfDocument, accessor: Index<Accessor>, place: &str) -> Result<Vec<Vec3>, SceneError> {
     let list = document.floats::<3>(accessor, place)?;
     let here = || format!("accessors[{}]", accessor.value());
     super::nodes::check(list.as_flattened()).map_err(|problem| document.error(here(), problem))?;
@@ -185,7 +186,7 @@ fn vectors(document: &Document, accessor: Index<Accessor>, place: &str) -> Resul
 }
 
 fn same_length<T>(
-    document: &Document,
+    document: &GltfDocument,
     list: Vec<T>,
     expected: usize,
     what: &'static str,
@@ -198,9 +199,9 @@ fn same_length<T>(
     }
 }
 
-/// Vertex numbers of the triangles, from any of the three triangle modes (glTF 2.0, section 3.7.2.1).
+/// Returns the vertex numbers of the triangles in any of the three triangle modes (glTF 2.0, section 3.7.2.1).
 fn triangles(
-    document: &Document,
+    document: &GltfDocument,
     primitive: &Primitive,
     mode: Mode,
     count: usize,
@@ -239,9 +240,9 @@ fn triangles(
     }
 }
 
-/// Joints and weights of all sets that the primitive has both of.
+/// Returns the joints and weights of all sets for which the primitive has both.
 fn skin_weights(
-    document: &Document,
+    document: &GltfDocument,
     primitive: &Primitive,
     count: usize,
     place: &str,
@@ -273,7 +274,7 @@ fn skin_weights(
 }
 
 fn morphs(
-    document: &Document,
+    document: &GltfDocument,
     primitive: &Primitive,
     count: usize,
     place: &str,

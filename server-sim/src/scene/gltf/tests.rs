@@ -1,4 +1,4 @@
-//! Small handmade files: what every feature means, and what every fault is answered with.
+//! Small handmade files: the meaning of every feature and the error for every fault.
 
 use std::fmt::Write;
 
@@ -6,7 +6,7 @@ use glam::{Vec2, Vec3};
 
 use crate::scene::{GltfProblem, InstanceId, Motion, Needs, Scene, SceneError};
 
-/// A glTF file in the making: one buffer, one view per accessor.
+/// A glTF file under construction: one buffer, one view per accessor.
 #[derive(Default)]
 pub(crate) struct Doc {
     bin: Vec<u8>,
@@ -200,7 +200,7 @@ fn a_flattened_axis_keeps_its_surface() {
 }
 
 #[test]
-fn numbers_that_are_none_name_their_element() {
+fn numbers_that_are_not_finite_name_their_element() {
     let mut doc = Doc::default();
     doc.vectors(&[TRIANGLE[0], [1.0, f32::NAN, 0.0], TRIANGLE[2]]);
     assert_eq!(problem(doc.load(PLAIN)), ("accessors[0]".to_owned(), GltfProblem::NonFinite { element: 1 }));
@@ -237,10 +237,10 @@ fn indices_out_of_range_are_named() {
             1,
         ),
     ];
-    for (rest, wanted, number) in cases {
+    for (rest, requested, number) in cases {
         let (_, problem) = problem(triangle().load(rest));
         assert!(
-            matches!(problem, GltfProblem::OutOfRange { what, index, .. } if what == wanted && index == number),
+            matches!(problem, GltfProblem::OutOfRange { what, index, .. } if what == requested && index == number),
             "{problem}"
         );
     }
@@ -255,7 +255,7 @@ fn indices_out_of_range_are_named() {
 }
 
 #[test]
-fn hierarchies_that_are_none_are_refused() {
+fn hierarchies_that_are_no_forests_are_refused() {
     let ring = r#""nodes":[{"mesh":0,"children":[1]},{"children":[2]},{"children":[1]}],"meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}]"#;
     assert_eq!(problem(triangle().load(ring)), ("nodes[1]".to_owned(), GltfProblem::TwoParents));
     let own =
@@ -311,7 +311,7 @@ fn wrong_types_say_what_they_should_be() {
 }
 
 #[test]
-fn files_that_are_missing_or_none_are_named() {
+fn missing_and_invalid_files_are_named() {
     assert!(matches!(Scene::load("no-such-scene"), Err(SceneError::UnknownScene { .. })));
     assert!(matches!(Scene::load("/no/such/file.glb"), Err(SceneError::Io { .. })));
     assert!(matches!(load_text("this is no JSON"), Err(SceneError::NotGltf { .. })));
@@ -341,7 +341,7 @@ fn broken_binary_files_are_errors() {
     whole.extend((json.len() as u32).to_le_bytes());
     whole.extend(b"JSON");
     whole.extend(json);
-    // Every prefix and every length, the last of them right: an error each time, never a panic.
+    // Every prefix and every claimed length gives an error, never a panic.
     for end in 0..=whole.len() {
         std::fs::write(&path, &whole[..end]).unwrap();
         assert!(Scene::load(path.to_str().unwrap()).is_err());
@@ -396,17 +396,17 @@ fn masks_follow_texture_factor_cutoff_wrap_and_set() {
     let material = scene.material(mesh);
     assert_eq!(mesh.uvs().unwrap()[1], Vec2::X);
     assert_eq!(scene.needs().all(), Needs::MASKED | Needs::DOUBLE_SIDED);
-    let there = |u: f32, v: f32| material.alpha_at(Vec2::new(u, v));
+    let there = |u: f32, v: f32| material.is_opaque_at(Vec2::new(u, v));
     assert!(there(0.2, 0.2) && !there(0.7, 0.2) && there(0.7, 0.7));
     assert!(!there(1.2, 0.2) && there(1.7, 0.2), "mirrored along u");
     assert!(!there(0.2, 5.0) && there(0.7, 5.0), "clamped along v");
-    // A factor below the cutoff leaves nothing.
+    // A factor below the cutoff removes everything.
     let gone = rest.replace("[1,1,1,0.5]", "[1,1,1,0.3]");
     assert!(matches!(doc.load(&gone), Err(SceneError::NoTriangles { .. })));
-    // The image is needed, so that it must be readable.
+    // The image is required, so it must be readable.
     let broken = rest.replace(&image, "data:image/png;base64,AAAA");
     assert!(matches!(doc.load(&broken), Err(SceneError::Image { .. })));
-    // Without a mask nobody looks at it.
+    // Without a mask the image is never opened.
     let opaque = broken.replace("MASK", "OPAQUE");
     assert_eq!(doc.load(&opaque).unwrap().needs().all(), Needs::DOUBLE_SIDED);
 }

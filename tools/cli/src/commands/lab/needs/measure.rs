@@ -9,7 +9,7 @@ use psao_codec::envelope::{FrameIndex, SectionTag, StreamTime, inspect};
 use psao_codec::surface::GeometrySource;
 use psao_proto::{Limits, Profile};
 use psao_server::Shortcuts;
-use psao_server::points::{EntryError, PointCache, PointKey};
+use psao_server::points::{PointCache, PointCacheError, PointKey};
 use psao_server::scene::Scene;
 use psao_server::server::{FrameTotals, Progress, Server, ServerMemory, ServerSettings};
 
@@ -226,7 +226,7 @@ impl PointCache for Kept {
         entries.insert(key.to_string(), bytes.to_vec());
     }
 
-    fn refused(&self, key: &PointKey, reason: &EntryError) {
+    fn refused(&self, key: &PointKey, reason: &PointCacheError) {
         if let Some(folder) = &self.folder {
             folder.refused(key, reason);
         }

@@ -1,4 +1,4 @@
-//! Still scenes made of bare triangles, for stress cases and experiments.
+//! Still scenes from plain triangles, for stress tests and experiments.
 
 use glam::Vec3;
 
@@ -6,24 +6,24 @@ use super::camera::CameraPath;
 use super::error::SceneError;
 use super::limits;
 use super::material::Material;
-use super::model::{Local, Model};
-use super::prepare::RawMesh;
-use super::{Header, Scene};
+use super::model::{LocalTransform, Model};
+use super::raw_mesh::RawMesh;
+use super::{Scene, SceneHeader};
 
-/// Length of the clip, seconds: that of a still model.
+/// Length of the clip in seconds, equal to that of a model without animation.
 const DURATION_S: f64 = 10.0;
 
 impl Scene {
-    /// A still scene of triangles (corners in metres, world space), each list an instance of its own, flat-shaded
-    /// and one-sided, seen whole by a still camera.
+    /// Builds a still scene from triangles, corners in metres in world space. Each list becomes one instance,
+    /// flat-shaded and one-sided. A still camera sees the whole scene.
     ///
-    /// Triangles without area are left out and counted in [`Scene::report`], as are lists of which nothing is left.
-    /// The digest is that of the name and the corners.
+    /// Triangles without area are dropped and counted in [`Scene::report`], and so are lists without a remaining
+    /// triangle. The digest covers the name and the corners.
     ///
     /// # Errors
     ///
-    /// [`SceneError::NoTriangles`] when nothing has a surface, [`SceneError::TooFar`] and [`SceneError::TooMany`]
-    /// beyond the [`limits`].
+    /// Returns [`SceneError::NoTriangles`] if no triangle has a surface, and [`SceneError::TooFar`] or
+    /// [`SceneError::TooMany`] beyond the [`limits`].
     ///
     /// ```
     /// use glam::Vec3;
@@ -46,8 +46,8 @@ impl Scene {
         limited("lists", lists.len(), limits::MAX_INSTANCES)?;
         limited("triangles", lists.iter().map(Vec::len).sum(), limits::MAX_TRIANGLES)?;
         let mut model = Model::default();
-        let material = model.material(Material::default());
-        let node = model.node(None, Local::IDENTITY);
+        let material = model.add_material(Material::default());
+        let node = model.add_node(None, LocalTransform::IDENTITY);
         let mut hasher = blake3::Hasher::new();
         hasher.update(name.as_bytes());
         for (index, list) in lists.iter().enumerate() {
@@ -61,11 +61,11 @@ impl Scene {
                 triangles: (0..list.len() as u32).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect(),
                 ..RawMesh::default()
             };
-            if let Some(mesh) = model.mesh(raw, material) {
-                model.place(&format!("{name} {index}"), node, mesh);
+            if let Some(mesh) = model.add_mesh(raw, material) {
+                model.add_mesh_node(&format!("{name} {index}"), node, mesh);
             }
         }
-        let header = Header {
+        let header = SceneHeader {
             name: name.to_owned(),
             source: name.to_owned(),
             digest: *hasher.finalize().as_bytes(),
@@ -73,7 +73,7 @@ impl Scene {
             ao_radius_m,
             camera: None::<CameraPath>,
         };
-        Self::assemble(model, header)
+        Self::from_model(model, header)
     }
 }
 

@@ -1,4 +1,4 @@
-//! A glTF file, its buffers and its images, as bytes.
+//! A glTF file with its buffers and images as bytes.
 
 use std::path::{Path, PathBuf};
 
@@ -7,8 +7,8 @@ use gltf::json::{self, Index, Root};
 use crate::scene::error::{GltfProblem, SceneError};
 use crate::scene::io::{hash_file, read_file};
 
-/// Extensions that a file may require, because they change nothing that is read here.
-const HARMLESS: [&str; 8] = [
+/// Extensions that a file may require, because they do not affect what is read here.
+const IGNORED_EXTENSIONS: [&str; 8] = [
     "KHR_lights_punctual",
     "KHR_materials_unlit",
     "KHR_materials_emissive_strength",
@@ -20,19 +20,19 @@ const HARMLESS: [&str; 8] = [
 ];
 
 /// A parsed file with its buffers.
-pub(super) struct Document {
+pub(super) struct GltfDocument {
     pub(super) path: PathBuf,
     pub(super) root: Root,
     buffers: Vec<Vec<u8>>,
 }
 
-impl Document {
+impl GltfDocument {
     /// Reads the file and all of its buffers.
     pub(super) fn open(path: &Path, hasher: &mut blake3::Hasher) -> Result<Self, SceneError> {
         let bytes = read_file(path)?;
         hash_file(hasher, &bytes);
         let not_gltf = |source| SceneError::NotGltf { path: path.to_owned(), source: Box::new(source) };
-        // The crate subtracts the header from the length that a binary file claims to have.
+        // The crate subtracts the size of the header from the length that a binary file claims.
         if bytes.starts_with(b"glTF") && bytes.get(8..12).is_some_and(|b| b[1..] == [0; 3] && b[0] < 12) {
             let claimed = u32::from(bytes[8]);
             let length = gltf::binary::Error::Length { length: claimed, length_read: bytes.len() };
@@ -50,12 +50,12 @@ impl Document {
         Ok(document)
     }
 
-    /// An error at a place of this file.
+    /// Returns an error at a place of this file.
     pub(super) fn error(&self, place: impl Into<String>, problem: GltfProblem) -> SceneError {
         SceneError::Gltf { path: self.path.clone(), place: place.into(), problem }
     }
 
-    /// What an index points at.
+    /// Returns the element that an index refers to.
     pub(super) fn get<T>(&self, what: &'static str, index: Index<T>, place: &str) -> Result<&T, SceneError>
     where
         Root: json::root::Get<T>,
@@ -72,7 +72,8 @@ impl Document {
         if !version.starts_with("2.") {
             return Err(self.error("asset.version", GltfProblem::Unsupported(format!("version {version}"))));
         }
-        let unknown = self.root.extensions_required.iter().find(|name| !HARMLESS.contains(&name.as_str()));
+        let unknown =
+            self.root.extensions_required.iter().find(|name| !IGNORED_EXTENSIONS.contains(&name.as_str()));
         match unknown {
             Some(name) => Err(self.error("extensionsRequired", GltfProblem::Unsupported(name.clone()))),
             None => Ok(()),
@@ -101,7 +102,7 @@ impl Document {
         Ok(data)
     }
 
-    /// The bytes of a URI: base64 data, or a file beside this one (which then counts in the digest).
+    /// Returns the bytes of a URI: base64 data, or a file beside this one, which is then part of the digest.
     pub(super) fn resolve(
         &self,
         uri: &str,
@@ -124,7 +125,7 @@ impl Document {
         Ok(data)
     }
 
-    /// The bytes of a buffer view, and the distance between its elements if it gives one.
+    /// Returns the bytes of a buffer view and its stride, if it gives one.
     pub(super) fn view(
         &self,
         index: Index<json::buffer::View>,
@@ -140,7 +141,7 @@ impl Document {
     }
 }
 
-/// `length` bytes from `start`.
+/// Returns `length` bytes from `start`.
 pub(super) fn slice(bytes: &[u8], start: u64, length: u64) -> Result<&[u8], GltfProblem> {
     let end = start.saturating_add(length);
     let outside = GltfProblem::OutOfBytes { start, end, available: bytes.len() as u64 };
@@ -148,7 +149,7 @@ pub(super) fn slice(bytes: &[u8], start: u64, length: u64) -> Result<&[u8], Gltf
     range.and_then(|(start, end)| bytes.get(start..end)).ok_or(outside)
 }
 
-/// A URI with its `%XX` escapes resolved; `None` if that is not UTF-8.
+/// Returns a URI with its `%XX` escapes resolved, or `None` if the result is not UTF-8.
 fn percent_decoded(uri: &str) -> Option<String> {
     let bytes = uri.as_bytes();
     let mut out = Vec::with_capacity(bytes.len());
@@ -170,7 +171,7 @@ fn percent_decoded(uri: &str) -> Option<String> {
     String::from_utf8(out).ok()
 }
 
-/// How many of a thing a document has, for error messages.
+/// Number of elements of one kind in a document, for error messages.
 pub(super) trait Counted: Sized {
     fn count(root: &Root) -> usize;
 }

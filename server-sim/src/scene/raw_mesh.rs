@@ -1,4 +1,4 @@
-//! From a primitive as it was read to a mesh: triangles without area go, missing normals and tangents come.
+//! Turns raw primitives into meshes: drops triangles without area and computes missing normals and tangents.
 
 use glam::{DVec3, Vec2, Vec3, Vec4};
 
@@ -7,8 +7,8 @@ use crate::scene::material::Material;
 use crate::scene::mesh::{Geometry, Mesh, MorphTarget, SkinWeights, area_vector};
 use crate::scene::report::SceneReport;
 
-/// A primitive as it was read or modelled. Every list is as long as `positions` or absent, all indices are in
-/// range, all numbers finite.
+/// A primitive as read or modelled. Every list is as long as `positions` or absent. All indices are in range, and all
+/// numbers are finite.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct RawMesh {
     pub(crate) name: String,
@@ -23,8 +23,8 @@ pub(crate) struct RawMesh {
 }
 
 impl RawMesh {
-    /// The mesh, or `None` where nothing of it has a surface (counted).
-    pub(crate) fn prepare(
+    /// Returns the mesh, or `None` if no part of it has a surface. The report counts the reason.
+    pub(crate) fn into_mesh(
         mut self,
         id: MaterialId,
         material: &Material,
@@ -41,7 +41,7 @@ impl RawMesh {
         }
         if self.normals.is_none() {
             report.flat_normals += 1;
-            self.unshare();
+            self.unweld();
             self.flatten_morphs();
         }
         let mut normals = self.normals.take().unwrap_or_default();
@@ -63,7 +63,7 @@ impl RawMesh {
         })
     }
 
-    /// Drops triangles that are nothing but a line or a point, now and at any later time.
+    /// Drops triangles that are a line or a point at all times.
     fn drop_degenerate(&mut self, report: &mut SceneReport) {
         let moves = self.skin.is_some() || !self.morphs.is_empty();
         let before = self.triangles.len();
@@ -76,7 +76,7 @@ impl RawMesh {
     }
 
     /// Gives every triangle its own vertices and its own normal.
-    fn unshare(&mut self) {
+    fn unweld(&mut self) {
         let order: Vec<usize> = self.triangles.iter().flatten().map(|&v| v as usize).collect();
         gather(&mut self.positions, &order);
         for uvs in [&mut self.uvs, &mut self.normal_uvs].into_iter().flatten() {
@@ -97,7 +97,7 @@ impl RawMesh {
         self.normals = Some(vec![Vec3::ZERO; self.positions.len()]);
     }
 
-    /// Turns the change of each flat normal under a full morph into that target's normal displacement.
+    /// Stores the change of each flat normal under a full morph as that target's normal displacement.
     fn flatten_morphs(&mut self) {
         let base = vertex_normals(&self.positions, &self.triangles);
         for morph in self.morphs.iter_mut().filter(|morph| !morph.positions.is_empty()) {
@@ -108,7 +108,8 @@ impl RawMesh {
         }
     }
 
-    /// The tangents that the normal map needs: the file's, or ones derived from the texture coordinates.
+    /// Returns the tangents that the normal map requires: the file's, or tangents derived from the texture
+    /// coordinates.
     fn finish_tangents(
         &mut self,
         material: &Material,
@@ -127,7 +128,7 @@ impl RawMesh {
             }
         };
         match self.tangents.take() {
-            Some(tangents) => tangents.iter().zip(normals).map(|(t, n)| squared_up(*t, *n)).collect(),
+            Some(tangents) => tangents.iter().zip(normals).map(|(t, n)| orthogonalised(*t, *n)).collect(),
             None => {
                 report.generated_tangents += 1;
                 self.morphs.iter_mut().for_each(|morph| morph.tangents.clear());
@@ -144,7 +145,7 @@ fn gather<T: Copy>(list: &mut Vec<T>, order: &[usize]) {
     }
 }
 
-/// Sum of the area vectors of each vertex's triangles, made unit; zero where there is none.
+/// Returns the normalised sum of the area vectors of each vertex's triangles, or zero for a sum without length.
 pub(crate) fn vertex_normals(positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<Vec3> {
     let mut sums = vec![DVec3::ZERO; positions.len()];
     for &triangle in triangles {
@@ -154,25 +155,25 @@ pub(crate) fn vertex_normals(positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<
     sums.iter().map(|sum| sum.try_normalize().unwrap_or(DVec3::ZERO).as_vec3()).collect()
 }
 
-/// Makes normals unit. One without length is replaced by the area-weighted normal of its triangles, or by
-/// straight up where those have none either. Returns how many had no length although a triangle uses them
-/// (a mesh that came without normals is not counted: all of its normals are made here).
+/// Scales normals to unit length. The area-weighted normal of its triangles replaces a normal without length; +Y does
+/// if that has no length either. Returns the number of replaced normals, or 0 for a mesh that came without any
+/// normals.
 pub(crate) fn repair_normals(normals: &mut [Vec3], positions: &[Vec3], triangles: &[[u32; 3]]) -> usize {
     let broken = |n: &Vec3| n.length_squared() < 1e-12;
     let all = normals.iter().all(broken);
-    let spare = if normals.iter().any(broken) { vertex_normals(positions, triangles) } else { Vec::new() };
+    let fallback = if normals.iter().any(broken) { vertex_normals(positions, triangles) } else { Vec::new() };
     let mut replaced = 0;
     for (v, normal) in normals.iter_mut().enumerate() {
         if broken(normal) {
             replaced += 1;
-            *normal = spare[v];
+            *normal = fallback[v];
         }
         *normal = normal.as_dvec3().try_normalize().unwrap_or(DVec3::Y).as_vec3();
     }
     if all { 0 } else { replaced }
 }
 
-/// Makes the weights of each vertex add up to 1, without negative ones. Returns how many had none.
+/// Makes the weights of each vertex non-negative with a sum of 1. Returns the number of vertices without weights.
 fn normalise(skin: &mut SkinWeights) -> usize {
     let mut unweighted = 0;
     for group in skin.weights.chunks_mut(skin.sets) {
@@ -180,7 +181,7 @@ fn normalise(skin: &mut SkinWeights) -> usize {
         weights.iter_mut().for_each(|w| *w = w.max(0.0));
         let sum: f32 = weights.iter().sum();
         if sum > 0.0 && sum.is_finite() {
-            // An exporter's rounding aside the sum is 1 already: leave those bits alone.
+            // Apart from an exporter's rounding the sum is 1 already: keep those bits.
             if (sum - 1.0).abs() > 1e-6 {
                 weights.iter_mut().for_each(|w| *w /= sum);
             }
@@ -193,22 +194,22 @@ fn normalise(skin: &mut SkinWeights) -> usize {
     unweighted
 }
 
-/// A tangent at right angles to the normal, unit, its sign 1 or -1.
-fn squared_up(tangent: Vec4, normal: Vec3) -> Vec4 {
+/// Returns a unit tangent perpendicular to the normal, with a sign of 1 or -1.
+fn orthogonalised(tangent: Vec4, normal: Vec3) -> Vec4 {
     let along = tangent.truncate();
     let flat = (along - normal * normal.dot(along)).try_normalize();
     let flat = flat.unwrap_or_else(|| any_tangent(normal));
     flat.extend(if tangent.w < 0.0 { -1.0 } else { 1.0 })
 }
 
-/// Some direction at right angles to a unit normal.
+/// Returns some direction perpendicular to a unit normal.
 pub(crate) fn any_tangent(normal: Vec3) -> Vec3 {
     let axis = if normal.x.abs() < 0.6 { Vec3::X } else { Vec3::Y };
     axis.cross(normal).try_normalize().unwrap_or(Vec3::X)
 }
 
-/// Tangents along which the texture's u grows: per triangle from its edges, summed over a vertex's triangles.
-/// The texture's v grows downwards, so that the bitangent (green, up) points against it.
+/// Returns the tangents along which the texture's u grows. They are computed per triangle from its edges and summed
+/// over the triangles of a vertex. The texture's v grows downwards, so the bitangent (green, up) points against it.
 fn derive_tangents(positions: &[Vec3], normals: &[Vec3], uvs: &[Vec2], triangles: &[[u32; 3]]) -> Vec<Vec4> {
     let mut sums = vec![(DVec3::ZERO, DVec3::ZERO); positions.len()];
     for triangle in triangles {
@@ -232,7 +233,7 @@ fn derive_tangents(positions: &[Vec3], normals: &[Vec3], uvs: &[Vec2], triangles
         let n = normal.as_dvec3();
         let handed = if n.cross(*u).dot(-*v) < 0.0 { -1.0 } else { 1.0 };
         let along = u.try_normalize().unwrap_or(DVec3::ZERO).as_vec3();
-        squared_up(along.extend(handed), *normal)
+        orthogonalised(along.extend(handed), *normal)
     };
     sums.iter().zip(normals).map(finish).collect()
 }

@@ -1,4 +1,4 @@
-//! What all built-in scenes use to fill a model: placing shapes, driving nodes, paths that close.
+//! Builds the models of the built-in scenes: places shapes, animates nodes, and makes closed paths.
 
 use std::f64::consts::TAU;
 use std::sync::Arc;
@@ -10,10 +10,10 @@ use super::solid::Solid;
 use crate::scene::animation::{Curve, Interpolation, Property};
 use crate::scene::camera::{CameraKey, CameraPath};
 use crate::scene::material::Material;
-use crate::scene::model::{Channel, Clip, Local, Model};
+use crate::scene::model::{AnimationClip, Channel, LocalTransform, Model};
 
-/// A model in the making.
-pub(super) struct Stage {
+/// A model under construction.
+pub(super) struct ModelBuilder {
     pub(super) model: Model,
     /// An opaque, single-sided material.
     pub(super) plain: usize,
@@ -22,7 +22,7 @@ pub(super) struct Stage {
     clip: usize,
 }
 
-impl Stage {
+impl ModelBuilder {
     pub(super) fn new() -> Self {
         let mut model = Model::default();
         let named = |name: &str, double_sided| Material {
@@ -30,53 +30,68 @@ impl Stage {
             double_sided,
             ..Material::default()
         };
-        let (plain, thin) = (model.material(named("plain", false)), model.material(named("thin", true)));
-        model.clips.push(Clip { length_s: DURATION_S, speed: 1.0, phase_s: 0.0 });
+        let (plain, thin) =
+            (model.add_material(named("plain", false)), model.add_material(named("thin", true)));
+        model.clips.push(AnimationClip { length_s: DURATION_S, speed: 1.0, phase_s: 0.0 });
         Self { model, plain, thin, clip: 0 }
     }
 
-    /// Makes a mesh of a shape.
-    pub(super) fn mesh(&mut self, name: &str, solid: Solid, material: usize) -> Option<usize> {
-        self.model.mesh(solid.raw(name), material)
+    /// Adds the mesh of a shape. Returns `None` if it has no surface.
+    pub(super) fn add_mesh(&mut self, name: &str, solid: Solid, material: usize) -> Option<usize> {
+        self.model.add_mesh(solid.raw(name), material)
     }
 
-    /// A node.
-    pub(super) fn node(&mut self, parent: Option<usize>, x: f64, y: f64, z: f64) -> usize {
-        self.model.node(parent, Local::at(DVec3::new(x, y, z)))
+    /// Adds a translated node.
+    pub(super) fn add_node(&mut self, parent: Option<usize>, x: f64, y: f64, z: f64) -> usize {
+        self.model.add_node(parent, LocalTransform::at(DVec3::new(x, y, z)))
     }
 
-    /// A node that is turned as well.
-    pub(super) fn turned(&mut self, parent: Option<usize>, turned: DMat3, x: f64, y: f64, z: f64) -> usize {
-        self.model.node(parent, Local::rigid(DVec3::new(x, y, z), DQuat::from_mat3(&turned)))
+    /// Adds a rotated and translated node.
+    pub(super) fn add_turned_node(
+        &mut self,
+        parent: Option<usize>,
+        turned: DMat3,
+        x: f64,
+        y: f64,
+        z: f64,
+    ) -> usize {
+        self.model.add_node(parent, LocalTransform::rigid(DVec3::new(x, y, z), DQuat::from_mat3(&turned)))
     }
 
-    /// Shows a mesh at a node.
-    pub(super) fn show(&mut self, name: &str, node: usize, mesh: Option<usize>) {
+    /// Places a mesh at a node.
+    pub(super) fn place_mesh(&mut self, name: &str, node: usize, mesh: Option<usize>) {
         if let Some(mesh) = mesh {
-            self.model.place(name, node, mesh);
+            self.model.add_mesh_node(name, node, mesh);
         }
     }
 
     /// Adds a shape that never moves.
-    pub(super) fn still(&mut self, name: &str, solid: Solid, material: usize) {
-        let mesh = self.mesh(name, solid, material);
-        let node = self.node(None, 0.0, 0.0, 0.0);
-        self.show(name, node, mesh);
+    pub(super) fn add_static(&mut self, name: &str, solid: Solid, material: usize) {
+        let mesh = self.add_mesh(name, solid, material);
+        let node = self.add_node(None, 0.0, 0.0, 0.0);
+        self.place_mesh(name, node, mesh);
     }
 
-    /// Turns a node over the clip: `keys` intervals of equal length. For a closed loop the ends agree.
-    pub(super) fn turns(&mut self, node: usize, keys: u32, rotation: impl Fn(f64) -> DQuat) {
+    /// Animates the rotation of a node over the clip in `keys` intervals of equal length. The ends of a closed loop
+    /// must be equal.
+    pub(super) fn animate_rotation(&mut self, node: usize, keys: u32, rotation: impl Fn(f64) -> DQuat) {
         let value = |time: f64| rotation(time).to_array().map(|v| v as f32).to_vec();
         self.drive(node, Property::Rotation, 4, keys, value);
     }
 
-    /// Moves a node over the clip.
-    pub(super) fn moves(&mut self, node: usize, keys: u32, place: impl Fn(f64) -> DVec3) {
+    /// Animates the translation of a node over the clip.
+    pub(super) fn animate_translation(&mut self, node: usize, keys: u32, place: impl Fn(f64) -> DVec3) {
         self.drive(node, Property::Translation, 3, keys, |time| place(time).as_vec3().to_array().to_vec());
     }
 
-    /// Drives the `width` morph weights of a node over the clip.
-    pub(super) fn morphs(&mut self, node: usize, width: usize, keys: u32, weights: impl Fn(f64) -> Vec<f32>) {
+    /// Animates the `width` morph weights of a node over the clip.
+    pub(super) fn animate_morph_weights(
+        &mut self,
+        node: usize,
+        width: usize,
+        keys: u32,
+        weights: impl Fn(f64) -> Vec<f32>,
+    ) {
         self.drive(node, Property::Weights, width, keys, weights);
     }
 
@@ -100,18 +115,18 @@ impl Stage {
     }
 }
 
-/// A swing that closes with the clip: `cycles` whole cycles, `phase` in cycles, between -1 and 1.
+/// Returns a sine between -1 and 1 that closes with the clip: `cycles` whole cycles, `phase` in cycles.
 pub(super) fn swing(time_s: f64, cycles: f64, phase: f64) -> f64 {
     libm::sin(TAU * (cycles * time_s / DURATION_S + phase))
 }
 
-/// A rotation by an angle (radians) about a unit axis.
+/// Returns the rotation by an angle (radians) about a unit axis.
 pub(super) fn about(axis: DVec3, angle: f64) -> DQuat {
     let (s, c) = (libm::sin(angle / 2.0), libm::cos(angle / 2.0));
     DQuat::from_xyzw(axis.x * s, axis.y * s, axis.z * s, c)
 }
 
-/// A camera path through (time, eye, target).
+/// Returns a camera path through keys of time, eye and target.
 pub(super) fn camera(fov_y_deg: f32, keys: &[(f64, [f32; 3], [f32; 3])]) -> CameraPath {
     let key = |&(time_s, eye, target): &(f64, [f32; 3], [f32; 3])| CameraKey {
         time_s,

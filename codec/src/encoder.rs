@@ -59,10 +59,10 @@ impl Encoder {
         }
     }
 
-    /// Sets how much a block of points counts within a byte budget, as [`surface::Encoder::weigh`].
+    /// Sets how much a block of points counts within a byte budget, as [`surface::Encoder::set_weight`].
     pub fn set_weight(&mut self, instance: u32, block: usize, weight: u16) {
         if let Encoder::Surface(encoder) = self {
-            encoder.weigh(instance, block, weight);
+            encoder.set_weight(instance, block, weight);
         }
     }
 

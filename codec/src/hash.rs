@@ -23,7 +23,7 @@ impl StateHash {
     #[inline]
     pub(crate) fn replace<const N: usize>(
         self,
-        kind: Kind,
+        kind: RecordKind,
         index: u32,
         old: &[u32; N],
         new: &[u32; N],
@@ -33,14 +33,14 @@ impl StateHash {
 
     /// The hash after a record that was all zero became `new`.
     #[inline]
-    pub(crate) fn insert<const N: usize>(self, kind: Kind, index: u32, new: &[u32; N]) -> StateHash {
+    pub(crate) fn insert<const N: usize>(self, kind: RecordKind, index: u32, new: &[u32; N]) -> StateHash {
         StateHash(self.0.wrapping_add(term(kind, index, new)))
     }
 }
 
 /// Which kind of record a term stands for; the numbers are those of the section tags.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Kind {
+pub(crate) enum RecordKind {
     Pose = 1,
     Bucket = 2,
     Cell = 3,
@@ -55,7 +55,7 @@ const CLOSE: u64 = 0xBF58_476D_1CE4_E5B9;
 
 /// One record's share of the state hash.
 #[inline]
-pub(crate) fn term<const N: usize>(kind: Kind, index: u32, words: &[u32; N]) -> u64 {
+pub(crate) fn term<const N: usize>(kind: RecordKind, index: u32, words: &[u32; N]) -> u64 {
     if words.iter().all(|word| *word == 0) {
         return 0;
     }
@@ -88,14 +88,14 @@ mod tests {
 
     #[test]
     fn records_of_zeros_count_nothing() {
-        assert_eq!(term(Kind::Cell, 5, &[0; 7]), 0);
-        assert_eq!(StateHash(9).replace(Kind::Bucket, 1, &[0; 16], &[0; 16]), StateHash(9));
+        assert_eq!(term(RecordKind::Cell, 5, &[0; 7]), 0);
+        assert_eq!(StateHash(9).replace(RecordKind::Bucket, 1, &[0; 16], &[0; 16]), StateHash(9));
     }
 
     #[test]
     fn golden_terms() {
         // The worked example of the specification.
-        assert_eq!(term(Kind::Cell, 0, &[1, 0, 0, 0, 0, 0, 0]), GOLDEN);
+        assert_eq!(term(RecordKind::Cell, 0, &[1, 0, 0, 0, 0, 0, 0]), GOLDEN);
         let by_hand = {
             let mut hash = round(3 << 32);
             for pair in [1, 0, 0, 0] {
@@ -115,21 +115,21 @@ mod tests {
             a in any::<[u32; 7]>(), b in any::<[u32; 7]>(), c in any::<[u32; 7]>(), at in 0_u32..1000,
         ) {
             let start = StateHash(12345);
-            let one = start.insert(Kind::Cell, at, &a).insert(Kind::Cell, at + 1, &b);
-            let two = start.insert(Kind::Cell, at + 1, &c).insert(Kind::Cell, at, &a);
-            prop_assert_eq!(one, two.replace(Kind::Cell, at + 1, &c, &b));
-            prop_assert_eq!(one.replace(Kind::Cell, at, &a, &[0; 7]), start.insert(Kind::Cell, at + 1, &b));
+            let one = start.insert(RecordKind::Cell, at, &a).insert(RecordKind::Cell, at + 1, &b);
+            let two = start.insert(RecordKind::Cell, at + 1, &c).insert(RecordKind::Cell, at, &a);
+            prop_assert_eq!(one, two.replace(RecordKind::Cell, at + 1, &c, &b));
+            prop_assert_eq!(one.replace(RecordKind::Cell, at, &a, &[0; 7]), start.insert(RecordKind::Cell, at + 1, &b));
         }
 
         #[test]
         fn kind_place_and_every_bit_matter(words in any::<[u32; 7]>(), at in any::<u32>(), bit in 0_usize..224) {
             let mut changed = words;
             changed[bit / 32] ^= 1 << (bit % 32);
-            let hash = term(Kind::Cell, at, &words);
+            let hash = term(RecordKind::Cell, at, &words);
             prop_assume!(hash != 0);
-            prop_assert_ne!(hash, term(Kind::Cell, at, &changed));
-            prop_assert_ne!(hash, term(Kind::Cell, at ^ 1, &words));
-            prop_assert_ne!(hash, term(Kind::Pose, at, &words));
+            prop_assert_ne!(hash, term(RecordKind::Cell, at, &changed));
+            prop_assert_ne!(hash, term(RecordKind::Cell, at ^ 1, &words));
+            prop_assert_ne!(hash, term(RecordKind::Pose, at, &words));
         }
     }
 }

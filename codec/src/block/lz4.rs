@@ -14,7 +14,7 @@ pub(super) struct Encoder {
 
 impl Encoder {
     /// Bytes held: 4,096 places, of two bytes each for short blocks, of four for others.
-    pub(super) fn held(&self) -> usize {
+    pub(super) fn heap_bytes(&self) -> usize {
         self.small.iter().len() * (4096 * 2) + self.large.iter().len() * (4096 * 4)
     }
 

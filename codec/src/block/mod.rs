@@ -102,8 +102,8 @@ impl Compressor {
     }
 
     /// Bytes held.
-    pub(crate) fn held(&self) -> usize {
-        self.zstd.held() + self.lz4.held() + memory::list(&self.packed)
+    pub(crate) fn heap_bytes(&self) -> usize {
+        self.zstd.heap_bytes() + self.lz4.heap_bytes() + memory::list(&self.packed)
     }
 
     /// Appends `raw`, compressed, to `out`, and says which coder that took: `coder`, or

@@ -7,7 +7,7 @@ use super::{BlockError, CoderId};
 pub(super) struct Encoder;
 
 impl Encoder {
-    pub(super) fn held(&self) -> usize {
+    pub(super) fn heap_bytes(&self) -> usize {
         0
     }
 

@@ -18,7 +18,7 @@ pub(super) struct Encoder {
 
 impl Encoder {
     /// Bytes held.
-    pub(super) fn held(&self) -> usize {
+    pub(super) fn heap_bytes(&self) -> usize {
         self.context.as_ref().map_or(0, |(context, _)| context.sizeof())
     }
 

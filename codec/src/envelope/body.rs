@@ -1,6 +1,6 @@
 //! A frame body that was read: its header, and bytes whose checksum is right.
 
-use super::header::read_sound;
+use super::header::read_checked;
 use super::{FrameError, FrameInfo, SectionInfo};
 use crate::Limits;
 
@@ -47,7 +47,7 @@ impl<'a> FrameBody<'a> {
     /// # Errors
     /// [`FrameError`] names the field and its byte offset.
     pub fn parse(bytes: &'a [u8], limits: &Limits) -> Result<FrameBody<'a>, FrameError> {
-        Ok(FrameBody { info: read_sound(bytes, limits)?, bytes })
+        Ok(FrameBody { info: read_checked(bytes, limits)?, bytes })
     }
 
     /// The header.

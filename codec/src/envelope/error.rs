@@ -4,9 +4,9 @@
 use super::{FrameIndex, FrameKind, Packing, Profile, SectionTag};
 use crate::StateHash;
 use crate::block::{BlockError, CoderId};
-use crate::paper::{BucketProblem, PoseError};
-use crate::surface::{ChangeProblem, ContextProblem, GeometryProblem, ValueProblem};
-use crate::wire::{VarintProblem, WireError, WireErrorKind};
+use crate::paper::{BucketError, PoseError};
+use crate::surface::{ChangeError, ContextError, GeometrySectionError, ValueError};
+use crate::wire::{VarintError, WireError, WireErrorKind};
 
 /// Why a frame body was refused. The state is as it was before.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -38,7 +38,7 @@ pub enum FrameError {
         /// Where the field starts.
         offset: usize,
         /// What is wrong with it.
-        problem: VarintProblem,
+        problem: VarintError,
     },
     /// The profile is unknown.
     #[error("profile at byte {offset} is unknown ({}): is this a frame body?", found.0)]
@@ -264,7 +264,7 @@ pub enum FrameError {
         /// Where the record starts.
         raw_offset: usize,
         /// What is wrong with it.
-        problem: BucketProblem,
+        problem: BucketError,
     },
     /// A cell has bits set after its last point.
     #[error(
@@ -285,7 +285,7 @@ pub enum FrameError {
         /// Where the block starts.
         offset: usize,
         /// What is wrong.
-        problem: GeometryProblem,
+        problem: GeometrySectionError,
     },
     /// Blocks of points or their AO are not sound.
     #[error("section values at byte {offset}: {problem}")]
@@ -293,7 +293,7 @@ pub enum FrameError {
         /// Where the block starts.
         offset: usize,
         /// What is wrong.
-        problem: ValueProblem,
+        problem: ValueError,
     },
     /// Changes of AO are not sound, or do not suit the state.
     #[error("section changes at byte {offset}: {problem}")]
@@ -301,7 +301,7 @@ pub enum FrameError {
         /// Where the block starts.
         offset: usize,
         /// What is wrong.
-        problem: ChangeProblem,
+        problem: ChangeError,
     },
     /// A patch is not sound, or does not suit the state.
     #[error("section patch at byte {offset}: {problem}")]
@@ -309,7 +309,7 @@ pub enum FrameError {
         /// Where the block starts.
         offset: usize,
         /// What is wrong.
-        problem: ChangeProblem,
+        problem: ChangeError,
     },
     /// A patch does not reach back to the frame of the state.
     #[error(
@@ -330,10 +330,10 @@ pub enum FrameError {
         /// Where the block starts.
         offset: usize,
         /// What is wrong.
-        problem: ContextProblem,
+        problem: ContextError,
     },
     /// A block of the range coder is longer or shorter than what was read from it.
-    #[error("range-coded section {section} at byte {offset}: {}", misfit(*.extra))]
+    #[error("range-coded section {section} at byte {offset}: {}", length_mismatch(*.extra))]
     RangeLength {
         /// Where the block starts.
         offset: usize,
@@ -394,7 +394,7 @@ impl From<WireError> for FrameError {
     }
 }
 
-fn misfit(extra: Option<usize>) -> String {
+fn length_mismatch(extra: Option<usize>) -> String {
     match extra {
         Some(extra) => format!("{extra} B are left over"),
         None => "it ends too early".to_owned(),

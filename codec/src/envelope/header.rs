@@ -32,7 +32,7 @@ pub(crate) const CRC_OFFSET: usize = 24;
 const BLANK_CRC: [u8; 4] = [0; 4];
 
 /// Reads the header of a whole body, and checks the lengths of the blocks and the checksum.
-pub(super) fn read_sound(body: &[u8], limits: &Limits) -> Result<FrameInfo, FrameError> {
+pub(super) fn read_checked(body: &[u8], limits: &Limits) -> Result<FrameInfo, FrameError> {
     if body.len() > limits.max_frame_bytes as usize {
         return Err(FrameError::TooLong { bytes: body.len(), limit: limits.max_frame_bytes });
     }
@@ -139,10 +139,10 @@ fn check_section(
     if !rules.sections().contains(&found) || !rules.may_be_in(found, kind) {
         return Err(FrameError::SectionMisplaced { offset: start, found, profile, kind });
     }
-    if let Some(previous) = previous.filter(|previous| !rules.is_order(*previous, found)) {
+    if let Some(previous) = previous.filter(|previous| !rules.is_ordered(*previous, found)) {
         return Err(FrameError::SectionOrder { offset: start, found, previous });
     }
-    if let Some(previous) = previous.filter(|previous| !rules.may_be_beside(*previous, found, kind)) {
+    if let Some(previous) = previous.filter(|previous| !rules.may_follow(*previous, found, kind)) {
         return Err(FrameError::SectionBeside { offset: start, found, previous });
     }
     if let Some(size) = rules.record_bytes(found, packing) {
@@ -278,7 +278,7 @@ mod tests {
             with(&body, 1, Packing::BITS_24.0),
             Err(FrameError::RawLength { offset: 42, section, expected, found })
         );
-        let problem = crate::VarintProblem::NotShortest;
+        let problem = crate::VarintError::NotShortest;
         let mut long = body.clone();
         long.splice(28..29, [0x81, 0]);
         reseal(&mut long);

@@ -137,7 +137,7 @@ impl fmt::Display for SectionTag {
     }
 }
 
-/// Number of a frame in its stream; grows from frame to frame.
+/// NumberModel of a frame in its stream; grows from frame to frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
 pub struct FrameIndex(pub u32);
 

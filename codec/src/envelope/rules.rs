@@ -23,12 +23,12 @@ pub(crate) trait FrameRules: Sync {
     }
 
     /// Whether the tags of two neighbouring sections are in order.
-    fn is_order(&self, previous: SectionTag, next: SectionTag) -> bool {
+    fn is_ordered(&self, previous: SectionTag, next: SectionTag) -> bool {
         previous < next
     }
 
     /// Whether two sections, in order, may be neighbours in a frame of this kind.
-    fn may_be_beside(&self, _previous: SectionTag, _next: SectionTag, _kind: FrameKind) -> bool {
+    fn may_follow(&self, _previous: SectionTag, _next: SectionTag, _kind: FrameKind) -> bool {
         true
     }
 

@@ -9,7 +9,7 @@ use crate::paper::{
     self, Bucket, Grid, InstanceLayout, Layout, Placement, PointFormat, PointSample, Pose, State, apply,
     keyframe,
 };
-use crate::reference::{self, NaiveEncoder};
+use crate::reference::{self, PaperReferenceEncoder};
 
 /// Points of every instance of the small layout.
 const POINTS: u32 = 24;
@@ -47,7 +47,7 @@ pub fn decode(data: &[u8]) {
 /// checks after each that bytes, states, hashes, counts and look-ups agree. The two highest bits of the first byte
 /// also choose how points are packed.
 pub fn round_trip(data: &[u8]) {
-    let Some(mut pair) = Pair::new(format_of(data.first().copied().unwrap_or(0))) else { return };
+    let Some(mut harness) = Harness::new(format_of(data.first().copied().unwrap_or(0))) else { return };
     let mut bytes = data.iter().copied();
     while let Some(operation) = bytes.next() {
         let mut byte = || bytes.next().unwrap_or(0);
@@ -55,22 +55,22 @@ pub fn round_trip(data: &[u8]) {
             0..=8 => {
                 let point = u32::from(byte()) % (3 * POINTS);
                 let sample = sample_at(point / POINTS, [byte(), byte(), byte()], byte(), byte());
-                pair.put(point, &sample);
+                harness.put(point, &sample);
             }
-            9 | 10 => pair.remove(u32::from(byte()) % (3 * POINTS)),
-            11 => pair.set_pose(u32::from(byte()) % 3, pose_of(byte())),
-            12 => pair.retry(),
+            9 | 10 => harness.remove(u32::from(byte()) % (3 * POINTS)),
+            11 => harness.set_pose(u32::from(byte()) % 3, pose_of(byte())),
+            12 => harness.retry(),
             kind => {
                 let coder = match byte() & 3 {
                     0 => BlockCoder::Stored,
                     1 => BlockCoder::Lz4,
                     _ => BlockCoder::Zstd { level: 1 },
                 };
-                pair.finish(if kind == 15 { FrameKind::Key } else { FrameKind::Delta }, coder);
+                harness.finish(if kind == 15 { FrameKind::Key } else { FrameKind::Delta }, coder);
             }
         }
     }
-    pair.finish(FrameKind::Delta, BlockCoder::Stored);
+    harness.finish(FrameKind::Delta, BlockCoder::Stored);
 }
 
 /// How points are packed, from the two highest bits of a byte: 1 is 24 bits, 2 is 16, the others are 32.
@@ -117,19 +117,19 @@ fn pose_of(byte: u8) -> Pose {
 }
 
 /// The encoder, its twin, and a client that has applied every frame.
-struct Pair {
+struct Harness {
     fast: paper::Encoder,
-    slow: NaiveEncoder,
+    slow: PaperReferenceEncoder,
     client: State,
     frames: u32,
 }
 
-impl Pair {
-    fn new(format: PointFormat) -> Option<Pair> {
+impl Harness {
+    fn new(format: PointFormat) -> Option<Harness> {
         let layout = small_layout(format)?;
         let fast = paper::Encoder::new(Arc::clone(&layout), &[POINTS; 3]).ok()?;
-        let slow = NaiveEncoder::new(Arc::clone(&layout), &[POINTS; 3]);
-        Some(Pair { fast, slow, client: State::new(layout), frames: 0 })
+        let slow = PaperReferenceEncoder::new(Arc::clone(&layout), &[POINTS; 3]);
+        Some(Harness { fast, slow, client: State::new(layout), frames: 0 })
     }
 
     fn put(&mut self, point: u32, sample: &PointSample) {
@@ -282,27 +282,27 @@ mod tests {
 
     #[test]
     fn the_small_layout_meets_every_kind_of_overflow() {
-        let mut pair = Pair::new(PointFormat::Bits16).unwrap();
+        let mut harness = Harness::new(PointFormat::Bits16).unwrap();
         let mut seen = std::collections::BTreeSet::new();
         for round in 0..4_u8 {
             // Instance 1 first: its only bucket must fill while there are cells left.
             for point in (POINTS..3 * POINTS).chain(0..POINTS) {
                 let spread = (point as u8).wrapping_mul(37).wrapping_add(round);
                 let at = if round < 2 { [spread, spread.wrapping_mul(5), 7] } else { [0; 3] };
-                pair.put(point, &sample_at(point / POINTS, at, 0, 0));
-                seen.insert(format!("{:?}", pair.fast.placement(point).unwrap()));
+                harness.put(point, &sample_at(point / POINTS, at, 0, 0));
+                seen.insert(format!("{:?}", harness.fast.placement(point).unwrap()));
             }
-            pair.finish(FrameKind::Delta, BlockCoder::Lz4);
+            harness.finish(FrameKind::Delta, BlockCoder::Lz4);
         }
         for point in 0..2 * POINTS {
-            pair.remove(point);
+            harness.remove(point);
         }
         for (point, kind) in (2 * POINTS..).zip([0, 1, 2, 3]) {
-            pair.put(point, &sample_at(2, [kind, 100, 100], 0, 0));
-            seen.insert(format!("{:?}", pair.fast.placement(point).unwrap()));
+            harness.put(point, &sample_at(2, [kind, 100, 100], 0, 0));
+            seen.insert(format!("{:?}", harness.fast.placement(point).unwrap()));
         }
-        pair.retry();
-        pair.finish(FrameKind::Delta, BlockCoder::Lz4);
+        harness.retry();
+        harness.finish(FrameKind::Delta, BlockCoder::Lz4);
         let all = ["BucketFull", "CellFull", "IdCollision", "NoCell", "Stored"];
         assert_eq!(seen.iter().map(String::as_str).collect::<Vec<_>>(), all);
     }

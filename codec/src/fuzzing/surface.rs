@@ -10,7 +10,7 @@ use crate::envelope::{
     EncodedFrame, FrameError, FrameIndex, FrameInfo, FrameKind, Packing, Profile, SectionInfo, SectionTag,
     assemble,
 };
-use crate::reference::{NaiveSurfaceEncoder, apply_surface};
+use crate::reference::{SurfaceReferenceEncoder, apply_surface};
 use crate::surface::{
     Budget, ChangeLog, Decoder, Encoder, EncoderSettings, Geometry, GeometryDigest, GeometrySource, Layout,
     Member, RestPoint, SetLayout, State, keyframe, patch, preview,
@@ -23,7 +23,7 @@ const CODERS: [BlockCoder; 4] =
 ///
 /// The low four bits of the first byte choose one of 16 sound frames: a keyframe, a delta in which points arrive, one of
 /// changes alone, a keyframe for a late client, each with every coder; with the high bit, one of 16 patches: without and with
-/// what was learned, for the state of the last frame and for an earlier one. Bits 4 and 5 choose what the other bytes are: 0
+/// what was learned, for the state of the last frame and for an earlier one. BinaryCoder 4 and 5 choose what the other bytes are: 0
 /// or 1, changes to that frame (exclusive or from an offset on); 2, one section for the state before it, made of tag, coder,
 /// u16 records, u16 raw bytes and the block; 3, a body as it is. But for the last, the checksum is then made right; and a body that
 /// fails for its state hash only is given the right one and must pass.
@@ -65,28 +65,32 @@ pub fn surface_round_trip(data: &[u8]) {
     let budget = (source & 2 != 0).then_some(budget);
     let source = if source & 1 == 0 { GeometrySource::Sent } else { GeometrySource::Shared };
     let settings = EncoderSettings { threshold: (*threshold).max(1), geometry: source, budget };
-    let Some(mut pair) = Pair::new(settings) else { return };
+    let Some(mut harness) = Harness::new(settings) else { return };
     let mut bytes = operations.iter().copied();
     while let Some(operation) = bytes.next() {
         let mut byte = || bytes.next().unwrap_or(0);
         let coder = CODERS[usize::from(operation >> 4 & 3)];
         match operation & 15 {
-            0..=3 => pair.offer(u32::from(byte()) + u32::from(operation >> 4) * 32, byte()),
+            0..=3 => harness.offer(u32::from(byte()) + u32::from(operation >> 4) * 32, byte()),
             4..=6 => {
                 let (first, count, ao, step) = (u32::from(byte()), u32::from(byte()), byte(), byte());
                 for at in 0..count {
-                    pair.offer(first + at, ao.wrapping_add(step.wrapping_mul(at as u8)));
+                    harness.offer(first + at, ao.wrapping_add(step.wrapping_mul(at as u8)));
                 }
             }
-            7 => pair.join_late(coder, &[(u32::from(byte()), 0), (1, 1)]),
-            8 => pair.fail(),
-            9 => pair.catch_up(coder, byte(), operation & 0x80 != 0),
-            14 => pair.weigh(u32::from(byte()), usize::from(byte()), u16::from_le_bytes([byte(), byte()])),
-            15 => pair.finish(FrameKind::Key, coder),
-            _ => pair.finish(FrameKind::Delta, coder),
+            7 => harness.join_late(coder, &[(u32::from(byte()), 0), (1, 1)]),
+            8 => harness.fail(),
+            9 => harness.catch_up(coder, byte(), operation & 0x80 != 0),
+            14 => harness.set_weight(
+                u32::from(byte()),
+                usize::from(byte()),
+                u16::from_le_bytes([byte(), byte()]),
+            ),
+            15 => harness.finish(FrameKind::Key, coder),
+            _ => harness.finish(FrameKind::Delta, coder),
         }
     }
-    pair.finish(FrameKind::Delta, BlockCoder::Range);
+    harness.finish(FrameKind::Delta, BlockCoder::Range);
 }
 
 /// A floor, a ball, nothing, and a few points at the same node.
@@ -140,9 +144,9 @@ fn blank(layout: &Arc<Layout>, source: GeometrySource) -> Option<State> {
 }
 
 /// The encoder, the twin of its decisions, and clients that have applied every frame.
-struct Pair {
+struct Harness {
     encoder: Encoder,
-    naive: NaiveSurfaceEncoder,
+    reference: SurfaceReferenceEncoder,
     decoder: Decoder,
     client: State,
     late: Option<State>,
@@ -157,14 +161,14 @@ struct Pair {
 /// Frames after which a client is thought to be gone for good.
 const EARLIER: usize = 6;
 
-impl Pair {
-    fn new(settings: EncoderSettings) -> Option<Pair> {
+impl Harness {
+    fn new(settings: EncoderSettings) -> Option<Harness> {
         let (encoder, client) = small_stream(settings)?;
-        let naive = NaiveSurfaceEncoder::new(Arc::clone(client.layout()), settings);
+        let reference = SurfaceReferenceEncoder::new(Arc::clone(client.layout()), settings);
         let log = ChangeLog::new(encoder.state());
-        Some(Pair {
+        Some(Harness {
             encoder,
-            naive,
+            reference,
             decoder: Decoder::new(),
             client,
             late: None,
@@ -176,13 +180,13 @@ impl Pair {
     }
 
     fn offer(&mut self, point: u32, ao: u8) {
-        assert_eq!(self.encoder.set_ao(point, ao), self.naive.set_ao(point, ao));
+        assert_eq!(self.encoder.set_ao(point, ao), self.reference.set_ao(point, ao));
     }
 
     fn finish(&mut self, kind: FrameKind, coder: BlockCoder) {
         let kind = if self.frames == 0 { FrameKind::Key } else { kind };
         let (mut due, forced) =
-            if kind == FrameKind::Delta { self.naive.ranked() } else { Default::default() };
+            if kind == FrameKind::Delta { self.reference.ranked() } else { Default::default() };
         let finished = self.encoder.finish(meta(kind, self.frames), coder);
         assert!(finished.is_ok(), "{finished:?}");
         let Ok(EncodedFrame { body, info }) = finished else { return };
@@ -191,7 +195,7 @@ impl Pair {
         self.check_budget(&info, body.len(), (changed, due.len(), forced));
         due.truncate(changed);
         self.remember();
-        self.naive.finish(kind, &due);
+        self.reference.finish(kind, &due);
         let twin = apply_surface(&self.client, &body, &LIMITS);
         assert_eq!(self.decoder.decode(&mut self.client, &body, &LIMITS), Ok(info));
         assert_eq!(Ok(&self.client), twin.as_ref());
@@ -213,9 +217,9 @@ impl Pair {
         self.earlier.push_back(self.client.clone());
     }
 
-    fn weigh(&mut self, instance: u32, block: usize, weight: u16) {
-        self.encoder.weigh(instance % 6, block % 4, weight);
-        self.naive.weigh(instance % 6, block % 4, weight);
+    fn set_weight(&mut self, instance: u32, block: usize, weight: u16) {
+        self.encoder.set_weight(instance % 6, block % 4, weight);
+        self.reference.set_weight(instance % 6, block % 4, weight);
     }
 
     /// Everything due is sent, unless it does not fit; then as much as does, at least what cannot wait.
@@ -246,7 +250,7 @@ impl Pair {
     /// Notes what is offered now, as of the frame just finished.
     fn remember(&mut self) {
         let points = 0..self.client.layout().points();
-        self.offered.push_front(points.map(|point| self.naive.offered(point)).collect());
+        self.offered.push_front(points.map(|point| self.reference.offered(point)).collect());
         let late = self.encoder.settings().budget.map_or(0, |budget| usize::from(budget.longest_age));
         self.offered.truncate(late + 1);
     }
@@ -261,7 +265,7 @@ impl Pair {
             for ((value, at), point) in values.zip(0..).zip(layout.points_of(instance)) {
                 let here = self.client.is_present(instance, at / crate::surface::BLOCK_POINTS);
                 let point = point as u32;
-                assert_eq!(here.then_some(*value), self.naive.held(point), "point {point}");
+                assert_eq!(here.then_some(*value), self.reference.held(point), "point {point}");
                 let near = |offered: &Vec<Option<u8>>| {
                     let offered = offered[point as usize];
                     offered.is_none_or(|offered| offered.abs_diff(*value) <= most)
@@ -327,7 +331,7 @@ impl Pair {
             // It had nothing to compress; clients are told of it so that indices stay in order.
             self.client.clone_from(self.encoder.state());
             self.remember();
-            self.naive.finish(kind, &[]);
+            self.reference.finish(kind, &[]);
             self.late = None;
             self.frames += 1;
             self.note_frame();

@@ -9,7 +9,7 @@ use crate::envelope::{
     FrameBody, FrameError, FrameInfo, FrameKind, HASH_OFFSET, PACKING_OFFSET, Profile, SectionBlock,
     SectionInfo, SectionTag, check_follows,
 };
-use crate::hash::Kind;
+use crate::hash::RecordKind;
 use crate::wire::{narrow_words, words};
 use crate::{Limits, StateHash};
 
@@ -121,20 +121,20 @@ impl Decoder {
         let layout = state.layout();
         let is_delta = kind == FrameKind::Delta;
         let mut hash = if is_delta { state.hash } else { StateHash::default() };
-        for entry in Entries::<4, 7>::new(SectionTag::POSES, &self.poses, layout) {
-            let Entry { record, raw_offset, offset, words } = entry?;
+        for entry in SectionRecords::<4, 7>::new(SectionTag::POSES, &self.poses, layout) {
+            let SectionRecord { record, raw_offset, offset, words } = entry?;
             let pose = Pose::from_words(words);
             pose.check(offset).map_err(|source| FrameError::Pose { record, raw_offset, source })?;
             let old = if is_delta { state.poses[offset as usize] } else { Pose::IDENTITY };
-            hash = hash.replace(Kind::Pose, offset, &old.hash_words(), &pose.hash_words());
+            hash = hash.replace(RecordKind::Pose, offset, &old.hash_words(), &pose.hash_words());
         }
-        for entry in Entries::<4, 16>::new(SectionTag::BUCKETS, &self.buckets, layout) {
-            let Entry { record, raw_offset, offset, words } = entry?;
+        for entry in SectionRecords::<4, 16>::new(SectionTag::BUCKETS, &self.buckets, layout) {
+            let SectionRecord { record, raw_offset, offset, words } = entry?;
             Bucket::from_words(&words)
                 .check(layout.cell_capacity())
                 .map_err(|problem| FrameError::Bucket { record, raw_offset, problem })?;
             let old = if is_delta { state.buckets[offset as usize].to_words() } else { [0; 16] };
-            hash = hash.replace(Kind::Bucket, offset, &old, &words);
+            hash = hash.replace(RecordKind::Bucket, offset, &old, &words);
         }
         match layout.format() {
             PointFormat::Bits32 => self.check_cells::<4>(state, is_delta, hash),
@@ -151,14 +151,14 @@ impl Decoder {
         mut hash: StateHash,
     ) -> Result<StateHash, FrameError> {
         let layout = state.layout();
-        for entry in Entries::<WIDTH, POINTS_PER_CELL>::new(SectionTag::CELLS, &self.cells, layout) {
-            let Entry { record, raw_offset, offset, words } = entry?;
+        for entry in SectionRecords::<WIDTH, POINTS_PER_CELL>::new(SectionTag::CELLS, &self.cells, layout) {
+            let SectionRecord { record, raw_offset, offset, words } = entry?;
             let old = if is_delta { state.cells[offset as usize] } else { Cell::default() };
             let new = old.xor(&words);
             if let Some(slot) = Cell::first_fault::<WIDTH>(&new) {
                 return Err(FrameError::Cell { record, raw_offset, slot });
             }
-            hash = hash.replace(Kind::Cell, offset, old.words(), &new);
+            hash = hash.replace(RecordKind::Cell, offset, old.words(), &new);
         }
         Ok(hash)
     }
@@ -213,7 +213,7 @@ fn places(layout: &Layout, tag: SectionTag) -> u32 {
 }
 
 /// One record of a section: an offset in range and above the one before it, and `N` words.
-struct Entry<const N: usize> {
+struct SectionRecord<const N: usize> {
     record: u32,
     raw_offset: usize,
     offset: u32,
@@ -221,7 +221,7 @@ struct Entry<const N: usize> {
 }
 
 /// The records of a section, words of `WIDTH` bytes, each with its offset checked.
-struct Entries<'a, const WIDTH: usize, const N: usize> {
+struct SectionRecords<'a, const WIDTH: usize, const N: usize> {
     tag: SectionTag,
     places: u32,
     raw: &'a [u8],
@@ -229,14 +229,14 @@ struct Entries<'a, const WIDTH: usize, const N: usize> {
     next_offset: u32,
 }
 
-impl<'a, const WIDTH: usize, const N: usize> Entries<'a, WIDTH, N> {
-    fn new(tag: SectionTag, raw: &'a [u8], layout: &Layout) -> Entries<'a, WIDTH, N> {
-        Entries { tag, places: places(layout, tag), raw, record: 0, next_offset: 0 }
+impl<'a, const WIDTH: usize, const N: usize> SectionRecords<'a, WIDTH, N> {
+    fn new(tag: SectionTag, raw: &'a [u8], layout: &Layout) -> SectionRecords<'a, WIDTH, N> {
+        SectionRecords { tag, places: places(layout, tag), raw, record: 0, next_offset: 0 }
     }
 }
 
-impl<const WIDTH: usize, const N: usize> Iterator for Entries<'_, WIDTH, N> {
-    type Item = Result<Entry<N>, FrameError>;
+impl<const WIDTH: usize, const N: usize> Iterator for SectionRecords<'_, WIDTH, N> {
+    type Item = Result<SectionRecord<N>, FrameError>;
 
     #[inline]
     fn next(&mut self) -> Option<Self::Item> {
@@ -261,7 +261,7 @@ impl<const WIDTH: usize, const N: usize> Iterator for Entries<'_, WIDTH, N> {
         self.record += 1;
         self.next_offset = found + 1;
         let words = narrow_words(&bytes[4..], WIDTH);
-        Some(Ok(Entry { record, raw_offset, offset: found, words }))
+        Some(Ok(SectionRecord { record, raw_offset, offset: found, words }))
     }
 }
 
@@ -271,7 +271,7 @@ mod tests {
     use crate::block::{BlockCoder, BlockError, CoderId, Compressor};
     use crate::envelope::FrameIndex;
     use crate::envelope::Packing;
-    use crate::paper::{BucketProblem, PoseError, Records, write_body};
+    use crate::paper::{BucketError, PoseError, Records, write_body};
     use crate::testing::{Story, layout, layout_of, meta, refuse, reseal, story, story_of};
 
     const CODERS: [BlockCoder; 3] = [BlockCoder::Stored, BlockCoder::Lz4, BlockCoder::Zstd { level: 15 }];
@@ -412,7 +412,7 @@ mod tests {
         let mut words = [0; 16];
         words[1] = (1 << 27) | (8 << 22);
         let error = forged(|records| records.push_bucket(3, &Bucket::from_words(&words)));
-        let problem = BucketProblem::Points { entry: 0, points: 8 };
+        let problem = BucketError::Points { entry: 0, points: 8 };
         assert_eq!(error, FrameError::Bucket { record: 0, raw_offset: 0, problem });
         let pose = Pose { translation: [0.0, f32::NAN, 0.0], ..Pose::IDENTITY };
         let error = forged(|records| records.push_pose(1, pose));

@@ -3,12 +3,12 @@
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-use super::cells::{DirtySet, Site, Tables};
-use super::changes::{Changes, record_everything};
+use super::cells::{CellAddress, DirtySet, Tables};
+use super::changes::{TableChanges, push_all_records};
 use super::resend::Resend;
 use super::{
-    Layout, Occupancy, Placed, Placement, PointError, Pose, PoseError, Records, ResendAo, State, bucket_of,
-    cell_id, write_body,
+    Layout, Occupancy, Placement, PointError, Pose, PoseError, PutOutcome, Records, ResendAo, State,
+    bucket_of, cell_id, write_body,
 };
 use crate::block::{BlockCoder, Compressor};
 use crate::envelope::{EncodeError, EncodedFrame, FrameKind, FrameMeta};
@@ -27,7 +27,7 @@ pub struct PointSample {
 
 /// Where a point stands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Standing {
+enum PointStatus {
     /// It was never put, or removed.
     Absent,
     /// In a slot of this cell.
@@ -38,14 +38,15 @@ enum Standing {
 
 /// One point as last put.
 #[derive(Debug, Clone, Copy)]
-struct Record {
-    standing: Standing,
+struct PointRecord {
+    status: PointStatus,
     coord: [u32; 3],
     word: u32,
     outside: bool,
 }
 
-const ABSENT: Record = Record { standing: Standing::Absent, coord: [0; 3], word: 0, outside: false };
+const ABSENT: PointRecord =
+    PointRecord { status: PointStatus::Absent, coord: [0; 3], word: 0, outside: false };
 
 /// Keeps the points of a stream in cells and buckets, and writes what changed.
 ///
@@ -56,7 +57,7 @@ pub struct Encoder {
     layout: Arc<Layout>,
     /// First point id of each instance.
     first_points: Vec<u32>,
-    points: Vec<Record>,
+    points: Vec<PointRecord>,
     unplaced: BTreeSet<u32>,
     tables: Tables,
     poses: Vec<Pose>,
@@ -160,7 +161,7 @@ impl Encoder {
             self.put_checked(*point, sample);
             let place = self.place_of(*point);
             if let Some(resend) = &mut self.resend {
-                resend.note(place, sample);
+                resend.record(place, sample);
             }
         }
         if let Some(resend) = &mut self.resend {
@@ -186,11 +187,18 @@ impl Encoder {
             resend,
             ..
         } = self;
-        let ours =
-            memory::list(first_points) + memory::list(points) + memory::list(poses) + dirty_poses.held();
+        let ours = memory::list(first_points)
+            + memory::list(points)
+            + memory::list(poses)
+            + dirty_poses.heap_bytes();
         let unplaced = unplaced.len() * size_of::<u32>();
         let resend = resend.as_ref().map_or(0, Resend::heap_bytes);
-        ours + resend + unplaced + tables.held() + sent.held() + records.held() + compressor.held()
+        ours + resend
+            + unplaced
+            + tables.heap_bytes()
+            + sent.heap_bytes()
+            + records.heap_bytes()
+            + compressor.heap_bytes()
     }
 
     /// Puts a point, or moves it, or gives it new values. A point that finds no slot, or that moves to a
@@ -198,15 +206,15 @@ impl Encoder {
     ///
     /// # Errors
     /// [`PointError::Unknown`], [`PointError::Position`] and [`PointError::Normal`]; nothing has changed then.
-    pub fn put(&mut self, point: u32, sample: &PointSample) -> Result<Placed, PointError> {
+    pub fn put(&mut self, point: u32, sample: &PointSample) -> Result<PutOutcome, PointError> {
         self.record(point)?;
         check_sample(point, sample)?;
         Ok(self.put_checked(point, sample))
     }
 
     /// Puts a point that there is, with a sample that was checked.
-    fn put_checked(&mut self, point: u32, sample: &PointSample) -> Placed {
-        let Record { standing, coord, outside, .. } = self.points[point as usize];
+    fn put_checked(&mut self, point: u32, sample: &PointSample) -> PutOutcome {
+        let PointRecord { status, coord, outside, .. } = self.points[point as usize];
         let instance = self.instance_of(point);
         let located = self.layout.instances()[instance].grid.locate(sample.local);
         let word = self.layout.format().pack(located.frac, sample.normal, sample.ao);
@@ -216,17 +224,17 @@ impl Encoder {
         record.coord = located.cell;
         record.word = word;
         record.outside = located.outside;
-        let placement = match standing {
-            Standing::Stored(cell) if coord == located.cell => {
+        let placement = match status {
+            PointStatus::Stored(cell) if coord == located.cell => {
                 self.tables.update(cell, point, word);
                 Placement::Stored
             }
             _ => {
-                self.take_out(point, standing);
+                self.take_out(point, status);
                 self.place(point, instance)
             }
         };
-        Placed { placement, outside: located.outside }
+        PutOutcome { placement, outside: located.outside }
     }
 
     /// Takes a point out; it does nothing to a point that was never put.
@@ -234,9 +242,9 @@ impl Encoder {
     /// # Errors
     /// [`PointError::Unknown`].
     pub fn remove(&mut self, point: u32) -> Result<(), PointError> {
-        let Record { standing, outside, .. } = self.record(point)?;
+        let PointRecord { status, outside, .. } = self.record(point)?;
         self.counts.outside_grid -= u32::from(outside);
-        self.take_out(point, standing);
+        self.take_out(point, status);
         self.points[point as usize] = ABSENT;
         Ok(())
     }
@@ -265,8 +273,8 @@ impl Encoder {
         let unplaced: Vec<u32> = self.unplaced.iter().copied().collect();
         for point in unplaced {
             let instance = self.instance_of(point);
-            let standing = self.points[point as usize].standing;
-            self.take_out(point, standing);
+            let status = self.points[point as usize].status;
+            self.take_out(point, status);
             self.place(point, instance);
         }
     }
@@ -286,10 +294,10 @@ impl Encoder {
     /// What became of a point when it was last put or retried; `None` for one that is not there.
     #[must_use]
     pub fn placement(&self, point: u32) -> Option<Placement> {
-        match self.points.get(point as usize)?.standing {
-            Standing::Absent => None,
-            Standing::Stored(_) => Some(Placement::Stored),
-            Standing::Unplaced(reason) => Some(reason),
+        match self.points.get(point as usize)?.status {
+            PointStatus::Absent => None,
+            PointStatus::Stored(_) => Some(Placement::Stored),
+            PointStatus::Unplaced(reason) => Some(reason),
         }
     }
 
@@ -312,16 +320,16 @@ impl Encoder {
         self.put_due();
         self.tables.compact();
         let changes = match meta.kind {
-            FrameKind::Key => Changes::of_everything(&self.sent, &self.poses, &self.tables),
+            FrameKind::Key => TableChanges::from_all(&self.sent, &self.poses, &self.tables),
             FrameKind::Delta => {
-                Changes::of_dirty(&self.sent, &self.poses, &mut self.dirty_poses, &self.tables)
+                TableChanges::from_dirty(&self.sent, &self.poses, &mut self.dirty_poses, &self.tables)
             }
         };
         let hash = changes.hash_after(&self.sent);
         self.records.clear();
         match meta.kind {
-            FrameKind::Key => record_everything(&mut self.records, &self.poses, &self.tables, &self.layout),
-            FrameKind::Delta => changes.record(&mut self.records, &self.sent),
+            FrameKind::Key => push_all_records(&mut self.records, &self.poses, &self.tables, &self.layout),
+            FrameKind::Delta => changes.push_records(&mut self.records, &self.sent),
         }
         let encoded = write_body(&meta, meta.kind, hash, &self.records, &mut self.compressor, coder)?;
         changes.commit(&mut self.sent);
@@ -332,7 +340,7 @@ impl Encoder {
         Ok(encoded)
     }
 
-    fn record(&self, point: u32) -> Result<Record, PointError> {
+    fn record(&self, point: u32) -> Result<PointRecord, PointError> {
         let count = self.points.len() as u32;
         self.points.get(point as usize).copied().ok_or(PointError::Unknown { point, count })
     }
@@ -349,35 +357,35 @@ impl Encoder {
     }
 
     /// Takes a point out of its slot, or off the list of the unplaced.
-    fn take_out(&mut self, point: u32, standing: Standing) {
-        match standing {
-            Standing::Absent => return,
-            Standing::Stored(cell) => {
+    fn take_out(&mut self, point: u32, status: PointStatus) {
+        match status {
+            PointStatus::Absent => return,
+            PointStatus::Stored(cell) => {
                 self.tables.remove(cell, point);
                 *self.counts.count_mut(Placement::Stored) -= 1;
             }
-            Standing::Unplaced(reason) => {
+            PointStatus::Unplaced(reason) => {
                 self.unplaced.remove(&point);
                 *self.counts.count_mut(reason) -= 1;
             }
         }
-        self.points[point as usize].standing = Standing::Absent;
+        self.points[point as usize].status = PointStatus::Absent;
     }
 
     /// Finds a slot for a point that has none, or puts it on the list of the unplaced.
     fn place(&mut self, point: u32, instance: usize) -> Placement {
         let layout = &self.layout.instances()[instance];
-        let Record { coord, word, .. } = self.points[point as usize];
+        let PointRecord { coord, word, .. } = self.points[point as usize];
         let id = cell_id(coord, layout.grid.dims());
         let bucket = layout.first_bucket + bucket_of(id, layout.bucket_count);
-        let (standing, placement) = match self.tables.insert(Site { coord, id, bucket }, point, word) {
-            Ok(cell) => (Standing::Stored(cell), Placement::Stored),
+        let (status, placement) = match self.tables.insert(CellAddress { coord, id, bucket }, point, word) {
+            Ok(cell) => (PointStatus::Stored(cell), Placement::Stored),
             Err(reason) => {
                 self.unplaced.insert(point);
-                (Standing::Unplaced(reason), reason)
+                (PointStatus::Unplaced(reason), reason)
             }
         };
-        self.points[point as usize].standing = standing;
+        self.points[point as usize].status = status;
         *self.counts.count_mut(placement) += 1;
         placement
     }
@@ -519,7 +527,7 @@ mod tests {
         for point in 0..9 {
             let placed = encoder.put(point, &sample([0.1; 3], point as u8)).unwrap();
             let expected = if point < 7 { Placement::Stored } else { Placement::CellFull };
-            assert_eq!(placed, Placed { placement: expected, outside: false });
+            assert_eq!(placed, PutOutcome { placement: expected, outside: false });
         }
         let full = encoder.counts();
         assert_eq!((full.cells, full.points_stored, full.cell_full, full.unplaced()), (1, 7, 2, 2));

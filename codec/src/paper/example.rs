@@ -7,7 +7,7 @@ use super::{Encoder, Grid, InstanceLayout, Layout, PointFormat, PointSample, Pos
 use crate::Limits;
 use crate::block::BlockCoder;
 use crate::envelope::{EncodedFrame, FrameIndex, FrameKind, FrameMeta, StreamTime};
-use crate::hash::{Kind, term};
+use crate::hash::{RecordKind, term};
 
 pub(crate) const SPEC: &str = include_str!("../../../docs/spec/codec.md");
 
@@ -82,9 +82,9 @@ fn the_hash_in_the_specification_is_what_the_code_computes() {
     encoder.finish(meta(FrameKind::Key, 1), BlockCoder::Stored).unwrap();
     let state = encoder.state();
     let terms = [
-        term(Kind::Pose, 0, &state.poses()[0].hash_words()),
-        term(Kind::Bucket, 1, &state.buckets()[1].to_words()),
-        term(Kind::Cell, 0, state.cells()[0].words()),
+        term(RecordKind::Pose, 0, &state.poses()[0].hash_words()),
+        term(RecordKind::Bucket, 1, &state.buckets()[1].to_words()),
+        term(RecordKind::Cell, 0, state.cells()[0].words()),
     ];
     assert_eq!(terms.iter().fold(0_u64, |sum, term| sum.wrapping_add(*term)), state.hash().0);
     for value in [&terms[..], &[state.hash().0]].concat() {

@@ -27,7 +27,7 @@ pub struct Layout {
 
 impl Layout {
     /// Bytes held.
-    pub(crate) fn held(&self) -> usize {
+    pub(crate) fn heap_bytes(&self) -> usize {
         memory::list(&self.instances)
     }
 

@@ -20,7 +20,7 @@ pub(crate) struct Records {
 
 impl Records {
     /// Bytes held.
-    pub(crate) fn held(&self) -> usize {
+    pub(crate) fn heap_bytes(&self) -> usize {
         memory::list(&self.poses) + memory::list(&self.buckets) + memory::list(&self.cells)
     }
 

@@ -34,11 +34,11 @@ impl ResendAo {
 }
 
 /// Position and normal of a point, metres and unit length, instance-local.
-pub(super) type Place = ([f32; 3], [f32; 3]);
+pub(super) type PointPlace = ([f32; 3], [f32; 3]);
 
 /// Whether a point of a deforming instance moved or turned enough: farther than 3/31 of a cell, into another cell, or
 /// its normal by more than a cosine of 0.6.
-fn place_changed(grid: &Grid, now: Place, sent: Place) -> bool {
+fn place_changed(grid: &Grid, now: PointPlace, sent: PointPlace) -> bool {
     let limit = grid.edge() * SAME_POSITION;
     let moved: [f32; 3] = std::array::from_fn(|axis| now.0[axis] - sent.0[axis]);
     dot(moved, moved) > limit * limit
@@ -57,7 +57,7 @@ pub(super) struct Resend {
     /// By point id: the byte that clients hold once the point is packed; nothing where it was never sent.
     ao: Vec<Option<u8>>,
     /// Places of the points of deforming instances, by instance and number; those of others never change.
-    places: Vec<Vec<Place>>,
+    places: Vec<Vec<PointPlace>>,
     /// What the next frame sends.
     due: Vec<(u32, PointSample)>,
 }
@@ -69,7 +69,7 @@ impl Resend {
         let places = counts.map(|(points, deforms)| {
             total += points as usize;
             // Compared with only where the point was sent, and known then.
-            vec![Place::default(); if deforms { points as usize } else { 0 }]
+            vec![PointPlace::default(); if deforms { points as usize } else { 0 }]
         });
         let places = places.collect();
         Resend { rule, ao: vec![None; total], places, due: Vec::new() }
@@ -106,7 +106,7 @@ impl Resend {
     }
 
     /// Notes that a point, of this number in its instance, is being sent.
-    pub(super) fn note(&mut self, (point, instance, number): (u32, usize, usize), sample: &PointSample) {
+    pub(super) fn record(&mut self, (point, instance, number): (u32, usize, usize), sample: &PointSample) {
         self.ao[point as usize] = Some(self.rule.format.held_ao(sample.ao));
         if let Some(place) = self.places[instance].get_mut(number) {
             *place = (sample.local, sample.normal);
@@ -125,7 +125,7 @@ impl Resend {
     }
 
     /// The place of a point of a deforming instance as last sent.
-    pub(super) fn place(&self, instance: usize, number: usize) -> Option<Place> {
+    pub(super) fn place(&self, instance: usize, number: usize) -> Option<PointPlace> {
         self.places.get(instance)?.get(number).copied()
     }
 }

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::{Bucket, Cell, Layout, Pose, bucket_of, cell_id};
 use crate::envelope::FrameIndex;
-use crate::hash::Kind;
+use crate::hash::RecordKind;
 use crate::{StateHash, memory};
 
 /// The state of a stream: buckets, cells and poses, and the hash over all of them.
@@ -33,8 +33,8 @@ impl State {
     }
 
     /// Bytes held, the layout included.
-    pub(crate) fn held(&self) -> usize {
-        self.layout.held()
+    pub(crate) fn heap_bytes(&self) -> usize {
+        self.layout.heap_bytes()
             + memory::list(&self.buckets)
             + memory::list(&self.cells)
             + memory::list(&self.poses)
@@ -105,13 +105,13 @@ impl State {
     pub fn full_hash(&self) -> StateHash {
         let mut hash = StateHash::default();
         for (index, pose) in (0_u32..).zip(&self.poses) {
-            hash = hash.insert(Kind::Pose, index, &pose.hash_words());
+            hash = hash.insert(RecordKind::Pose, index, &pose.hash_words());
         }
         for (index, bucket) in (0_u32..).zip(&self.buckets) {
-            hash = hash.insert(Kind::Bucket, index, &bucket.to_words());
+            hash = hash.insert(RecordKind::Bucket, index, &bucket.to_words());
         }
         for (index, cell) in (0_u32..).zip(&self.cells) {
-            hash = hash.insert(Kind::Cell, index, cell.words());
+            hash = hash.insert(RecordKind::Cell, index, cell.words());
         }
         hash
     }

@@ -1,30 +1,30 @@
 //! Binary range coder without carries: the interval is a pair of 32-bit bounds, bytes leave when both agree on them.
 
 /// Where decisions go to, or come from.
-pub(crate) trait Bits {
-    /// Codes one decision. `one` is the probability of `true` in 65,536ths, 1 to 65,535. A writer codes `wanted` and
+pub(crate) trait BinaryCoder {
+    /// Codes one decision. `one` is the probability of `true` in 65,536ths, 1 to 65,535. A writer codes `source` and
     /// gives it back; a reader does not look at it.
-    fn bit(&mut self, one: u32, wanted: bool) -> bool;
+    fn bit(&mut self, one: u32, source: bool) -> bool;
 
     /// What the decisions from here on are about; of use to who counts bits only.
     #[inline]
-    fn about(&mut self, _subject: Subject) {}
+    fn set_class(&mut self, _subject: SymbolClass) {}
 
-    /// Codes the low `count` bits of `wanted`, high bit first, each as likely as not.
-    fn plain(&mut self, count: u32, wanted: u32) -> u32 {
-        (0..count).rev().fold(0, |value, at| value << 1 | u32::from(self.bit(1 << 15, wanted >> at & 1 == 1)))
+    /// Codes the low `count` bits of `source`, high bit first, each as likely as not.
+    fn plain(&mut self, count: u32, source: u32) -> u32 {
+        (0..count).rev().fold(0, |value, at| value << 1 | u32::from(self.bit(1 << 15, source >> at & 1 == 1)))
     }
 }
 
 /// What a decision of a frame of changes is about.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Subject {
+pub(crate) enum SymbolClass {
     /// The quantum, and which blocks have a change.
     Blocks,
     /// Which points of a block change.
     Points,
     /// Whether a point becomes darker.
-    Ways,
+    Signs,
     /// By how much.
     Sizes,
 }
@@ -70,11 +70,11 @@ fn cut(low: u32, high: u32, one: u32) -> u32 {
     low + ((u64::from(high - low) * u64::from(one)) >> 16) as u32
 }
 
-impl Bits for RangeEncoder<'_> {
+impl BinaryCoder for RangeEncoder<'_> {
     #[inline]
-    fn bit(&mut self, one: u32, wanted: bool) -> bool {
+    fn bit(&mut self, one: u32, source: bool) -> bool {
         let cut = cut(self.low, self.high, one);
-        if wanted {
+        if source {
             self.high = cut;
         } else {
             self.low = cut + 1;
@@ -84,7 +84,7 @@ impl Bits for RangeEncoder<'_> {
             self.low <<= 8;
             self.high = self.high << 8 | 0xFF;
         }
-        wanted
+        source
     }
 }
 
@@ -102,7 +102,7 @@ pub(crate) struct RangeDecoder<'a> {
 
 /// How the bytes of a block do not fit what was read from them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Misfit {
+pub(crate) enum LengthMismatch {
     /// The block ends too early.
     Short,
     /// Bytes are left over.
@@ -129,12 +129,12 @@ impl<'a> RangeDecoder<'a> {
     }
 
     /// Whether the block can end here: a writer's ending is at most four bytes shorter than what a reader takes.
-    pub(crate) fn finish(self) -> Result<(), Misfit> {
+    pub(crate) fn finish(self) -> Result<(), LengthMismatch> {
         let length = self.bytes.len();
         if self.taken < length {
-            return Err(Misfit::Long { extra: length - self.taken });
+            return Err(LengthMismatch::Long { extra: length - self.taken });
         }
-        if self.taken > length + 4 { Err(Misfit::Short) } else { Ok(()) }
+        if self.taken > length + 4 { Err(LengthMismatch::Short) } else { Ok(()) }
     }
 
     /// Whether more was read than any writer leaves out: nothing sensible follows.
@@ -144,7 +144,7 @@ impl<'a> RangeDecoder<'a> {
     }
 }
 
-impl Bits for RangeDecoder<'_> {
+impl BinaryCoder for RangeDecoder<'_> {
     #[inline]
     fn bit(&mut self, one: u32, _: bool) -> bool {
         let cut = cut(self.low, self.high, one);
@@ -179,7 +179,7 @@ mod tests {
         out
     }
 
-    fn read(bytes: &[u8], decisions: &[(u32, bool)]) -> (Vec<bool>, Result<(), Misfit>) {
+    fn read(bytes: &[u8], decisions: &[(u32, bool)]) -> (Vec<bool>, Result<(), LengthMismatch>) {
         let mut decoder = RangeDecoder::new(bytes);
         let bits = decisions.iter().map(|(one, _)| decoder.bit(*one, false)).collect();
         (bits, decoder.finish())
@@ -189,7 +189,7 @@ mod tests {
     fn nothing_takes_nothing() {
         assert_eq!(write(&[]), []);
         assert_eq!(RangeDecoder::new(&[]).finish(), Ok(()));
-        assert_eq!(RangeDecoder::new(&[0; 5]).finish(), Err(Misfit::Long { extra: 1 }));
+        assert_eq!(RangeDecoder::new(&[0; 5]).finish(), Err(LengthMismatch::Long { extra: 1 }));
     }
 
     #[test]
@@ -223,7 +223,7 @@ mod tests {
             prop_assert_eq!(end, Ok(()));
             let mut long = bytes;
             long.extend_from_slice(&[0; 5]);
-            let refused = matches!(read(&long, &decisions).1, Err(Misfit::Long { .. }));
+            let refused = matches!(read(&long, &decisions).1, Err(LengthMismatch::Long { .. }));
             prop_assert!(refused);
         }
     }

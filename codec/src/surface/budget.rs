@@ -13,9 +13,9 @@ use crate::memory;
 /// How many bytes a delta takes at most, and how long a point may wait for its turn.
 ///
 /// When not all changes fit, those with the largest product of *difference* (between the byte offered and the one that
-/// clients hold, 1 to 255), *weight* (of the point's block, see [`Encoder::weigh`](super::Encoder::weigh)) and *age* (frames
+/// clients hold, 1 to 255), *weight* (of the point's block, see [`Encoder::set_weight`](super::Encoder::set_weight)) and *age* (frames
 /// since the point first differed by the threshold, this one included) go first, those of lower point ids among equals. Points
-/// that have waited for `longest_age` frames go before all, and whatever the budget. A frame is a call of
+/// that have waited for `longest_age` frames go before all, and ignore_budget the budget. A frame is a call of
 /// [`Encoder::finish`](super::Encoder::finish).
 ///
 /// # What holds
@@ -67,7 +67,7 @@ pub struct Postponed {
 
 /// A point that differs by the threshold.
 #[derive(Debug, Clone, Copy)]
-struct Due {
+struct DueChange {
     slot: u32,
     level: i16,
     /// Frames before this one that postponed it.
@@ -83,7 +83,7 @@ const FORCED: u64 = u64::MAX;
 /// Trials whose number of points is guessed from the one before; later ones halve what is left.
 const GUESSES: u32 = 5;
 
-impl Due {
+impl DueChange {
     fn rank(&self) -> Rank {
         (Reverse(self.priority), self.slot)
     }
@@ -98,20 +98,20 @@ struct Trial {
     used: usize,
     /// Bytes that the section could take.
     room: usize,
-    /// How many changes would fill the budget if all took as many bytes as these.
+    /// How many changes would fill the budget if all set_used as many bytes as these.
     would_fit: usize,
 }
 
 /// The points that wait, and the choice among those that are due.
 #[derive(Debug)]
-pub(super) struct Queue {
+pub(super) struct BudgetQueue {
     budget: Budget,
     /// By block.
     weights: Vec<u16>,
     /// What the last frame postponed: slots, ascending, with the frames that they have waited.
     waiting: Vec<(u32, u16)>,
     /// In the order of slots.
-    due: Vec<Due>,
+    due: Vec<DueChange>,
     ranks: Vec<Rank>,
     /// Rank of the last one chosen.
     last: Option<Rank>,
@@ -123,7 +123,7 @@ pub(super) struct Queue {
 }
 
 /// A frame that lacks its changes.
-pub(super) struct Unfinished<'a> {
+pub(super) struct PendingFrame<'a> {
     pub(super) writer: &'a mut SectionWriter,
     /// What clients hold.
     pub(super) sent: &'a mut State,
@@ -133,9 +133,9 @@ pub(super) struct Unfinished<'a> {
     pub(super) coder: BlockCoder,
 }
 
-impl Queue {
-    pub(super) fn new(budget: Budget, blocks: usize) -> Queue {
-        Queue {
+impl BudgetQueue {
+    pub(super) fn new(budget: Budget, blocks: usize) -> BudgetQueue {
+        BudgetQueue {
             budget,
             weights: vec![1; blocks],
             waiting: Vec::new(),
@@ -149,10 +149,10 @@ impl Queue {
     }
 
     /// Bytes held.
-    pub(super) fn held(&self) -> usize {
-        let Queue { weights, waiting, due, ranks, model, .. } = self;
+    pub(super) fn heap_bytes(&self) -> usize {
+        let BudgetQueue { weights, waiting, due, ranks, model, .. } = self;
         let lists = memory::list(weights) + memory::list(waiting) + memory::list(due) + memory::list(ranks);
-        size_of::<Self>() + lists + model.held()
+        size_of::<Self>() + lists + model.heap_bytes()
     }
 
     /// Weights by block.
@@ -170,8 +170,8 @@ impl Queue {
         &self.postponed
     }
 
-    /// Takes note of the bytes that a frame took.
-    pub(super) fn took(&mut self, bytes: usize) {
+    /// Takes note of the bytes that a frame set_used.
+    pub(super) fn set_used(&mut self, bytes: usize) {
         self.postponed.used = bytes as u32;
     }
 
@@ -185,10 +185,10 @@ impl Queue {
     /// fails, nothing has changed but `changes`.
     pub(super) fn write(
         &mut self,
-        mut frame: Unfinished<'_>,
+        mut frame: PendingFrame<'_>,
         changes: &mut Changes,
     ) -> Result<u32, EncodeError> {
-        let start = Start::of(frame.writer);
+        let start = WriterMark::of(frame.writer);
         let forced = self.rank(&frame, changes);
         let count = self.fill(&mut frame, changes, start, forced)?;
         if count > 0 {
@@ -211,7 +211,7 @@ impl Queue {
     }
 
     /// Takes the changes over and gives each its priority; how many must not wait.
-    fn rank(&mut self, frame: &Unfinished<'_>, changes: &Changes) -> usize {
+    fn rank(&mut self, frame: &PendingFrame<'_>, changes: &Changes) -> usize {
         let mut waiting = self.waiting.iter().copied().peekable();
         let mut forced = 0;
         self.due.clear();
@@ -226,19 +226,19 @@ impl Queue {
                 let weight = self.weights[slot / BLOCK_POINTS];
                 u64::from(difference) * u64::from(weight) * (u64::from(waited) + 1)
             };
-            self.due.push(Due { slot: slot as u32, level, waited, priority });
+            self.due.push(DueChange { slot: slot as u32, level, waited, priority });
         }
         self.ranks.clear();
-        self.ranks.extend(self.due.iter().map(Due::rank));
+        self.ranks.extend(self.due.iter().map(DueChange::rank));
         forced
     }
 
     /// Writes as many changes as fit, at least those that are forced; how many.
     fn fill(
         &mut self,
-        frame: &mut Unfinished<'_>,
+        frame: &mut PendingFrame<'_>,
         changes: &mut Changes,
-        start: Start,
+        start: WriterMark,
         forced: usize,
     ) -> Result<usize, EncodeError> {
         let (all, most) = (self.due.len(), u64::from(self.budget.bytes));
@@ -246,8 +246,9 @@ impl Queue {
         if trial.fits || all == forced {
             return Ok(all);
         }
-        let mut guess =
-            self.rate.map_or(trial.would_fit * 15 / 16, |(count, bytes)| share(count, trial.room, bytes));
+        let mut guess = self
+            .rate
+            .map_or(trial.would_fit * 15 / 16, |(count, bytes)| proportional(count, trial.room, bytes));
         let mut written = None;
         if forced > 0 {
             trial = self.attempt(frame, changes, start, forced, true)?;
@@ -279,31 +280,30 @@ impl Queue {
     }
 
     /// Writes the first `count` in the order of ranks on a copy of the model, in place of what was tried before; without
-    /// `whatever` no further than the budget.
+    /// `ignore_budget` no further than the budget.
     fn attempt(
         &mut self,
-        frame: &mut Unfinished<'_>,
+        frame: &mut PendingFrame<'_>,
         changes: &mut Changes,
-        start: Start,
+        start: WriterMark,
         count: usize,
-        whatever: bool,
+        ignore_budget: bool,
     ) -> Result<Trial, EncodeError> {
         start.rewind(frame.writer);
         self.choose(count, changes);
         let budget = self.budget.bytes as usize;
         let room = budget.saturating_sub(self.body_bytes(frame, count));
-        let most = if whatever { usize::MAX } else { room };
+        let most = if ignore_budget { usize::MAX } else { room };
         let mut stopped = None;
         if count > 0 {
             if frame.coder == BlockCoder::Range {
                 self.model.clone_from(&frame.sent.model);
             }
-            stopped =
-                frame.writer.changes(frame.sent.known(), &mut self.model, changes, frame.coder, most)?;
+            stopped = frame.writer.changes(frame.sent.view(), &mut self.model, changes, frame.coder, most)?;
         }
         let bytes = frame.writer.blocks.len() - start.bytes;
         let used = self.body_bytes(frame, count);
-        let would_fit = stopped.unwrap_or_else(|| share(count, room, bytes));
+        let would_fit = stopped.unwrap_or_else(|| proportional(count, room, bytes));
         Ok(Trial { fits: stopped.is_none() && used <= budget, used, room, would_fit })
     }
 
@@ -320,14 +320,14 @@ impl Queue {
     }
 
     /// Bytes of the body as it is.
-    fn body_bytes(&self, frame: &Unfinished<'_>, count: usize) -> usize {
+    fn body_bytes(&self, frame: &PendingFrame<'_>, count: usize) -> usize {
         let header = header_bytes(&frame.writer.sections, self.changed_points(frame, count));
         header + frame.writer.blocks.len()
     }
 
     /// Points that the header of a frame with `count` changes names: what the caller says, unless that cannot be because some
     /// wait or waited; then those that the frame has.
-    fn changed_points(&self, frame: &Unfinished<'_>, count: usize) -> u32 {
+    fn changed_points(&self, frame: &PendingFrame<'_>, count: usize) -> u32 {
         if self.waiting.is_empty() && count == self.due.len() {
             return frame.meta.changed_points;
         }
@@ -338,20 +338,20 @@ impl Queue {
 }
 
 /// How many changes `room` bytes have room for when `count` take `bytes`.
-fn share(count: usize, room: usize, bytes: usize) -> usize {
+fn proportional(count: usize, room: usize, bytes: usize) -> usize {
     (count as u64 * room as u64 / bytes.max(1) as u64) as usize
 }
 
 /// Where the changes of a frame begin.
 #[derive(Debug, Clone, Copy)]
-struct Start {
+struct WriterMark {
     sections: usize,
     bytes: usize,
 }
 
-impl Start {
-    fn of(writer: &SectionWriter) -> Start {
-        Start { sections: writer.sections.len(), bytes: writer.blocks.len() }
+impl WriterMark {
+    fn of(writer: &SectionWriter) -> WriterMark {
+        WriterMark { sections: writer.sections.len(), bytes: writer.blocks.len() }
     }
 
     fn rewind(self, writer: &mut SectionWriter) {

@@ -7,7 +7,7 @@ use super::*;
 use crate::Limits;
 use crate::block::BlockCoder;
 use crate::envelope::{EncodedFrame, FrameKind, SectionTag};
-use crate::reference::NaiveSurfaceEncoder;
+use crate::reference::SurfaceReferenceEncoder;
 
 const KEY: FrameKind = FrameKind::Key;
 const DELTA: FrameKind = FrameKind::Delta;
@@ -80,7 +80,7 @@ proptest! {
         let mut walk = Walk::new(state.layout().points(), seed);
         let mut offered: Vec<Vec<u8>> = Vec::new();
         for number in 0..30 {
-            encoder.weigh(walk.dice.roll(4), walk.dice.roll(5) as usize, walk.dice.roll(200) as u16);
+            encoder.set_weight(walk.dice.roll(4), walk.dice.roll(5) as usize, walk.dice.roll(200) as u16);
             walk.offer(&mut encoder);
             let kind = if number == 0 { KEY } else { DELTA };
             let frame = encoder.finish(meta(kind, number), CODERS[coder]).unwrap();
@@ -130,7 +130,7 @@ proptest! {
         const BYTES: usize = 200;
         let mut encoder = budgeted(threshold, BYTES as u32, u16::MAX);
         let layout = std::sync::Arc::clone(encoder.state().layout());
-        let mut naive = NaiveSurfaceEncoder::new(std::sync::Arc::clone(&layout), *encoder.settings());
+        let mut naive = SurfaceReferenceEncoder::new(std::sync::Arc::clone(&layout), *encoder.settings());
         let mut walk = Walk::new(layout.points(), seed);
         let (mut due, mut longest) = (0, 0);
         let (mut least, mut largest) = (u64::MAX, 0);
@@ -234,16 +234,16 @@ fn a_frame_that_fails_leaves_those_that_wait_as_they_were() {
 fn the_order_beats_that_of_age_alone() {
     let mut encoder = budgeted(4, 110, 200);
     let layout = std::sync::Arc::clone(encoder.state().layout());
-    let naive = || NaiveSurfaceEncoder::new(std::sync::Arc::clone(&layout), *encoder.settings());
+    let naive = || SurfaceReferenceEncoder::new(std::sync::Arc::clone(&layout), *encoder.settings());
     let [mut by_product, mut by_age] = [naive(), naive()];
     let mut walk = Walk::new(layout.points(), 77);
     let mut weights = Vec::new();
     for instance in 0..4 {
         for (block, _) in layout.blocks_of(instance).enumerate() {
             let weight = 1 << walk.dice.roll(10);
-            encoder.weigh(instance, block, weight);
-            by_product.weigh(instance, block, weight);
-            by_age.weigh(instance, block, weight);
+            encoder.set_weight(instance, block, weight);
+            by_product.set_weight(instance, block, weight);
+            by_age.set_weight(instance, block, weight);
             let points = layout.points_of(instance).len() - block * BLOCK_POINTS;
             weights.extend(std::iter::repeat_n(u64::from(weight), points.min(BLOCK_POINTS)));
         }

@@ -6,13 +6,13 @@
 use std::sync::Arc;
 
 use super::State;
-use super::encoder::arrived;
+use super::encoder::hash_with_arrivals;
 use super::model::change::ChangeModel;
 use super::model::context;
 use super::model::history::History;
 use super::model::patch::PatchModel;
-use super::section::changes::{ChangeProblem, Changes};
-use super::section::geometry::{self, GeometryProblem};
+use super::section::changes::{ChangeError, Changes};
+use super::section::geometry::{self, GeometrySectionError};
 use super::section::patch::Patch;
 use super::section::values::Values;
 use super::section::writer::FrameModels;
@@ -22,8 +22,8 @@ use crate::envelope::{
     FrameBody, FrameError, FrameInfo, FrameKind, HASH_OFFSET, Profile, SectionBlock, SectionInfo, SectionTag,
     check_follows,
 };
-use crate::hash::Kind;
-use crate::range::{Misfit, RangeDecoder};
+use crate::hash::RecordKind;
+use crate::range::{LengthMismatch, RangeDecoder};
 use crate::{Limits, StateHash};
 
 /// Applies frame bodies; keeps its buffers between them.
@@ -126,7 +126,7 @@ impl Decoder {
             let next = next.get_or_insert_with(|| state.clone());
             self.parcel(next, &block, models.get_or_insert_with(FrameModels::new), limits)?;
         }
-        let mut hash = next.as_ref().map_or(state.hash, |next| arrived(state, next));
+        let mut hash = next.as_ref().map_or(state.hash, |next| hash_with_arrivals(state, next));
         self.changes.clear();
         let mut learned = false;
         if let Some(block) = blocks.find(|block| block.section.tag == SectionTag::CHANGES) {
@@ -170,7 +170,7 @@ impl Decoder {
         }
         let hash = self.patch.iter().fold(state.hash, |hash, (slot, byte)| {
             let (old, new) = (value_words(state.values[slot]), value_words(byte));
-            hash.replace(Kind::Value, slot as u32, &old, &new)
+            hash.replace(RecordKind::Value, slot as u32, &old, &new)
         });
         let computed = check_hash(hash, info)?;
         for (slot, byte) in self.patch.iter() {
@@ -196,21 +196,21 @@ impl Decoder {
             self.decompress(block, limits)?;
             self.patch.read_plain(&self.plain, blocks, records).map_err(refuse)?;
             check_base(self.patch.back, state, info, offset)?;
-            return self.patch.marks.check(state).map_err(refuse);
+            return self.patch.points.check(state).map_err(refuse);
         }
-        let mut bits = RangeDecoder::new(block.bytes);
+        let mut decoder = RangeDecoder::new(block.bytes);
         let mut model = PatchModel::new();
-        self.patch.back = model.back(&mut bits, 0);
+        self.patch.back = model.back(&mut decoder, 0);
         check_base(self.patch.back, state, info, offset)?;
         self.values.clone_from(&state.values);
         let known = (&*state.layout, state.present.as_slice());
         let (most, none) = (records as usize, Patch::default());
         let pair = (&none, &mut self.patch);
-        model.code(&mut bits, known, &mut self.values, pair, most, RangeDecoder::is_exhausted);
-        check_end(bits, block)?;
+        model.code(&mut decoder, known, &mut self.values, pair, most, RangeDecoder::is_exhausted);
+        check_end(decoder, block)?;
         let found = self.patch.bytes.len();
         if found != most {
-            return Err(refuse(ChangeProblem::Count { expected: records, found }));
+            return Err(refuse(ChangeError::Count { expected: records, found }));
         }
         check_plain(self.patch.plain_bytes(blocks), block)
     }
@@ -256,20 +256,20 @@ impl Decoder {
         let refuse = |problem| FrameError::Geometry { offset: block.offset, problem };
         let records = block.section.records;
         let sets = if block.section.coder == CoderId::RANGE {
-            let mut bits = RangeDecoder::new(block.bytes);
+            let mut decoder = RangeDecoder::new(block.bytes);
             let (model, numbers) = (&mut models.geometry, &mut models.sets);
             let none = geometry::Sets::new();
             let coded = geometry::code(
                 model,
                 numbers,
-                &mut bits,
+                &mut decoder,
                 &layout,
                 &none,
                 records,
                 RangeDecoder::is_exhausted,
             );
             let sets = coded.map_err(refuse)?;
-            check_end(bits, block)?;
+            check_end(decoder, block)?;
             check_plain(geometry::plain_bytes(&sets), block)?;
             sets
         } else {
@@ -279,7 +279,7 @@ impl Decoder {
         for (set, geometry) in sets {
             let at = set as usize;
             if std::mem::replace(&mut next.received[at], true) {
-                return Err(refuse(GeometryProblem::Set { set }));
+                return Err(refuse(GeometrySectionError::Set { set }));
             }
             next.geometry[at] = Some(geometry);
         }
@@ -298,15 +298,15 @@ impl Decoder {
         let SectionInfo { records, coder, .. } = block.section;
         let mut found = Values::default();
         if coder == CoderId::RANGE {
-            let mut bits = RangeDecoder::new(block.bytes);
+            let mut decoder = RangeDecoder::new(block.bytes);
             let known = (next.values.as_mut_slice(), next.present.as_mut_slice());
             let none = Values::default();
             let pair = (&none, &mut found);
             models
                 .values
-                .code(&mut bits, &layout, known, pair, records, RangeDecoder::is_exhausted)
+                .code(&mut decoder, &layout, known, pair, records, RangeDecoder::is_exhausted)
                 .map_err(refuse)?;
-            check_end(bits, block)?;
+            check_end(decoder, block)?;
             return check_plain(found.plain_bytes(), block);
         }
         self.decompress(block, limits)?;
@@ -332,11 +332,11 @@ impl Decoder {
         }
         let model = self.model.get_or_insert_with(ChangeModel::new);
         model.clone_from(&state.model);
-        let mut bits = RangeDecoder::new(block.bytes);
+        let mut decoder = RangeDecoder::new(block.bytes);
         let none = Changes::default();
         model.code(
-            &mut bits,
-            state.known(),
+            &mut decoder,
+            state.view(),
             &none,
             &mut self.changes,
             records as usize,
@@ -344,9 +344,9 @@ impl Decoder {
         );
         let found = self.changes.levels.len();
         if found != records as usize {
-            return Err(refuse(ChangeProblem::Count { expected: records, found }));
+            return Err(refuse(ChangeError::Count { expected: records, found }));
         }
-        check_end(bits, block)?;
+        check_end(decoder, block)?;
         check_plain(self.changes.plain_bytes(blocks), block)?;
         Ok(true)
     }
@@ -397,24 +397,24 @@ fn check_hash(computed: StateHash, info: &FrameInfo) -> Result<StateHash, FrameE
 }
 
 /// Checks that changes suit the state: blocks that are here, points that there are, levels that change something.
-fn check_changes(state: &State, changes: &Changes) -> Result<(), ChangeProblem> {
+fn check_changes(state: &State, changes: &Changes) -> Result<(), ChangeError> {
     if changes.quantum == 0 {
-        return Err(ChangeProblem::Quantum);
+        return Err(ChangeError::Quantum);
     }
-    changes.marks.check(state)?;
+    changes.points.check(state)?;
     for (slot, level) in changes.iter() {
         if level.unsigned_abs() > 255 || state.changed(slot, level, changes.quantum) == state.values[slot] {
-            return Err(ChangeProblem::Level { slot: slot as u32, level: level.into() });
+            return Err(ChangeError::Level { slot: slot as u32, level: level.into() });
         }
     }
     Ok(())
 }
 
-fn check_end(bits: RangeDecoder<'_>, block: &SectionBlock<'_>) -> Result<(), FrameError> {
-    bits.finish().map_err(|misfit| {
-        let extra = match misfit {
-            Misfit::Short => None,
-            Misfit::Long { extra } => Some(extra),
+fn check_end(decoder: RangeDecoder<'_>, block: &SectionBlock<'_>) -> Result<(), FrameError> {
+    decoder.finish().map_err(|mismatch| {
+        let extra = match mismatch {
+            LengthMismatch::Short => None,
+            LengthMismatch::Long { extra } => Some(extra),
         };
         FrameError::RangeLength { offset: block.offset, section: block.section.tag, extra }
     })

@@ -2,16 +2,16 @@
 
 use std::sync::Arc;
 
-use super::budget::{Budget, Postponed, Queue, Unfinished};
-use super::keyframe::Parcels;
+use super::budget::{Budget, BudgetQueue, PendingFrame, Postponed};
+use super::keyframe::ParcelWriter;
 use super::section::changes::Changes;
-use super::section::marks::SetBits;
+use super::section::point_mask::SetBits;
 use super::section::writer::SectionWriter;
 use super::state::{geometry_words, value_words};
 use super::{BLOCK_POINTS, Geometry, GeometryError, Layout, State};
 use crate::block::BlockCoder;
 use crate::envelope::{EncodeError, EncodedFrame, FrameKind, FrameMeta, Packing, Profile, assemble};
-use crate::hash::Kind;
+use crate::hash::RecordKind;
 use crate::{StateHash, memory};
 
 /// How a stream is encoded.
@@ -73,7 +73,7 @@ pub struct Encoder {
     changes: Changes,
     writer: SectionWriter,
     /// The points that wait, where there is a budget.
-    queue: Option<Box<Queue>>,
+    queue: Option<Box<BudgetQueue>>,
 }
 
 impl Encoder {
@@ -109,7 +109,7 @@ impl Encoder {
             geometry: geometry.into_iter().map(carried).collect(),
             changes: Changes::default(),
             writer: SectionWriter::default(),
-            queue: settings.budget.map(|budget| Box::new(Queue::new(budget, sent.present.len()))),
+            queue: settings.budget.map(|budget| Box::new(BudgetQueue::new(budget, sent.present.len()))),
             settings,
             sent,
         })
@@ -123,12 +123,12 @@ impl Encoder {
             self;
         let carried = geometry.iter().zip(&sent.geometry).map(|(ours, theirs)| match (ours, theirs) {
             (Some(ours), Some(theirs)) if Arc::ptr_eq(ours, theirs) => 0,
-            (ours, _) => ours.as_ref().map_or(0, |geometry| geometry.held()),
+            (ours, _) => ours.as_ref().map_or(0, |geometry| geometry.heap_bytes()),
         });
         let points = carried.sum::<usize>() + memory::list(geometry) + memory::list(offered);
         let blocks = memory::list(dirty) + memory::list(arriving) + memory::list(is_arriving);
-        let queue = queue.as_ref().map_or(0, |queue| queue.held());
-        sent.held() + points + blocks + changes.held() + writer.held() + queue
+        let queue = queue.as_ref().map_or(0, |queue| queue.heap_bytes());
+        sent.heap_bytes() + points + blocks + changes.heap_bytes() + writer.heap_bytes() + queue
     }
 
     /// Says what a point's AO is now; `None` where there is no such point. Otherwise whether the next frame sends it: it
@@ -170,7 +170,7 @@ impl Encoder {
     /// Says how much the points of an instance's block `block` count when not all fit a [`Budget`]: with twice the weight a
     /// difference counts twice. 1 until said otherwise; 0 counts as 1. Nothing comes of it where there is no such block, or no
     /// budget.
-    pub fn weigh(&mut self, instance: u32, block: usize, weight: u16) {
+    pub fn set_weight(&mut self, instance: u32, block: usize, weight: u16) {
         let blocks = self.sent.layout.blocks_of(instance);
         let weights = self.queue.as_mut().and_then(|queue| queue.weights_mut().get_mut(blocks));
         if let Some(found) = weights.and_then(|weights| weights.get_mut(block)) {
@@ -178,7 +178,7 @@ impl Encoder {
         }
     }
 
-    /// Weight of an instance's block, see [`Encoder::weigh`]; `None` where there is no such block, or no budget.
+    /// Weight of an instance's block, see [`Encoder::set_weight`]; `None` where there is no such block, or no budget.
     #[must_use]
     pub fn weight(&self, instance: u32, block: usize) -> Option<u16> {
         let blocks = self.sent.layout.blocks_of(instance);
@@ -237,7 +237,7 @@ impl Encoder {
         let sections = std::mem::take(&mut self.writer.sections);
         let frame = assemble(&meta, ids, self.sent.hash, sections, &self.writer.blocks);
         if let Some(queue) = &mut self.queue {
-            queue.took(frame.body.len());
+            queue.set_used(frame.body.len());
         }
         Ok(frame)
     }
@@ -270,18 +270,18 @@ impl Encoder {
             let arriving = self.arriving.clone();
             let mut with = self.sent.clone();
             self.write_parcels(&mut with, &arriving, coder)?;
-            hash = arrived(&self.sent, &with);
+            hash = hash_with_arrivals(&self.sent, &with);
             next = Some(with);
         }
         let changed_points = self.write_changes(meta, coder)?;
         // Nothing can fail from here on.
-        for (block, mask) in self.changes.marks.iter() {
+        for (block, mask) in self.changes.points.iter() {
             self.dirty[block as usize] &= !mask;
         }
         self.sent.hash = self.sent.hash_after(hash, &self.changes);
         self.sent.commit(&self.changes);
         if let Some(next) = next {
-            // Changes were of what was there before; what arrived comes on top.
+            // Changes were of what was there before; what hash_with_arrivals comes on top.
             for block in self.arriving.drain(..) {
                 let slots = next.slots(block as usize);
                 self.sent.values[slots.clone()].copy_from_slice(&next.values[slots]);
@@ -297,13 +297,13 @@ impl Encoder {
     /// Writes what changed, or what of it fits the budget and is then left in `changes`; how many points the header says that
     /// the frame changes.
     fn write_changes(&mut self, meta: FrameMeta, coder: BlockCoder) -> Result<u32, EncodeError> {
-        self.gather();
+        self.collect_changes();
         let Encoder { sent, changes, writer, offered, queue, .. } = self;
         if let Some(queue) = queue {
-            return queue.write(Unfinished { writer, sent, offered, meta, coder }, changes);
+            return queue.write(PendingFrame { writer, sent, offered, meta, coder }, changes);
         }
         if !changes.levels.is_empty() {
-            let (known, model) = sent.split();
+            let (known, model) = sent.view_and_model();
             writer.changes(known, model, changes, coder, usize::MAX)?;
         }
         Ok(meta.changed_points)
@@ -317,7 +317,7 @@ impl Encoder {
         coder: BlockCoder,
     ) -> Result<(), EncodeError> {
         let layout = Arc::clone(&next.layout);
-        Parcels {
+        ParcelWriter {
             layout: &layout,
             geometry: &self.geometry,
             sent: &mut next.received,
@@ -335,7 +335,7 @@ impl Encoder {
     }
 
     /// Collects the changes of the points that differ by the threshold.
-    fn gather(&mut self) {
+    fn collect_changes(&mut self) {
         let quantum = i32::from(self.settings.quantum());
         self.changes.clear();
         self.changes.quantum = quantum as u8;
@@ -351,17 +351,17 @@ impl Encoder {
     }
 }
 
-/// The hash of `before` with what arrived in `after`.
-pub(super) fn arrived(before: &State, after: &State) -> StateHash {
+/// The hash of `before` with what hash_with_arrivals in `after`.
+pub(super) fn hash_with_arrivals(before: &State, after: &State) -> StateHash {
     let mut hash = before.hash;
     for (set, layout) in after.layout.sets().iter().enumerate() {
         if after.received[set] && !before.received[set] {
-            hash = hash.insert(Kind::Geometry, set as u32, &geometry_words(layout.digest));
+            hash = hash.insert(RecordKind::Geometry, set as u32, &geometry_words(layout.digest));
         }
     }
     for block in (0..after.present.len()).filter(|block| after.present[*block] && !before.present[*block]) {
         for slot in after.slots(block) {
-            hash = hash.insert(Kind::Value, slot as u32, &value_words(after.values[slot]));
+            hash = hash.insert(RecordKind::Value, slot as u32, &value_words(after.values[slot]));
         }
     }
     hash

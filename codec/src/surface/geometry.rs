@@ -50,7 +50,7 @@ pub struct Geometry {
 
 /// What a [`Geometry`] is made of, and what was lost in making it.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Rounded {
+pub struct RoundedGeometry {
     /// The points.
     pub geometry: Geometry,
     /// Which of the given points each one is.
@@ -61,14 +61,14 @@ pub struct Rounded {
 
 impl Geometry {
     /// Bytes held, itself included.
-    pub(super) fn held(&self) -> usize {
+    pub(super) fn heap_bytes(&self) -> usize {
         size_of::<Self>() + memory::list(&self.coords) + memory::list(&self.normals)
     }
 
     /// Rounds points to the lattice of `layout` and orders them. The geometry's own [`layout`](Geometry::layout) has
     /// their number and digest, whatever stood there.
     #[must_use]
-    pub fn round(layout: SetLayout, points: &[RestPoint]) -> Rounded {
+    pub fn round(layout: SetLayout, points: &[RestPoint]) -> RoundedGeometry {
         let mut outside = 0;
         let mut keyed: Vec<(u64, u16, u32, [u32; 3])> = Vec::with_capacity(points.len());
         for (point, index) in points.iter().zip(0..) {
@@ -85,7 +85,7 @@ impl Geometry {
         };
         geometry.layout.points = keyed.len() as u32;
         geometry.layout.digest = geometry.digest();
-        Rounded { geometry, order: keyed.iter().map(|key| key.2).collect(), outside }
+        RoundedGeometry { geometry, order: keyed.iter().map(|key| key.2).collect(), outside }
     }
 
     /// Puts points, in any order, into theirs.
@@ -205,7 +205,7 @@ mod tests {
             let layout = SetLayout { origin: [0.0; 3], ..layout() };
             let points: Vec<RestPoint> =
                 positions.iter().map(|&position| RestPoint { position, normal: [0.0, 0.0, 1.0] }).collect();
-            let Rounded { geometry, order, outside } = Geometry::round(layout, &points);
+            let RoundedGeometry { geometry, order, outside } = Geometry::round(layout, &points);
             prop_assert_eq!(outside, 0);
             for (at, index) in order.iter().enumerate() {
                 prop_assert_eq!(geometry.coords[at], layout.nearest(positions[*index as usize]).0);

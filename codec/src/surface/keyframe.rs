@@ -10,12 +10,12 @@ use crate::block::BlockCoder;
 use crate::envelope::{EncodeError, FrameKind, FrameMeta, Packing, Profile, assemble};
 
 /// Fewest blocks of a parcel: a section costs some ten bytes.
-const PARCEL_BLOCKS: usize = 64;
+const MIN_PARCEL_BLOCKS: usize = 64;
 /// Most parcels, each of up to two sections: a frame has at most 255 sections.
-const PARCELS: usize = 100;
+const MAX_PARCELS: usize = 100;
 
 /// Writes blocks in the given order, each parcel after the geometry of the sets that it needs.
-pub(super) struct Parcels<'a> {
+pub(super) struct ParcelWriter<'a> {
     pub(super) layout: &'a Layout,
     /// Geometry of the sets that clients are to be sent.
     pub(super) geometry: &'a [Option<Arc<Geometry>>],
@@ -26,7 +26,7 @@ pub(super) struct Parcels<'a> {
     pub(super) present: &'a mut [bool],
 }
 
-impl Parcels<'_> {
+impl ParcelWriter<'_> {
     /// Writes `blocks`, whose points are to get the bytes of `values`, by slot.
     pub(super) fn write(
         &mut self,
@@ -39,7 +39,7 @@ impl Parcels<'_> {
             return Ok(());
         }
         let mut models = FrameModels::new();
-        let size = PARCEL_BLOCKS.max(blocks.len().div_ceil(PARCELS));
+        let size = MIN_PARCEL_BLOCKS.max(blocks.len().div_ceil(MAX_PARCELS));
         for parcel in blocks.chunks(size) {
             let sets = self.sets(parcel);
             writer.geometry(self.layout, &sets, &mut models, coder)?;
@@ -96,7 +96,7 @@ pub fn keyframe(
     let received = |set: usize| state.geometry[set].clone().filter(|_| state.received[set]);
     let geometry: Vec<_> = (0..state.geometry.len()).map(received).collect();
     let mut writer = SectionWriter::default();
-    Parcels {
+    ParcelWriter {
         layout,
         geometry: &geometry,
         sent: &mut vec![false; geometry.len()],

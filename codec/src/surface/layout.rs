@@ -13,7 +13,7 @@ pub struct SetLayout {
     pub step: f32,
     /// Largest coordinate along x, y and z, below [`MAX_GRID_DIM`].
     pub extent: [u32; 3],
-    /// Bits of one axis of a normal's octahedral code, 2 to 8.
+    /// BinaryCoder of one axis of a normal's octahedral code, 2 to 8.
     pub normal_bits: u8,
     /// Points of the set.
     pub points: u32,
@@ -37,13 +37,13 @@ pub struct Layout {
     sets: Vec<SetLayout>,
     members: Vec<Member>,
     /// First point id of every instance, then the number of points.
-    firsts: Vec<u32>,
+    point_offsets: Vec<u32>,
     /// First block of every instance, then the number of blocks.
-    first_blocks: Vec<u32>,
+    block_offsets: Vec<u32>,
     /// Instance of every block.
     owners: Vec<u32>,
     /// The instance before every instance that has the same set.
-    twins: Vec<Option<u32>>,
+    previous_of_set: Vec<Option<u32>>,
 }
 
 /// Sets and instances that make no layout.
@@ -96,10 +96,10 @@ pub enum LayoutError {
 
 impl Layout {
     /// Bytes held.
-    pub(super) fn held(&self) -> usize {
-        let Layout { sets, members, firsts, first_blocks, owners, twins } = self;
-        let tables = memory::list(firsts) + memory::list(first_blocks) + memory::list(owners);
-        memory::list(sets) + memory::list(members) + tables + memory::list(twins)
+    pub(super) fn heap_bytes(&self) -> usize {
+        let Layout { sets, members, point_offsets, block_offsets, owners, previous_of_set } = self;
+        let tables = memory::list(point_offsets) + memory::list(block_offsets) + memory::list(owners);
+        memory::list(sets) + memory::list(members) + tables + memory::list(previous_of_set)
     }
 
     /// Checks sets and instances against each other and `limits`.
@@ -121,31 +121,31 @@ impl Layout {
         for (set, index) in sets.iter().zip(0_u32..) {
             check_set(set).map_err(|what| LayoutError::Lattice { set: index, what })?;
         }
-        let mut firsts = Vec::with_capacity(members.len() + 1);
+        let mut point_offsets = Vec::with_capacity(members.len() + 1);
         let mut total = 0_u64;
         for (member, instance) in members.iter().zip(0_u32..) {
             let set = member.set;
             let Some(found) = sets.get(set as usize) else {
                 return Err(LayoutError::NoSet { instance, set, sets: sets.len() });
             };
-            firsts.push(total as u32);
+            point_offsets.push(total as u32);
             total += u64::from(found.points);
             if total > u64::from(limits.max_points) {
                 return Err(LayoutError::Points { found: total, limit: limits.max_points });
             }
         }
-        firsts.push(total as u32);
-        let mut first_blocks = vec![0];
+        point_offsets.push(total as u32);
+        let mut block_offsets = vec![0];
         let mut owners = Vec::new();
-        for (pair, instance) in firsts.windows(2).zip(0..) {
+        for (pair, instance) in point_offsets.windows(2).zip(0..) {
             let blocks = ((pair[1] - pair[0]) as usize).div_ceil(BLOCK_POINTS);
             owners.resize(owners.len() + blocks, instance);
-            first_blocks.push(owners.len() as u32);
+            block_offsets.push(owners.len() as u32);
         }
         let mut latest = vec![None; sets.len()];
-        let twins =
+        let previous_of_set =
             members.iter().zip(0_u32..).map(|(member, at)| latest[member.set as usize].replace(at)).collect();
-        Ok(Layout { sets, members, firsts, first_blocks, owners, twins })
+        Ok(Layout { sets, members, point_offsets, block_offsets, owners, previous_of_set })
     }
 
     /// Blocks of all instances together: each has its points in runs of [`BLOCK_POINTS`], the last one may be shorter.
@@ -158,7 +158,7 @@ impl Layout {
     #[must_use]
     pub fn blocks_of(&self, instance: u32) -> std::ops::Range<usize> {
         let at = instance as usize;
-        match self.first_blocks.get(at..at + 2) {
+        match self.block_offsets.get(at..at + 2) {
             Some(&[first, end]) => first as usize..end as usize,
             _ => 0..0,
         }
@@ -170,14 +170,14 @@ impl Layout {
     }
 
     /// The last instance before this one that has the same set.
-    pub(crate) fn twin(&self, instance: usize) -> Option<u32> {
-        self.twins[instance]
+    pub(crate) fn previous_of_set(&self, instance: usize) -> Option<u32> {
+        self.previous_of_set[instance]
     }
 
     /// Slots of an instance: its points, counted from 64 times its first block.
     pub(crate) fn slots_of(&self, instance: usize) -> std::ops::Range<usize> {
-        let first = self.first_blocks[instance] as usize * BLOCK_POINTS;
-        first..first + (self.firsts[instance + 1] - self.firsts[instance]) as usize
+        let first = self.block_offsets[instance] as usize * BLOCK_POINTS;
+        first..first + (self.point_offsets[instance + 1] - self.point_offsets[instance]) as usize
     }
 
     /// Points of a block.
@@ -188,13 +188,13 @@ impl Layout {
 
     /// The instance of a point; `None` where there is no such point.
     pub(crate) fn instance_of(&self, point: u32) -> Option<usize> {
-        (point < self.points()).then(|| self.firsts.partition_point(|first| *first <= point) - 1)
+        (point < self.points()).then(|| self.point_offsets.partition_point(|first| *first <= point) - 1)
     }
 
     /// The slot of a point of an instance.
     #[inline]
     pub(crate) fn slot_in(&self, instance: usize, point: u32) -> usize {
-        self.first_blocks[instance] as usize * BLOCK_POINTS + (point - self.firsts[instance]) as usize
+        self.block_offsets[instance] as usize * BLOCK_POINTS + (point - self.point_offsets[instance]) as usize
     }
 
     /// The slot of a point; `None` where there is no such point.
@@ -206,7 +206,7 @@ impl Layout {
     #[must_use]
     pub fn points_of_block(&self, block: usize) -> Option<(u32, std::ops::Range<u32>)> {
         let instance = *self.owners.get(block)?;
-        let first = ((block - self.first_blocks[instance as usize] as usize) * BLOCK_POINTS) as u32;
+        let first = ((block - self.block_offsets[instance as usize] as usize) * BLOCK_POINTS) as u32;
         Some((instance, first..first + self.block_len(block) as u32))
     }
 
@@ -224,21 +224,21 @@ impl Layout {
 
     /// First point id of every instance in order, then the number of all points.
     #[must_use]
-    pub fn firsts(&self) -> &[u32] {
-        &self.firsts
+    pub fn point_offsets(&self) -> &[u32] {
+        &self.point_offsets
     }
 
     /// Points of all instances together.
     #[must_use]
     pub fn points(&self) -> u32 {
-        self.firsts.last().copied().unwrap_or(0)
+        self.point_offsets.last().copied().unwrap_or(0)
     }
 
     /// Point ids of an instance; empty where there is no such instance.
     #[must_use]
     pub fn points_of(&self, instance: u32) -> std::ops::Range<usize> {
         let at = instance as usize;
-        match self.firsts.get(at..at + 2) {
+        match self.point_offsets.get(at..at + 2) {
             Some(&[first, end]) => first as usize..end as usize,
             _ => 0..0,
         }
@@ -247,7 +247,7 @@ impl Layout {
 
 impl SetLayout {
     /// Returns the layout of a lattice that covers these points: with this step, or the finest that a lattice can have where
-    /// the points are too far apart for it. Without points it has one node. Number and digest of the points are filled in
+    /// the points are too far apart for it. Without points it has one node. NumberModel and digest of the points are filled in
     /// by [`Geometry::round`](super::Geometry::round).
     #[must_use]
     pub fn covering(points: &[RestPoint], step: f32, normal_bits: u8, kernel_radius: f32) -> SetLayout {

@@ -4,6 +4,7 @@
 //! they are sent once, shared by all instances of the mesh, and whatever an instance does (move, skin, morph), a
 //! later frame holds AO changes only.
 
+mod bit_breakdown;
 mod budget;
 #[cfg(test)]
 mod budget_tests;
@@ -22,30 +23,29 @@ mod patch_tests;
 mod preview;
 mod rules;
 mod section;
-mod spent;
 mod state;
 #[cfg(test)]
 mod tests;
 
+pub use bit_breakdown::{BitBreakdown, bit_breakdown};
 pub use budget::{Budget, Postponed};
 pub use change_log::ChangeLog;
 pub use decoder::Decoder;
 pub use encoder::{Encoder, EncoderSettings, GeometrySource};
-pub use geometry::{Geometry, GeometryDigest, GeometryError, RestPoint, Rounded};
+pub use geometry::{Geometry, GeometryDigest, GeometryError, RestPoint, RoundedGeometry};
 pub use keyframe::keyframe;
 pub use layout::{Layout, LayoutError, Member, SetLayout};
 #[cfg(any(test, feature = "testing"))]
-pub(crate) use model::change::{ChangeModel, Opinions};
-pub use model::context::ContextProblem;
+pub(crate) use model::change::{ChangeModel, ContextMixer};
+pub use model::context::ContextError;
 #[cfg(any(test, feature = "testing"))]
 pub(crate) use model::history::{History, NEVER};
 pub use patch::patch;
 pub use preview::{Preview, preview};
 pub(crate) use rules::Rules;
-pub use section::changes::ChangeProblem;
-pub use section::geometry::GeometryProblem;
-pub use section::values::ValueProblem;
-pub use spent::{Spent, spent};
+pub use section::changes::ChangeError;
+pub use section::geometry::GeometrySectionError;
+pub use section::values::ValueError;
 pub use state::State;
 
 /// Points that come and go together: runs of this many along the curve that orders a set.

@@ -37,15 +37,15 @@ pub fn patch(
     };
     let mut patch = Patch { back, ..Patch::default() };
     for (block, mask) in missed {
-        patch.marks.blocks.push(block);
-        patch.marks.masks.push(mask);
+        patch.points.blocks.push(block);
+        patch.points.masks.push(mask);
     }
-    if patch.marks.blocks.is_empty() {
+    if patch.points.blocks.is_empty() {
         // A section has a point at least: any does.
         let Some(block) = state.present.iter().position(|here| *here) else { return Ok(None) };
-        patch.marks.push(block * BLOCK_POINTS);
+        patch.points.push(block * BLOCK_POINTS);
     }
-    patch.bytes = patch.marks.slots().map(|slot| state.values[slot]).collect();
+    patch.bytes = patch.points.slots().map(|slot| state.values[slot]).collect();
     let mut writer = SectionWriter::default();
     if context {
         writer.context(state, coder)?;

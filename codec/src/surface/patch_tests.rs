@@ -104,10 +104,10 @@ fn what_the_bits_of_a_patch_are_spent_on_adds_up_to_the_block() {
     let story = short(BlockCoder::Range);
     let body = story.patch(story.states[1].frame.unwrap(), BlockCoder::Range, false).unwrap();
     let bits = 8.0 * f64::from(inspect(&body, &Limits::default()).unwrap().sections[0].wire_bytes);
-    let Spent { blocks, points, ways, sizes } =
-        spent(&story.states[2], &body, &Limits::default()).unwrap().unwrap();
-    assert!([blocks, points, ways, sizes].iter().all(|part| *part > 0.0));
-    assert!((blocks + points + ways + sizes - bits).abs() < 12.0, "{bits}");
+    let BitBreakdown { blocks, points, signs, sizes } =
+        bit_breakdown(&story.states[2], &body, &Limits::default()).unwrap().unwrap();
+    assert!([blocks, points, signs, sizes].iter().all(|part| *part > 0.0));
+    assert!((blocks + points + signs + sizes - bits).abs() < 12.0, "{bits}");
 }
 
 #[test]
@@ -300,17 +300,17 @@ fn patches_that_do_not_suit_are_refused_by_name() {
         other => unreachable!("{other}"),
     };
     let (block, mask) = (4, 1 << 63);
-    assert_eq!(problem(refused(1, &plain(9, 4, mask))), ChangeProblem::Mask { block, mask });
-    assert_eq!(problem(refused(1, &plain(9, 4, 0))), ChangeProblem::Mask { block, mask: 0 });
-    assert_eq!(problem(refused(1, &plain(9, 6, 1))), ChangeProblem::Absent { block: 6 });
-    let count = ChangeProblem::Count { expected: 2, found: 1 };
+    assert_eq!(problem(refused(1, &plain(9, 4, mask))), ChangeError::Mask { block, mask });
+    assert_eq!(problem(refused(1, &plain(9, 4, 0))), ChangeError::Mask { block, mask: 0 });
+    assert_eq!(problem(refused(1, &plain(9, 6, 1))), ChangeError::Absent { block: 6 });
+    let count = ChangeError::Count { expected: 2, found: 1 };
     assert_eq!(problem(refused(2, &plain(9, 0, 1))), count);
     let mut raw = plain(9, 0, 3);
     let offset = raw.len() - 2;
-    assert_eq!(problem(refused(2, &raw[..=offset])), ChangeProblem::Ends { field: "the values", offset });
+    assert_eq!(problem(refused(2, &raw[..=offset])), ChangeError::Ends { field: "the values", offset });
     raw.push(0);
     let (offset, extra) = (offset + 2, 1);
-    assert_eq!(problem(refused(2, &raw)), ChangeProblem::Trailing { offset, extra });
+    assert_eq!(problem(refused(2, &raw)), ChangeError::Trailing { offset, extra });
     let hash = refused(2, &raw[..offset]);
     assert!(matches!(hash, FrameError::Hash { .. }), "{hash}");
 }

@@ -39,13 +39,13 @@ impl FrameRules for Rules {
     }
 
     /// Tags ascend; geometry and values alone may take turns.
-    fn is_order(&self, previous: SectionTag, next: SectionTag) -> bool {
+    fn is_ordered(&self, previous: SectionTag, next: SectionTag) -> bool {
         let parcel = |tag| matches!(tag, SectionTag::GEOMETRY | SectionTag::VALUES);
         previous < next || parcel(previous) && parcel(next)
     }
 
     /// A patch is all that its delta does; what was learned may go before it.
-    fn may_be_beside(&self, previous: SectionTag, next: SectionTag, kind: FrameKind) -> bool {
+    fn may_follow(&self, previous: SectionTag, next: SectionTag, kind: FrameKind) -> bool {
         match next {
             SectionTag::CONTEXT => kind == FrameKind::Key,
             SectionTag::PATCH => previous == SectionTag::CONTEXT,

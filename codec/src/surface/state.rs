@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
-use super::model::change::{ChangeModel, Known};
+use super::model::change::{ChangeModel, StateView};
 use super::model::history::History;
 use super::section::changes::Changes;
 use super::{BLOCK_POINTS, Geometry, GeometryDigest, GeometryError, Layout};
 use crate::envelope::FrameIndex;
-use crate::hash::Kind;
+use crate::hash::RecordKind;
 use crate::{StateHash, memory};
 
 /// Geometry of the sets, AO of the points, what the coder remembers of both, and the hash over all that came.
@@ -50,12 +50,12 @@ impl State {
     }
 
     /// Bytes held, the layout and the points that came included.
-    pub(super) fn held(&self) -> usize {
+    pub(super) fn heap_bytes(&self) -> usize {
         let State { layout, geometry, received, values, present, history, model, .. } = self;
-        let points: usize = geometry.iter().flatten().map(|geometry| geometry.held()).sum();
+        let points: usize = geometry.iter().flatten().map(|geometry| geometry.heap_bytes()).sum();
         let lists =
             memory::list(geometry) + memory::list(received) + memory::list(values) + memory::list(present);
-        layout.held() + points + lists + history.held() + model.held()
+        layout.heap_bytes() + points + lists + history.heap_bytes() + model.heap_bytes()
     }
 
     /// The layout of the stream.
@@ -146,12 +146,16 @@ impl State {
         let mut hash = StateHash::default();
         for (at, received) in self.received.iter().enumerate() {
             if *received {
-                hash = hash.insert(Kind::Geometry, at as u32, &geometry_words(self.layout.sets()[at].digest));
+                hash = hash.insert(
+                    RecordKind::Geometry,
+                    at as u32,
+                    &geometry_words(self.layout.sets()[at].digest),
+                );
             }
         }
         for block in (0..self.present.len()).filter(|block| self.present[*block]) {
             for slot in self.slots(block) {
-                hash = hash.insert(Kind::Value, slot as u32, &value_words(self.values[slot]));
+                hash = hash.insert(RecordKind::Value, slot as u32, &value_words(self.values[slot]));
             }
         }
         hash
@@ -163,15 +167,15 @@ impl State {
     }
 
     /// What the model of changes looks at, and the model.
-    pub(super) fn split(&mut self) -> (Known<'_>, &mut ChangeModel) {
+    pub(super) fn view_and_model(&mut self) -> (StateView<'_>, &mut ChangeModel) {
         let State { layout, values, present, history, model, .. } = self;
-        (Known { layout, values, present, history }, model)
+        (StateView { layout, values, present, history }, model)
     }
 
     /// What the model of changes looks at.
-    pub(super) fn known(&self) -> Known<'_> {
+    pub(super) fn view(&self) -> StateView<'_> {
         let State { layout, values, present, history, .. } = self;
-        Known { layout, values, present, history }
+        StateView { layout, values, present, history }
     }
 
     /// `hash` after changes of what is here now.
@@ -179,7 +183,7 @@ impl State {
         changes.iter().fold(hash, |hash, (slot, level)| {
             let old = value_words(self.values[slot]);
             let new = value_words(self.changed(slot, level, changes.quantum));
-            hash.replace(Kind::Value, slot as u32, &old, &new)
+            hash.replace(RecordKind::Value, slot as u32, &old, &new)
         })
     }
 
@@ -191,10 +195,10 @@ impl State {
 
     /// Makes changes that were checked; the hash is set apart.
     pub(super) fn commit(&mut self, changes: &Changes) {
-        self.history.grow_older();
+        self.history.advance();
         for (slot, level) in changes.iter() {
             self.values[slot] = self.changed(slot, level, changes.quantum);
-            self.history.note(slot, level);
+            self.history.record(slot, level);
         }
     }
 }

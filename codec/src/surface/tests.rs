@@ -164,15 +164,15 @@ fn what_the_bits_are_spent_on_adds_up_to_the_block() {
     offer(&mut encoder, 8, 0..before.layout().points());
     let frame = encoder.finish(meta(FrameKind::Delta, 8), BlockCoder::Range).unwrap();
     let bits = 8.0 * f64::from(frame.info.sections[0].wire_bytes);
-    let Spent { blocks, points, ways, sizes } =
-        spent(&before, &frame.body, &Limits::default()).unwrap().unwrap();
-    assert!([blocks, points, ways, sizes].iter().all(|part| *part > 0.0));
+    let BitBreakdown { blocks, points, signs, sizes } =
+        bit_breakdown(&before, &frame.body, &Limits::default()).unwrap().unwrap();
+    assert!([blocks, points, signs, sizes].iter().all(|part| *part > 0.0));
     assert!(
-        (blocks + points + ways + sizes - bits).abs() < 12.0,
-        "{blocks} {points} {ways} {sizes} of {bits}"
+        (blocks + points + signs + sizes - bits).abs() < 12.0,
+        "{blocks} {points} {signs} {sizes} of {bits}"
     );
     let still = encoder.finish(meta(FrameKind::Delta, 9), BlockCoder::Range).unwrap();
-    assert_eq!(spent(encoder.state(), &still.body, &Limits::default()), Ok(None));
+    assert_eq!(bit_breakdown(encoder.state(), &still.body, &Limits::default()), Ok(None));
 }
 
 #[test]
@@ -348,7 +348,7 @@ fn a_set_comes_once_and_with_points() {
             let meta = meta(FrameKind::Key, 0);
             let body = crate::envelope::assemble(&meta, ids, crate::StateHash(7), vec![section], &bits).body;
             let error = refuse(&mut Decoder::new(), &state, &body, &Limits::default());
-            let expected = GeometryProblem::Set { set };
+            let expected = GeometrySectionError::Set { set };
             assert!(
                 matches!(error, FrameError::Geometry { problem, .. } if problem == expected),
                 "{coder:?}: {error}"
@@ -387,7 +387,7 @@ fn a_set_without_points_cannot_come_for_ever() {
     let body = crate::envelope::assemble(&meta(FrameKind::Key, 0), ids, hash, vec![section], &raw).body;
     let error = refuse(&mut Decoder::new(), &state, &body, &Limits::default());
     assert!(
-        matches!(error, FrameError::Geometry { problem: GeometryProblem::Set { set: 2 }, .. }),
+        matches!(error, FrameError::Geometry { problem: GeometrySectionError::Set { set: 2 }, .. }),
         "{error}"
     );
 }

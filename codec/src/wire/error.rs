@@ -1,6 +1,6 @@
 //! Why bytes could not be read as what they should be.
 
-use super::VarintProblem;
+use super::VarintError;
 
 /// A field that could not be read. What reads a body or a section makes its own error of it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -19,7 +19,7 @@ pub(crate) enum WireErrorKind {
     /// The bytes end inside it; so many are missing at least.
     Ends { missing: usize },
     /// It is no canonical varint.
-    Varint(VarintProblem),
+    Varint(VarintError),
     /// Bytes follow where it should have been the end.
     Trailing { extra: usize },
 }

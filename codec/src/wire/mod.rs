@@ -6,8 +6,8 @@ mod varint;
 
 pub(crate) use error::{WireError, WireErrorKind};
 pub(crate) use reader::Reader;
-pub use varint::VarintProblem;
-pub(crate) use varint::{VarintFault, read_varint, varint_bytes, write_varint};
+pub use varint::VarintError;
+pub(crate) use varint::{ReadVarintError, read_varint, varint_bytes, write_varint};
 
 /// Splits little-endian bytes into words. `bytes` holds at least `4 * N` bytes; further ones are ignored.
 #[inline]

@@ -1,6 +1,6 @@
 //! A reader that is a shrinking slice and remembers its offset, so errors can say where.
 
-use super::{VarintFault, WireError, WireErrorKind, read_varint};
+use super::{ReadVarintError, WireError, WireErrorKind, read_varint};
 
 /// Reads a frame body or a section from front to back.
 pub(crate) struct Reader<'a> {
@@ -58,8 +58,10 @@ impl<'a> Reader<'a> {
                 self.take(field, length)?;
                 Ok(value)
             }
-            Err(VarintFault::Ends) => Err(self.error(field, WireErrorKind::Ends { missing: 1 })),
-            Err(VarintFault::Malformed(problem)) => Err(self.error(field, WireErrorKind::Varint(problem))),
+            Err(ReadVarintError::Ends) => Err(self.error(field, WireErrorKind::Ends { missing: 1 })),
+            Err(ReadVarintError::Malformed(problem)) => {
+                Err(self.error(field, WireErrorKind::Varint(problem)))
+            }
         }
     }
 

@@ -92,9 +92,9 @@ fn arrival(reader: &Reader<'_>) -> Option<Micros> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Numbering;
     use crate::recording::{Player, Writer};
     use crate::sample::SampleServer;
-    use crate::Numbering;
 
     /// A recording of a few frames with a hole in it.
     fn damaged() -> Vec<u8> {

@@ -74,7 +74,7 @@ pub struct Bucket([Entry; ENTRIES_PER_BUCKET]);
 /// Why the content of a bucket was refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
-pub enum BucketProblem {
+pub enum BucketError {
     /// An unused entry has bits set, or is followed by one in use.
     #[error("entry {entry} is unused but not empty, or an entry in use follows it")]
     NotCompact {
@@ -153,24 +153,24 @@ impl Bucket {
     }
 
     /// Whether this is what [`Bucket::compact`] makes, with cells below `capacity`.
-    pub(crate) fn check(&self, capacity: u32) -> Result<(), BucketProblem> {
+    pub(crate) fn check(&self, capacity: u32) -> Result<(), BucketError> {
         let used = self.0.iter().take_while(|entry| entry.is_used()).count();
         for (at, entry) in self.0.iter().enumerate() {
             if at >= used {
                 if *entry != Entry::default() {
-                    return Err(BucketProblem::NotCompact { entry: at });
+                    return Err(BucketError::NotCompact { entry: at });
                 }
                 continue;
             }
             if usize::from(entry.points()) > POINTS_PER_CELL {
-                return Err(BucketProblem::Points { entry: at, points: entry.points() });
+                return Err(BucketError::Points { entry: at, points: entry.points() });
             }
             if entry.cell() >= capacity {
-                return Err(BucketProblem::Cell { entry: at, cell: entry.cell(), capacity });
+                return Err(BucketError::Cell { entry: at, cell: entry.cell(), capacity });
             }
             let count = if at == 0 { used } else { 0 };
             if entry.count() != count || entry.word >> 31 != 0 {
-                return Err(BucketProblem::Count { entry: at });
+                return Err(BucketError::Count { entry: at });
             }
         }
         Ok(())
@@ -198,7 +198,7 @@ mod tests {
         assert_eq!(bucket.check(0x2A_AAAB), Ok(()));
         assert_eq!(
             bucket.check(0x2A_AAAA),
-            Err(BucketProblem::Cell { entry: 1, cell: 0x2A_AAAA, capacity: 0x2A_AAAA })
+            Err(BucketError::Cell { entry: 1, cell: 0x2A_AAAA, capacity: 0x2A_AAAA })
         );
     }
 
@@ -219,7 +219,7 @@ mod tests {
         for word in 6..16 {
             let mut words = bucket.to_words();
             words[word] ^= 1;
-            let expected = Err(BucketProblem::NotCompact { entry: word / 2 });
+            let expected = Err(BucketError::NotCompact { entry: word / 2 });
             assert_eq!(Bucket::from_words(&words).check(16), expected, "word {word}");
         }
     }

@@ -15,7 +15,7 @@ pub struct Grid {
 
 /// Where a position is in a [`Grid`].
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Located {
+pub struct GridLocation {
     /// The cell, each coordinate below the grid's dimension.
     pub cell: [u32; 3],
     /// Where in the cell, 0 to 1 an axis.
@@ -71,8 +71,8 @@ impl Grid {
     /// A position outside is moved to the nearest one inside, axis by axis, and marked; NaN counts as
     /// outside, below. A position on the far face belongs to the last cell and is inside.
     #[must_use]
-    pub fn locate(&self, position: [f32; 3]) -> Located {
-        let mut located = Located { cell: [0; 3], frac: [0.0; 3], outside: false };
+    pub fn locate(&self, position: [f32; 3]) -> GridLocation {
+        let mut located = GridLocation { cell: [0; 3], frac: [0.0; 3], outside: false };
         for (axis, along) in position.into_iter().enumerate() {
             let at = (along - self.origin[axis]) / self.edge;
             let far = self.dims[axis] as f32;
@@ -159,11 +159,11 @@ mod tests {
     fn positions_on_faces_and_outside() {
         let grid = Grid::new([1.0, 2.0, 3.0], 0.5, [2, 3, 4]).unwrap();
         let far = grid.locate([2.0, 3.5, 5.0]);
-        assert_eq!(far, Located { cell: [1, 2, 3], frac: [1.0; 3], outside: false });
+        assert_eq!(far, GridLocation { cell: [1, 2, 3], frac: [1.0; 3], outside: false });
         let beyond = grid.locate([2.1, 3.5, 9.0]);
-        assert_eq!(beyond, Located { cell: [1, 2, 3], frac: [1.0; 3], outside: true });
+        assert_eq!(beyond, GridLocation { cell: [1, 2, 3], frac: [1.0; 3], outside: true });
         let before = grid.locate([0.0, 2.0, f32::NAN]);
-        assert_eq!(before, Located { cell: [0; 3], frac: [0.0; 3], outside: true });
+        assert_eq!(before, GridLocation { cell: [0; 3], frac: [0.0; 3], outside: true });
     }
 
     #[test]

@@ -17,7 +17,7 @@ pub enum Placement {
 
 /// What became of a point, and whether it was inside its grid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Placed {
+pub struct PutOutcome {
     /// Whether it has a slot, and if not, why.
     pub placement: Placement,
     /// Whether it was outside its instance's grid and moved to the nearest position inside.

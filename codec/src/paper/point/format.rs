@@ -20,12 +20,12 @@ pub enum PointFormat {
 
 /// How a packing splits the bits of a point; one more says that it is one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Split {
-    /// Bits of one axis of the position.
+pub struct BitSplit {
+    /// BinaryCoder of one axis of the position.
     pub position: u32,
-    /// Bits of one of the two axes of the normal.
+    /// BinaryCoder of one of the two axes of the normal.
     pub normal: u32,
-    /// Bits of the accessibility.
+    /// BinaryCoder of the accessibility.
     pub ao: u32,
 }
 
@@ -35,7 +35,7 @@ pub struct Split {
 pub struct WordError {
     /// The word.
     pub word: u32,
-    /// Bits of a point.
+    /// BinaryCoder of a point.
     pub bits: u32,
 }
 
@@ -65,7 +65,7 @@ impl PointFormat {
         }
     }
 
-    /// Bits of a point: 32, 24 or 16.
+    /// BinaryCoder of a point: 32, 24 or 16.
     #[must_use]
     pub const fn bits(self) -> u32 {
         match self {
@@ -84,7 +84,7 @@ impl PointFormat {
 
     /// How the bits are split.
     #[must_use]
-    pub const fn split(self) -> Split {
+    pub const fn split(self) -> BitSplit {
         match self {
             PointFormat::Bits32 => Packed32::SPLIT,
             PointFormat::Bits24 => Packed24::SPLIT,

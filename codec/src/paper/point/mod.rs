@@ -6,7 +6,7 @@ mod packed16;
 mod packed24;
 mod packed32;
 
-pub use format::{PointFormat, Split, WordError};
+pub use format::{BitSplit, PointFormat, WordError};
 pub use packed::Packed;
 pub use packed16::Packed16;
 pub use packed24::Packed24;

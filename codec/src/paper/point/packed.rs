@@ -1,6 +1,6 @@
 //! One point in a word, whatever the split of its bits.
 
-use crate::paper::{Point, Split, WordError};
+use crate::paper::{BitSplit, Point, WordError};
 use crate::quant::{oct, position, unorm};
 
 /// One point of a cell: a valid flag, a position in its cell, a normal and an accessibility, in
@@ -14,9 +14,9 @@ pub struct Packed<const POSITION: u32, const NORMAL: u32, const AO: u32>(u32);
 impl<const POSITION: u32, const NORMAL: u32, const AO: u32> Packed<POSITION, NORMAL, AO> {
     /// An empty slot.
     pub const EMPTY: Self = Self(0);
-    /// Bits of the fields.
-    pub const SPLIT: Split = Split { position: POSITION, normal: NORMAL, ao: AO };
-    /// Bits of a point.
+    /// BinaryCoder of the fields.
+    pub const SPLIT: BitSplit = BitSplit { position: POSITION, normal: NORMAL, ao: AO };
+    /// BinaryCoder of a point.
     pub const BITS: u32 = 1 + 3 * POSITION + 2 * NORMAL + AO;
 
     const NORMAL_SHIFT: u32 = AO;

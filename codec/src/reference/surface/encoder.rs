@@ -2,13 +2,13 @@
 
 use std::sync::Arc;
 
-use super::Spot;
+use super::BlockInfo;
 use crate::envelope::FrameKind;
 use crate::surface::{BLOCK_POINTS, EncoderSettings, Layout};
 
 /// Decides as [`crate::surface::Encoder`] does and writes nothing: no lists of what is due, no bytes.
 #[derive(Debug, Clone)]
-pub struct NaiveSurfaceEncoder {
+pub struct SurfaceReferenceEncoder {
     layout: Arc<Layout>,
     settings: EncoderSettings,
     /// Bytes as last offered, by point.
@@ -21,12 +21,12 @@ pub struct NaiveSurfaceEncoder {
     waited: Vec<u64>,
 }
 
-impl NaiveSurfaceEncoder {
+impl SurfaceReferenceEncoder {
     /// Nothing offered, nothing held.
     #[must_use]
-    pub fn new(layout: Arc<Layout>, settings: EncoderSettings) -> NaiveSurfaceEncoder {
+    pub fn new(layout: Arc<Layout>, settings: EncoderSettings) -> SurfaceReferenceEncoder {
         let points = layout.points() as usize;
-        NaiveSurfaceEncoder {
+        SurfaceReferenceEncoder {
             layout,
             settings,
             offered: vec![None; points],
@@ -57,8 +57,8 @@ impl NaiveSurfaceEncoder {
         due.map(|point| point as u32).collect()
     }
 
-    /// Says how much a block counts, as [`crate::surface::Encoder::weigh`].
-    pub fn weigh(&mut self, instance: u32, block: usize, weight: u16) {
+    /// Says how much a block counts, as [`crate::surface::Encoder::set_weight`].
+    pub fn set_weight(&mut self, instance: u32, block: usize, weight: u16) {
         let points = self.layout.points_of(instance).skip(block * BLOCK_POINTS).take(BLOCK_POINTS);
         points.for_each(|point| self.weights[point] = u64::from(weight.max(1)));
     }
@@ -103,7 +103,7 @@ impl NaiveSurfaceEncoder {
         }
         // Points of a block come together.
         let mut first = 0;
-        for Spot { points, .. } in Spot::all(&self.layout) {
+        for BlockInfo { points, .. } in BlockInfo::all(&self.layout) {
             let block = first..first + points;
             first += points;
             let arrives = self.held[block.clone()].contains(&None) || kind == FrameKind::Key;

@@ -12,12 +12,12 @@ mod values;
 
 use std::sync::Arc;
 
-pub use encoder::NaiveSurfaceEncoder;
+pub use encoder::SurfaceReferenceEncoder;
 
-use super::Refused;
+use super::ReferenceError;
 use crate::block::{CoderId, decompress};
 use crate::envelope::{FrameInfo, FrameKind, Profile, SectionInfo, SectionTag, inspect};
-use crate::hash::{Kind, term};
+use crate::hash::{RecordKind, term};
 use crate::range::RangeDecoder;
 use crate::surface::{BLOCK_POINTS, Layout, State};
 use crate::wire::read_varint;
@@ -27,14 +27,14 @@ use crate::{Limits, StateHash};
 ///
 /// # Errors
 /// Refuses exactly what [`crate::surface::Decoder::apply`] refuses.
-pub fn apply_surface(state: &State, body: &[u8], limits: &Limits) -> Result<State, Refused> {
+pub fn apply_surface(state: &State, body: &[u8], limits: &Limits) -> Result<State, ReferenceError> {
     let info = inspect(body, limits)?;
     let follows = match (info.kind, state.frame()) {
         (FrameKind::Key, _) => true,
         (FrameKind::Delta, last) => last.is_some_and(|last| info.frame > last),
     };
     if info.profile != Profile::SURFACE || !follows {
-        return Err(Refused::Rule);
+        return Err(ReferenceError::Rule);
     }
     let mut next = match info.kind {
         FrameKind::Key => blank(state),
@@ -43,7 +43,7 @@ pub fn apply_surface(state: &State, body: &[u8], limits: &Limits) -> Result<Stat
     read_sections(state, &mut next, &info, body, limits)?;
     next.hash = full_hash(&next);
     next.frame = Some(info.frame);
-    if next.hash == info.hash { Ok(next) } else { Err(Refused::Hash) }
+    if next.hash == info.hash { Ok(next) } else { Err(ReferenceError::Hash) }
 }
 
 /// Brings `next` up to date, but for its hash.
@@ -53,9 +53,9 @@ fn read_sections(
     info: &FrameInfo,
     body: &[u8],
     limits: &Limits,
-) -> Result<(), Refused> {
-    let mut values = values::Coder::new();
-    let mut geometry = geometry_coder::Coder::new();
+) -> Result<(), ReferenceError> {
+    let mut values = values::ValueDecoder::new();
+    let mut geometry = geometry_coder::GeometryDecoder::new();
     let mut changes = changes::Changes::none(state);
     let is_patch = info.sections.iter().any(|section| section.tag == SectionTag::PATCH);
     if is_patch {
@@ -95,46 +95,46 @@ struct Block<'a> {
 
 impl<'a> Block<'a> {
     /// The plain layout, of a block that the range coder did not write.
-    fn raw(&self) -> Result<Vec<u8>, Refused> {
+    fn raw(&self) -> Result<Vec<u8>, ReferenceError> {
         let SectionInfo { coder, raw_bytes, .. } = *self.section;
         Ok(decompress(self.stored, coder, raw_bytes, self.limits.max_block_bytes)?)
     }
 
     /// The decisions, of one that it did.
-    fn bits(&self) -> Option<RangeDecoder<'a>> {
+    fn decoder(&self) -> Option<RangeDecoder<'a>> {
         (self.section.coder == CoderId::RANGE).then(|| RangeDecoder::new(self.stored))
     }
 
     /// After the last decision: the block must end there, and its plain layout be as long as announced.
-    fn end(&self, bits: RangeDecoder<'_>, plain_bytes: usize) -> Result<(), Refused> {
-        rule(bits.finish().is_ok() && plain_bytes == self.section.raw_bytes as usize)
+    fn end(&self, decoder: RangeDecoder<'_>, plain_bytes: usize) -> Result<(), ReferenceError> {
+        rule(decoder.finish().is_ok() && plain_bytes == self.section.raw_bytes as usize)
     }
 }
 
-fn rule(kept: bool) -> Result<(), Refused> {
-    if kept { Ok(()) } else { Err(Refused::Rule) }
+fn rule(kept: bool) -> Result<(), ReferenceError> {
+    if kept { Ok(()) } else { Err(ReferenceError::Rule) }
 }
 
 /// A block of points: 64 slots of an instance, of which the first `points` have one.
 #[derive(Clone, Copy, PartialEq)]
-struct Spot {
+struct BlockInfo {
     instance: usize,
     /// Which block of its instance it is.
     number: usize,
     points: usize,
 }
 
-impl Spot {
-    /// The spots of all blocks of a stream, in order.
-    fn all(layout: &Layout) -> Vec<Spot> {
-        let mut spots = Vec::new();
+impl BlockInfo {
+    /// The blocks_info of all blocks of a stream, in order.
+    fn all(layout: &Layout) -> Vec<BlockInfo> {
+        let mut blocks_info = Vec::new();
         for (instance, member) in layout.members().iter().enumerate() {
             let points: Vec<u32> = (0..layout.sets()[member.set as usize].points).collect();
             for (number, block) in points.chunks(BLOCK_POINTS).enumerate() {
-                spots.push(Spot { instance, number, points: block.len() });
+                blocks_info.push(BlockInfo { instance, number, points: block.len() });
             }
         }
-        spots
+        blocks_info
     }
 }
 
@@ -156,49 +156,49 @@ fn full_hash(state: &State) -> StateHash {
         if state.received[set] {
             let digest = layout.digest.0;
             let words = [digest as u32, (digest >> 32) as u32, 1];
-            sum = sum.wrapping_add(term(Kind::Geometry, set as u32, &words));
+            sum = sum.wrapping_add(term(RecordKind::Geometry, set as u32, &words));
         }
     }
-    for (block, spot) in Spot::all(state.layout()).into_iter().enumerate() {
-        for slot in block * BLOCK_POINTS..block * BLOCK_POINTS + spot.points {
+    for (block, info) in BlockInfo::all(state.layout()).into_iter().enumerate() {
+        for slot in block * BLOCK_POINTS..block * BLOCK_POINTS + info.points {
             if state.present[block] {
                 let words = [u32::from(state.values[slot]) + 1];
-                sum = sum.wrapping_add(term(Kind::Value, slot as u32, &words));
+                sum = sum.wrapping_add(term(RecordKind::Value, slot as u32, &words));
             }
         }
     }
     StateHash(sum)
 }
 
-/// Bytes that are taken from the front.
-struct Bytes<'a>(&'a [u8]);
+/// ByteReader that are taken from the front.
+struct ByteReader<'a>(&'a [u8]);
 
-impl<'a> Bytes<'a> {
-    fn take(&mut self, count: usize) -> Result<&'a [u8], Refused> {
-        let (taken, rest) = self.0.split_at_checked(count).ok_or(Refused::Rule)?;
+impl<'a> ByteReader<'a> {
+    fn take(&mut self, count: usize) -> Result<&'a [u8], ReferenceError> {
+        let (taken, rest) = self.0.split_at_checked(count).ok_or(ReferenceError::Rule)?;
         self.0 = rest;
         Ok(taken)
     }
 
-    fn varint(&mut self) -> Result<u32, Refused> {
-        let (value, length) = read_varint(self.0).map_err(|_| Refused::Rule)?;
+    fn varint(&mut self) -> Result<u32, ReferenceError> {
+        let (value, length) = read_varint(self.0).map_err(|_| ReferenceError::Rule)?;
         self.take(length)?;
         Ok(value)
     }
 
-    fn end(&self) -> Result<(), Refused> {
+    fn end(&self) -> Result<(), ReferenceError> {
         rule(self.0.is_empty())
     }
 }
 
-/// Bytes of a number as a varint.
+/// ByteReader of a number as a varint.
 fn varint_bytes(value: u32) -> usize {
-    1 + [7, 14, 21, 28].into_iter().filter(|bits| value >> bits > 0).count()
+    1 + [7, 14, 21, 28].into_iter().filter(|decoder| value >> decoder > 0).count()
 }
 
 /// Significant bits of a number.
 fn significant(value: u64) -> usize {
-    (0..64).filter(|bits| value >> bits > 0).count()
+    (0..64).filter(|decoder| value >> decoder > 0).count()
 }
 
 /// Where a context is in its table: a number of digits, each with its radix.

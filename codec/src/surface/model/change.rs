@@ -6,7 +6,7 @@
 
 use super::history::{History, NEVER};
 use crate::memory;
-use crate::range::{Bits, Logistic, MAX_WEIGHT, Mixer, Number, Slot, Subject, logistic};
+use crate::range::{BinaryCoder, BitModel, Logistic, MAX_WEIGHT, Mixer, NumberModel, SymbolClass, logistic};
 use crate::surface::section::changes::{Changes, MAX_LEVEL};
 use crate::surface::{BLOCK_POINTS, Layout};
 
@@ -18,22 +18,22 @@ const STEPS: usize = 12;
 /// What the coder has learned of a stream's changes.
 #[derive(Debug, PartialEq)]
 pub(crate) struct ChangeModel {
-    pub(crate) groups: Vec<Slot>,
-    pub(crate) block: Opinions<2>,
-    pub(crate) point: Opinions<4>,
-    pub(crate) sign: Opinions<4>,
-    pub(crate) size: Opinions<4>,
-    pub(crate) large: Number,
+    pub(crate) groups: Vec<BitModel>,
+    pub(crate) block: ContextMixer<2>,
+    pub(crate) point: ContextMixer<4>,
+    pub(crate) sign: ContextMixer<4>,
+    pub(crate) size: ContextMixer<4>,
+    pub(crate) large: NumberModel,
 }
 
 /// `N` tables of slots and the mixer that weighs them.
 #[derive(Debug, PartialEq)]
-pub(crate) struct Opinions<const N: usize> {
-    pub(crate) tables: [Vec<Slot>; N],
+pub(crate) struct ContextMixer<const N: usize> {
+    pub(crate) tables: [Vec<BitModel>; N],
     pub(crate) mixer: Mixer<N>,
 }
 
-/// By hand, as for [`Opinions`] and [`Mixer`]: a decoder copies the model for every frame, into memory that it has.
+/// By hand, as for [`ContextMixer`] and [`Mixer`]: a decoder copies the model for every frame, into memory that it has.
 impl Clone for ChangeModel {
     fn clone(&self) -> ChangeModel {
         let ChangeModel { groups, block, point, sign, size, large } = self;
@@ -58,34 +58,37 @@ impl Clone for ChangeModel {
     }
 }
 
-impl<const N: usize> Clone for Opinions<N> {
-    fn clone(&self) -> Opinions<N> {
-        Opinions { tables: self.tables.clone(), mixer: self.mixer.clone() }
+impl<const N: usize> Clone for ContextMixer<N> {
+    fn clone(&self) -> ContextMixer<N> {
+        ContextMixer { tables: self.tables.clone(), mixer: self.mixer.clone() }
     }
 
-    fn clone_from(&mut self, other: &Opinions<N>) {
+    fn clone_from(&mut self, other: &ContextMixer<N>) {
         self.tables.clone_from(&other.tables);
         self.mixer.clone_from(&other.mixer);
     }
 }
 
-impl<const N: usize> Opinions<N> {
-    pub(crate) fn new(sizes: [usize; N], situations: usize, one: u32) -> Opinions<N> {
-        Opinions { tables: sizes.map(|size| vec![Slot::new(one); size]), mixer: Mixer::new(situations) }
+impl<const N: usize> ContextMixer<N> {
+    pub(crate) fn new(sizes: [usize; N], situations: usize, one: u32) -> ContextMixer<N> {
+        ContextMixer {
+            tables: sizes.map(|size| vec![BitModel::new(one); size]),
+            mixer: Mixer::new(situations),
+        }
     }
 
     /// Bytes held.
-    fn held(&self) -> usize {
-        self.tables.iter().map(memory::list).sum::<usize>() + self.mixer.held()
+    fn heap_bytes(&self) -> usize {
+        self.tables.iter().map(memory::list).sum::<usize>() + self.mixer.heap_bytes()
     }
 
     fn push_words(&self, words: &mut Vec<u32>) {
-        words.extend(self.tables.iter().flatten().map(|slot| slot.0));
+        words.extend(self.tables.iter().flatten().map(|model| model.0));
         words.extend(self.mixer.weights.iter().flatten().map(|weight| *weight as u32));
     }
 
     fn take_words(&mut self, words: &mut impl Iterator<Item = (usize, u32)>) -> Result<(), (usize, u32)> {
-        take_slots(self.tables.iter_mut().flatten(), words)?;
+        take_models(self.tables.iter_mut().flatten(), words)?;
         for (weight, (at, word)) in self.mixer.weights.iter_mut().flatten().zip(words) {
             *weight = word as i32;
             if weight.unsigned_abs() > MAX_WEIGHT.unsigned_abs() {
@@ -96,16 +99,16 @@ impl<const N: usize> Opinions<N> {
     }
 
     #[inline]
-    pub(crate) fn code<B: Bits>(
+    pub(crate) fn code<B: BinaryCoder>(
         &mut self,
         logistic: &Logistic,
-        bits: &mut B,
+        coder: &mut B,
         situation: usize,
         at: [usize; N],
-        wanted: bool,
+        source: bool,
     ) -> bool {
-        let opinions = std::array::from_fn(|n| logistic.stretch(self.tables[n][at[n]]));
-        let bit = self.mixer.code_opinions(logistic, bits, situation, opinions, wanted);
+        let inputs = std::array::from_fn(|n| logistic.stretch(self.tables[n][at[n]]));
+        let bit = self.mixer.code_inputs(logistic, coder, situation, inputs, source);
         for (table, at) in self.tables.iter_mut().zip(at) {
             table[at].learn(bit);
         }
@@ -113,19 +116,19 @@ impl<const N: usize> Opinions<N> {
     }
 }
 
-fn take_slots<'a>(
-    slots: impl IntoIterator<Item = &'a mut Slot>,
+fn take_models<'a>(
+    models: impl IntoIterator<Item = &'a mut BitModel>,
     words: &mut impl Iterator<Item = (usize, u32)>,
 ) -> Result<(), (usize, u32)> {
-    for (slot, (at, word)) in slots.into_iter().zip(words) {
-        *slot = Slot::from_word(word).ok_or((at, word))?;
+    for (model, (at, word)) in models.into_iter().zip(words) {
+        *model = BitModel::from_word(word).ok_or((at, word))?;
     }
     Ok(())
 }
 
 /// What both sides know when a frame is coded: the state before it.
 #[derive(Clone, Copy)]
-pub(crate) struct Known<'a> {
+pub(crate) struct StateView<'a> {
     pub(crate) layout: &'a Layout,
     /// AO bytes by slot.
     pub(crate) values: &'a [u8],
@@ -136,20 +139,24 @@ pub(crate) struct Known<'a> {
 
 impl ChangeModel {
     /// Bytes held.
-    pub(crate) fn held(&self) -> usize {
+    pub(crate) fn heap_bytes(&self) -> usize {
         let ChangeModel { groups, block, point, sign, size, .. } = self;
-        memory::list(groups) + block.held() + point.held() + sign.held() + size.held()
+        memory::list(groups) + block.heap_bytes() + point.heap_bytes() + sign.heap_bytes() + size.heap_bytes()
     }
 
     /// A model that has seen nothing.
     pub(crate) fn new() -> ChangeModel {
         ChangeModel {
-            groups: vec![Slot::new(1 << 13); 12],
-            block: Opinions::new([8 * 8 * 8, 65 * 2], 8, 1 << 13),
-            point: Opinions::new([9 * 9 * 16, 256 * 3, 16 * 16 * 9, 256 * 12], 36, 13_107),
-            sign: Opinions::new([17 * 9, 17 * 17, 256 * 3, 17 * 3], 1, 1 << 15),
-            size: Opinions::new([12 * STEPS * 12, 12 * STEPS * 9, 12 * STEPS, 512 * STEPS], STEPS, 26_214),
-            large: Number::new(),
+            groups: vec![BitModel::new(1 << 13); 12],
+            block: ContextMixer::new([8 * 8 * 8, 65 * 2], 8, 1 << 13),
+            point: ContextMixer::new([9 * 9 * 16, 256 * 3, 16 * 16 * 9, 256 * 12], 36, 13_107),
+            sign: ContextMixer::new([17 * 9, 17 * 17, 256 * 3, 17 * 3], 1, 1 << 15),
+            size: ContextMixer::new(
+                [12 * STEPS * 12, 12 * STEPS * 9, 12 * STEPS, 512 * STEPS],
+                STEPS,
+                26_214,
+            ),
+            large: NumberModel::new(),
         }
     }
 
@@ -157,47 +164,53 @@ impl ChangeModel {
     /// then the weights, situation by situation; the slots of large sizes.
     pub(crate) fn words(&self) -> Vec<u32> {
         let mut words = Vec::new();
-        words.extend(self.groups.iter().map(|slot| slot.0));
+        words.extend(self.groups.iter().map(|model| model.0));
         self.block.push_words(&mut words);
         self.point.push_words(&mut words);
         self.sign.push_words(&mut words);
         self.size.push_words(&mut words);
-        words.extend(self.large.slots().map(|slot| slot.0));
+        words.extend(self.large.models().map(|model| model.0));
         words
     }
 
     /// Takes back what [`ChangeModel::words`] gave, of which there are as many. The error has the word that cannot be.
     pub(crate) fn set_words(&mut self, words: impl Iterator<Item = u32>) -> Result<(), (usize, u32)> {
         let mut words = words.enumerate();
-        take_slots(&mut self.groups, &mut words)?;
+        take_models(&mut self.groups, &mut words)?;
         self.block.take_words(&mut words)?;
         self.point.take_words(&mut words)?;
         self.sign.take_words(&mut words)?;
         self.size.take_words(&mut words)?;
-        take_slots(self.large.slots_mut(), &mut words)
+        take_models(self.large.models_mut(), &mut words)
     }
 
     /// Codes the changes of a frame. A writer gives them in `wanted`; both sides find them in `found` afterwards. A reader
     /// stops after more than `most` changes, or when `stop` says that nothing sensible follows.
-    pub(crate) fn code<B: Bits>(
+    pub(crate) fn code<B: BinaryCoder>(
         &mut self,
-        bits: &mut B,
-        known: Known<'_>,
+        coder: &mut B,
+        known: StateView<'_>,
         wanted: &Changes,
         found: &mut Changes,
         most: usize,
         stop: impl Fn(&B) -> bool,
     ) {
         found.clear();
-        found.quantum = bits.plain(8, wanted.quantum.into()) as u8;
-        let mut walk =
-            Walk { logistic: logistic(), model: self, bits, known, wanted: Wanted::new(wanted), found };
+        found.quantum = coder.plain(8, wanted.quantum.into()) as u8;
+        let mut walk = ChangeCoder {
+            logistic: logistic(),
+            model: self,
+            coder,
+            known,
+            wanted: ChangeCursor::new(wanted),
+            found,
+        };
         let blocks = known.present.len();
         let mut before = false;
         for first in (0..blocks).step_by(GROUP) {
             let group = first..blocks.min(first + GROUP);
             before = walk.group(group, before);
-            if walk.found.levels.len() > most || stop(walk.bits) {
+            if walk.found.levels.len() > most || stop(walk.coder) {
                 return;
             }
         }
@@ -205,29 +218,29 @@ impl ChangeModel {
 }
 
 /// The writer's changes, passed over in order. A reader's are empty.
-struct Wanted<'a> {
+struct ChangeCursor<'a> {
     changes: &'a Changes,
     block: usize,
     level: usize,
 }
 
-impl<'a> Wanted<'a> {
-    fn new(changes: &'a Changes) -> Wanted<'a> {
-        Wanted { changes, block: 0, level: 0 }
+impl<'a> ChangeCursor<'a> {
+    fn new(changes: &'a Changes) -> ChangeCursor<'a> {
+        ChangeCursor { changes, block: 0, level: 0 }
     }
 
     /// Whether a block from the next one on, before `end`, changes.
     fn any_before(&self, end: usize) -> bool {
-        self.changes.marks.blocks.get(self.block).is_some_and(|block| (*block as usize) < end)
+        self.changes.points.blocks.get(self.block).is_some_and(|block| (*block as usize) < end)
     }
 
     /// The points of this block that change.
     fn mask(&mut self, block: usize) -> u64 {
-        if self.changes.marks.blocks.get(self.block) != Some(&(block as u32)) {
+        if self.changes.points.blocks.get(self.block) != Some(&(block as u32)) {
             return 0;
         }
         self.block += 1;
-        self.changes.marks.masks[self.block - 1]
+        self.changes.points.masks[self.block - 1]
     }
 
     fn level(&mut self) -> i16 {
@@ -257,26 +270,26 @@ impl Past {
 }
 
 /// What is known around the points of one block, from the frames before.
-struct Around {
+struct BlockNeighbours {
     /// Points that changed in the last frame: bit 4 is the block's first, bits 0 to 3 those before it.
     recent: u128,
     darker: u128,
     /// Liveliness, from four points before the block's first on.
-    lively: [u8; BLOCK_POINTS + 8],
+    activity: [u8; BLOCK_POINTS + 8],
     /// Sums of liveliness of all points before.
     sums: [u16; BLOCK_POINTS + 9],
 }
 
-struct Walk<'a, B: Bits> {
+struct ChangeCoder<'a, B: BinaryCoder> {
     logistic: &'static Logistic,
     model: &'a mut ChangeModel,
-    bits: &'a mut B,
-    known: Known<'a>,
-    wanted: Wanted<'a>,
+    coder: &'a mut B,
+    known: StateView<'a>,
+    wanted: ChangeCursor<'a>,
     found: &'a mut Changes,
 }
 
-impl<B: Bits> Walk<'_, B> {
+impl<B: BinaryCoder> ChangeCoder<'_, B> {
     /// Codes a run of blocks; whether anything in it changes. `before`: whether anything in the run before did.
     fn group(&mut self, group: std::ops::Range<usize>, before: bool) -> bool {
         let known = self.known;
@@ -284,11 +297,11 @@ impl<B: Bits> Walk<'_, B> {
             return false;
         }
         let active = known.history.recent[group.clone()].iter().filter(|mask| **mask != 0).count();
-        self.bits.about(Subject::Blocks);
-        let slot = &mut self.model.groups[significant(active) * 2 + usize::from(before)];
-        let stirs = self.bits.bit(slot.one(), self.wanted.any_before(group.end));
-        slot.learn(stirs);
-        if stirs {
+        self.coder.set_class(SymbolClass::Blocks);
+        let model = &mut self.model.groups[significant(active) * 2 + usize::from(before)];
+        let any_changed = self.coder.bit(model.one(), self.wanted.any_before(group.end));
+        model.learn(any_changed);
+        if any_changed {
             let mut past = Past::default();
             for block in group {
                 if known.present[block] {
@@ -296,7 +309,7 @@ impl<B: Bits> Walk<'_, B> {
                 }
             }
         }
-        stirs
+        any_changed
     }
 
     /// Codes a block; `past` is that of the block before, if it is of the same instance and group.
@@ -305,16 +318,16 @@ impl<B: Bits> Walk<'_, B> {
         let count = |mask: u64| significant(mask.count_ones() as usize);
         let own = recent[block].count_ones() as usize;
         let next = recent.get(block + 1).map_or(0, |mask| count(*mask));
-        let found = self.found.marks.blocks.last().zip(self.found.marks.masks.last());
+        let found = self.found.points.blocks.last().zip(self.found.points.masks.last());
         let before = match found {
             Some((last, mask)) if *last as usize + 1 == block => count(*mask),
             _ => 0,
         };
         let at = [(significant(own) * 8 + before) * 8 + next, own * 2 + usize::from(before > 0)];
         let mask = self.wanted.mask(block);
-        self.bits.about(Subject::Blocks);
-        let stirs = self.model.block.code(self.logistic, self.bits, significant(own), at, mask != 0);
-        if !stirs {
+        self.coder.set_class(SymbolClass::Blocks);
+        let any_changed = self.model.block.code(self.logistic, self.coder, significant(own), at, mask != 0);
+        if !any_changed {
             return Past::default();
         }
         let first = block * BLOCK_POINTS;
@@ -333,7 +346,7 @@ impl<B: Bits> Walk<'_, B> {
         past
     }
 
-    fn around(&self, block: usize, slots: &std::ops::Range<usize>) -> Around {
+    fn around(&self, block: usize, slots: &std::ops::Range<usize>) -> BlockNeighbours {
         let history = self.known.history;
         let first = block * BLOCK_POINTS;
         let window = |masks: &[u64]| {
@@ -341,18 +354,18 @@ impl<B: Bits> Walk<'_, B> {
             let after = if first + BLOCK_POINTS < slots.end { masks[block + 1] & 15 } else { 0 };
             u128::from(before) | u128::from(masks[block]) << 4 | u128::from(after) << 68
         };
-        let mut lively = [0; BLOCK_POINTS + 8];
-        for (at, lively) in lively.iter_mut().enumerate() {
+        let mut activity = [0; BLOCK_POINTS + 8];
+        for (at, activity) in activity.iter_mut().enumerate() {
             let slot = first + at;
             if slot >= slots.start + 4 && slot < slots.end + 4 {
-                *lively = history.liveliness(slot - 4);
+                *activity = history.faded_activity(slot - 4);
             }
         }
         let mut sums = [0; BLOCK_POINTS + 9];
-        for (at, lively) in lively.iter().enumerate() {
-            sums[at + 1] = sums[at] + u16::from(*lively);
+        for (at, activity) in activity.iter().enumerate() {
+            sums[at + 1] = sums[at] + u16::from(*activity);
         }
-        Around { recent: window(&history.recent), darker: window(&history.darker), lively, sums }
+        BlockNeighbours { recent: window(&history.recent), darker: window(&history.darker), activity, sums }
     }
 
     /// Codes one point; its level, 0 when it does not change.
@@ -364,7 +377,7 @@ impl<B: Bits> Walk<'_, B> {
         first: usize,
         instance: usize,
         alone: bool,
-        around: &Around,
+        around: &BlockNeighbours,
         past: Past,
         wanted: bool,
     ) -> i16 {
@@ -378,26 +391,26 @@ impl<B: Bits> Walk<'_, B> {
         let few = [0, 1, 2, 3, 4, 4, 5, 5, 5][now];
         let value = usize::from(self.known.values[slot]);
         let (age, last) = (history.age[slot], history.last[slot]);
-        let rhythm = rhythm(age, history.period[slot]);
-        let own = around.lively[place + 4];
+        let phase = phase(age, history.period[slot]);
+        let own = around.activity[place + 4];
         let near = u32::from(around.sums[place + 9] - around.sums[place] - u16::from(own)) / 8;
         let nearest = if alone { 2 } else { usize::from(past.changed & 1) };
         let at = [
-            (now * 9 + recent) * 16 + rhythm,
+            (now * 9 + recent) * 16 + phase,
             value * 3 + nearest,
             (half_octave(own.into()) * 16 + half_octave(near)) * 9 + now,
             (instance & 255) * 12 + few * 2 + usize::from(age == 0),
         ];
         let situation = few * 6 + age_class(age);
-        self.bits.about(Subject::Points);
-        if !self.model.point.code(self.logistic, self.bits, situation, at, wanted) {
+        self.coder.set_class(SymbolClass::Points);
+        if !self.model.point.code(self.logistic, self.coder, situation, at, wanted) {
             return 0;
         }
         let level = if wanted { self.wanted.level() } else { 0 };
         let balance = 8 + now - 2 * past.darker.count_ones() as usize;
         let trend = 8 + recent - 2 * darker;
-        let last_way = (i32::from(last.signum()) + 1) as usize;
-        let near_way = match (past.changed & 1, past.darker & 1) {
+        let last_sign = (i32::from(last.signum()) + 1) as usize;
+        let near_sign = match (past.changed & 1, past.darker & 1) {
             (0, _) => 1,
             (_, 1) => 0,
             _ => 2,
@@ -407,13 +420,13 @@ impl<B: Bits> Walk<'_, B> {
             0 => false,
             _ => {
                 let at = [
-                    balance * 9 + last_way * 3 + near_way,
+                    balance * 9 + last_sign * 3 + near_sign,
                     balance * 17 + trend,
-                    value * 3 + last_way,
-                    trend * 3 + last_way,
+                    value * 3 + last_sign,
+                    trend * 3 + last_sign,
                 ];
-                self.bits.about(Subject::Ways);
-                self.model.sign.code(self.logistic, self.bits, 0, at, level < 0)
+                self.coder.set_class(SymbolClass::Signs);
+                self.model.sign.code(self.logistic, self.coder, 0, at, level < 0)
             }
         };
         let sizes: usize = past.sizes.to_le_bytes().iter().map(|size| usize::from(*size)).sum();
@@ -422,7 +435,7 @@ impl<B: Bits> Walk<'_, B> {
             [
                 (usual * STEPS + step) * 12 + significant(usize::from(last.unsigned_abs())),
                 (usual * STEPS + step) * 9 + significant(own.into()),
-                step * 12 + usize::from(history.recent(slot).unsigned_abs()).min(11),
+                step * 12 + usize::from(history.recent_level(slot).unsigned_abs()).min(11),
                 (value * 2 + usize::from(darkens)) * STEPS + step,
             ]
         };
@@ -433,15 +446,15 @@ impl<B: Bits> Walk<'_, B> {
     /// Codes the size of a change, less one.
     #[inline]
     fn size(&mut self, at: impl Fn(usize) -> [usize; 4], wanted: u32) -> u32 {
-        self.bits.about(Subject::Sizes);
+        self.coder.set_class(SymbolClass::Sizes);
         for step in 0..STEPS {
             let more = (step as u32) < wanted;
-            if !self.model.size.code(self.logistic, self.bits, step, at(step), more) {
+            if !self.model.size.code(self.logistic, self.coder, step, at(step), more) {
                 return step as u32;
             }
         }
         let beyond = wanted.saturating_sub(STEPS as u32);
-        let beyond = self.model.large.code(self.bits, beyond);
+        let beyond = self.model.large.code(self.coder, beyond);
         // A level that is too large stays too large, and is refused with the others.
         beyond.min(MAX_LEVEL as u32) + STEPS as u32
     }
@@ -479,7 +492,7 @@ fn age_class(age: u8) -> usize {
 /// Where a point is between its changes, if they come at regular times: quarters of its last period that have passed,
 /// 13 for more; 14 when the last change is too long ago, 15 when there was only one.
 #[inline]
-fn rhythm(age: u8, period: u8) -> usize {
+fn phase(age: u8, period: u8) -> usize {
     match (age, period) {
         (_, NEVER) => 15,
         (NEVER, _) => 14,

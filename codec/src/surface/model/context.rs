@@ -12,7 +12,7 @@ use crate::wire::{push_words, words};
 /// What is wrong with a context.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
-pub enum ContextProblem {
+pub enum ContextError {
     /// It has another length than the layout makes.
     #[error("it has {found} B, the layout makes {expected} B")]
     Length {
@@ -47,27 +47,27 @@ pub(crate) fn write(history: &History, model: &ChangeModel, out: &mut Vec<u8>) {
     out.extend_from_slice(&history.age);
     out.extend_from_slice(&history.period);
     out.extend(history.last.iter().map(|last| *last as u8));
-    out.extend_from_slice(&history.lively);
+    out.extend_from_slice(&history.activity);
     for (word, fresh) in model.words().into_iter().zip(ChangeModel::new().words()) {
         push_words(out, &[word ^ fresh]);
     }
 }
 
 /// Reads the plain layout. `history` and `model` are overwritten, and are unsaid after an error.
-pub(crate) fn read(raw: &[u8], history: &mut History, model: &mut ChangeModel) -> Result<(), ContextProblem> {
+pub(crate) fn read(raw: &[u8], history: &mut History, model: &mut ChangeModel) -> Result<(), ContextError> {
     let slots = history.age.len();
     let (expected, found) = (plain_bytes(slots), raw.len());
     if expected != found {
-        return Err(ContextProblem::Length { expected, found });
+        return Err(ContextError::Length { expected, found });
     }
     let plane = |number: usize| &raw[number * slots..(number + 1) * slots];
     if let Some(slot) = plane(2).iter().position(|last| *last == 0x80) {
-        return Err(ContextProblem::Last { slot });
+        return Err(ContextError::Last { slot });
     }
     let last = plane(2).iter().map(|last| *last as i8).collect();
-    *history = History::of(plane(0).to_vec(), plane(1).to_vec(), last, plane(3).to_vec());
+    *history = History::from_parts(plane(0).to_vec(), plane(1).to_vec(), last, plane(3).to_vec());
     let fresh = ChangeModel::new().words();
     let learned =
         raw[4 * slots..].chunks_exact(4).zip(fresh).map(|(bytes, fresh)| words::<1>(bytes)[0] ^ fresh);
-    model.set_words(learned).map_err(|(word, found)| ContextProblem::Model { word, found })
+    model.set_words(learned).map_err(|(word, found)| ContextError::Model { word, found })
 }

@@ -13,14 +13,14 @@ pub(crate) struct History {
     pub(crate) period: Vec<u8>,
     /// By how many quanta it changed last, within -127 to 127; 0 if it never did.
     pub(crate) last: Vec<i8>,
-    /// How lively it was when it last changed, see [`History::liveliness`].
-    pub(crate) lively: Vec<u8>,
+    /// How activity it was when it last changed, see [`History::liveliness`].
+    pub(crate) activity: Vec<u8>,
     /// Points that changed in the last frame, one bit each, by block: the points of age 0.
     pub(crate) recent: Vec<u64>,
     /// Those of them that became darker.
     pub(crate) darker: Vec<u64>,
     /// Blocks whose `recent` is not zero.
-    stirred: Vec<u32>,
+    recent_blocks: Vec<u32>,
 }
 
 /// An age or period of 255 frames or more, or none.
@@ -36,26 +36,26 @@ impl History {
         History {
             recent: vec![0; blocks],
             darker: vec![0; blocks],
-            stirred: Vec::new(),
+            recent_blocks: Vec::new(),
             age: vec![NEVER; slots],
             period: vec![NEVER; slots],
             last: vec![0; slots],
-            lively: vec![0; slots],
+            activity: vec![0; slots],
         }
     }
 
     /// Bytes held.
-    pub(crate) fn held(&self) -> usize {
-        let History { age, period, last, lively, recent, darker, stirred } = self;
-        let bytes = memory::list(age) + memory::list(period) + memory::list(last) + memory::list(lively);
-        bytes + memory::list(recent) + memory::list(darker) + memory::list(stirred)
+    pub(crate) fn heap_bytes(&self) -> usize {
+        let History { age, period, last, activity, recent, darker, recent_blocks } = self;
+        let bytes = memory::list(age) + memory::list(period) + memory::list(last) + memory::list(activity);
+        bytes + memory::list(recent) + memory::list(darker) + memory::list(recent_blocks)
     }
 
     /// A history with these parts, each by slot and as long as whole blocks.
-    pub(crate) fn of(age: Vec<u8>, period: Vec<u8>, last: Vec<i8>, lively: Vec<u8>) -> History {
+    pub(crate) fn from_parts(age: Vec<u8>, period: Vec<u8>, last: Vec<i8>, activity: Vec<u8>) -> History {
         let blocks = age.len() / BLOCK_POINTS;
         let (recent, darker) = (vec![0; blocks], vec![0; blocks]);
-        let mut history = History { age, period, last, lively, recent, darker, stirred: Vec::new() };
+        let mut history = History { age, period, last, activity, recent, darker, recent_blocks: Vec::new() };
         for slot in 0..history.age.len() {
             if history.age[slot] == 0 {
                 history.mark_recent(slot);
@@ -65,7 +65,7 @@ impl History {
     }
 
     fn clear_recent(&mut self) {
-        for block in self.stirred.drain(..) {
+        for block in self.recent_blocks.drain(..) {
             self.recent[block as usize] = 0;
             self.darker[block as usize] = 0;
         }
@@ -73,32 +73,32 @@ impl History {
 
     /// A mean of the sizes of the last changes, in 32nds of a quantum and at most 255, that fades by a quarter a frame.
     #[inline]
-    pub(crate) fn liveliness(&self, slot: usize) -> u8 {
+    pub(crate) fn faded_activity(&self, slot: usize) -> u8 {
         let fade = FADE.get(usize::from(self.age[slot])).copied().unwrap_or(0);
-        ((u32::from(self.lively[slot]) * u32::from(fade)) >> 8) as u8
+        ((u32::from(self.activity[slot]) * u32::from(fade)) >> 8) as u8
     }
 
     /// The quanta by which a point changed in the last frame; 0 when it did not.
     #[inline]
-    pub(crate) fn recent(&self, slot: usize) -> i8 {
+    pub(crate) fn recent_level(&self, slot: usize) -> i8 {
         if self.age[slot] == 0 { self.last[slot] } else { 0 }
     }
 
     /// A frame has passed; the changes in it are noted afterwards.
-    pub(crate) fn grow_older(&mut self) {
+    pub(crate) fn advance(&mut self) {
         self.age.iter_mut().for_each(|age| *age = age.saturating_add(1));
         self.clear_recent();
     }
 
     /// Notes that a point has changed by `level` quanta in the frame that has just passed.
     #[inline]
-    pub(crate) fn note(&mut self, slot: usize, level: i16) {
+    pub(crate) fn record(&mut self, slot: usize, level: i16) {
         let waited = self.age[slot].saturating_sub(1);
         let before = if self.age[slot] == NEVER { NEVER } else { waited };
         let fade = FADE.get(usize::from(before)).copied().unwrap_or(0);
-        let left = (u32::from(self.lively[slot]) * u32::from(fade)) >> 8;
+        let left = (u32::from(self.activity[slot]) * u32::from(fade)) >> 8;
         let size = (u32::from(level.unsigned_abs()) * 32).min(255);
-        self.lively[slot] = ((3 * left + size + 2) / 4) as u8;
+        self.activity[slot] = ((3 * left + size + 2) / 4) as u8;
         self.period[slot] = before;
         self.age[slot] = 0;
         self.last[slot] = level.clamp(-127, 127) as i8;
@@ -109,7 +109,7 @@ impl History {
     fn mark_recent(&mut self, slot: usize) {
         let (block, bit) = (slot / BLOCK_POINTS, 1 << (slot % BLOCK_POINTS));
         if self.recent[block] == 0 {
-            self.stirred.push(block as u32);
+            self.recent_blocks.push(block as u32);
         }
         self.recent[block] |= bit;
         if self.last[slot] < 0 {
@@ -125,26 +125,26 @@ mod tests {
     #[test]
     fn ages_count_the_frames_between_changes() {
         let mut history = History::new(1);
-        assert_eq!((history.age[0], history.recent(0), history.liveliness(0)), (NEVER, 0, 0));
-        history.grow_older();
-        history.note(0, -3);
-        assert_eq!((history.age[0], history.period[0], history.recent(0)), (0, NEVER, -3));
+        assert_eq!((history.age[0], history.recent_level(0), history.faded_activity(0)), (NEVER, 0, 0));
+        history.advance();
+        history.record(0, -3);
+        assert_eq!((history.age[0], history.period[0], history.recent_level(0)), (0, NEVER, -3));
         assert_eq!((history.recent[0], history.darker[0]), (1, 1));
         for _ in 0..5 {
-            history.grow_older();
+            history.advance();
         }
-        assert_eq!((history.age[0], history.recent(0)), (5, 0));
+        assert_eq!((history.age[0], history.recent_level(0)), (5, 0));
         assert_eq!((history.recent[0], history.darker[0]), (0, 0));
-        history.grow_older();
-        history.note(0, 300);
+        history.advance();
+        history.record(0, 300);
         // Five frames lay between the two changes.
-        assert_eq!((history.age[0], history.period[0], history.recent(0)), (0, 5, 127));
+        assert_eq!((history.age[0], history.period[0], history.recent_level(0)), (0, 5, 127));
         assert_eq!(history.age[1], NEVER);
         for _ in 0..400 {
-            history.grow_older();
+            history.advance();
         }
         assert_eq!(history.age[0], NEVER);
-        history.note(0, 1);
+        history.record(0, 1);
         assert_eq!((history.age[0], history.period[0]), (0, NEVER));
     }
 
@@ -153,15 +153,15 @@ mod tests {
         let mut history = History::new(1);
         let mut before = 0;
         for _ in 0..6 {
-            history.grow_older();
-            history.note(0, 4);
-            assert!(history.liveliness(0) > before);
-            before = history.liveliness(0);
+            history.advance();
+            history.record(0, 4);
+            assert!(history.faded_activity(0) > before);
+            before = history.faded_activity(0);
         }
         for _ in 0..20 {
-            history.grow_older();
-            assert!(history.liveliness(0) <= before);
-            before = history.liveliness(0);
+            history.advance();
+            assert!(history.faded_activity(0) <= before);
+            before = history.faded_activity(0);
         }
         assert_eq!(before, 0);
     }

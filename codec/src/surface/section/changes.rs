@@ -10,7 +10,7 @@
 //! | 8 for each such block | one bit a point, lowest first |
 //! | 1 or 2 for each such point | the level as a varint: 0, -1, 1, -2 .. as 0, 1, 2, 3 ..; never 0 |
 
-use super::marks::Marks;
+use super::point_mask::PointMask;
 use crate::memory;
 use crate::wire::{Reader, WireError, WireErrorKind, write_varint};
 
@@ -20,7 +20,7 @@ pub(crate) struct Changes {
     /// By how much one level changes a byte.
     pub(crate) quantum: u8,
     /// Which points change.
-    pub(crate) marks: Marks,
+    pub(crate) points: PointMask,
     /// By how many quanta, point by point.
     pub(crate) levels: Vec<i16>,
 }
@@ -31,7 +31,7 @@ pub(crate) const MAX_LEVEL: i16 = 255;
 /// What is wrong with changes; an offset counts bytes of the plain layout.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
-pub enum ChangeProblem {
+pub enum ChangeError {
     /// It ends inside a field.
     #[error("it ends inside {field}, which starts at its byte {offset}")]
     Ends {
@@ -54,13 +54,13 @@ pub enum ChangeProblem {
     /// A block that the layout has not, or that has not come yet.
     #[error("block {block} has not come yet, or is none of the stream's")]
     Absent {
-        /// Number of the block.
+        /// NumberModel of the block.
         block: u32,
     },
     /// A block that is named without a change in it, or with points that it has not.
     #[error("block {block} names the points {mask:#018x}")]
     Mask {
-        /// Number of the block.
+        /// NumberModel of the block.
         block: u32,
         /// Its points, one bit each.
         mask: u64,
@@ -68,7 +68,7 @@ pub enum ChangeProblem {
     /// A level that is none, too large, or changes nothing because the byte is at its end already.
     #[error("point {slot} cannot change by {level} quanta")]
     Level {
-        /// Slot of the point: its block times 64 and its place there.
+        /// BitModel of the point: its block times 64 and its place there.
         slot: u32,
         /// The level.
         level: i32,
@@ -93,38 +93,38 @@ pub enum ChangeProblem {
 
 impl Changes {
     /// Bytes held.
-    pub(crate) fn held(&self) -> usize {
-        self.marks.held() + memory::list(&self.levels)
+    pub(crate) fn heap_bytes(&self) -> usize {
+        self.points.heap_bytes() + memory::list(&self.levels)
     }
 
     /// No changes, with buffers kept.
     pub(crate) fn clear(&mut self) {
-        self.marks.clear();
+        self.points.clear();
         self.levels.clear();
     }
 
     /// Adds a change; `slot` is above that of the one before.
     pub(crate) fn push(&mut self, slot: usize, level: i16) {
-        self.marks.push(slot);
+        self.points.push(slot);
         self.levels.push(level);
     }
 
     /// Every change with its slot.
     #[inline]
     pub(crate) fn iter(&self) -> impl Iterator<Item = (usize, i16)> + '_ {
-        self.marks.slots().zip(self.levels.iter().copied())
+        self.points.slots().zip(self.levels.iter().copied())
     }
 
     /// Bytes of the plain layout for a stream of `blocks` blocks.
     pub(crate) fn plain_bytes(&self, blocks: usize) -> usize {
         let long = self.levels.iter().filter(|level| fold(**level) > 127).count();
-        1 + self.marks.plain_bytes(blocks) + self.levels.len() + long
+        1 + self.points.plain_bytes(blocks) + self.levels.len() + long
     }
 
     /// Appends the plain layout.
     pub(crate) fn write_plain(&self, blocks: usize, out: &mut Vec<u8>) {
         out.push(self.quantum);
-        self.marks.write_plain(blocks, out);
+        self.points.write_plain(blocks, out);
         for level in &self.levels {
             write_varint(out, fold(*level));
         }
@@ -132,19 +132,14 @@ impl Changes {
 
     /// Reads the plain layout, `records` changes of a stream of `blocks` blocks. Says nothing about whether the changes
     /// suit a state.
-    pub(crate) fn read_plain(
-        &mut self,
-        raw: &[u8],
-        blocks: usize,
-        records: u32,
-    ) -> Result<(), ChangeProblem> {
+    pub(crate) fn read_plain(&mut self, raw: &[u8], blocks: usize, records: u32) -> Result<(), ChangeError> {
         self.clear();
         let mut reader = Reader::new(raw);
         self.quantum = reader.take("the quantum", 1)?[0];
         if self.quantum == 0 {
-            return Err(ChangeProblem::Quantum);
+            return Err(ChangeError::Quantum);
         }
-        self.marks.read_plain(&mut reader, blocks, records)?;
+        self.points.read_plain(&mut reader, blocks, records)?;
         for _ in 0..records {
             self.levels.push(level(&mut reader)?);
         }
@@ -152,11 +147,11 @@ impl Changes {
     }
 }
 
-impl From<WireError> for ChangeProblem {
-    fn from(WireError { field, offset, kind }: WireError) -> ChangeProblem {
+impl From<WireError> for ChangeError {
+    fn from(WireError { field, offset, kind }: WireError) -> ChangeError {
         match kind {
-            WireErrorKind::Ends { .. } | WireErrorKind::Varint(_) => ChangeProblem::Ends { field, offset },
-            WireErrorKind::Trailing { extra } => ChangeProblem::Trailing { offset, extra },
+            WireErrorKind::Ends { .. } | WireErrorKind::Varint(_) => ChangeError::Ends { field, offset },
+            WireErrorKind::Trailing { extra } => ChangeError::Trailing { offset, extra },
         }
     }
 }
@@ -167,11 +162,11 @@ fn fold(level: i16) -> u32 {
 }
 
 /// Reads the level that comes next.
-fn level(reader: &mut Reader<'_>) -> Result<i16, ChangeProblem> {
+fn level(reader: &mut Reader<'_>) -> Result<i16, ChangeError> {
     let (field, offset) = ("a level", reader.offset());
     match reader.varint(field)? {
         folded if folded <= fold(MAX_LEVEL) => Ok(((folded >> 1) as i32 ^ -((folded & 1) as i32)) as i16),
-        found => Err(ChangeProblem::LevelRange { offset, found }),
+        found => Err(ChangeError::LevelRange { offset, found }),
     }
 }
 
@@ -205,9 +200,9 @@ mod tests {
                 prop_assert!(found.read_plain(&raw[..end], 11, records).is_err());
             }
             raw.push(0);
-            let trailing = matches!(found.read_plain(&raw, 11, records), Err(ChangeProblem::Trailing { .. }));
+            let trailing = matches!(found.read_plain(&raw, 11, records), Err(ChangeError::Trailing { .. }));
             prop_assert!(trailing);
-            let count = matches!(found.read_plain(&raw, 11, records + 1), Err(ChangeProblem::Count { .. }));
+            let count = matches!(found.read_plain(&raw, 11, records + 1), Err(ChangeError::Count { .. }));
             prop_assert!(count);
         }
 

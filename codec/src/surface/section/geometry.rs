@@ -6,7 +6,7 @@
 
 use std::sync::Arc;
 
-use crate::range::{Bits, Number};
+use crate::range::{BinaryCoder, NumberModel};
 use crate::surface::geometry::Geometry;
 use crate::surface::model::curve;
 use crate::surface::model::geometry::GeometryModel;
@@ -19,7 +19,7 @@ pub(crate) type Sets = Vec<(u32, Arc<Geometry>)>;
 /// What is wrong with the points of a set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
-pub enum GeometryProblem {
+pub enum GeometrySectionError {
     /// It ends early.
     #[error("it ends after {points} points of a set")]
     Ends {
@@ -105,7 +105,7 @@ pub(crate) fn write_plain(sets: &Sets, out: &mut Vec<u8>) {
 }
 
 /// Checks sets as they come.
-struct Incoming<'a> {
+struct SetCheck<'a> {
     layout: &'a Layout,
     expected: u32,
     points: u64,
@@ -114,59 +114,63 @@ struct Incoming<'a> {
     sets: Sets,
 }
 
-impl<'a> Incoming<'a> {
-    fn new(layout: &'a Layout, expected: u32) -> Incoming<'a> {
+impl<'a> SetCheck<'a> {
+    fn new(layout: &'a Layout, expected: u32) -> SetCheck<'a> {
         let announced = vec![false; layout.sets().len()];
-        Incoming { layout, expected, points: 0, announced, sets: Sets::new() }
+        SetCheck { layout, expected, points: 0, announced, sets: Sets::new() }
     }
 
     /// A set is about to come: its layout, counted.
-    fn announce(&mut self, set: u32) -> Result<&'a SetLayout, GeometryProblem> {
+    fn announce(&mut self, set: u32) -> Result<&'a SetLayout, GeometrySectionError> {
         let layout = self.layout.sets().get(set as usize).filter(|layout| layout.points > 0);
-        let layout = layout.ok_or(GeometryProblem::Set { set })?;
+        let layout = layout.ok_or(GeometrySectionError::Set { set })?;
         if std::mem::replace(&mut self.announced[set as usize], true) {
-            return Err(GeometryProblem::Set { set });
+            return Err(GeometrySectionError::Set { set });
         }
         self.points += u64::from(layout.points);
         let (expected, found) = (self.expected, self.points);
-        if found > u64::from(expected) { Err(GeometryProblem::Count { expected, found }) } else { Ok(layout) }
+        if found > u64::from(expected) {
+            Err(GeometrySectionError::Count { expected, found })
+        } else {
+            Ok(layout)
+        }
     }
 
-    fn add(&mut self, set: u32, geometry: Geometry) -> Result<(), GeometryProblem> {
+    fn add(&mut self, set: u32, geometry: Geometry) -> Result<(), GeometrySectionError> {
         if geometry.digest() != geometry.layout().digest {
-            return Err(GeometryProblem::Digest { set });
+            return Err(GeometrySectionError::Digest { set });
         }
         self.sets.push((set, Arc::new(geometry)));
         Ok(())
     }
 
-    fn end(self) -> Result<Sets, GeometryProblem> {
+    fn end(self) -> Result<Sets, GeometrySectionError> {
         let (expected, found) = (self.expected, self.points);
         if found == u64::from(expected) {
             Ok(self.sets)
         } else {
-            Err(GeometryProblem::Count { expected, found })
+            Err(GeometrySectionError::Count { expected, found })
         }
     }
 }
 
 /// Reads the plain layout: sets with `records` points in all.
-pub(crate) fn read_plain(raw: &[u8], layout: &Layout, records: u32) -> Result<Sets, GeometryProblem> {
-    let mut incoming = Incoming::new(layout, records);
+pub(crate) fn read_plain(raw: &[u8], layout: &Layout, records: u32) -> Result<Sets, GeometrySectionError> {
+    let mut incoming = SetCheck::new(layout, records);
     let mut reader = Reader::new(raw);
     while reader.remaining() > 0 {
-        let set = reader.u32("the set").map_err(|_| GeometryProblem::Ends { points: 0 })?;
+        let set = reader.u32("the set").map_err(|_| GeometrySectionError::Ends { points: 0 })?;
         let set_layout = incoming.announce(set)?;
         let count = set_layout.points as usize;
         let left = reader.remaining();
-        let ends = |_| GeometryProblem::Ends { points: left / POINT_BYTES };
+        let ends = |_| GeometrySectionError::Ends { points: left / POINT_BYTES };
         let planes = reader.take("the points", POINT_BYTES * count).map_err(ends)?;
         incoming.add(set, read_set(planes, set_layout, count)?)?;
     }
     incoming.end()
 }
 
-fn read_set(planes: &[u8], layout: &SetLayout, count: usize) -> Result<Geometry, GeometryProblem> {
+fn read_set(planes: &[u8], layout: &SetLayout, count: usize) -> Result<Geometry, GeometrySectionError> {
     let byte = |plane: usize, point: usize| u32::from(planes[plane * count + point]);
     let mut coord = [0_u32; 3];
     let mut points = Vec::with_capacity(count);
@@ -177,15 +181,15 @@ fn read_set(planes: &[u8], layout: &SetLayout, count: usize) -> Result<Geometry,
             *coord = coord.wrapping_add(difference) & 0xFF_FFFF;
         }
         if (0..3).any(|axis| coord[axis] > layout.extent[axis]) {
-            return Err(GeometryProblem::Outside { coord });
+            return Err(GeometrySectionError::Outside { coord });
         }
         let normal = (byte(9, point) | byte(10, point) << 8) as u16;
         if u32::from(normal) >> (2 * layout.normal_bits) != 0 {
-            return Err(GeometryProblem::Normal { axes: [normal.into(), 0] });
+            return Err(GeometrySectionError::Normal { axes: [normal.into(), 0] });
         }
         let key = (curve::place(coord), normal);
         if key < before {
-            return Err(GeometryProblem::Order { point });
+            return Err(GeometrySectionError::Order { point });
         }
         before = key;
         points.push((coord, normal));
@@ -193,29 +197,29 @@ fn read_set(planes: &[u8], layout: &SetLayout, count: usize) -> Result<Geometry,
     Ok(Geometry::sorted(*layout, &points))
 }
 
-/// Codes sets with `records` points in all. A writer gives them in `wanted`.
-pub(crate) fn code<B: Bits>(
+/// Codes sets with `records` points in all. A writer gives them in `source`.
+pub(crate) fn code<B: BinaryCoder>(
     model: &mut GeometryModel,
-    numbers: &mut Number,
-    bits: &mut B,
+    numbers: &mut NumberModel,
+    coder: &mut B,
     layout: &Layout,
-    wanted: &Sets,
+    source: &Sets,
     records: u32,
     stop: impl Fn(&B) -> bool,
-) -> Result<Sets, GeometryProblem> {
-    let mut incoming = Incoming::new(layout, records);
-    let count = numbers.code(bits, wanted.len() as u32);
+) -> Result<Sets, GeometrySectionError> {
+    let mut incoming = SetCheck::new(layout, records);
+    let count = numbers.code(coder, source.len() as u32);
     let mut next = 0_u32;
     for at in 0..count as usize {
-        let given = wanted.get(at);
+        let given = source.get(at);
         let gap = given.map_or(0, |(set, _)| set.wrapping_sub(next) as i32);
-        let set = next.wrapping_add_signed(numbers.code_signed(bits, gap));
+        let set = next.wrapping_add_signed(numbers.code_signed(coder, gap));
         let set_layout = incoming.announce(set)?;
-        let geometry = model.code(bits, set_layout, given.map(|(_, geometry)| &**geometry), &stop)?;
+        let geometry = model.code(coder, set_layout, given.map(|(_, geometry)| &**geometry), &stop)?;
         incoming.add(set, geometry)?;
         next = set.wrapping_add(1);
-        if stop(bits) {
-            return Err(GeometryProblem::Ends { points: 0 });
+        if stop(coder) {
+            return Err(GeometrySectionError::Ends { points: 0 });
         }
     }
     incoming.end()

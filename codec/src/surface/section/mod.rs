@@ -2,7 +2,7 @@
 
 pub(super) mod changes;
 pub(super) mod geometry;
-pub(super) mod marks;
 pub(super) mod patch;
+pub(super) mod point_mask;
 pub(super) mod values;
 pub(super) mod writer;

@@ -3,7 +3,7 @@
 //! The plain layout of a VALUES section is a varint, how many runs of blocks there are; for each run two varints, its
 //! first block and how many blocks it has; then one byte a point, run after run. By the range coder, each byte is
 //! eight decisions, high bit first, with what came before along the curve and what the instance before it of the same
-//! set has at the same place as opinions.
+//! set has at the same place as inputs.
 
 use crate::surface::{BLOCK_POINTS, Layout};
 use crate::wire::{Reader, WireError, varint_bytes, write_varint};
@@ -20,7 +20,7 @@ pub(crate) struct Values {
 /// What is wrong with values; an offset counts bytes of the plain layout.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
-pub enum ValueProblem {
+pub enum ValueError {
     /// It ends inside a field.
     #[error("it ends inside {field}, which starts at its byte {offset}")]
     Ends {
@@ -34,7 +34,7 @@ pub enum ValueProblem {
     Run {
         /// First block.
         first: u32,
-        /// Number of blocks.
+        /// NumberModel of blocks.
         count: u32,
     },
     /// Another number of points than the section table says.
@@ -102,11 +102,11 @@ impl Values {
         layout: &Layout,
         present: &mut [bool],
         records: u32,
-    ) -> Result<(), ValueProblem> {
+    ) -> Result<(), ValueError> {
         self.clear();
         let mut reader = Reader::new(raw);
         let field = "a run of blocks";
-        let mut arrivals = Arrivals::new(layout, present, records);
+        let mut arrivals = ArrivalCheck::new(layout, present, records);
         for _ in 0..reader.varint(field)? {
             let run = (reader.varint(field)?, reader.varint(field)?);
             arrivals.add(run)?;
@@ -115,7 +115,7 @@ impl Values {
         arrivals.end()?;
         let found = reader.remaining();
         if found != records as usize {
-            return Err(ValueProblem::Count { expected: records, found });
+            return Err(ValueError::Count { expected: records, found });
         }
         let bytes = reader.take("the values", found)?;
         self.bytes.extend_from_slice(bytes);
@@ -123,33 +123,33 @@ impl Values {
     }
 }
 
-impl From<WireError> for ValueProblem {
-    fn from(WireError { field, offset, .. }: WireError) -> ValueProblem {
-        ValueProblem::Ends { field, offset }
+impl From<WireError> for ValueError {
+    fn from(WireError { field, offset, .. }: WireError) -> ValueError {
+        ValueError::Ends { field, offset }
     }
 }
 
 /// Checks runs of blocks one after the other.
-pub(crate) struct Arrivals<'a> {
+pub(crate) struct ArrivalCheck<'a> {
     layout: &'a Layout,
     present: &'a mut [bool],
     expected: u32,
     points: usize,
 }
 
-impl<'a> Arrivals<'a> {
-    pub(crate) fn new(layout: &'a Layout, present: &'a mut [bool], expected: u32) -> Arrivals<'a> {
-        Arrivals { layout, present, expected, points: 0 }
+impl<'a> ArrivalCheck<'a> {
+    pub(crate) fn new(layout: &'a Layout, present: &'a mut [bool], expected: u32) -> ArrivalCheck<'a> {
+        ArrivalCheck { layout, present, expected, points: 0 }
     }
 
-    pub(crate) fn add(&mut self, (first, count): (u32, u32)) -> Result<(), ValueProblem> {
+    pub(crate) fn add(&mut self, (first, count): (u32, u32)) -> Result<(), ValueError> {
         let end = first as usize + count as usize;
         if count == 0 || end > self.present.len() {
-            return Err(ValueProblem::Run { first, count });
+            return Err(ValueError::Run { first, count });
         }
         for block in first as usize..end {
             if std::mem::replace(&mut self.present[block], true) {
-                return Err(ValueProblem::Run { first, count });
+                return Err(ValueError::Run { first, count });
             }
             self.points += self.layout.block_len(block);
         }
@@ -157,8 +157,8 @@ impl<'a> Arrivals<'a> {
         if self.points > self.expected as usize { self.end() } else { Ok(()) }
     }
 
-    pub(crate) fn end(&self) -> Result<(), ValueProblem> {
+    pub(crate) fn end(&self) -> Result<(), ValueError> {
         let (expected, found) = (self.expected, self.points);
-        if found == expected as usize { Ok(()) } else { Err(ValueProblem::Count { expected, found }) }
+        if found == expected as usize { Ok(()) } else { Err(ValueError::Count { expected, found }) }
     }
 }

@@ -7,8 +7,8 @@ use super::values::Values;
 use crate::block::{BlockCoder, BlockError, CoderId, Compressor};
 use crate::envelope::{EncodeError, SectionInfo, SectionTag};
 use crate::memory;
-use crate::range::{Number, RangeEncoder};
-use crate::surface::model::change::{ChangeModel, Known};
+use crate::range::{NumberModel, RangeEncoder};
+use crate::surface::model::change::{ChangeModel, StateView};
 use crate::surface::model::context;
 use crate::surface::model::geometry::GeometryModel;
 use crate::surface::model::history::History;
@@ -29,21 +29,25 @@ pub(crate) struct SectionWriter {
 /// Models that live as long as a frame.
 pub(crate) struct FrameModels {
     pub(crate) geometry: GeometryModel,
-    pub(crate) sets: Number,
+    pub(crate) sets: NumberModel,
     pub(crate) values: ValueModel,
 }
 
 impl FrameModels {
     pub(crate) fn new() -> FrameModels {
-        FrameModels { geometry: GeometryModel::new(), sets: Number::new(), values: ValueModel::new() }
+        FrameModels { geometry: GeometryModel::new(), sets: NumberModel::new(), values: ValueModel::new() }
     }
 }
 
 impl SectionWriter {
     /// Bytes held.
-    pub(crate) fn held(&self) -> usize {
+    pub(crate) fn heap_bytes(&self) -> usize {
         let SectionWriter { sections, blocks, compressor, plain, found } = self;
-        memory::list(sections) + memory::list(blocks) + compressor.held() + memory::list(plain) + found.held()
+        memory::list(sections)
+            + memory::list(blocks)
+            + compressor.heap_bytes()
+            + memory::list(plain)
+            + found.heap_bytes()
     }
 
     /// Ready for the next frame.
@@ -83,18 +87,18 @@ impl SectionWriter {
         }
         if coder == BlockCoder::Range {
             let start = self.blocks.len();
-            let mut bits = RangeEncoder::new(&mut self.blocks);
+            let mut encoder = RangeEncoder::new(&mut self.blocks);
             let records = points as u32;
             let coded = geometry::code(
                 &mut models.geometry,
                 &mut models.sets,
-                &mut bits,
+                &mut encoder,
                 layout,
                 sets,
                 records,
                 |_| false,
             );
-            bits.finish();
+            encoder.finish();
             debug_assert!(coded.is_ok(), "{coded:?}");
             self.section(SectionTag::GEOMETRY, CoderId::RANGE, points, geometry::plain_bytes(sets), start);
             return Ok(());
@@ -116,12 +120,12 @@ impl SectionWriter {
         let points = values.bytes.len();
         if coder == BlockCoder::Range {
             let start = self.blocks.len();
-            let mut bits = RangeEncoder::new(&mut self.blocks);
+            let mut encoder = RangeEncoder::new(&mut self.blocks);
             let mut found = Values::default();
             let pair = (values, &mut found);
             let coded =
-                models.values.code(&mut bits, layout, (bytes, present), pair, points as u32, |_| false);
-            bits.finish();
+                models.values.code(&mut encoder, layout, (bytes, present), pair, points as u32, |_| false);
+            encoder.finish();
             debug_assert!(coded.is_ok(), "{coded:?}");
             self.section(SectionTag::VALUES, CoderId::RANGE, points, values.plain_bytes(), start);
             return Ok(());
@@ -137,7 +141,7 @@ impl SectionWriter {
     /// bytes; then there is no section, and the answer is how many came before that.
     pub(crate) fn changes(
         &mut self,
-        known: Known<'_>,
+        known: StateView<'_>,
         model: &mut ChangeModel,
         changes: &Changes,
         coder: BlockCoder,
@@ -147,9 +151,9 @@ impl SectionWriter {
         if coder == BlockCoder::Range {
             let start = self.blocks.len();
             let most = start.saturating_add(most);
-            let mut bits = RangeEncoder::new(&mut self.blocks);
-            model.code(&mut bits, known, changes, &mut self.found, points, |bits| bits.len() > most);
-            bits.finish();
+            let mut encoder = RangeEncoder::new(&mut self.blocks);
+            model.code(&mut encoder, known, changes, &mut self.found, points, |encoder| encoder.len() > most);
+            encoder.finish();
             if self.blocks.len() > most {
                 self.blocks.truncate(start);
                 return Ok(Some(self.found.levels.len()));
@@ -174,13 +178,13 @@ impl SectionWriter {
         let (points, blocks) = (patch.bytes.len(), state.layout.blocks());
         if coder == BlockCoder::Range {
             let start = self.blocks.len();
-            let mut bits = RangeEncoder::new(&mut self.blocks);
+            let mut encoder = RangeEncoder::new(&mut self.blocks);
             let mut model = PatchModel::new();
-            let mut found = Patch { back: model.back(&mut bits, patch.back), ..Patch::default() };
+            let mut found = Patch { back: model.back(&mut encoder, patch.back), ..Patch::default() };
             let known = (&*state.layout, state.present.as_slice());
             let mut values = state.values.clone();
-            model.code(&mut bits, known, &mut values, (patch, &mut found), points, |_| false);
-            bits.finish();
+            model.code(&mut encoder, known, &mut values, (patch, &mut found), points, |_| false);
+            encoder.finish();
             debug_assert_eq!(&found, patch);
             self.section(SectionTag::PATCH, CoderId::RANGE, points, patch.plain_bytes(blocks), start);
             return Ok(());

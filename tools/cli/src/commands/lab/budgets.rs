@@ -193,7 +193,7 @@ impl Offers {
         let mut weights = self.weights.iter();
         for instance in 0..layout.members().len() as u32 {
             for (block, weight) in (0..layout.blocks_of(instance).len()).zip(&mut weights) {
-                encoder.weigh(instance, block, *weight);
+                encoder.set_weight(instance, block, *weight);
             }
         }
         let differs = |(point, ao): (u32, &u8)| u32::from(encoder.set_ao(point, *ao).unwrap_or(false));

@@ -4,11 +4,11 @@ use crate::memory;
 use crate::paper::{Bucket, Cell, Entry, POINTS_PER_CELL, Placement};
 
 /// The owner of an empty slot; no point has this id.
-const NOBODY: u32 = u32::MAX;
+const NO_OWNER: u32 = u32::MAX;
 
 /// Where a point belongs: a cell of an instance, by coordinate, raw id and bucket.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Site {
+pub(crate) struct CellAddress {
     pub(crate) coord: [u32; 3],
     pub(crate) id: u32,
     /// Index among the buckets of the state.
@@ -17,7 +17,7 @@ pub(crate) struct Site {
 
 /// One cell: its words, who owns them, and what names the cell.
 #[derive(Debug, Clone)]
-struct Slots {
+struct CellSlots {
     words: [u32; POINTS_PER_CELL],
     owners: [u32; POINTS_PER_CELL],
     points: u8,
@@ -25,14 +25,14 @@ struct Slots {
     bucket: u32,
 }
 
-impl Slots {
-    fn empty(site: Site) -> Slots {
-        Slots {
+impl CellSlots {
+    fn empty(address: CellAddress) -> CellSlots {
+        CellSlots {
             words: [0; POINTS_PER_CELL],
-            owners: [NOBODY; POINTS_PER_CELL],
+            owners: [NO_OWNER; POINTS_PER_CELL],
             points: 0,
-            coord: site.coord,
-            bucket: site.bucket,
+            coord: address.coord,
+            bucket: address.bucket,
         }
     }
 
@@ -46,7 +46,7 @@ impl Slots {
         let mut end = POINTS_PER_CELL;
         let mut at = 0;
         while at < end {
-            if self.owners[at] == NOBODY {
+            if self.owners[at] == NO_OWNER {
                 end -= 1;
                 self.words.swap(at, end);
                 self.owners.swap(at, end);
@@ -66,7 +66,7 @@ pub(crate) struct DirtySet {
 
 impl DirtySet {
     /// Bytes held.
-    pub(crate) fn held(&self) -> usize {
+    pub(crate) fn heap_bytes(&self) -> usize {
         memory::list(&self.marked) + memory::list(&self.list)
     }
 
@@ -99,7 +99,7 @@ impl DirtySet {
 pub(crate) struct Tables {
     buckets: Vec<Bucket>,
     /// Grows as cells are first used; at most `capacity`.
-    cells: Vec<Slots>,
+    cells: Vec<CellSlots>,
     capacity: u32,
     /// Freed cells; the last freed is the first used again, so that its stale words are the newest.
     free: Vec<u32>,
@@ -111,9 +111,9 @@ pub(crate) struct Tables {
 
 impl Tables {
     /// Bytes held.
-    pub(crate) fn held(&self) -> usize {
+    pub(crate) fn heap_bytes(&self) -> usize {
         let Tables { buckets, cells, free, dirty_cells, dirty_buckets, .. } = self;
-        let dirty = dirty_cells.held() + dirty_buckets.held();
+        let dirty = dirty_cells.heap_bytes() + dirty_buckets.heap_bytes();
         memory::list(buckets) + memory::list(cells) + memory::list(free) + dirty
     }
 
@@ -163,10 +163,10 @@ impl Tables {
     }
 
     /// Finds a slot for a point that has none: the cell, or why there is none.
-    pub(crate) fn insert(&mut self, site: Site, point: u32, word: u32) -> Result<u32, Placement> {
-        let cell = self.find_or_allocate(site)?;
+    pub(crate) fn insert(&mut self, address: CellAddress, point: u32, word: u32) -> Result<u32, Placement> {
+        let cell = self.find_or_allocate(address)?;
         let slots = &mut self.cells[cell as usize];
-        let Some(slot) = slots.slot_of(NOBODY) else { return Err(Placement::CellFull) };
+        let Some(slot) = slots.slot_of(NO_OWNER) else { return Err(Placement::CellFull) };
         slots.owners[slot] = point;
         slots.words[slot] = word;
         slots.points += 1;
@@ -175,29 +175,29 @@ impl Tables {
         Ok(cell)
     }
 
-    /// The cell of a site: the one that its bucket names, else a new one.
-    fn find_or_allocate(&mut self, site: Site) -> Result<u32, Placement> {
-        let entries = self.buckets[site.bucket as usize].entries();
-        if let Some(entry) = entries.iter().find(|entry| entry.is_used() && entry.id() == site.id) {
+    /// The cell of a address: the one that its bucket names, else a new one.
+    fn find_or_allocate(&mut self, address: CellAddress) -> Result<u32, Placement> {
+        let entries = self.buckets[address.bucket as usize].entries();
+        if let Some(entry) = entries.iter().find(|entry| entry.is_used() && entry.id() == address.id) {
             let found = &self.cells[entry.cell() as usize];
-            return if found.coord == site.coord { Ok(entry.cell()) } else { Err(Placement::IdCollision) };
+            return if found.coord == address.coord { Ok(entry.cell()) } else { Err(Placement::IdCollision) };
         }
         let Some(vacant) = entries.iter().position(|entry| !entry.is_used()) else {
             return Err(Placement::BucketFull);
         };
-        let cell = self.allocate(site).ok_or(Placement::NoCell)?;
+        let cell = self.allocate(address).ok_or(Placement::NoCell)?;
         // One point: the caller is about to put it there, and counts again.
-        self.buckets[site.bucket as usize].entries_mut()[vacant] = Entry::new(site.id, cell, 1);
+        self.buckets[address.bucket as usize].entries_mut()[vacant] = Entry::new(address.id, cell, 1);
         Ok(cell)
     }
 
-    fn allocate(&mut self, site: Site) -> Option<u32> {
+    fn allocate(&mut self, address: CellAddress) -> Option<u32> {
         if let Some(cell) = self.free.pop() {
-            self.cells[cell as usize] = Slots::empty(site);
+            self.cells[cell as usize] = CellSlots::empty(address);
             return Some(cell);
         }
         let cell = self.cells.len() as u32;
-        (cell < self.capacity).then(|| self.cells.push(Slots::empty(site)))?;
+        (cell < self.capacity).then(|| self.cells.push(CellSlots::empty(address)))?;
         Some(cell)
     }
 
@@ -214,7 +214,7 @@ impl Tables {
     pub(crate) fn remove(&mut self, cell: u32, point: u32) {
         let slots = &mut self.cells[cell as usize];
         let Some(slot) = slots.slot_of(point) else { return };
-        slots.owners[slot] = NOBODY;
+        slots.owners[slot] = NO_OWNER;
         slots.words[slot] = 0;
         slots.points -= 1;
         self.freed = true;
@@ -227,7 +227,7 @@ impl Tables {
 
     /// Brings the point count of a cell's bucket entry up to date; an entry of no points is cleared.
     fn recount(&mut self, cell: u32) {
-        let Slots { bucket, points, .. } = self.cells[cell as usize];
+        let CellSlots { bucket, points, .. } = self.cells[cell as usize];
         self.dirty_buckets.mark(bucket);
         let entries = self.buckets[bucket as usize].entries_mut();
         if let Some(entry) = entries.iter_mut().find(|entry| entry.is_used() && entry.cell() == cell) {

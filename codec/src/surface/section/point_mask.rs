@@ -3,23 +3,23 @@
 //! In a plain layout they are (blocks + 7) / 8 bytes, one bit a block of 64 points, lowest first, then 8 bytes for each
 //! block whose bit is set, one bit a point, lowest first.
 
-use super::changes::ChangeProblem;
+use super::changes::ChangeError;
 use crate::memory;
 use crate::surface::{BLOCK_POINTS, State};
 use crate::wire::Reader;
 
 /// Points of some blocks, in order.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub(crate) struct Marks {
+pub(crate) struct PointMask {
     /// Blocks with a point, ascending.
     pub(crate) blocks: Vec<u32>,
     /// Which of its points, block by block; never 0.
     pub(crate) masks: Vec<u64>,
 }
 
-impl Marks {
+impl PointMask {
     /// Bytes held.
-    pub(crate) fn held(&self) -> usize {
+    pub(crate) fn heap_bytes(&self) -> usize {
         memory::list(&self.blocks) + memory::list(&self.masks)
     }
 
@@ -79,7 +79,7 @@ impl Marks {
         reader: &mut Reader<'_>,
         blocks: usize,
         records: u32,
-    ) -> Result<(), ChangeProblem> {
+    ) -> Result<(), ChangeError> {
         self.clear();
         let bitmap = reader.take("the bitmap of blocks", blocks.div_ceil(8))?;
         for (at, byte) in bitmap.iter().enumerate() {
@@ -90,27 +90,23 @@ impl Marks {
         for (mask, block) in masks.chunks_exact(8).zip(&self.blocks) {
             let mask = mask.iter().rev().fold(0, |mask, byte| mask << 8 | u64::from(*byte));
             if mask == 0 {
-                return Err(ChangeProblem::Mask { block: *block, mask });
+                return Err(ChangeError::Mask { block: *block, mask });
             }
             found += mask.count_ones() as usize;
             self.masks.push(mask);
         }
-        if found == records as usize {
-            Ok(())
-        } else {
-            Err(ChangeProblem::Count { expected: records, found })
-        }
+        if found == records as usize { Ok(()) } else { Err(ChangeError::Count { expected: records, found }) }
     }
 
     /// Checks that the points are there, and their blocks have come.
-    pub(crate) fn check(&self, state: &State) -> Result<(), ChangeProblem> {
+    pub(crate) fn check(&self, state: &State) -> Result<(), ChangeError> {
         for (block, mask) in self.iter() {
             if !state.present.get(block as usize).is_some_and(|here| *here) {
-                return Err(ChangeProblem::Absent { block });
+                return Err(ChangeError::Absent { block });
             }
             let points = state.layout.block_len(block as usize);
             if points < BLOCK_POINTS && mask >> points != 0 {
-                return Err(ChangeProblem::Mask { block, mask });
+                return Err(ChangeError::Mask { block, mask });
             }
         }
         Ok(())

@@ -11,7 +11,7 @@ use crate::paper::{
 
 /// A point as last put.
 #[derive(Debug, Clone, Copy)]
-struct Put {
+struct PointRecord {
     instance: usize,
     coord: [u32; 3],
     word: u32,
@@ -22,11 +22,11 @@ struct Put {
 
 /// Does what [`crate::paper::Encoder`] does, slowly. Arguments must be valid: it indexes by them.
 #[derive(Debug)]
-pub struct NaiveEncoder {
+pub struct PaperReferenceEncoder {
     layout: Arc<Layout>,
     /// The instance of every point id.
     instances: Vec<usize>,
-    points: Vec<Option<Put>>,
+    points: Vec<Option<PointRecord>>,
     /// Point ids in the slots of every cell.
     cells: Vec<[Option<usize>; POINTS_PER_CELL]>,
     /// Cell indices in the entries of every bucket.
@@ -37,13 +37,13 @@ pub struct NaiveEncoder {
     sent: State,
 }
 
-impl NaiveEncoder {
+impl PaperReferenceEncoder {
     /// An encoder with no points yet, as [`crate::paper::Encoder::new`].
     #[must_use]
-    pub fn new(layout: Arc<Layout>, points: &[u32]) -> NaiveEncoder {
+    pub fn new(layout: Arc<Layout>, points: &[u32]) -> PaperReferenceEncoder {
         let owners = points.iter().enumerate();
         let instances: Vec<usize> = owners.flat_map(|(at, count)| vec![at; *count as usize]).collect();
-        NaiveEncoder {
+        PaperReferenceEncoder {
             points: vec![None; instances.len()],
             instances,
             cells: vec![[None; POINTS_PER_CELL]; layout.cell_capacity() as usize],
@@ -66,8 +66,8 @@ impl NaiveEncoder {
         }
         let placement = Placement::Stored;
         let outside = located.outside;
-        self.points[point] = Some(Put { instance, coord: located.cell, word, outside, placement });
-        self.settle(point)
+        self.points[point] = Some(PointRecord { instance, coord: located.cell, word, outside, placement });
+        self.place(point)
     }
 
     /// Removes a point, as [`crate::paper::Encoder::remove`].
@@ -85,7 +85,7 @@ impl NaiveEncoder {
     pub fn retry_unplaced(&mut self) {
         for point in 0..self.points.len() {
             if self.points[point].is_some() {
-                self.settle(point);
+                self.place(point);
             }
         }
     }
@@ -93,8 +93,9 @@ impl NaiveEncoder {
     /// Counts everything, as [`crate::paper::Encoder::counts`].
     #[must_use]
     pub fn counts(&self) -> Occupancy {
-        let count =
-            |rule: &dyn Fn(&Put) -> bool| self.points.iter().flatten().filter(|put| rule(put)).count() as u32;
+        let count = |rule: &dyn Fn(&PointRecord) -> bool| {
+            self.points.iter().flatten().filter(|put| rule(put)).count() as u32
+        };
         Occupancy {
             cells: self.cells.iter().filter(|cell| cell.iter().any(Option::is_some)).count() as u32,
             points_stored: count(&|put| put.placement == Placement::Stored),
@@ -182,7 +183,7 @@ impl NaiveEncoder {
     }
 
     /// Gives a point a slot unless it has one; notes and returns what came of it.
-    fn settle(&mut self, point: usize) -> Placement {
+    fn place(&mut self, point: usize) -> Placement {
         let placement = match self.cell_of(point) {
             Some(_) => Placement::Stored,
             None => self.find_slot(point),
@@ -194,7 +195,7 @@ impl NaiveEncoder {
     }
 
     fn find_slot(&mut self, point: usize) -> Placement {
-        let Some(Put { instance, coord, .. }) = self.points[point] else { return Placement::NoCell };
+        let Some(PointRecord { instance, coord, .. }) = self.points[point] else { return Placement::NoCell };
         let (id, bucket) = self.address(instance, coord);
         let named: Vec<usize> = self.buckets[bucket].iter().flatten().copied().collect();
         let same_id =
@@ -230,7 +231,7 @@ impl NaiveEncoder {
     /// Instance, raw id and coordinate of a cell, from any of its points.
     fn owner(&self, cell: usize) -> Option<(usize, u32, [u32; 3])> {
         let point = self.cells[cell].iter().flatten().next()?;
-        let Put { instance, coord, .. } = self.points[*point]?;
+        let PointRecord { instance, coord, .. } = self.points[*point]?;
         Some((instance, self.address(instance, coord).0, coord))
     }
 

@@ -10,7 +10,7 @@ use crate::wire::words;
 
 /// Why the twin refused a frame; coarser than [`FrameError`].
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum Refused {
+pub enum ReferenceError {
     /// The header.
     #[error(transparent)]
     Header(#[from] FrameError),
@@ -29,15 +29,15 @@ pub enum Refused {
 ///
 /// # Errors
 /// Refuses exactly what [`crate::paper::decoder`] refuses.
-pub fn apply(state: &State, body: &[u8], limits: &Limits) -> Result<State, Refused> {
+pub fn apply(state: &State, body: &[u8], limits: &Limits) -> Result<State, ReferenceError> {
     let info = inspect(body, limits)?;
     if info.packing != state.layout().format().packing() {
-        return Err(Refused::Rule);
+        return Err(ReferenceError::Rule);
     }
     let mut next = match (info.kind, state.frame()) {
         (FrameKind::Key, _) => State::new(Arc::clone(state.layout())),
         (FrameKind::Delta, Some(last)) if info.frame > last => state.clone(),
-        _ => return Err(Refused::Rule),
+        _ => return Err(ReferenceError::Rule),
     };
     let mut at = info.header_bytes as usize;
     for section in &info.sections {
@@ -47,15 +47,15 @@ pub fn apply(state: &State, body: &[u8], limits: &Limits) -> Result<State, Refus
         let size = raw.len() / section.records as usize;
         let records: Vec<(u32, &[u8])> = raw.chunks(size).map(|r| (words::<1>(r)[0], &r[4..])).collect();
         if records.windows(2).any(|pair| pair[0].0 >= pair[1].0) {
-            return Err(Refused::Rule);
+            return Err(ReferenceError::Rule);
         }
         for (offset, content) in records {
-            write_record(&mut next, section.tag, offset as usize, content).ok_or(Refused::Rule)?;
+            write_record(&mut next, section.tag, offset as usize, content).ok_or(ReferenceError::Rule)?;
         }
     }
     next.hash = next.full_hash();
     next.frame = Some(info.frame);
-    if next.hash == info.hash { Ok(next) } else { Err(Refused::Hash) }
+    if next.hash == info.hash { Ok(next) } else { Err(ReferenceError::Hash) }
 }
 
 /// Writes one record; `None` when it breaks a rule.

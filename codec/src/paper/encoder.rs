@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use super::cells::{CellAddress, DirtySet, Tables};
 use super::changes::{TableChanges, push_all_records};
-use super::resend::Resend;
+use super::resend::{PointRef, Resend};
 use super::{
     Layout, Occupancy, Placement, PointError, Pose, PoseError, PutOutcome, Records, ResendAo, State,
     bucket_of, cell_id, write_body,
@@ -127,12 +127,12 @@ impl Encoder {
     /// As [`Encoder::put`].
     pub fn set_point(&mut self, point: u32, sample: &PointSample) -> Result<bool, PointError> {
         self.record(point)?;
-        let place = self.place_of(point);
-        let grid = &self.layout.instances()[place.1].grid;
+        let named = self.point_ref(point);
+        let grid = &self.layout.instances()[named.instance].grid;
         let Some(resend) = &mut self.resend else {
             return self.put(point, sample).map(|_| true);
         };
-        let due = resend.is_due(grid, place, sample);
+        let due = resend.is_due(grid, named, sample);
         if due {
             check_sample(point, sample)?;
             resend.push(point, *sample);
@@ -150,7 +150,7 @@ impl Encoder {
     #[must_use]
     pub fn sent_place(&self, point: u32) -> Option<([f32; 3], [f32; 3])> {
         self.record(point).ok()?;
-        let (_, instance, number) = self.place_of(point);
+        let PointRef { instance, number, .. } = self.point_ref(point);
         self.resend.as_ref()?.place(instance, number)
     }
 
@@ -159,9 +159,9 @@ impl Encoder {
         let Some(due) = self.resend.as_mut().map(Resend::take_due) else { return };
         for (point, sample) in &due {
             self.put_checked(*point, sample);
-            let place = self.place_of(*point);
+            let named = self.point_ref(*point);
             if let Some(resend) = &mut self.resend {
-                resend.record(place, sample);
+                resend.record(named, sample);
             }
         }
         if let Some(resend) = &mut self.resend {
@@ -346,9 +346,9 @@ impl Encoder {
     }
 
     /// A point, its instance and its number there.
-    fn place_of(&self, point: u32) -> (u32, usize, usize) {
+    fn point_ref(&self, point: u32) -> PointRef {
         let instance = self.instance_of(point);
-        (point, instance, (point - self.first_points[instance]) as usize)
+        PointRef { id: point, instance, number: (point - self.first_points[instance]) as usize }
     }
 
     fn instance_of(&self, point: u32) -> usize {

@@ -36,6 +36,15 @@ impl ResendAo {
 /// Position and normal of a point, metres and unit length, instance-local.
 pub(super) type PointPlace = ([f32; 3], [f32; 3]);
 
+/// Names a point in three ways.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct PointRef {
+    pub(super) id: u32,
+    pub(super) instance: usize,
+    /// Number of the point in its instance.
+    pub(super) number: usize,
+}
+
 /// Whether a point of a deforming instance moved or turned enough: farther than 3/31 of a cell, into another cell, or
 /// its normal by more than a cosine of 0.6.
 fn place_changed(grid: &Grid, now: PointPlace, sent: PointPlace) -> bool {
@@ -85,12 +94,12 @@ impl Resend {
     pub(super) fn is_due(
         &self,
         grid: &Grid,
-        (point, instance, number): (u32, usize, usize),
+        PointRef { id, instance, number }: PointRef,
         now: &PointSample,
     ) -> bool {
         let sent_place = self.places[instance].get(number);
         let moved = || sent_place.is_some_and(|sent| place_changed(grid, (now.local, now.normal), *sent));
-        self.ao[point as usize].is_none_or(|sent| self.rule.is_due(now.ao, sent)) || moved()
+        self.ao[id as usize].is_none_or(|sent| self.rule.is_due(now.ao, sent)) || moved()
     }
 
     /// Sends a point with the next frame.
@@ -106,8 +115,8 @@ impl Resend {
     }
 
     /// Notes that a point, of this number in its instance, is being sent.
-    pub(super) fn record(&mut self, (point, instance, number): (u32, usize, usize), sample: &PointSample) {
-        self.ao[point as usize] = Some(self.rule.format.held_ao(sample.ao));
+    pub(super) fn record(&mut self, PointRef { id, instance, number }: PointRef, sample: &PointSample) {
+        self.ao[id as usize] = Some(self.rule.format.held_ao(sample.ao));
         if let Some(place) = self.places[instance].get_mut(number) {
             *place = (sample.local, sample.normal);
         }

@@ -5,7 +5,7 @@ use std::cmp::Reverse;
 use super::model::change::ChangeModel;
 use super::section::changes::Changes;
 use super::section::writer::SectionWriter;
-use super::{BLOCK_POINTS, State};
+use super::{PaddedIndex, State};
 use crate::block::BlockCoder;
 use crate::envelope::{EncodeError, FrameMeta, SectionTag, header_bytes};
 use crate::memory;
@@ -68,7 +68,7 @@ pub struct Postponed {
 /// A point that differs by the threshold.
 #[derive(Debug, Clone, Copy)]
 struct DueChange {
-    slot: u32,
+    index: PaddedIndex,
     level: i16,
     /// Frames before this one that postponed it.
     waited: u16,
@@ -76,7 +76,7 @@ struct DueChange {
 }
 
 /// Order in which points are sent.
-type Rank = (Reverse<u64>, u32);
+type Rank = (Reverse<u64>, PaddedIndex);
 
 /// Priority of a point that must not wait any longer: above every product.
 const FORCED: u64 = u64::MAX;
@@ -85,7 +85,7 @@ const GUESSES: u32 = 5;
 
 impl DueChange {
     fn rank(&self) -> Rank {
-        (Reverse(self.priority), self.slot)
+        (Reverse(self.priority), self.index)
     }
 }
 
@@ -109,7 +109,7 @@ pub(super) struct BudgetQueue {
     /// By block.
     weights: Vec<u16>,
     /// What the last frame postponed: slots, ascending, with the frames that they have waited.
-    waiting: Vec<(u32, u16)>,
+    waiting: Vec<(PaddedIndex, u16)>,
     /// In the order of slots.
     due: Vec<DueChange>,
     ranks: Vec<Rank>,
@@ -200,7 +200,7 @@ impl BudgetQueue {
         let changed_points = self.changed_points(&frame, count);
         self.waiting.clear();
         let left = self.due.iter().filter(|due| self.last.is_none_or(|last| due.rank() > last));
-        self.waiting.extend(left.map(|due| (due.slot, due.waited.saturating_add(1))));
+        self.waiting.extend(left.map(|due| (due.index, due.waited.saturating_add(1))));
         self.postponed = Postponed {
             points: self.waiting.len() as u32,
             oldest: self.waiting.iter().map(|(_, waited)| *waited).max().unwrap_or(0),
@@ -215,18 +215,18 @@ impl BudgetQueue {
         let mut waiting = self.waiting.iter().copied().peekable();
         let mut forced = 0;
         self.due.clear();
-        for (slot, level) in changes.iter() {
-            while waiting.next_if(|(before, _)| (*before as usize) < slot).is_some() {}
-            let waited = waiting.next_if(|(same, _)| *same as usize == slot).map_or(0, |(_, waited)| waited);
+        for (index, level) in changes.iter() {
+            while waiting.next_if(|(before, _)| *before < index).is_some() {}
+            let waited = waiting.next_if(|(same, _)| *same == index).map_or(0, |(_, waited)| waited);
             let priority = if waited >= self.budget.longest_age {
                 forced += 1;
                 FORCED
             } else {
-                let difference = frame.offered[slot].abs_diff(frame.sent.values[slot]);
-                let weight = self.weights[slot / BLOCK_POINTS];
+                let difference = frame.offered[index.0].abs_diff(frame.sent.values[index.0]);
+                let weight = self.weights[index.block()];
                 u64::from(difference) * u64::from(weight) * (u64::from(waited) + 1)
             };
-            self.due.push(DueChange { slot: slot as u32, level, waited, priority });
+            self.due.push(DueChange { index, level, waited, priority });
         }
         self.ranks.clear();
         self.ranks.extend(self.due.iter().map(DueChange::rank));
@@ -315,7 +315,7 @@ impl BudgetQueue {
         };
         changes.clear();
         for due in self.due.iter().filter(|due| self.last.is_some_and(|last| due.rank() <= last)) {
-            changes.push(due.slot as usize, due.level);
+            changes.push(due.index, due.level);
         }
     }
 

@@ -142,8 +142,8 @@ impl Decoder {
         }
         if let Some(next) = next {
             for block in (0..next.present.len()).filter(|block| !state.present[*block]) {
-                let slots = next.slots(block);
-                state.values[slots.clone()].copy_from_slice(&next.values[slots]);
+                let range = next.block_range(block);
+                state.values[range.clone()].copy_from_slice(&next.values[range]);
             }
             state.present = next.present;
             state.geometry = next.geometry;
@@ -168,13 +168,13 @@ impl Decoder {
                 self.read_patch(state, info, &block, limits)?;
             }
         }
-        let hash = self.patch.iter().fold(state.hash, |hash, (slot, byte)| {
-            let (old, new) = (value_words(state.values[slot]), value_words(byte));
-            hash.replace(RecordKind::Value, slot as u32, &old, &new)
+        let hash = self.patch.iter().fold(state.hash, |hash, (index, byte)| {
+            let (old, new) = (value_words(state.values[index.0]), value_words(byte));
+            hash.replace(RecordKind::Value, index.0 as u32, &old, &new)
         });
         let computed = check_hash(hash, info)?;
-        for (slot, byte) in self.patch.iter() {
-            state.values[slot] = byte;
+        for (index, byte) in self.patch.iter() {
+            state.values[index.0] = byte;
         }
         (state.history, state.model) =
             learned.unwrap_or_else(|| (History::new(state.present.len()), ChangeModel::new()));
@@ -402,9 +402,10 @@ fn check_changes(state: &State, changes: &Changes) -> Result<(), ChangeError> {
         return Err(ChangeError::Quantum);
     }
     changes.points.check(state)?;
-    for (slot, level) in changes.iter() {
-        if level.unsigned_abs() > 255 || state.changed(slot, level, changes.quantum) == state.values[slot] {
-            return Err(ChangeError::Level { slot: slot as u32, level: level.into() });
+    for (index, level) in changes.iter() {
+        let old = state.values[index.0];
+        if level.unsigned_abs() > 255 || state.changed_value(index, level, changes.quantum) == old {
+            return Err(ChangeError::Level { padded_index: index.0 as u32, level: level.into() });
         }
     }
     Ok(())

@@ -8,7 +8,7 @@ use super::section::changes::Changes;
 use super::section::point_mask::SetBits;
 use super::section::writer::SectionWriter;
 use super::state::{geometry_words, value_words};
-use super::{BLOCK_POINTS, Geometry, GeometryError, Layout, State};
+use super::{PaddedIndex, Geometry, GeometryError, Layout, State};
 use crate::block::BlockCoder;
 use crate::envelope::{EncodeError, EncodedFrame, FrameKind, FrameMeta, Packing, Profile, assemble};
 use crate::hash::RecordKind;
@@ -143,16 +143,16 @@ impl Encoder {
         if !layout.points_of(self.instance as u32).contains(&(point as usize)) {
             self.instance = layout.instance_of(point)?;
         }
-        let slot = layout.slot_in(self.instance, point);
-        let (block, bit) = (slot / BLOCK_POINTS, 1_u64 << (slot % BLOCK_POINTS));
-        self.offered[slot] = ao;
+        let index = layout.padded_index_in(self.instance, point);
+        let (block, bit) = (index.block(), index.bit());
+        self.offered[index.0] = ao;
         if !self.sent.present[block] {
             if !std::mem::replace(&mut self.is_arriving[block], true) {
                 self.arriving.push(block as u32);
             }
             return Some(true);
         }
-        let differs = ao.abs_diff(self.sent.values[slot]) >= self.settings.threshold;
+        let differs = ao.abs_diff(self.sent.values[index.0]) >= self.settings.threshold;
         self.dirty[block] = if differs { self.dirty[block] | bit } else { self.dirty[block] & !bit };
         Some(differs)
     }
@@ -198,7 +198,7 @@ impl Encoder {
         if instance as usize >= self.sent.layout.members().len() {
             return &[];
         }
-        &self.offered[self.sent.layout.slots_of(instance as usize)]
+        &self.offered[self.sent.layout.padded_range(instance as usize)]
     }
 
     /// What clients hold after the last finished frame.
@@ -283,8 +283,8 @@ impl Encoder {
         if let Some(next) = next {
             // Changes were of what was there before; what hash_with_arrivals comes on top.
             for block in self.arriving.drain(..) {
-                let slots = next.slots(block as usize);
-                self.sent.values[slots.clone()].copy_from_slice(&next.values[slots]);
+                let range = next.block_range(block as usize);
+                self.sent.values[range.clone()].copy_from_slice(&next.values[range]);
                 self.sent.present[block as usize] = true;
                 self.is_arriving[block as usize] = false;
             }
@@ -341,11 +341,11 @@ impl Encoder {
         self.changes.quantum = quantum as u8;
         for (block, dirty) in self.dirty.iter().enumerate() {
             for bit in SetBits(*dirty) {
-                let slot = block * BLOCK_POINTS + bit as usize;
-                let difference = i32::from(self.offered[slot]) - i32::from(self.sent.values[slot]);
+                let index = PaddedIndex::new(block, bit as usize);
+                let difference = i32::from(self.offered[index.0]) - i32::from(self.sent.values[index.0]);
                 // The nearest of the lattice, but not where it is.
                 let size = ((difference.abs() + quantum / 2) / quantum).max(1);
-                self.changes.push(slot, (size * difference.signum()) as i16);
+                self.changes.push(index, (size * difference.signum()) as i16);
             }
         }
     }
@@ -360,8 +360,8 @@ pub(super) fn hash_with_arrivals(before: &State, after: &State) -> StateHash {
         }
     }
     for block in (0..after.present.len()).filter(|block| after.present[*block] && !before.present[*block]) {
-        for slot in after.slots(block) {
-            hash = hash.insert(RecordKind::Value, slot as u32, &value_words(after.values[slot]));
+        for index in after.block_range(block) {
+            hash = hash.insert(RecordKind::Value, index as u32, &value_words(after.values[index]));
         }
     }
     hash

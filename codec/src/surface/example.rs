@@ -71,7 +71,7 @@ fn the_hash_in_the_specification_is_what_the_code_computes() {
     let digest = encoder().state().layout().sets()[0].digest;
     let geometry = term(RecordKind::Geometry, 0, &state::geometry_words(digest));
     let values = [255, 200, 100].map(state::value_words);
-    let points = [0, 1, 2].map(|slot| term(RecordKind::Value, slot, &values[slot as usize]));
+    let points = [0, 1, 2].map(|padded| term(RecordKind::Value, padded, &values[padded as usize]));
     let sum = points.iter().fold(geometry, |sum, term| sum.wrapping_add(*term));
     assert_eq!(sum, key.info.hash.0);
     for value in [digest.0, geometry, points[0], points[1], points[2], sum] {
@@ -98,7 +98,7 @@ fn the_decisions_in_the_specification_are_those_of_the_code() {
     let mut state = State::new(Arc::clone(encoder().state().layout()));
     Decoder::new().decode(&mut state, &key.body, &Limits::default()).unwrap();
     let mut changes = Changes { quantum: 12, ..Changes::default() };
-    changes.push(1, -8);
+    changes.push(PaddedIndex(1), -8);
     let mut block = Vec::new();
     let mut log = DecisionLog { encoder: RangeEncoder::new(&mut block), decisions: Vec::new() };
     ChangeModel::new().code(&mut log, state.view(), &changes, &mut Changes::default(), 1, |_| false);

@@ -1,6 +1,6 @@
 //! What both sides know of a stream before its first frame.
 
-use super::{BLOCK_POINTS, RestPoint};
+use super::{BLOCK_POINTS, PaddedIndex, RestPoint};
 use crate::paper::MAX_GRID_DIM;
 use crate::{Limits, memory};
 
@@ -175,14 +175,14 @@ impl Layout {
     }
 
     /// Slots of an instance: its points, counted from 64 times its first block.
-    pub(crate) fn slots_of(&self, instance: usize) -> std::ops::Range<usize> {
+    pub(crate) fn padded_range(&self, instance: usize) -> std::ops::Range<usize> {
         let first = self.block_offsets[instance] as usize * BLOCK_POINTS;
         first..first + (self.point_offsets[instance + 1] - self.point_offsets[instance]) as usize
     }
 
     /// Points of a block.
     pub(crate) fn block_len(&self, block: usize) -> usize {
-        let end = self.slots_of(self.owner(block)).end;
+        let end = self.padded_range(self.owner(block)).end;
         (end - block * BLOCK_POINTS).min(BLOCK_POINTS)
     }
 
@@ -193,13 +193,14 @@ impl Layout {
 
     /// The slot of a point of an instance.
     #[inline]
-    pub(crate) fn slot_in(&self, instance: usize, point: u32) -> usize {
-        self.block_offsets[instance] as usize * BLOCK_POINTS + (point - self.point_offsets[instance]) as usize
+    pub(crate) fn padded_index_in(&self, instance: usize, point: u32) -> PaddedIndex {
+        let place = (point - self.point_offsets[instance]) as usize;
+        PaddedIndex::new(self.block_offsets[instance] as usize, place)
     }
 
     /// The slot of a point; `None` where there is no such point.
-    pub(crate) fn slot(&self, point: u32) -> Option<usize> {
-        Some(self.slot_in(self.instance_of(point)?, point))
+    pub(crate) fn padded_index(&self, point: u32) -> Option<PaddedIndex> {
+        Some(self.padded_index_in(self.instance_of(point)?, point))
     }
 
     /// Returns the instance of a block and its points, counted from the instance's first. `None` where there is no such block.

@@ -17,6 +17,7 @@ mod geometry;
 mod keyframe;
 mod layout;
 mod model;
+mod padded_index;
 mod patch;
 #[cfg(test)]
 mod patch_tests;
@@ -40,6 +41,7 @@ pub(crate) use model::change::{ChangeModel, ContextMixer};
 pub use model::context::ContextError;
 #[cfg(any(test, feature = "testing"))]
 pub(crate) use model::history::{History, NEVER};
+pub(crate) use padded_index::PaddedIndex;
 pub use patch::patch;
 pub use preview::{Preview, preview};
 pub(crate) use rules::Rules;

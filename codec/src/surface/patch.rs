@@ -2,7 +2,7 @@
 
 use super::section::patch::Patch;
 use super::section::writer::SectionWriter;
-use super::{BLOCK_POINTS, ChangeLog, State};
+use super::{ChangeLog, PaddedIndex, State};
 use crate::block::BlockCoder;
 use crate::envelope::{EncodeError, FrameIndex, FrameKind, FrameMeta, Packing, Profile, assemble};
 
@@ -43,9 +43,9 @@ pub fn patch(
     if patch.points.blocks.is_empty() {
         // A section has a point at least: any does.
         let Some(block) = state.present.iter().position(|here| *here) else { return Ok(None) };
-        patch.points.push(block * BLOCK_POINTS);
+        patch.points.push(PaddedIndex::new(block, 0));
     }
-    patch.bytes = patch.points.slots().map(|slot| state.values[slot]).collect();
+    patch.bytes = patch.points.padded_indices().map(|index| state.values[index.0]).collect();
     let mut writer = SectionWriter::default();
     if context {
         writer.context(state, coder)?;

@@ -62,10 +62,10 @@ impl Story {
         }
         let mut masks = vec![0; states[0].present.len()];
         for pair in states.windows(2) {
-            for slot in
-                (0..pair[0].values.len()).filter(|slot| pair[0].values[*slot] != pair[1].values[*slot])
+            for index in
+                (0..pair[0].values.len()).filter(|index| pair[0].values[*index] != pair[1].values[*index])
             {
-                masks[slot / BLOCK_POINTS] |= 1 << (slot % BLOCK_POINTS);
+                masks[index / BLOCK_POINTS] |= 1 << (index % BLOCK_POINTS);
             }
         }
         Some((0..).zip(masks).filter(|(_, mask)| *mask != 0).collect())

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::model::change::{ChangeModel, StateView};
 use super::model::history::History;
 use super::section::changes::Changes;
-use super::{BLOCK_POINTS, Geometry, GeometryDigest, GeometryError, Layout};
+use super::{BLOCK_POINTS, PaddedIndex, Geometry, GeometryDigest, GeometryError, Layout};
 use crate::envelope::FrameIndex;
 use crate::hash::RecordKind;
 use crate::{StateHash, memory};
@@ -105,7 +105,7 @@ impl State {
         if instance as usize >= self.layout.members().len() {
             return &[];
         }
-        &self.values[self.layout.slots_of(instance as usize)]
+        &self.values[self.layout.padded_range(instance as usize)]
     }
 
     /// Whether the AO of an instance's points `block * BLOCK_POINTS ..` came.
@@ -131,8 +131,8 @@ impl State {
         state.geometry = geometry.into_iter().map(Some).collect();
         state.received.fill(true);
         for (value, point) in values.iter().zip(0..) {
-            if let Some(slot) = state.layout.slot(point) {
-                state.values[slot] = *value;
+            if let Some(index) = state.layout.padded_index(point) {
+                state.values[index.0] = *value;
             }
         }
         state.present.fill(true);
@@ -154,15 +154,15 @@ impl State {
             }
         }
         for block in (0..self.present.len()).filter(|block| self.present[*block]) {
-            for slot in self.slots(block) {
-                hash = hash.insert(RecordKind::Value, slot as u32, &value_words(self.values[slot]));
+            for index in self.block_range(block) {
+                hash = hash.insert(RecordKind::Value, index as u32, &value_words(self.values[index]));
             }
         }
         hash
     }
 
     /// The slots of a block.
-    pub(super) fn slots(&self, block: usize) -> std::ops::Range<usize> {
+    pub(super) fn block_range(&self, block: usize) -> std::ops::Range<usize> {
         block * BLOCK_POINTS..block * BLOCK_POINTS + self.layout.block_len(block)
     }
 
@@ -180,25 +180,25 @@ impl State {
 
     /// `hash` after changes of what is here now.
     pub(super) fn hash_after(&self, hash: StateHash, changes: &Changes) -> StateHash {
-        changes.iter().fold(hash, |hash, (slot, level)| {
-            let old = value_words(self.values[slot]);
-            let new = value_words(self.changed(slot, level, changes.quantum));
-            hash.replace(RecordKind::Value, slot as u32, &old, &new)
+        changes.iter().fold(hash, |hash, (index, level)| {
+            let old = value_words(self.values[index.0]);
+            let new = value_words(self.changed_value(index, level, changes.quantum));
+            hash.replace(RecordKind::Value, index.0 as u32, &old, &new)
         })
     }
 
     /// The byte that a change leaves: `level` quanta from the one here, within 0 to 255.
     #[inline]
-    pub(super) fn changed(&self, slot: usize, level: i16, quantum: u8) -> u8 {
-        (i32::from(self.values[slot]) + i32::from(level) * i32::from(quantum)).clamp(0, 255) as u8
+    pub(super) fn changed_value(&self, index: PaddedIndex, level: i16, quantum: u8) -> u8 {
+        (i32::from(self.values[index.0]) + i32::from(level) * i32::from(quantum)).clamp(0, 255) as u8
     }
 
     /// Makes changes that were checked; the hash is set apart.
     pub(super) fn commit(&mut self, changes: &Changes) {
         self.history.advance();
-        for (slot, level) in changes.iter() {
-            self.values[slot] = self.changed(slot, level, changes.quantum);
-            self.history.record(slot, level);
+        for (index, level) in changes.iter() {
+            self.values[index.0] = self.changed_value(index, level, changes.quantum);
+            self.history.record(index, level);
         }
     }
 }

@@ -7,7 +7,7 @@ use crate::surface::{BLOCK_POINTS, ChangeModel, ContextMixer, History, NEVER, St
 /// Changes of one frame.
 pub(super) struct Changes {
     quantum: i32,
-    /// By slot; 0 where nothing changes.
+    /// By padded; 0 where nothing changes.
     levels: Vec<i32>,
     model: ChangeModel,
 }
@@ -25,10 +25,10 @@ pub(super) fn read(state: &State, block: Block<'_>) -> Result<Changes, Reference
     let found = changes.levels.iter().filter(|level| **level != 0).count();
     rule(found == block.section.records as usize && changes.quantum > 0)?;
     let blocks_info = BlockInfo::all(state.layout());
-    for (slot, level) in changes.levels.iter().enumerate().filter(|(_, level)| **level != 0) {
-        let (block, place) = (slot / BLOCK_POINTS, slot % BLOCK_POINTS);
+    for (padded, level) in changes.levels.iter().enumerate().filter(|(_, level)| **level != 0) {
+        let (block, place) = (padded / BLOCK_POINTS, padded % BLOCK_POINTS);
         rule(state.present[block] && place < blocks_info[block].points)?;
-        rule(level.abs() <= 255 && changes.byte(state, slot) != state.values[slot])?;
+        rule(level.abs() <= 255 && changes.byte(state, padded) != state.values[padded])?;
     }
     Ok(changes)
 }
@@ -38,17 +38,17 @@ fn read_plain(state: &State, raw: &[u8]) -> Result<Changes, ReferenceError> {
     let mut bytes = ByteReader(raw);
     changes.quantum = bytes.take(1)?[0].into();
     let changed = read_point_mask(&mut bytes, state.present.len())?;
-    for slot in changed {
+    for padded in changed {
         let folded = bytes.varint()? as i32;
         let level = if folded % 2 == 0 { folded / 2 } else { -(folded / 2) - 1 };
         rule((-255..=255).contains(&level) && level != 0)?;
-        changes.levels[slot] = level;
+        changes.levels[padded] = level;
     }
     bytes.end()?;
     Ok(changes)
 }
 
-/// Reads a bit for every block, and one for every point of those that have theirs set: the slots of these points.
+/// Reads a bit for every block, and one for every point of those that have theirs set: the padded of these points.
 pub(super) fn read_point_mask(
     bytes: &mut ByteReader<'_>,
     blocks: usize,
@@ -56,15 +56,15 @@ pub(super) fn read_point_mask(
     let bitmap = bytes.take(blocks.div_ceil(8))?;
     let named: Vec<usize> =
         (0..8 * bitmap.len()).filter(|block| bitmap[block / 8] >> (block % 8) & 1 == 1).collect();
-    let mut slots = Vec::new();
+    let mut padded = Vec::new();
     for block in named {
         let mask = bytes.take(8)?;
         let points = (0..BLOCK_POINTS).filter(|point| mask[point / 8] >> (point % 8) & 1 == 1);
-        let before = slots.len();
-        slots.extend(points.map(|point| block * BLOCK_POINTS + point));
-        rule(block < blocks && slots.len() > before)?;
+        let before = padded.len();
+        padded.extend(points.map(|point| block * BLOCK_POINTS + point));
+        rule(block < blocks && padded.len() > before)?;
     }
-    Ok(slots)
+    Ok(padded)
 }
 
 impl Changes {
@@ -73,8 +73,8 @@ impl Changes {
     }
 
     /// The byte of a point after the frame.
-    fn byte(&self, state: &State, slot: usize) -> u8 {
-        (i32::from(state.values[slot]) + self.levels[slot] * self.quantum).clamp(0, 255) as u8
+    fn byte(&self, state: &State, padded: usize) -> u8 {
+        (i32::from(state.values[padded]) + self.levels[padded] * self.quantum).clamp(0, 255) as u8
     }
 
     /// ByteReader of the plain layout.
@@ -89,18 +89,18 @@ impl Changes {
     pub(super) fn make(self, state: &State, next: &mut State) {
         let (mut age, mut period) = (Vec::new(), Vec::new());
         let (mut last, mut activity) = (Vec::new(), Vec::new());
-        for (slot, &level) in self.levels.iter().enumerate() {
-            let past = Past::of(state, slot);
+        for (padded, &level) in self.levels.iter().enumerate() {
+            let past = Past::of(state, padded);
             if level == 0 {
                 age.push(past.age.saturating_add(1));
                 period.push(past.period);
                 last.push(past.last as i8);
-                activity.push(state.history.activity[slot]);
+                activity.push(state.history.activity[padded]);
             } else {
-                next.values[slot] = self.byte(state, slot);
+                next.values[padded] = self.byte(state, padded);
                 // An age that would not be told from a longer one is none.
                 let waited = if past.age < NEVER - 1 { past.age } else { NEVER };
-                let left = faded(state.history.activity[slot], waited);
+                let left = faded(state.history.activity[padded], waited);
                 age.push(0);
                 period.push(waited);
                 last.push(level.clamp(-127, 127) as i8);
@@ -132,11 +132,11 @@ struct Past {
 }
 
 impl Past {
-    fn of(state: &State, slot: usize) -> Past {
+    fn of(state: &State, padded: usize) -> Past {
         let history = &state.history;
-        let age = history.age[slot];
-        let activity = faded(history.activity[slot], age);
-        Past { age, period: history.period[slot], last: history.last[slot].into(), activity }
+        let age = history.age[padded];
+        let activity = faded(history.activity[padded], age);
+        Past { age, period: history.period[padded], last: history.last[padded].into(), activity }
     }
 
     /// The level of the last frame; 0 for none.
@@ -206,10 +206,10 @@ impl ChangeDecoder<'_, '_> {
             return false;
         }
         let active = group.iter().filter(|block| self.recent(**block) > 0).count();
-        let slot = &mut self.changes.model.groups
+        let model = &mut self.changes.model.groups
             [index([(significant(active as u64), 6), (usize::from(before), 2)])];
-        let any_changed = self.decoder.bit(slot.one(), false);
-        slot.learn(any_changed);
+        let any_changed = self.decoder.bit(model.one(), false);
+        model.learn(any_changed);
         self.stretch.clear();
         for block in group.iter().filter(|_| any_changed) {
             if self.state.present[*block] {
@@ -241,42 +241,42 @@ impl ChangeDecoder<'_, '_> {
         if number == 0 {
             self.stretch.clear();
         }
-        for slot in block * BLOCK_POINTS..block * BLOCK_POINTS + points {
-            self.point = Some(self.situation(slot));
+        for padded in block * BLOCK_POINTS..block * BLOCK_POINTS + points {
+            self.point = Some(self.situation(padded));
             let level = self.level();
-            self.changes.levels[slot] = level;
+            self.changes.levels[padded] = level;
             self.stretch.push(level);
         }
     }
 
-    fn situation(&self, slot: usize) -> Situation {
+    fn situation(&self, padded: usize) -> Situation {
         let (state, blocks_info) = (self.state, &self.blocks_info);
-        let BlockInfo { instance, number, .. } = blocks_info[slot / BLOCK_POINTS];
+        let BlockInfo { instance, number, .. } = blocks_info[padded / BLOCK_POINTS];
         let of_instance =
-            |slot: &usize| blocks_info.get(slot / BLOCK_POINTS).map(|info| info.instance) == Some(instance);
-        let is_point = |slot: &usize| slot % BLOCK_POINTS < blocks_info[slot / BLOCK_POINTS].points;
-        let others = (slot.saturating_sub(4)..=slot + 4).filter(|other| *other != slot);
+            |padded: &usize| blocks_info.get(padded / BLOCK_POINTS).map(|info| info.instance) == Some(instance);
+        let is_point = |padded: &usize| padded % BLOCK_POINTS < blocks_info[padded / BLOCK_POINTS].points;
+        let others = (padded.saturating_sub(4)..=padded + 4).filter(|other| *other != padded);
         let around: Vec<usize> = others.filter(of_instance).collect();
-        let changed = |slot: &&usize| state.history.age[**slot] == 0;
+        let changed = |padded: &&usize| state.history.age[**padded] == 0;
         let before: Vec<i32> = self.stretch.iter().rev().take(8).copied().collect();
         Situation {
             instance,
-            value: state.values[slot].into(),
-            past: Past::of(state, slot),
+            value: state.values[padded].into(),
+            past: Past::of(state, padded),
             now: before.iter().filter(|level| **level != 0).count(),
             now_darker: before.iter().filter(|level| **level < 0).count(),
             recent: around.iter().filter(changed).count(),
             recent_darker: around
                 .iter()
                 .filter(changed)
-                .filter(|slot| state.history.last[**slot] < 0)
+                .filter(|padded| state.history.last[**padded] < 0)
                 .count(),
             before,
-            first: number == 0 && slot.is_multiple_of(BLOCK_POINTS),
+            first: number == 0 && padded.is_multiple_of(BLOCK_POINTS),
             around: around
                 .iter()
-                .filter(|slot| is_point(slot))
-                .map(|slot| Past::of(state, *slot).activity)
+                .filter(|padded| is_point(padded))
+                .map(|padded| Past::of(state, *padded).activity)
                 .sum(),
         }
     }
@@ -361,9 +361,9 @@ fn decide<const N: usize>(
     at: [usize; N],
 ) -> bool {
     let mut at = at.into_iter();
-    let slots: [&mut BitModel; N] =
+    let models: [&mut BitModel; N] =
         mixer.tables.each_mut().map(|table| &mut table[at.next().unwrap_or_default()]);
-    mixer.mixer.code(logistic(), decoder, situation, slots, false)
+    mixer.mixer.code(logistic(), decoder, situation, models, false)
 }
 
 /// Classes 0, 1, 2, 3, 4-5, 6-7, 8-11, 12-15, 16-23 ...

@@ -6,12 +6,12 @@ use crate::wire::words;
 
 /// Reads the plain layout of a CONTEXT section into `next`.
 pub(super) fn read(next: &mut State, raw: &[u8]) -> Result<(), ReferenceError> {
-    let slots = next.present.len() * BLOCK_POINTS;
+    let padded = next.present.len() * BLOCK_POINTS;
     let mut bytes = ByteReader(raw);
-    let age = bytes.take(slots)?.to_vec();
-    let period = bytes.take(slots)?.to_vec();
-    let last: Vec<i8> = bytes.take(slots)?.iter().map(|last| *last as i8).collect();
-    let activity = bytes.take(slots)?.to_vec();
+    let age = bytes.take(padded)?.to_vec();
+    let period = bytes.take(padded)?.to_vec();
+    let last: Vec<i8> = bytes.take(padded)?.iter().map(|last| *last as i8).collect();
+    let activity = bytes.take(padded)?.to_vec();
     rule(!last.contains(&-128))?;
     next.history = History::from_parts(age, period, last, activity);
     let mut learned = Vec::new();

@@ -160,10 +160,10 @@ fn full_hash(state: &State) -> StateHash {
         }
     }
     for (block, info) in BlockInfo::all(state.layout()).into_iter().enumerate() {
-        for slot in block * BLOCK_POINTS..block * BLOCK_POINTS + info.points {
+        for padded in block * BLOCK_POINTS..block * BLOCK_POINTS + info.points {
             if state.present[block] {
-                let words = [u32::from(state.values[slot]) + 1];
-                sum = sum.wrapping_add(term(RecordKind::Value, slot as u32, &words));
+                let words = [u32::from(state.values[padded]) + 1];
+                sum = sum.wrapping_add(term(RecordKind::Value, padded as u32, &words));
             }
         }
     }

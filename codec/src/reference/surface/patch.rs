@@ -21,11 +21,11 @@ pub(super) fn read(
         let raw = block.raw()?;
         let mut bytes = ByteReader(&raw);
         rule(reaches(bytes.varint()?))?;
-        let slots = read_point_mask(&mut bytes, state.present.len())?;
-        rule(slots.len() == expected)?;
-        for slot in slots {
-            rule(state.present[slot / BLOCK_POINTS] && is_point(&blocks_info, slot))?;
-            next.values[slot] = bytes.take(1)?[0];
+        let named = read_point_mask(&mut bytes, state.present.len())?;
+        rule(named.len() == expected)?;
+        for padded in named {
+            rule(state.present[padded / BLOCK_POINTS] && is_point(&blocks_info, padded))?;
+            next.values[padded] = bytes.take(1)?[0];
         }
         return bytes.end();
     };
@@ -33,35 +33,35 @@ pub(super) fn read(
     let back = NumberModel::new().code(&mut patch.decoder, 0);
     rule(reaches(back))?;
     patch.points(state, &blocks_info);
-    let slots: Vec<usize> = (0..patch.named.len()).filter(|slot| patch.named[*slot]).collect();
-    rule(slots.len() == expected)?;
+    let named: Vec<usize> = (0..patch.named.len()).filter(|padded| patch.named[*padded]).collect();
+    rule(named.len() == expected)?;
     // The points whose bytes both sides know.
     let mut known: Vec<bool> = (0..patch.named.len())
-        .map(|slot| state.present[slot / BLOCK_POINTS] && is_point(&blocks_info, slot) && !patch.named[slot])
+        .map(|padded| state.present[padded / BLOCK_POINTS] && is_point(&blocks_info, padded) && !patch.named[padded])
         .collect();
     let mut blocks = 0;
-    for (at, slot) in slots.iter().enumerate() {
-        blocks += usize::from(at == 0 || slots[at - 1] / BLOCK_POINTS < slot / BLOCK_POINTS);
-        next.values[*slot] = patch.byte(around(next, &blocks_info, &known, *slot));
-        known[*slot] = true;
+    for (at, padded) in named.iter().enumerate() {
+        blocks += usize::from(at == 0 || named[at - 1] / BLOCK_POINTS < padded / BLOCK_POINTS);
+        next.values[*padded] = patch.byte(around(next, &blocks_info, &known, *padded));
+        known[*padded] = true;
     }
-    let bytes = varint_bytes(back) + state.present.len().div_ceil(8) + 8 * blocks + slots.len();
+    let bytes = varint_bytes(back) + state.present.len().div_ceil(8) + 8 * blocks + named.len();
     block.end(patch.decoder, bytes)
 }
 
-fn is_point(blocks_info: &[BlockInfo], slot: usize) -> bool {
-    slot % BLOCK_POINTS < blocks_info[slot / BLOCK_POINTS].points
+fn is_point(blocks_info: &[BlockInfo], padded: usize) -> bool {
+    padded % BLOCK_POINTS < blocks_info[padded / BLOCK_POINTS].points
 }
 
 /// Guess and spread: the bytes known of three points to either side, nothing to the right of the block.
-fn around(next: &State, blocks_info: &[BlockInfo], known: &[bool], slot: usize) -> (u8, u8) {
-    let block = slot / BLOCK_POINTS;
+fn around(next: &State, blocks_info: &[BlockInfo], known: &[bool], padded: usize) -> (u8, u8) {
+    let block = padded / BLOCK_POINTS;
     let mut seen = Vec::new();
     for (distance, weight) in [(1, 6), (2, 3), (3, 2)] {
-        let before = slot.checked_sub(distance);
+        let before = padded.checked_sub(distance);
         let before =
             before.filter(|other| blocks_info[other / BLOCK_POINTS].instance == blocks_info[block].instance);
-        let after = Some(slot + distance).filter(|other| other / BLOCK_POINTS == block);
+        let after = Some(padded + distance).filter(|other| other / BLOCK_POINTS == block);
         for other in before.into_iter().chain(after).filter(|other| known[*other]) {
             seen.push((u32::from(next.values[other]), weight));
         }
@@ -80,7 +80,7 @@ struct PatchDecoder<'a> {
     sizes: ([Vec<BitModel>; 4], Mixer<4>),
     signs: ([Vec<BitModel>; 4], Mixer<4>),
     seconds: Vec<BitModel>,
-    /// By slot, whether it comes.
+    /// By padded, whether it comes.
     named: Vec<bool>,
     /// The bytes so far, how many significant bits their differences have, and the signs of those that differ.
     coded: Vec<u8>,
@@ -131,15 +131,15 @@ impl<'a> PatchDecoder<'a> {
         if !decide_plainly(&mut self.decoder, &mut self.blocks[class]) {
             return;
         }
-        for slot in first..first + points {
+        for padded in first..first + points {
             // The eight points before: the nearest is worth 1, the next 2, and so on.
             let before: Vec<bool> =
-                (1..=8).map(|back| slot.checked_sub(back).is_some_and(|slot| self.named[slot])).collect();
+                (1..=8).map(|back| padded.checked_sub(back).is_some_and(|padded| self.named[padded])).collect();
             let pattern = (0..8).map(|at| usize::from(before[at]) << at).sum::<usize>();
             let count = before.iter().filter(|named| **named).count();
             let ([a, b], mixer) = &mut self.points;
-            let slots = [&mut a[pattern], &mut b[count]];
-            self.named[slot] = mixer.code(logistic(), &mut self.decoder, 0, slots, false);
+            let inputs = [&mut a[pattern], &mut b[count]];
+            self.named[padded] = mixer.code(logistic(), &mut self.decoder, 0, inputs, false);
         }
     }
 
@@ -203,9 +203,9 @@ impl<'a> PatchDecoder<'a> {
     }
 }
 
-fn decide_plainly(decoder: &mut RangeDecoder<'_>, slot: &mut BitModel) -> bool {
-    let yes = decoder.bit(slot.one(), false);
-    slot.learn(yes);
+fn decide_plainly(decoder: &mut RangeDecoder<'_>, model: &mut BitModel) -> bool {
+    let yes = decoder.bit(model.one(), false);
+    model.learn(yes);
     yes
 }
 

@@ -105,11 +105,11 @@ fn read_block(
     let BlockInfo { instance, number, points } = blocks_info[block];
     let sibling = sibling_of(next, blocks_info, instance, number).filter(|sibling| known[*sibling]);
     for point in 0..points {
-        let slot = block * BLOCK_POINTS + point;
+        let padded = block * BLOCK_POINTS + point;
         // The eight values before this one in the block and the one before it, the nearest first.
         let before = |back: usize| {
             let here = back <= point || number > 0 && known[block - 1];
-            if here { next.values[slot - back] } else { 255 }
+            if here { next.values[padded - back] } else { 255 }
         };
         let past: Vec<usize> = (1..=8).map(|back| usize::from(before(back))).collect();
         let same = |point: usize| {
@@ -119,7 +119,7 @@ fn read_block(
         };
         let alike = (0..point).rev().take(3).take_while(|before| same(*before) == Some(true)).count();
         let sibling = sibling.map(|sibling| usize::from(next.values[sibling * BLOCK_POINTS + point]));
-        next.values[slot] = read_byte(&past, sibling, alike, models, decoder);
+        next.values[padded] = read_byte(&past, sibling, alike, models, decoder);
     }
 }
 
@@ -149,9 +149,9 @@ fn read_byte(
             index([(significant(steps as u64), 16), (node, 256)]),
         ];
         let [a, b, c, d] = &mut models.tables;
-        let slots = [&mut a[at[0]], &mut b[at[1]], &mut c[at[2]], &mut d[at[3]]];
+        let inputs = [&mut a[at[0]], &mut b[at[1]], &mut c[at[2]], &mut d[at[3]]];
         let situation = index([(depth, 8), (open, 4)]);
-        node = 2 * node + usize::from(models.mixer.code(logistic(), decoder, situation, slots, false));
+        node = 2 * node + usize::from(models.mixer.code(logistic(), decoder, situation, inputs, false));
     }
     (node - 256) as u8
 }

@@ -1,14 +1,14 @@
 //! Changes by the range coder: which blocks, which points, which way and how far, each decision with a context of what
 //! the neighbours along the curve and the point itself did, now and in the frames before.
 //!
-//! The contexts are those that paid when each was taken out alone on traces of four scenes; neighbours found in space
+//! The contexts are those that paid when each was taken out alone on traces of four scenes; neighbours coded in space
 //! instead of along the curve would save 4 to 13 % more, but then AO could not be decoded without geometry.
 
 use super::history::{History, NEVER};
 use crate::memory;
 use crate::range::{BinaryCoder, BitModel, Logistic, MAX_WEIGHT, Mixer, NumberModel, SymbolClass, logistic};
 use crate::surface::section::changes::{Changes, MAX_LEVEL};
-use crate::surface::{BLOCK_POINTS, Layout};
+use crate::surface::{BLOCK_POINTS, Layout, PaddedIndex};
 
 /// Blocks that one decision can pass over.
 const GROUP: usize = 16;
@@ -184,33 +184,33 @@ impl ChangeModel {
         take_models(self.large.models_mut(), &mut words)
     }
 
-    /// Codes the changes of a frame. A writer gives them in `wanted`; both sides find them in `found` afterwards. A reader
+    /// Codes the changes of a frame. A writer gives them in `source`; both sides find them in `coded` afterwards. A reader
     /// stops after more than `most` changes, or when `stop` says that nothing sensible follows.
     pub(crate) fn code<B: BinaryCoder>(
         &mut self,
         coder: &mut B,
-        known: StateView<'_>,
-        wanted: &Changes,
-        found: &mut Changes,
+        view: StateView<'_>,
+        source: &Changes,
+        coded: &mut Changes,
         most: usize,
         stop: impl Fn(&B) -> bool,
     ) {
-        found.clear();
-        found.quantum = coder.plain(8, wanted.quantum.into()) as u8;
-        let mut walk = ChangeCoder {
+        coded.clear();
+        coded.quantum = coder.plain(8, source.quantum.into()) as u8;
+        let mut coding = ChangeCoder {
             logistic: logistic(),
             model: self,
             coder,
-            known,
-            wanted: ChangeCursor::new(wanted),
-            found,
+            view,
+            source: ChangeCursor::new(source),
+            coded,
         };
-        let blocks = known.present.len();
+        let blocks = view.present.len();
         let mut before = false;
         for first in (0..blocks).step_by(GROUP) {
             let group = first..blocks.min(first + GROUP);
-            before = walk.group(group, before);
-            if walk.found.levels.len() > most || stop(walk.coder) {
+            before = coding.group(group, before);
+            if coding.coded.levels.len() > most || stop(coding.coder) {
                 return;
             }
         }
@@ -269,7 +269,7 @@ impl Past {
     }
 }
 
-/// What is known around the points of one block, from the frames before.
+/// What is view neighbours the points of one block, from the frames before.
 struct BlockNeighbours {
     /// Points that changed in the last frame: bit 4 is the block's first, bits 0 to 3 those before it.
     recent: u128,
@@ -284,27 +284,27 @@ struct ChangeCoder<'a, B: BinaryCoder> {
     logistic: &'static Logistic,
     model: &'a mut ChangeModel,
     coder: &'a mut B,
-    known: StateView<'a>,
-    wanted: ChangeCursor<'a>,
-    found: &'a mut Changes,
+    view: StateView<'a>,
+    source: ChangeCursor<'a>,
+    coded: &'a mut Changes,
 }
 
 impl<B: BinaryCoder> ChangeCoder<'_, B> {
     /// Codes a run of blocks; whether anything in it changes. `before`: whether anything in the run before did.
     fn group(&mut self, group: std::ops::Range<usize>, before: bool) -> bool {
-        let known = self.known;
-        if !known.present[group.clone()].contains(&true) {
+        let view = self.view;
+        if !view.present[group.clone()].contains(&true) {
             return false;
         }
-        let active = known.history.recent[group.clone()].iter().filter(|mask| **mask != 0).count();
+        let active = view.history.recent[group.clone()].iter().filter(|mask| **mask != 0).count();
         self.coder.set_class(SymbolClass::Blocks);
         let model = &mut self.model.groups[significant(active) * 2 + usize::from(before)];
-        let any_changed = self.coder.bit(model.one(), self.wanted.any_before(group.end));
+        let any_changed = self.coder.bit(model.one(), self.source.any_before(group.end));
         model.learn(any_changed);
         if any_changed {
             let mut past = Past::default();
             for block in group {
-                if known.present[block] {
+                if view.present[block] {
                     past = self.block(block, past);
                 }
             }
@@ -314,51 +314,51 @@ impl<B: BinaryCoder> ChangeCoder<'_, B> {
 
     /// Codes a block; `past` is that of the block before, if it is of the same instance and group.
     fn block(&mut self, block: usize, past: Past) -> Past {
-        let recent = &self.known.history.recent;
+        let recent = &self.view.history.recent;
         let count = |mask: u64| significant(mask.count_ones() as usize);
         let own = recent[block].count_ones() as usize;
         let next = recent.get(block + 1).map_or(0, |mask| count(*mask));
-        let found = self.found.points.blocks.last().zip(self.found.points.masks.last());
-        let before = match found {
+        let coded = self.coded.points.blocks.last().zip(self.coded.points.masks.last());
+        let before = match coded {
             Some((last, mask)) if *last as usize + 1 == block => count(*mask),
             _ => 0,
         };
         let at = [(significant(own) * 8 + before) * 8 + next, own * 2 + usize::from(before > 0)];
-        let mask = self.wanted.mask(block);
+        let mask = self.source.mask(block);
         self.coder.set_class(SymbolClass::Blocks);
         let any_changed = self.model.block.code(self.logistic, self.coder, significant(own), at, mask != 0);
         if !any_changed {
             return Past::default();
         }
         let first = block * BLOCK_POINTS;
-        let instance = self.known.layout.owner(block);
-        let slots = self.known.layout.slots_of(instance);
-        let around = self.around(block, &slots);
-        let mut past = if first == slots.start { Past::default() } else { past };
-        for slot in first..slots.end.min(first + BLOCK_POINTS) {
-            let changes = mask >> (slot - first) & 1 == 1;
-            let level = self.point(slot, first, instance, slot == slots.start, &around, past, changes);
+        let instance = self.view.layout.owner(block);
+        let range = self.view.layout.padded_range(instance);
+        let neighbours = self.neighbours(block, &range);
+        let mut past = if first == range.start { Past::default() } else { past };
+        for index in first..range.end.min(first + BLOCK_POINTS) {
+            let changes = mask >> (index - first) & 1 == 1;
+            let level = self.point(PaddedIndex(index), first, instance, index == range.start, &neighbours, past, changes);
             if level != 0 {
-                self.found.push(slot, level);
+                self.coded.push(PaddedIndex(index), level);
             }
             past.push(level);
         }
         past
     }
 
-    fn around(&self, block: usize, slots: &std::ops::Range<usize>) -> BlockNeighbours {
-        let history = self.known.history;
+    fn neighbours(&self, block: usize, range: &std::ops::Range<usize>) -> BlockNeighbours {
+        let history = self.view.history;
         let first = block * BLOCK_POINTS;
         let window = |masks: &[u64]| {
-            let before = if first > slots.start { masks[block - 1] >> 60 } else { 0 };
-            let after = if first + BLOCK_POINTS < slots.end { masks[block + 1] & 15 } else { 0 };
+            let before = if first > range.start { masks[block - 1] >> 60 } else { 0 };
+            let after = if first + BLOCK_POINTS < range.end { masks[block + 1] & 15 } else { 0 };
             u128::from(before) | u128::from(masks[block]) << 4 | u128::from(after) << 68
         };
         let mut activity = [0; BLOCK_POINTS + 8];
         for (at, activity) in activity.iter_mut().enumerate() {
-            let slot = first + at;
-            if slot >= slots.start + 4 && slot < slots.end + 4 {
-                *activity = history.faded_activity(slot - 4);
+            let index = first + at;
+            if index >= range.start + 4 && index < range.end + 4 {
+                *activity = history.faded_activity(PaddedIndex(index - 4));
             }
         }
         let mut sums = [0; BLOCK_POINTS + 9];
@@ -373,27 +373,27 @@ impl<B: BinaryCoder> ChangeCoder<'_, B> {
     #[inline]
     fn point(
         &mut self,
-        slot: usize,
+        index: PaddedIndex,
         first: usize,
         instance: usize,
         alone: bool,
-        around: &BlockNeighbours,
+        neighbours: &BlockNeighbours,
         past: Past,
-        wanted: bool,
+        source: bool,
     ) -> i16 {
-        let history = self.known.history;
-        let place = slot - first;
+        let history = self.view.history;
+        let place = index.0 - first;
         // Four points to either side, without the one between.
         let side = |window: u128| ((window >> place) as u32 & 0b1_1110_1111).count_ones() as usize;
-        let recent = side(around.recent);
-        let darker = side(around.darker);
+        let recent = side(neighbours.recent);
+        let darker = side(neighbours.darker);
         let now = past.changed.count_ones() as usize;
         let few = [0, 1, 2, 3, 4, 4, 5, 5, 5][now];
-        let value = usize::from(self.known.values[slot]);
-        let (age, last) = (history.age[slot], history.last[slot]);
-        let phase = phase(age, history.period[slot]);
-        let own = around.activity[place + 4];
-        let near = u32::from(around.sums[place + 9] - around.sums[place] - u16::from(own)) / 8;
+        let value = usize::from(self.view.values[index.0]);
+        let (age, last) = (history.age[index.0], history.last[index.0]);
+        let phase = phase(age, history.period[index.0]);
+        let own = neighbours.activity[place + 4];
+        let near = u32::from(neighbours.sums[place + 9] - neighbours.sums[place] - u16::from(own)) / 8;
         let nearest = if alone { 2 } else { usize::from(past.changed & 1) };
         let at = [
             (now * 9 + recent) * 16 + phase,
@@ -403,10 +403,10 @@ impl<B: BinaryCoder> ChangeCoder<'_, B> {
         ];
         let situation = few * 6 + age_class(age);
         self.coder.set_class(SymbolClass::Points);
-        if !self.model.point.code(self.logistic, self.coder, situation, at, wanted) {
+        if !self.model.point.code(self.logistic, self.coder, situation, at, source) {
             return 0;
         }
-        let level = if wanted { self.wanted.level() } else { 0 };
+        let level = if source { self.source.level() } else { 0 };
         let balance = 8 + now - 2 * past.darker.count_ones() as usize;
         let trend = 8 + recent - 2 * darker;
         let last_sign = (i32::from(last.signum()) + 1) as usize;
@@ -435,7 +435,7 @@ impl<B: BinaryCoder> ChangeCoder<'_, B> {
             [
                 (usual * STEPS + step) * 12 + significant(usize::from(last.unsigned_abs())),
                 (usual * STEPS + step) * 9 + significant(own.into()),
-                step * 12 + usize::from(history.recent_level(slot).unsigned_abs()).min(11),
+                step * 12 + usize::from(history.recent_level(index).unsigned_abs()).min(11),
                 (value * 2 + usize::from(darkens)) * STEPS + step,
             ]
         };
@@ -445,15 +445,15 @@ impl<B: BinaryCoder> ChangeCoder<'_, B> {
 
     /// Codes the size of a change, less one.
     #[inline]
-    fn size(&mut self, at: impl Fn(usize) -> [usize; 4], wanted: u32) -> u32 {
+    fn size(&mut self, at: impl Fn(usize) -> [usize; 4], source: u32) -> u32 {
         self.coder.set_class(SymbolClass::Sizes);
         for step in 0..STEPS {
-            let more = (step as u32) < wanted;
+            let more = (step as u32) < source;
             if !self.model.size.code(self.logistic, self.coder, step, at(step), more) {
                 return step as u32;
             }
         }
-        let beyond = wanted.saturating_sub(STEPS as u32);
+        let beyond = source.saturating_sub(STEPS as u32);
         let beyond = self.model.large.code(self.coder, beyond);
         // A level that is too large stays too large, and is refused with the others.
         beyond.min(MAX_LEVEL as u32) + STEPS as u32

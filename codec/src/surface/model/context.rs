@@ -22,10 +22,10 @@ pub enum ContextError {
         found: usize,
     },
     /// A point changed last by less than -127 quanta.
-    #[error("slot {slot} changed last by -128 quanta")]
+    #[error("padded index {padded_index} changed last by -128 quanta")]
     Last {
-        /// The slot.
-        slot: usize,
+        /// The padded index of the point.
+        padded_index: usize,
     },
     /// A number that no model learns.
     #[error("word {word} of the model is {found:#010x}")]
@@ -38,8 +38,8 @@ pub enum ContextError {
 }
 
 /// Bytes of the plain layout for so many slots.
-pub(crate) fn plain_bytes(slots: usize) -> usize {
-    4 * slots + 4 * ChangeModel::new().words().len()
+pub(crate) fn plain_bytes(padded_count: usize) -> usize {
+    4 * padded_count + 4 * ChangeModel::new().words().len()
 }
 
 /// Appends the plain layout.
@@ -55,19 +55,19 @@ pub(crate) fn write(history: &History, model: &ChangeModel, out: &mut Vec<u8>) {
 
 /// Reads the plain layout. `history` and `model` are overwritten, and are unsaid after an error.
 pub(crate) fn read(raw: &[u8], history: &mut History, model: &mut ChangeModel) -> Result<(), ContextError> {
-    let slots = history.age.len();
-    let (expected, found) = (plain_bytes(slots), raw.len());
+    let padded_count = history.age.len();
+    let (expected, found) = (plain_bytes(padded_count), raw.len());
     if expected != found {
         return Err(ContextError::Length { expected, found });
     }
-    let plane = |number: usize| &raw[number * slots..(number + 1) * slots];
-    if let Some(slot) = plane(2).iter().position(|last| *last == 0x80) {
-        return Err(ContextError::Last { slot });
+    let plane = |number: usize| &raw[number * padded_count..(number + 1) * padded_count];
+    if let Some(padded_index) = plane(2).iter().position(|last| *last == 0x80) {
+        return Err(ContextError::Last { padded_index });
     }
     let last = plane(2).iter().map(|last| *last as i8).collect();
     *history = History::from_parts(plane(0).to_vec(), plane(1).to_vec(), last, plane(3).to_vec());
     let fresh = ChangeModel::new().words();
     let learned =
-        raw[4 * slots..].chunks_exact(4).zip(fresh).map(|(bytes, fresh)| words::<1>(bytes)[0] ^ fresh);
+        raw[4 * padded_count..].chunks_exact(4).zip(fresh).map(|(bytes, fresh)| words::<1>(bytes)[0] ^ fresh);
     model.set_words(learned).map_err(|(word, found)| ContextError::Model { word, found })
 }

@@ -79,19 +79,19 @@ impl GeometryModel {
     ) -> Result<Geometry, GeometrySectionError> {
         let size = layout.extent.map(|extent| 32 - extent.leading_zeros());
         let list = source.map(|geometry| in_cutting_order(geometry, size)).unwrap_or_default();
-        let mut found = Vec::with_capacity(list.len());
+        let mut coded = Vec::with_capacity(list.len());
         self.recent.clear();
         let root = Cuboid { low: [0; 3], size, count: layout.points as usize, first: 0 };
         let mut boxes = vec![root];
         while let Some(cuboid) = boxes.pop() {
             if stop(coder) {
-                return Err(GeometrySectionError::Ends { points: found.len() });
+                return Err(GeometrySectionError::Ends { points: coded.len() });
             }
             match (cuboid.count, cuboid.size) {
                 (0, _) => {}
                 (1, _) | (_, [0, 0, 0]) => {
                     for at in cuboid.first..cuboid.first + cuboid.count {
-                        found.push(self.point(coder, layout, &cuboid, list.get(at).copied())?);
+                        coded.push(self.point(coder, layout, &cuboid, list.get(at).copied())?);
                     }
                 }
                 _ => {
@@ -101,7 +101,7 @@ impl GeometryModel {
                 }
             }
         }
-        Ok(Geometry::sorted(*layout, &found))
+        Ok(Geometry::sorted(*layout, &coded))
     }
 
     /// Cuts a box in two.
@@ -168,21 +168,21 @@ impl GeometryModel {
         cuboid: &Cuboid,
         source: Option<([u32; 3], u16)>,
     ) -> Result<([u32; 3], u16), GeometrySectionError> {
-        let (wanted_coord, wanted_normal) = source.unwrap_or_default();
+        let (source_coord, source_normal) = source.unwrap_or_default();
         let Cuboid { low, size, .. } = *cuboid;
         let centre: [i64; 3] = std::array::from_fn(|a| i64::from(low[a]) + (1_i64 << size[a]) / 2);
         let near = self.recent.iter().copied().min_by_key(|point| distance(&point.coord, &centre));
         let steep = near.map_or(0, |point| steepest(&point.direction));
         let mut coord = low;
         for axis in [(steep + 1) % 3, (steep + 2) % 3] {
-            coord[axis] += coder.plain(size[axis], wanted_coord[axis].wrapping_sub(low[axis]));
+            coord[axis] += coder.plain(size[axis], source_coord[axis].wrapping_sub(low[axis]));
         }
         let plane = near.map_or(centre[steep], |point| point.plane_at(steep, &coord));
-        coord[steep] = self.height(coder, low[steep], size[steep], plane, wanted_coord[steep]);
+        coord[steep] = self.height(coder, low[steep], size[steep], plane, source_coord[steep]);
         if (0..3).any(|axis| coord[axis] > layout.extent[axis]) {
             return Err(GeometrySectionError::Outside { coord });
         }
-        let normal = self.normal(coder, layout, &coord, wanted_normal)?;
+        let normal = self.normal(coder, layout, &coord, source_normal)?;
         if self.recent.len() == WINDOW {
             self.recent.remove(0);
         }

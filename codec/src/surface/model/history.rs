@@ -2,7 +2,7 @@
 //! from it; the other coders keep it up all the same, so that a stream may change between them.
 
 use crate::memory;
-use crate::surface::BLOCK_POINTS;
+use crate::surface::{BLOCK_POINTS, PaddedIndex};
 
 /// What happened to the points so far, each part by slot.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -32,15 +32,15 @@ const FADE: [u16; 20] = [256, 192, 144, 108, 81, 61, 46, 34, 26, 19, 14, 11, 8, 
 impl History {
     /// Nothing has happened to any point of so many blocks.
     pub(crate) fn new(blocks: usize) -> History {
-        let slots = blocks * BLOCK_POINTS;
+        let padded = blocks * BLOCK_POINTS;
         History {
             recent: vec![0; blocks],
             darker: vec![0; blocks],
             recent_blocks: Vec::new(),
-            age: vec![NEVER; slots],
-            period: vec![NEVER; slots],
-            last: vec![0; slots],
-            activity: vec![0; slots],
+            age: vec![NEVER; padded],
+            period: vec![NEVER; padded],
+            last: vec![0; padded],
+            activity: vec![0; padded],
         }
     }
 
@@ -56,9 +56,9 @@ impl History {
         let blocks = age.len() / BLOCK_POINTS;
         let (recent, darker) = (vec![0; blocks], vec![0; blocks]);
         let mut history = History { age, period, last, activity, recent, darker, recent_blocks: Vec::new() };
-        for slot in 0..history.age.len() {
-            if history.age[slot] == 0 {
-                history.mark_recent(slot);
+        for index in (0..history.age.len()).map(PaddedIndex) {
+            if history.age[index.0] == 0 {
+                history.mark_recent(index);
             }
         }
         history
@@ -73,15 +73,15 @@ impl History {
 
     /// A mean of the sizes of the last changes, in 32nds of a quantum and at most 255, that fades by a quarter a frame.
     #[inline]
-    pub(crate) fn faded_activity(&self, slot: usize) -> u8 {
-        let fade = FADE.get(usize::from(self.age[slot])).copied().unwrap_or(0);
-        ((u32::from(self.activity[slot]) * u32::from(fade)) >> 8) as u8
+    pub(crate) fn faded_activity(&self, index: PaddedIndex) -> u8 {
+        let fade = FADE.get(usize::from(self.age[index.0])).copied().unwrap_or(0);
+        ((u32::from(self.activity[index.0]) * u32::from(fade)) >> 8) as u8
     }
 
     /// The quanta by which a point changed in the last frame; 0 when it did not.
     #[inline]
-    pub(crate) fn recent_level(&self, slot: usize) -> i8 {
-        if self.age[slot] == 0 { self.last[slot] } else { 0 }
+    pub(crate) fn recent_level(&self, index: PaddedIndex) -> i8 {
+        if self.age[index.0] == 0 { self.last[index.0] } else { 0 }
     }
 
     /// A frame has passed; the changes in it are noted afterwards.
@@ -92,27 +92,27 @@ impl History {
 
     /// Notes that a point has changed by `level` quanta in the frame that has just passed.
     #[inline]
-    pub(crate) fn record(&mut self, slot: usize, level: i16) {
-        let waited = self.age[slot].saturating_sub(1);
-        let before = if self.age[slot] == NEVER { NEVER } else { waited };
+    pub(crate) fn record(&mut self, index: PaddedIndex, level: i16) {
+        let waited = self.age[index.0].saturating_sub(1);
+        let before = if self.age[index.0] == NEVER { NEVER } else { waited };
         let fade = FADE.get(usize::from(before)).copied().unwrap_or(0);
-        let left = (u32::from(self.activity[slot]) * u32::from(fade)) >> 8;
+        let left = (u32::from(self.activity[index.0]) * u32::from(fade)) >> 8;
         let size = (u32::from(level.unsigned_abs()) * 32).min(255);
-        self.activity[slot] = ((3 * left + size + 2) / 4) as u8;
-        self.period[slot] = before;
-        self.age[slot] = 0;
-        self.last[slot] = level.clamp(-127, 127) as i8;
-        self.mark_recent(slot);
+        self.activity[index.0] = ((3 * left + size + 2) / 4) as u8;
+        self.period[index.0] = before;
+        self.age[index.0] = 0;
+        self.last[index.0] = level.clamp(-127, 127) as i8;
+        self.mark_recent(index);
     }
 
     /// Notes a point of age 0 in the masks.
-    fn mark_recent(&mut self, slot: usize) {
-        let (block, bit) = (slot / BLOCK_POINTS, 1 << (slot % BLOCK_POINTS));
+    fn mark_recent(&mut self, index: PaddedIndex) {
+        let (block, bit) = (index.block(), index.bit());
         if self.recent[block] == 0 {
             self.recent_blocks.push(block as u32);
         }
         self.recent[block] |= bit;
-        if self.last[slot] < 0 {
+        if self.last[index.0] < 0 {
             self.darker[block] |= bit;
         }
     }
@@ -122,29 +122,31 @@ impl History {
 mod tests {
     use super::*;
 
+    const POINT: PaddedIndex = PaddedIndex(0);
+
     #[test]
     fn ages_count_the_frames_between_changes() {
         let mut history = History::new(1);
-        assert_eq!((history.age[0], history.recent_level(0), history.faded_activity(0)), (NEVER, 0, 0));
+        assert_eq!((history.age[0], history.recent_level(POINT), history.faded_activity(POINT)), (NEVER, 0, 0));
         history.advance();
-        history.record(0, -3);
-        assert_eq!((history.age[0], history.period[0], history.recent_level(0)), (0, NEVER, -3));
+        history.record(POINT, -3);
+        assert_eq!((history.age[0], history.period[0], history.recent_level(POINT)), (0, NEVER, -3));
         assert_eq!((history.recent[0], history.darker[0]), (1, 1));
         for _ in 0..5 {
             history.advance();
         }
-        assert_eq!((history.age[0], history.recent_level(0)), (5, 0));
+        assert_eq!((history.age[0], history.recent_level(POINT)), (5, 0));
         assert_eq!((history.recent[0], history.darker[0]), (0, 0));
         history.advance();
-        history.record(0, 300);
+        history.record(POINT, 300);
         // Five frames lay between the two changes.
-        assert_eq!((history.age[0], history.period[0], history.recent_level(0)), (0, 5, 127));
+        assert_eq!((history.age[0], history.period[0], history.recent_level(POINT)), (0, 5, 127));
         assert_eq!(history.age[1], NEVER);
         for _ in 0..400 {
             history.advance();
         }
         assert_eq!(history.age[0], NEVER);
-        history.record(0, 1);
+        history.record(POINT, 1);
         assert_eq!((history.age[0], history.period[0]), (0, NEVER));
     }
 
@@ -154,14 +156,14 @@ mod tests {
         let mut before = 0;
         for _ in 0..6 {
             history.advance();
-            history.record(0, 4);
-            assert!(history.faded_activity(0) > before);
-            before = history.faded_activity(0);
+            history.record(POINT, 4);
+            assert!(history.faded_activity(POINT) > before);
+            before = history.faded_activity(POINT);
         }
         for _ in 0..20 {
             history.advance();
-            assert!(history.faded_activity(0) <= before);
-            before = history.faded_activity(0);
+            assert!(history.faded_activity(POINT) <= before);
+            before = history.faded_activity(POINT);
         }
         assert_eq!(before, 0);
     }

@@ -1,5 +1,5 @@
 //! Patches by the range coder: which blocks, which points, then their bytes, each as its difference from what the points
-//! around it have: those to the left, and those to the right that the patch leaves alone. Both sides know these, whichever
+//! neighbours it have: those to the left, and those to the right that the patch leaves alone. Both sides know these, whichever
 //! frame a client is at; what the points had before, they do not.
 //!
 //! The contexts are those that paid on traces of two scenes. More inputs on which points change gained nothing.
@@ -10,7 +10,7 @@ use super::change::ContextMixer;
 use crate::range::{BinaryCoder, BitModel, NumberModel, SymbolClass, logistic};
 use crate::surface::section::patch::Patch;
 use crate::surface::section::point_mask::{PointMask, SetBits};
-use crate::surface::{BLOCK_POINTS, Layout};
+use crate::surface::{BLOCK_POINTS, Layout, PaddedIndex};
 
 /// Blocks that one decision can pass over.
 const GROUP: usize = 16;
@@ -87,15 +87,15 @@ impl PatchModel {
                 return;
             }
             let block = block as usize;
-            let instance = layout.slots_of(layout.owner(block));
+            let instance = layout.padded_range(layout.owner(block));
             let first = block * BLOCK_POINTS;
-            let goes_on = first > instance.start && present[block - 1];
-            let slots = if goes_on { instance } else { first..instance.end };
+            let continues = first > instance.start && present[block - 1];
+            let range = if continues { instance } else { first..instance.end };
             for at in SetBits(mask) {
-                let slot = first + at as usize;
+                let index = PaddedIndex::new(block, at as usize);
                 let given = given.next().copied().unwrap_or(0);
-                let byte = self.bytes.code(coder, &Neighbours::of(values, &slots, slot, mask), given);
-                values[slot] = byte;
+                let byte = self.bytes.code(coder, &Neighbours::of(values, &range, index, mask), given);
+                values[index.0] = byte;
                 coded.bytes.push(byte);
             }
         }
@@ -165,12 +165,12 @@ impl PatchModel {
 
 impl ByteModel {
     /// Codes one byte.
-    fn code<B: BinaryCoder>(&mut self, coder: &mut B, around: &Neighbours, source: u8) -> u8 {
-        let guess = around.guess;
+    fn code<B: BinaryCoder>(&mut self, coder: &mut B, neighbours: &Neighbours, source: u8) -> u8 {
+        let guess = neighbours.guess;
         let difference = i32::from(source) - i32::from(guess);
         let lean = (16 + (i32::from(self.last) - i32::from(guess)) / 8).clamp(0, 32) as usize;
         coder.set_class(SymbolClass::Sizes);
-        let class = self.class(coder, around, lean, significant(difference.unsigned_abs()));
+        let class = self.class(coder, neighbours, lean, significant(difference.unsigned_abs()));
         self.classes = [class, self.classes[0]];
         self.last = guess;
         if class > 0 {
@@ -188,16 +188,16 @@ impl ByteModel {
     fn class<B: BinaryCoder>(
         &mut self,
         coder: &mut B,
-        around: &Neighbours,
+        neighbours: &Neighbours,
         lean: usize,
         source: usize,
     ) -> usize {
         let [last, before] = self.classes;
         for class in 0..CLASSES - 1 {
             let at = [
-                significant(around.spread.into()) * 8 + class,
+                significant(neighbours.spread.into()) * 8 + class,
                 (last * CLASSES + before) * 8 + class,
-                usize::from(around.guess / 8) * 8 + class,
+                usize::from(neighbours.guess / 8) * 8 + class,
                 lean * 8 + class,
             ];
             if !self.sizes.code(logistic(), coder, class, at, class < source) {
@@ -239,7 +239,7 @@ impl ByteModel {
     }
 }
 
-/// What is known around a point.
+/// What is known neighbours a point.
 struct Neighbours {
     /// The weighted mean of the bytes there; 255 if there are none.
     guess: u8,
@@ -248,10 +248,11 @@ struct Neighbours {
 }
 
 impl Neighbours {
-    /// What is known around a slot, in whose block the points of `mask` come; of other `slots` nothing is looked at.
-    fn of(values: &[u8], slots: &Range<usize>, slot: usize, mask: u64) -> Neighbours {
-        let at = slot % BLOCK_POINTS;
-        let end = slots.end.min(slot - at + BLOCK_POINTS);
+    /// What is known neighbours a slot, in whose block the points of `mask` come; of other `slots` nothing is looked at.
+    fn of(values: &[u8], range: &Range<usize>, index: PaddedIndex, mask: u64) -> Neighbours {
+        let PaddedIndex(index) = index;
+        let at = index % BLOCK_POINTS;
+        let end = range.end.min(index - at + BLOCK_POINTS);
         let (mut sum, mut weights) = (0, 0);
         let (mut low, mut high) = (255, 0);
         let mut note = |byte: u8, weight: u32| {
@@ -260,11 +261,11 @@ impl Neighbours {
             (low, high) = (low.min(byte), high.max(byte));
         };
         for (distance, weight) in (1..).zip(WEIGHTS) {
-            if slot >= slots.start + distance {
-                note(values[slot - distance], weight);
+            if index >= range.start + distance {
+                note(values[index - distance], weight);
             }
-            if slot + distance < end && mask >> (at + distance) & 1 == 0 {
-                note(values[slot + distance], weight);
+            if index + distance < end && mask >> (at + distance) & 1 == 0 {
+                note(values[index + distance], weight);
             }
         }
         if weights == 0 {

@@ -30,18 +30,18 @@ impl ValueModel {
         }
     }
 
-    /// Codes values. A writer gives them in `source`, and `records` is their number; both sides find them in `found`.
+    /// Codes values. A writer gives them in `source`, and `records` is their number; both sides find them in `coded`.
     /// `values` has the bytes of all slots, `present` the blocks that were there before; both are brought up to date.
     pub(crate) fn code<B: BinaryCoder>(
         &mut self,
         coder: &mut B,
         layout: &Layout,
         (values, present): (&mut [u8], &mut [bool]),
-        (source, found): (&Values, &mut Values),
+        (source, coded): (&Values, &mut Values),
         records: u32,
         stop: impl Fn(&B) -> bool,
     ) -> Result<(), ValueError> {
-        found.clear();
+        coded.clear();
         let count = self.numbers.code(coder, source.runs.len() as u32);
         let before = present.to_vec();
         let mut arrivals = ArrivalCheck::new(layout, present, records);
@@ -53,12 +53,12 @@ impl ValueModel {
             let count = self.numbers.code(coder, count);
             arrivals.add((first, count))?;
             end = first + count;
-            found.runs.push((first, count));
+            coded.runs.push((first, count));
         }
         arrivals.end()?;
         let mut known = before;
         let mut taken = 0;
-        for (first, count) in found.runs.clone() {
+        for (first, count) in coded.runs.clone() {
             for block in first as usize..(first + count) as usize {
                 self.block(
                     coder,
@@ -68,12 +68,12 @@ impl ValueModel {
                     block,
                     source.bytes.get(taken..).unwrap_or_default(),
                 );
-                let slots = block * BLOCK_POINTS..block * BLOCK_POINTS + layout.block_len(block);
-                taken += slots.len();
-                found.bytes.extend_from_slice(&values[slots]);
+                let range = block * BLOCK_POINTS..block * BLOCK_POINTS + layout.block_len(block);
+                taken += range.len();
+                coded.bytes.extend_from_slice(&values[range]);
                 known[block] = true;
                 if stop(coder) {
-                    return Err(ValueError::Ends { field: "the values", offset: found.bytes.len() });
+                    return Err(ValueError::Ends { field: "the values", offset: coded.bytes.len() });
                 }
             }
         }

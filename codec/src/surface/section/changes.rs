@@ -12,6 +12,7 @@
 
 use super::point_mask::PointMask;
 use crate::memory;
+use crate::surface::PaddedIndex;
 use crate::wire::{Reader, WireError, WireErrorKind, write_varint};
 
 /// Changes of one frame, in the order of the points.
@@ -66,10 +67,10 @@ pub enum ChangeError {
         mask: u64,
     },
     /// A level that is none, too large, or changes nothing because the byte is at its end already.
-    #[error("point {slot} cannot change by {level} quanta")]
+    #[error("point {padded_index} cannot change by {level} quanta")]
     Level {
-        /// BitModel of the point: its block times 64 and its place there.
-        slot: u32,
+        /// Padded index of the point: 64 times its block plus its place there.
+        padded_index: u32,
         /// The level.
         level: i32,
     },
@@ -104,15 +105,15 @@ impl Changes {
     }
 
     /// Adds a change; `slot` is above that of the one before.
-    pub(crate) fn push(&mut self, slot: usize, level: i16) {
-        self.points.push(slot);
+    pub(crate) fn push(&mut self, index: PaddedIndex, level: i16) {
+        self.points.push(index);
         self.levels.push(level);
     }
 
     /// Every change with its slot.
     #[inline]
-    pub(crate) fn iter(&self) -> impl Iterator<Item = (usize, i16)> + '_ {
-        self.points.slots().zip(self.levels.iter().copied())
+    pub(crate) fn iter(&self) -> impl Iterator<Item = (PaddedIndex, i16)> + '_ {
+        self.points.padded_indices().zip(self.levels.iter().copied())
     }
 
     /// Bytes of the plain layout for a stream of `blocks` blocks.
@@ -180,7 +181,7 @@ mod tests {
         let some = prop::collection::btree_map(0_usize..700, prop_oneof![-255_i16..0, 1_i16..256], 1..80);
         (some, 1_u8..=255).prop_map(|(some, quantum)| {
             let mut changes = Changes { quantum, ..Changes::default() };
-            some.into_iter().for_each(|(slot, level)| changes.push(slot, level));
+            some.into_iter().for_each(|(index, level)| changes.push(PaddedIndex(index), level));
             changes
         })
     }

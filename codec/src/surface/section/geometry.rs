@@ -211,11 +211,11 @@ pub(crate) fn code<B: BinaryCoder>(
     let count = numbers.code(coder, source.len() as u32);
     let mut next = 0_u32;
     for at in 0..count as usize {
-        let given = source.get(at);
-        let gap = given.map_or(0, |(set, _)| set.wrapping_sub(next) as i32);
+        let source_set = source.get(at);
+        let gap = source_set.map_or(0, |(set, _)| set.wrapping_sub(next) as i32);
         let set = next.wrapping_add_signed(numbers.code_signed(coder, gap));
         let set_layout = incoming.announce(set)?;
-        let geometry = model.code(coder, set_layout, given.map(|(_, geometry)| &**geometry), &stop)?;
+        let geometry = model.code(coder, set_layout, source_set.map(|(_, geometry)| &**geometry), &stop)?;
         incoming.add(set, geometry)?;
         next = set.wrapping_add(1);
         if stop(coder) {

@@ -4,6 +4,7 @@
 
 use super::changes::ChangeError;
 use super::point_mask::PointMask;
+use crate::surface::PaddedIndex;
 use crate::wire::{Reader, varint_bytes, write_varint};
 
 /// Points and their bytes.
@@ -25,8 +26,8 @@ impl Patch {
     }
 
     /// Every point's slot and byte.
-    pub(crate) fn iter(&self) -> impl Iterator<Item = (usize, u8)> + '_ {
-        self.points.slots().zip(self.bytes.iter().copied())
+    pub(crate) fn iter(&self) -> impl Iterator<Item = (PaddedIndex, u8)> + '_ {
+        self.points.padded_indices().zip(self.bytes.iter().copied())
     }
 
     /// Bytes of the plain layout for a stream of `blocks` blocks.

@@ -5,7 +5,7 @@
 
 use super::changes::ChangeError;
 use crate::memory;
-use crate::surface::{BLOCK_POINTS, State};
+use crate::surface::{BLOCK_POINTS, PaddedIndex, State};
 use crate::wire::Reader;
 
 /// Points of some blocks, in order.
@@ -30,14 +30,14 @@ impl PointMask {
     }
 
     /// Adds a point; `slot` is above that of the one before.
-    pub(crate) fn push(&mut self, slot: usize) {
-        let block = (slot / BLOCK_POINTS) as u32;
+    pub(crate) fn push(&mut self, index: PaddedIndex) {
+        let block = index.block() as u32;
         if self.blocks.last() != Some(&block) {
             self.blocks.push(block);
             self.masks.push(0);
         }
         if let Some(mask) = self.masks.last_mut() {
-            *mask |= 1 << (slot % BLOCK_POINTS);
+            *mask |= index.bit();
         }
     }
 
@@ -48,10 +48,9 @@ impl PointMask {
 
     /// The slots of the points.
     #[inline]
-    pub(crate) fn slots(&self) -> impl Iterator<Item = usize> + '_ {
+    pub(crate) fn padded_indices(&self) -> impl Iterator<Item = PaddedIndex> + '_ {
         self.iter().flat_map(|(block, mask)| {
-            let first = block as usize * BLOCK_POINTS;
-            SetBits(mask).map(move |bit| first + bit as usize)
+            SetBits(mask).map(move |bit| PaddedIndex::new(block as usize, bit as usize))
         })
     }
 

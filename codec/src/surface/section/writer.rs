@@ -23,7 +23,7 @@ pub(crate) struct SectionWriter {
     pub(crate) blocks: Vec<u8>,
     compressor: Compressor,
     plain: Vec<u8>,
-    found: Changes,
+    coded: Changes,
 }
 
 /// Models that live as long as a frame.
@@ -42,12 +42,12 @@ impl FrameModels {
 impl SectionWriter {
     /// Bytes held.
     pub(crate) fn heap_bytes(&self) -> usize {
-        let SectionWriter { sections, blocks, compressor, plain, found } = self;
+        let SectionWriter { sections, blocks, compressor, plain, coded } = self;
         memory::list(sections)
             + memory::list(blocks)
             + compressor.heap_bytes()
             + memory::list(plain)
-            + found.heap_bytes()
+            + coded.heap_bytes()
     }
 
     /// Ready for the next frame.
@@ -121,8 +121,8 @@ impl SectionWriter {
         if coder == BlockCoder::Range {
             let start = self.blocks.len();
             let mut encoder = RangeEncoder::new(&mut self.blocks);
-            let mut found = Values::default();
-            let pair = (values, &mut found);
+            let mut coded = Values::default();
+            let pair = (values, &mut coded);
             let coded =
                 models.values.code(&mut encoder, layout, (bytes, present), pair, points as u32, |_| false);
             encoder.finish();
@@ -141,24 +141,24 @@ impl SectionWriter {
     /// bytes; then there is no section, and the answer is how many came before that.
     pub(crate) fn changes(
         &mut self,
-        known: StateView<'_>,
+        view: StateView<'_>,
         model: &mut ChangeModel,
         changes: &Changes,
         coder: BlockCoder,
         most: usize,
     ) -> Result<Option<usize>, EncodeError> {
-        let (points, blocks) = (changes.levels.len(), known.layout.blocks());
+        let (points, blocks) = (changes.levels.len(), view.layout.blocks());
         if coder == BlockCoder::Range {
             let start = self.blocks.len();
             let most = start.saturating_add(most);
             let mut encoder = RangeEncoder::new(&mut self.blocks);
-            model.code(&mut encoder, known, changes, &mut self.found, points, |encoder| encoder.len() > most);
+            model.code(&mut encoder, view, changes, &mut self.coded, points, |encoder| encoder.len() > most);
             encoder.finish();
             if self.blocks.len() > most {
                 self.blocks.truncate(start);
-                return Ok(Some(self.found.levels.len()));
+                return Ok(Some(self.coded.levels.len()));
             }
-            debug_assert_eq!(&self.found, changes);
+            debug_assert_eq!(&self.coded, changes);
             self.section(SectionTag::CHANGES, CoderId::RANGE, points, changes.plain_bytes(blocks), start);
             return Ok(None);
         }
@@ -180,12 +180,12 @@ impl SectionWriter {
             let start = self.blocks.len();
             let mut encoder = RangeEncoder::new(&mut self.blocks);
             let mut model = PatchModel::new();
-            let mut found = Patch { back: model.back(&mut encoder, patch.back), ..Patch::default() };
+            let mut coded = Patch { back: model.back(&mut encoder, patch.back), ..Patch::default() };
             let known = (&*state.layout, state.present.as_slice());
             let mut values = state.values.clone();
-            model.code(&mut encoder, known, &mut values, (patch, &mut found), points, |_| false);
+            model.code(&mut encoder, known, &mut values, (patch, &mut coded), points, |_| false);
             encoder.finish();
-            debug_assert_eq!(&found, patch);
+            debug_assert_eq!(&coded, patch);
             self.section(SectionTag::PATCH, CoderId::RANGE, points, patch.plain_bytes(blocks), start);
             return Ok(());
         }

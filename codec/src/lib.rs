@@ -8,7 +8,7 @@
 //!
 //! * [`surface`]: points stay on the mesh at rest and are sent once; a frame holds AO changes only, by a range coder that
 //!   knows what neighbours and the last frames did. The smallest streams.
-//! * [`paper`]: the structures of "PSAO: Point-Based BitSplit Rendering for Ambient Occlusion"
+//! * [`paper`]: the structures of "PSAO: Point-Based Split Rendering for Ambient Occlusion"
 //!   (sections 3.1 to 3.5), points of 32, 24 or 16 bits in hashed cells. The baseline.
 //!
 //! [`Layout`], [`State`], [`Encoder`], [`Decoder`] and [`ChangeLog`] are of either; [`envelope`] is what their frames share. The

@@ -1,32 +1,18 @@
 //! Why a block was refused.
 
-use std::fmt;
+use crate::wire::wire_enum;
 
-/// The wire id of a block coder. Unknown values survive reading, and decompressing one is an error.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct CoderId(pub u8);
-
-impl CoderId {
+wire_enum! {
+    /// The wire id of a block coder. Unknown values survive reading; decompressing one is an error.
+    CoderId, unknown "unknown coder";
     /// Bytes as they are.
-    pub const STORED: CoderId = CoderId(0);
+    STORED = 0 => "stored",
     /// LZ4 block format.
-    pub const LZ4: CoderId = CoderId(1);
+    LZ4 = 1 => "lz4",
     /// One Zstandard frame.
-    pub const ZSTD: CoderId = CoderId(2);
+    ZSTD = 2 => "zstd",
     /// The adaptive range coder of profile `surface`.
-    pub const RANGE: CoderId = CoderId(3);
-}
-
-impl fmt::Display for CoderId {
-    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match *self {
-            CoderId::STORED => out.write_str("stored"),
-            CoderId::LZ4 => out.write_str("lz4"),
-            CoderId::ZSTD => out.write_str("zstd"),
-            CoderId::RANGE => out.write_str("range"),
-            CoderId(other) => write!(out, "unknown coder {other}"),
-        }
-    }
+    RANGE = 3 => "range",
 }
 
 /// Why a block could not be compressed or decompressed.

@@ -9,7 +9,7 @@ use crate::block::CoderId;
 pub struct FrameMeta {
     /// Key or delta.
     pub kind: FrameKind,
-    /// NumberModel of the frame.
+    /// Number of the frame.
     pub frame: FrameIndex,
     /// Time of the frame.
     pub time: StreamTime,
@@ -41,7 +41,7 @@ pub struct FrameInfo {
     pub packing: Packing,
     /// Key or delta.
     pub kind: FrameKind,
-    /// NumberModel of the frame.
+    /// Number of the frame.
     pub frame: FrameIndex,
     /// Time of the frame.
     pub time: StreamTime,

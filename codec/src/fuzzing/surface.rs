@@ -23,7 +23,7 @@ const CODERS: [BlockCoder; 4] =
 ///
 /// The low four bits of the first byte choose one of 16 sound frames: a keyframe, a delta in which points arrive, one of
 /// changes alone, a keyframe for a late client, each with every coder; with the high bit, one of 16 patches: without and with
-/// what was learned, for the state of the last frame and for an earlier one. BinaryCoder 4 and 5 choose what the other bytes are: 0
+/// what was learned, for the state of the last frame and for an earlier one. Bits 4 and 5 choose what the other bytes are: 0
 /// or 1, changes to that frame (exclusive or from an offset on); 2, one section for the state before it, made of tag, coder,
 /// u16 records, u16 raw bytes and the block; 3, a body as it is. But for the last, the checksum is then made right; and a body that
 /// fails for its state hash only is given the right one and must pass.

@@ -1,4 +1,4 @@
-//! Profile `paper`: the structures of "PSAO: Point-Based BitSplit Rendering for Ambient Occlusion" (sections 3.1 to 3.5).
+//! Profile `paper`: the structures of "PSAO: Point-Based Split Rendering for Ambient Occlusion" (sections 3.1 to 3.5).
 //!
 //! Every instance has a virtual grid of cells. Hash buckets find the cells in use; a cell holds seven points, each of 32, 24 or
 //! 16 bits. A frame carries whole buckets and poses, and cells as their exclusive or with the cells sent last.

@@ -12,7 +12,7 @@
 
 use std::sync::LazyLock;
 
-/// BinaryCoder of one axis in the paper.
+/// Bits of one axis in the paper.
 pub const BITS: u32 = 4;
 
 /// Encodes with 4 + 4 bits: [`encode_bits`].

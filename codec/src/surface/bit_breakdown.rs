@@ -11,7 +11,7 @@ use crate::block::CoderId;
 use crate::envelope::{FrameError, SectionInfo, SectionTag, inspect};
 use crate::range::{BinaryCoder, RangeDecoder, SymbolClass};
 
-/// BinaryCoder of the decisions of a CHANGES or PATCH section, by what they decide; together the length of its block, but for rounding.
+/// Bits of the decisions of a CHANGES or PATCH section, by what they decide; together the length of its block, but for rounding.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct BitBreakdown {
     /// Which blocks have a change.

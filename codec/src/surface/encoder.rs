@@ -8,7 +8,7 @@ use super::section::changes::Changes;
 use super::section::point_mask::SetBits;
 use super::section::writer::SectionWriter;
 use super::state::{geometry_words, value_words};
-use super::{PaddedIndex, Geometry, GeometryError, Layout, State};
+use super::{Geometry, GeometryError, Layout, PaddedIndex, State};
 use crate::block::BlockCoder;
 use crate::envelope::{EncodeError, EncodedFrame, FrameKind, FrameMeta, Packing, Profile, assemble};
 use crate::hash::RecordKind;

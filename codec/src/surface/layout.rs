@@ -13,7 +13,7 @@ pub struct SetLayout {
     pub step: f32,
     /// Largest coordinate along x, y and z, below [`MAX_GRID_DIM`].
     pub extent: [u32; 3],
-    /// BinaryCoder of one axis of a normal's octahedral code, 2 to 8.
+    /// Bits of one axis of a normal's octahedral code, 2 to 8.
     pub normal_bits: u8,
     /// Points of the set.
     pub points: u32,
@@ -248,7 +248,7 @@ impl Layout {
 
 impl SetLayout {
     /// Returns the layout of a lattice that covers these points: with this step, or the finest that a lattice can have where
-    /// the points are too far apart for it. Without points it has one node. NumberModel and digest of the points are filled in
+    /// the points are too far apart for it. Without points it has one node. Number and digest of the points are filled in
     /// by [`Geometry::round`](super::Geometry::round).
     #[must_use]
     pub fn covering(points: &[RestPoint], step: f32, normal_bits: u8, kernel_radius: f32) -> SetLayout {

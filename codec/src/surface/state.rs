@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::model::change::{ChangeModel, StateView};
 use super::model::history::History;
 use super::section::changes::Changes;
-use super::{BLOCK_POINTS, PaddedIndex, Geometry, GeometryDigest, GeometryError, Layout};
+use super::{BLOCK_POINTS, Geometry, GeometryDigest, GeometryError, Layout, PaddedIndex};
 use crate::envelope::FrameIndex;
 use crate::hash::RecordKind;
 use crate::{StateHash, memory};

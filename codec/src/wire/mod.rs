@@ -1,10 +1,12 @@
 //! Primitives of the wire: little-endian words, varints, a reader that knows where it is. No messages.
 
 mod error;
+mod ids;
 mod reader;
 mod varint;
 
 pub(crate) use error::{WireError, WireErrorKind};
+pub(crate) use ids::wire_enum;
 pub(crate) use reader::Reader;
 pub use varint::VarintError;
 pub(crate) use varint::{ReadVarintError, read_varint, varint_bytes, write_varint};

@@ -21,11 +21,11 @@ pub enum PointFormat {
 /// How a packing splits the bits of a point; one more says that it is one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct BitSplit {
-    /// BinaryCoder of one axis of the position.
+    /// Bits of one axis of the position.
     pub position: u32,
-    /// BinaryCoder of one of the two axes of the normal.
+    /// Bits of one of the two axes of the normal.
     pub normal: u32,
-    /// BinaryCoder of the accessibility.
+    /// Bits of the accessibility.
     pub ao: u32,
 }
 
@@ -35,7 +35,7 @@ pub struct BitSplit {
 pub struct WordError {
     /// The word.
     pub word: u32,
-    /// BinaryCoder of a point.
+    /// Bits of a point.
     pub bits: u32,
 }
 
@@ -65,7 +65,7 @@ impl PointFormat {
         }
     }
 
-    /// BinaryCoder of a point: 32, 24 or 16.
+    /// Bits of a point: 32, 24 or 16.
     #[must_use]
     pub const fn bits(self) -> u32 {
         match self {

@@ -14,9 +14,9 @@ pub struct Packed<const POSITION: u32, const NORMAL: u32, const AO: u32>(u32);
 impl<const POSITION: u32, const NORMAL: u32, const AO: u32> Packed<POSITION, NORMAL, AO> {
     /// An empty slot.
     pub const EMPTY: Self = Self(0);
-    /// BinaryCoder of the fields.
+    /// Bits of the fields.
     pub const SPLIT: BitSplit = BitSplit { position: POSITION, normal: NORMAL, ao: AO };
-    /// BinaryCoder of a point.
+    /// Bits of a point.
     pub const BITS: u32 = 1 + 3 * POSITION + 2 * NORMAL + AO;
 
     const NORMAL_SHIFT: u32 = AO;

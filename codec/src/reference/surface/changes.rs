@@ -252,8 +252,9 @@ impl ChangeDecoder<'_, '_> {
     fn situation(&self, padded: usize) -> Situation {
         let (state, blocks_info) = (self.state, &self.blocks_info);
         let BlockInfo { instance, number, .. } = blocks_info[padded / BLOCK_POINTS];
-        let of_instance =
-            |padded: &usize| blocks_info.get(padded / BLOCK_POINTS).map(|info| info.instance) == Some(instance);
+        let of_instance = |padded: &usize| {
+            blocks_info.get(padded / BLOCK_POINTS).map(|info| info.instance) == Some(instance)
+        };
         let is_point = |padded: &usize| padded % BLOCK_POINTS < blocks_info[padded / BLOCK_POINTS].points;
         let others = (padded.saturating_sub(4)..=padded + 4).filter(|other| *other != padded);
         let around: Vec<usize> = others.filter(of_instance).collect();

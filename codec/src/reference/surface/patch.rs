@@ -37,7 +37,9 @@ pub(super) fn read(
     rule(named.len() == expected)?;
     // The points whose bytes both sides know.
     let mut known: Vec<bool> = (0..patch.named.len())
-        .map(|padded| state.present[padded / BLOCK_POINTS] && is_point(&blocks_info, padded) && !patch.named[padded])
+        .map(|padded| {
+            state.present[padded / BLOCK_POINTS] && is_point(&blocks_info, padded) && !patch.named[padded]
+        })
         .collect();
     let mut blocks = 0;
     for (at, padded) in named.iter().enumerate() {
@@ -133,8 +135,9 @@ impl<'a> PatchDecoder<'a> {
         }
         for padded in first..first + points {
             // The eight points before: the nearest is worth 1, the next 2, and so on.
-            let before: Vec<bool> =
-                (1..=8).map(|back| padded.checked_sub(back).is_some_and(|padded| self.named[padded])).collect();
+            let before: Vec<bool> = (1..=8)
+                .map(|back| padded.checked_sub(back).is_some_and(|padded| self.named[padded]))
+                .collect();
             let pattern = (0..8).map(|at| usize::from(before[at]) << at).sum::<usize>();
             let count = before.iter().filter(|named| **named).count();
             let ([a, b], mixer) = &mut self.points;

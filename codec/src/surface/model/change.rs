@@ -337,7 +337,8 @@ impl<B: BinaryCoder> ChangeCoder<'_, B> {
         let mut past = if first == range.start { Past::default() } else { past };
         for index in first..range.end.min(first + BLOCK_POINTS) {
             let changes = mask >> (index - first) & 1 == 1;
-            let level = self.point(PaddedIndex(index), first, instance, index == range.start, &neighbours, past, changes);
+            let level =
+                self.point(PaddedIndex(index), instance, index == range.start, &neighbours, past, changes);
             if level != 0 {
                 self.coded.push(PaddedIndex(index), level);
             }
@@ -369,12 +370,10 @@ impl<B: BinaryCoder> ChangeCoder<'_, B> {
     }
 
     /// Codes one point; its level, 0 when it does not change.
-    #[expect(clippy::too_many_arguments, reason = "the innermost loop: what it needs is spread on purpose")]
     #[inline]
     fn point(
         &mut self,
         index: PaddedIndex,
-        first: usize,
         instance: usize,
         alone: bool,
         neighbours: &BlockNeighbours,
@@ -382,7 +381,7 @@ impl<B: BinaryCoder> ChangeCoder<'_, B> {
         source: bool,
     ) -> i16 {
         let history = self.view.history;
-        let place = index.0 - first;
+        let place = index.0 % BLOCK_POINTS;
         // Four points to either side, without the one between.
         let side = |window: u128| ((window >> place) as u32 & 0b1_1110_1111).count_ones() as usize;
         let recent = side(neighbours.recent);

@@ -1,6 +1,6 @@
 //! The space-filling curve that orders the points of a set: neighbours on it are neighbours on the surface, mostly.
 
-/// BinaryCoder of an axis that the curve can tell apart.
+/// Bits of an axis that the curve can tell apart.
 pub(crate) const BITS: u32 = 21;
 
 /// Place of a lattice node, each coordinate below 2^21, on the three-dimensional Hilbert curve, by the transposed form

@@ -127,7 +127,10 @@ mod tests {
     #[test]
     fn ages_count_the_frames_between_changes() {
         let mut history = History::new(1);
-        assert_eq!((history.age[0], history.recent_level(POINT), history.faded_activity(POINT)), (NEVER, 0, 0));
+        assert_eq!(
+            (history.age[0], history.recent_level(POINT), history.faded_activity(POINT)),
+            (NEVER, 0, 0)
+        );
         history.advance();
         history.record(POINT, -3);
         assert_eq!((history.age[0], history.period[0], history.recent_level(POINT)), (0, NEVER, -3));

@@ -55,13 +55,13 @@ pub enum ChangeError {
     /// A block that the layout has not, or that has not come yet.
     #[error("block {block} has not come yet, or is none of the stream's")]
     Absent {
-        /// NumberModel of the block.
+        /// Number of the block.
         block: u32,
     },
     /// A block that is named without a change in it, or with points that it has not.
     #[error("block {block} names the points {mask:#018x}")]
     Mask {
-        /// NumberModel of the block.
+        /// Number of the block.
         block: u32,
         /// Its points, one bit each.
         mask: u64,

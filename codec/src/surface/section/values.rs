@@ -34,7 +34,7 @@ pub enum ValueError {
     Run {
         /// First block.
         first: u32,
-        /// NumberModel of blocks.
+        /// Number of blocks.
         count: u32,
     },
     /// Another number of points than the section table says.

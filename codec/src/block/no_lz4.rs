@@ -1,4 +1,4 @@
-//! Stands for the LZ4 coder where the crate is built without it.
+//! Replaces the LZ4 coder if the crate is built without it.
 
 use super::{BlockError, CoderId};
 

@@ -1,4 +1,4 @@
-//! Ids of the frame header. Wire ids are newtypes: an unknown value survives long enough to be named.
+//! Ids of the frame header. Wire ids are newtypes, so that an unknown value can be named in an error.
 
 use std::fmt;
 
@@ -26,12 +26,12 @@ wire_enum! {
     BITS_16 = 3 => "16-bit points",
 }
 
-/// Whether a frame replaces the state or changes it.
+/// The kind of a frame: it replaces the state or changes it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum FrameKind {
     /// Replaces the whole state; wire id 1.
     Key,
-    /// Changes the state that the frame before it left; wire id 2.
+    /// Changes the state after the frame before it; wire id 2.
     Delta,
 }
 
@@ -82,12 +82,12 @@ wire_enum! {
     PATCH = 8 => "patch",
 }
 
-/// Number of a frame in its stream; grows from frame to frame.
+/// Number of a frame in its stream; it grows from frame to frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
 pub struct FrameIndex(pub u32);
 
 impl FrameIndex {
-    /// The index after this one; `None` at the end of the range.
+    /// Returns the index after this one; `None` at the end of the range.
     #[must_use]
     pub const fn next(self) -> Option<FrameIndex> {
         match self.0.checked_add(1) {
@@ -103,12 +103,12 @@ impl fmt::Display for FrameIndex {
     }
 }
 
-/// Time of a frame in its stream, microseconds; what 0 means is up to the scene's clock.
+/// Time of a frame in its stream, microseconds. The scene's clock defines its zero.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
 pub struct StreamTime(pub u64);
 
 impl StreamTime {
-    /// The time in microseconds.
+    /// Returns the time in microseconds.
     #[must_use]
     pub const fn micros(self) -> u64 {
         self.0

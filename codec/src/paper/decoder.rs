@@ -13,7 +13,7 @@ use crate::hash::RecordKind;
 use crate::wire::{narrow_words, words};
 use crate::{Limits, StateHash};
 
-/// Applies a frame body to `state`. See [`Decoder::apply`], which is cheaper for many frames.
+/// Applies one frame body to `state`. [`Decoder::apply`] is cheaper for many frames.
 ///
 /// # Errors
 /// Those of [`Decoder::apply`].
@@ -31,16 +31,16 @@ pub struct Decoder {
 }
 
 impl Decoder {
-    /// A decoder with nothing allocated yet.
+    /// Creates a decoder that has allocated nothing yet.
     #[must_use]
     pub fn new() -> Decoder {
         Decoder::default()
     }
 
-    /// Reads a frame body and applies it: [`FrameBody::parse`] and [`Decoder::apply`].
+    /// Parses a frame body and applies it: [`FrameBody::parse`], then [`Decoder::apply`].
     ///
     /// # Errors
-    /// As [`Decoder::apply`].
+    /// Those of [`Decoder::apply`].
     pub fn decode(
         &mut self,
         state: &mut State,

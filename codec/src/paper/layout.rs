@@ -26,7 +26,7 @@ pub struct Layout {
 }
 
 impl Layout {
-    /// Bytes held.
+    /// Returns the number of heap bytes in use.
     pub(crate) fn heap_bytes(&self) -> usize {
         memory::list(&self.instances)
     }

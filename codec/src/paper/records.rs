@@ -19,7 +19,7 @@ pub(crate) struct Records {
 }
 
 impl Records {
-    /// Bytes held.
+    /// Returns the number of heap bytes in use.
     pub(crate) fn heap_bytes(&self) -> usize {
         memory::list(&self.poses) + memory::list(&self.buckets) + memory::list(&self.cells)
     }

@@ -84,7 +84,7 @@ impl Resend {
         Resend { rule, ao: vec![None; total], places, due: Vec::new() }
     }
 
-    /// Bytes held.
+    /// Returns the number of heap bytes in use.
     pub(super) fn heap_bytes(&self) -> usize {
         let places = memory::list(&self.places) + self.places.iter().map(memory::list).sum::<usize>();
         memory::list(&self.ao) + places + memory::list(&self.due)

@@ -52,7 +52,7 @@ impl State {
         self.hash
     }
 
-    /// The last frame applied; `None` before the first.
+    /// Returns the last frame applied; `None` before the first.
     #[must_use]
     pub fn frame(&self) -> Option<FrameIndex> {
         self.frame

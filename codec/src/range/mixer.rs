@@ -1,6 +1,5 @@
-//! Several inputs on one decision, weighed by how right they were (logistic mixing; the PAQ
-//! family describe the principle: M. Mahoney, "Adaptive weighing of context models for lossless data compression",
-//! 2005).
+//! Logistic mixing: a decision has several inputs, each weighted by how well it predicted so far. The PAQ family of
+//! compressors introduced it (M. Mahoney, "Adaptive weighing of context models for lossless data compression", 2005).
 //!
 //! Probabilities are mixed in the logistic domain: `x = ln(p / (1 - p))`, here in 256ths, -2,047 to 2,047.
 
@@ -13,28 +12,28 @@ use crate::memory;
 pub(crate) struct Logistic {
     /// By probability in 4,096ths.
     stretch: [i16; 4096],
-    /// By logistic value and 2,048: what [`squash`] gives.
+    /// By logistic value plus 2,048: the results of [`squash`].
     squash: [u16; 4096],
 }
 
-/// 65,536 / (1 + exp(-x)) for x = -8, -7.5 .. 8, rounded; the last one is as far from the end as the first.
+/// 65,536 / (1 + exp(-x)) for x = -8, -7.5 .. 8, rounded. The first and last values are equally far from the ends.
 const SQUASH: [i32; 33] = [
     22, 36, 60, 98, 162, 267, 439, 720, 1179, 1921, 3108, 4971, 7812, 11_955, 17_625, 24_743, 32_768, 40_793,
     47_911, 53_581, 57_724, 60_565, 62_428, 63_615, 64_357, 64_816, 65_097, 65_269, 65_374, 65_438, 65_476,
     65_500, 65_514,
 ];
 
-/// The probability in 65,536ths of a logistic value in 256ths, interpolated between the knots of [`SQUASH`].
+/// Returns the probability in 65,536ths of a logistic value in 256ths, interpolated between the knots of [`SQUASH`].
 fn squash(x: i32) -> i32 {
     let x = x.clamp(-2047, 2047) + 2048;
     let (knot, part) = ((x >> 7) as usize, x & 127);
     (SQUASH[knot] * (128 - part) + SQUASH[knot + 1] * part + 64) >> 7
 }
 
-/// The tables, made once.
+/// Returns the tables, which are computed once.
 pub(crate) fn logistic() -> &'static Logistic {
     static TABLES: LazyLock<Logistic> = LazyLock::new(|| {
-        // For every probability the smallest logistic value that gives at least the middle of its step.
+        // For every probability: the smallest logistic value whose `squash` is at least the middle of its step.
         let mut x = -2047;
         let stretch = std::array::from_fn(|step| {
             let source = 16 * step as i32 + 8;
@@ -49,10 +48,10 @@ pub(crate) fn logistic() -> &'static Logistic {
     &TABLES
 }
 
-/// Largest weight, either way.
+/// Largest absolute value of a weight.
 pub(crate) const MAX_WEIGHT: i32 = 1 << 20;
 
-/// Weights of `N` inputs, one set of weights for each of a few situations. Weights are in 65,536ths.
+/// Weights of `N` inputs in 65,536ths, one set for each situation.
 #[derive(Debug, PartialEq)]
 pub(crate) struct Mixer<const N: usize> {
     pub(crate) weights: Vec<[i32; N]>,
@@ -69,13 +68,13 @@ impl<const N: usize> Clone for Mixer<N> {
 }
 
 impl<const N: usize> Mixer<N> {
-    /// Equal weights, in every of `situations` situations, that add up to a little more than one: inputs are seldom
-    /// sure enough alone.
+    /// Creates equal weights for each of `situations` situations. They sum to slightly more than 1, because single
+    /// inputs tend to be under-confident.
     pub(crate) fn new(situations: usize) -> Mixer<N> {
         Mixer { weights: vec![[Self::FIRST_WEIGHT; N]; situations] }
     }
 
-    /// Bytes held.
+    /// Returns the number of heap bytes in use.
     pub(crate) fn heap_bytes(&self) -> usize {
         memory::list(&self.weights)
     }
@@ -87,7 +86,7 @@ impl<const N: usize> Mixer<N> {
         _ => 32_768,
     };
 
-    /// Codes a decision: the inputs of `models` are weighed, and all learn from what it was.
+    /// Codes a decision that mixes the probabilities of `models`. The models and the weights learn from it.
     #[cfg(any(test, feature = "testing"))]
     pub(crate) fn code<B: BinaryCoder>(
         &mut self,
@@ -105,7 +104,7 @@ impl<const N: usize> Mixer<N> {
         bit
     }
 
-    /// Codes a decision by inputs in the logistic domain; the weights learn.
+    /// Codes a decision from inputs in the logistic domain. The weights learn from it.
     #[inline]
     pub(crate) fn code_inputs<B: BinaryCoder>(
         &mut self,
@@ -133,7 +132,7 @@ impl<const N: usize> Mixer<N> {
 }
 
 impl Logistic {
-    /// The input of a model.
+    /// Returns the logistic value of a bit model.
     #[inline]
     pub(crate) fn stretch(&self, model: BitModel) -> i32 {
         i32::from(self.stretch[model.in_4096()])
@@ -163,7 +162,7 @@ mod tests {
 
     #[test]
     fn mixing_beats_each_opinion_and_reads_back() {
-        // Two clues, each right most of the time; together they nearly decide.
+        // Two clues, each usually right; together they almost decide.
         let history: Vec<[bool; 3]> = (0..8000_u32)
             .map(|n| {
                 let noise =
@@ -189,7 +188,7 @@ mod tests {
         assert_eq!(decoder.finish(), Ok(()));
     }
 
-    /// A model for each answer of each clue.
+    /// A bit model for each answer of each clue.
     struct Clues {
         mixer: Mixer<2>,
         models: [[BitModel; 2]; 2],

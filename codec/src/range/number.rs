@@ -1,14 +1,14 @@
-//! Whole numbers as decisions: how many bits, then the bits.
+//! Codes whole numbers as decisions: the number of significant bits, then the bits.
 
 use super::{BinaryCoder, BitModel};
 
-/// Codes numbers, small ones best: the count of significant bits in unary (each step its own model), then the bits
-/// below the highest one, of which the first has a model and the others are as likely as not.
+/// Codes numbers; small ones cost least. The number of significant bits is unary, with a bit model for each step. Of
+/// the bits below the highest one, the first has a bit model and the others have probability 1/2.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct NumberModel {
-    /// By count of bits so far.
+    /// By the number of bits so far: whether there are more.
     more: [BitModel; 32],
-    /// By count of bits: the one below the highest.
+    /// By the number of bits: the one below the highest.
     second: [BitModel; 32],
 }
 
@@ -17,17 +17,17 @@ impl NumberModel {
         NumberModel { more: [BitModel::new(1 << 15); 32], second: [BitModel::new(1 << 15); 32] }
     }
 
-    /// All models, in order.
+    /// Returns all bit models, in order.
     pub(crate) fn models(&self) -> impl Iterator<Item = &BitModel> {
         self.more.iter().chain(&self.second)
     }
 
-    /// All models, in order.
+    /// Returns all bit models, in order.
     pub(crate) fn models_mut(&mut self) -> impl Iterator<Item = &mut BitModel> {
         self.more.iter_mut().chain(&mut self.second)
     }
 
-    /// Codes `source`, which is below 2^31. A reader never returns more.
+    /// Codes `source`, which is below 2^31. A decoder never returns more.
     pub(crate) fn code<B: BinaryCoder>(&mut self, coder: &mut B, source: u32) -> u32 {
         let significant = 32 - source.leading_zeros();
         let mut count = 0_u32;
@@ -50,7 +50,7 @@ impl NumberModel {
         (2 | u32::from(second)) << (count - 2) | low
     }
 
-    /// Codes a number with a sign: 0, -1, 1, -2 .. as 0, 1, 2, 3 ...
+    /// Codes a signed number: 0, -1, 1, -2 .. as 0, 1, 2, 3 ..
     pub(crate) fn code_signed<B: BinaryCoder>(&mut self, coder: &mut B, source: i32) -> i32 {
         let folded = ((source << 1) ^ (source >> 31)) as u32;
         let folded = self.code(coder, folded);

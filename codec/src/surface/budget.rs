@@ -148,7 +148,7 @@ impl BudgetQueue {
         }
     }
 
-    /// Bytes held.
+    /// Returns the number of heap bytes in use.
     pub(super) fn heap_bytes(&self) -> usize {
         let BudgetQueue { weights, waiting, due, ranks, model, .. } = self;
         let lists = memory::list(weights) + memory::list(waiting) + memory::list(due) + memory::list(ranks);

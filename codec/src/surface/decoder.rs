@@ -38,16 +38,16 @@ pub struct Decoder {
 }
 
 impl Decoder {
-    /// A decoder with nothing allocated yet.
+    /// Creates a decoder that has allocated nothing yet.
     #[must_use]
     pub fn new() -> Decoder {
         Decoder::default()
     }
 
-    /// Reads a frame body and applies it: [`FrameBody::parse`] and [`Decoder::apply`].
+    /// Parses a frame body and applies it: [`FrameBody::parse`], then [`Decoder::apply`].
     ///
     /// # Errors
-    /// As [`Decoder::apply`].
+    /// Those of [`Decoder::apply`].
     pub fn decode(
         &mut self,
         state: &mut State,

@@ -95,7 +95,7 @@ pub enum LayoutError {
 }
 
 impl Layout {
-    /// Bytes held.
+    /// Returns the number of heap bytes in use.
     pub(super) fn heap_bytes(&self) -> usize {
         let Layout { sets, members, point_offsets, block_offsets, owners, previous_of_set } = self;
         let tables = memory::list(point_offsets) + memory::list(block_offsets) + memory::list(owners);

@@ -1,4 +1,5 @@
-//! Primitives of the wire: little-endian words, varints, a reader that knows where it is. No messages.
+//! Primitives of the wire: little-endian words, varints, ids, and a reader that tracks its offset. Messages are not
+//! here.
 
 mod error;
 mod ids;
@@ -11,7 +12,7 @@ pub(crate) use reader::Reader;
 pub use varint::VarintError;
 pub(crate) use varint::{ReadVarintError, read_varint, varint_bytes, write_varint};
 
-/// Splits little-endian bytes into words. `bytes` holds at least `4 * N` bytes; further ones are ignored.
+/// Splits little-endian bytes into words. `bytes` holds at least `4 * N` bytes; the rest is ignored.
 #[inline]
 pub(crate) fn words<const N: usize>(bytes: &[u8]) -> [u32; N] {
     let mut out = [0; N];
@@ -21,8 +22,8 @@ pub(crate) fn words<const N: usize>(bytes: &[u8]) -> [u32; N] {
     out
 }
 
-/// Splits little-endian bytes into words of `width` bytes, 2 to 4, and widens them. `bytes` holds at least
-/// `width * N` bytes; further ones are ignored.
+/// Splits little-endian bytes into words of `width` bytes, 2 to 4, and widens them. `bytes` holds at least `width * N`
+/// bytes; the rest is ignored.
 #[inline]
 pub(crate) fn narrow_words<const N: usize>(bytes: &[u8], width: usize) -> [u32; N] {
     if width == 4 {

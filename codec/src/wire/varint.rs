@@ -1,6 +1,6 @@
-//! Canonical LEB128: seven bits a byte, low bits first, the shortest form only.
+//! Canonical LEB128: seven bits a byte, low bits first, only the shortest form.
 
-/// Most bytes of a 32-bit varint.
+/// Largest length of a 32-bit varint, bytes.
 const MAX_BYTES: usize = 5;
 
 /// Why a varint was refused.
@@ -23,7 +23,7 @@ pub(crate) enum ReadVarintError {
     Malformed(VarintError),
 }
 
-/// Reads one varint at the start of `bytes`: the value and the number of bytes it took (1 to 5).
+/// Reads the varint at the start of `bytes`. Returns its value and its length in bytes, 1 to 5.
 pub(crate) fn read_varint(bytes: &[u8]) -> Result<(u32, usize), ReadVarintError> {
     let mut value: u64 = 0;
     for (place, byte) in bytes.iter().take(MAX_BYTES).enumerate() {
@@ -54,7 +54,7 @@ pub(crate) fn write_varint(out: &mut Vec<u8>, mut value: u32) {
     out.push(value as u8);
 }
 
-/// Bytes that [`write_varint`] appends.
+/// Returns the number of bytes that [`write_varint`] appends.
 pub(crate) fn varint_bytes(value: u32) -> usize {
     (32 - (value | 1).leading_zeros()).div_ceil(7) as usize
 }

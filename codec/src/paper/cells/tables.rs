@@ -65,7 +65,7 @@ pub(crate) struct DirtySet {
 }
 
 impl DirtySet {
-    /// Bytes held.
+    /// Returns the number of heap bytes in use.
     pub(crate) fn heap_bytes(&self) -> usize {
         memory::list(&self.marked) + memory::list(&self.list)
     }
@@ -110,7 +110,7 @@ pub(crate) struct Tables {
 }
 
 impl Tables {
-    /// Bytes held.
+    /// Returns the number of heap bytes in use.
     pub(crate) fn heap_bytes(&self) -> usize {
         let Tables { buckets, cells, free, dirty_cells, dirty_buckets, .. } = self;
         let dirty = dirty_cells.heap_bytes() + dirty_buckets.heap_bytes();

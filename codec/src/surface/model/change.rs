@@ -77,7 +77,7 @@ impl<const N: usize> ContextMixer<N> {
         }
     }
 
-    /// Bytes held.
+    /// Returns the number of heap bytes in use.
     fn heap_bytes(&self) -> usize {
         self.tables.iter().map(memory::list).sum::<usize>() + self.mixer.heap_bytes()
     }
@@ -138,7 +138,7 @@ pub(crate) struct StateView<'a> {
 }
 
 impl ChangeModel {
-    /// Bytes held.
+    /// Returns the number of heap bytes in use.
     pub(crate) fn heap_bytes(&self) -> usize {
         let ChangeModel { groups, block, point, sign, size, .. } = self;
         memory::list(groups) + block.heap_bytes() + point.heap_bytes() + sign.heap_bytes() + size.heap_bytes()

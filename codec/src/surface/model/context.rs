@@ -42,7 +42,7 @@ pub(crate) fn plain_bytes(padded_count: usize) -> usize {
     4 * padded_count + 4 * ChangeModel::new().words().len()
 }
 
-/// Appends the plain layout.
+/// Appends the plain layout to `out`.
 pub(crate) fn write(history: &History, model: &ChangeModel, out: &mut Vec<u8>) {
     out.extend_from_slice(&history.age);
     out.extend_from_slice(&history.period);

@@ -44,7 +44,7 @@ impl History {
         }
     }
 
-    /// Bytes held.
+    /// Returns the number of heap bytes in use.
     pub(crate) fn heap_bytes(&self) -> usize {
         let History { age, period, last, activity, recent, darker, recent_blocks } = self;
         let bytes = memory::list(age) + memory::list(period) + memory::list(last) + memory::list(activity);

@@ -93,7 +93,7 @@ pub enum ChangeError {
 }
 
 impl Changes {
-    /// Bytes held.
+    /// Returns the number of heap bytes in use.
     pub(crate) fn heap_bytes(&self) -> usize {
         self.points.heap_bytes() + memory::list(&self.levels)
     }
@@ -116,13 +116,13 @@ impl Changes {
         self.points.padded_indices().zip(self.levels.iter().copied())
     }
 
-    /// Bytes of the plain layout for a stream of `blocks` blocks.
+    /// Returns the length of the plain layout, for a stream of `blocks` blocks, in bytes.
     pub(crate) fn plain_bytes(&self, blocks: usize) -> usize {
         let long = self.levels.iter().filter(|level| fold(**level) > 127).count();
         1 + self.points.plain_bytes(blocks) + self.levels.len() + long
     }
 
-    /// Appends the plain layout.
+    /// Appends the plain layout to `out`.
     pub(crate) fn write_plain(&self, blocks: usize, out: &mut Vec<u8>) {
         out.push(self.quantum);
         self.points.write_plain(blocks, out);

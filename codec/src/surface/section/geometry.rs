@@ -77,12 +77,12 @@ pub enum GeometrySectionError {
 /// Bytes of a point in the plain layout.
 const POINT_BYTES: usize = 11;
 
-/// Bytes of the plain layout.
+/// Returns the length of the plain layout in bytes.
 pub(crate) fn plain_bytes(sets: &Sets) -> usize {
     sets.iter().map(|(_, geometry)| 4 + POINT_BYTES * geometry.len()).sum()
 }
 
-/// Appends the plain layout.
+/// Appends the plain layout to `out`.
 pub(crate) fn write_plain(sets: &Sets, out: &mut Vec<u8>) {
     for (set, geometry) in sets {
         out.extend_from_slice(&set.to_le_bytes());

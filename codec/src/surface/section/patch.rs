@@ -30,12 +30,12 @@ impl Patch {
         self.points.padded_indices().zip(self.bytes.iter().copied())
     }
 
-    /// Bytes of the plain layout for a stream of `blocks` blocks.
+    /// Returns the length of the plain layout, for a stream of `blocks` blocks, in bytes.
     pub(crate) fn plain_bytes(&self, blocks: usize) -> usize {
         varint_bytes(self.back) + self.points.plain_bytes(blocks) + self.bytes.len()
     }
 
-    /// Appends the plain layout.
+    /// Appends the plain layout to `out`.
     pub(crate) fn write_plain(&self, blocks: usize, out: &mut Vec<u8>) {
         write_varint(out, self.back);
         self.points.write_plain(blocks, out);

@@ -18,7 +18,7 @@ pub(crate) struct PointMask {
 }
 
 impl PointMask {
-    /// Bytes held.
+    /// Returns the number of heap bytes in use.
     pub(crate) fn heap_bytes(&self) -> usize {
         memory::list(&self.blocks) + memory::list(&self.masks)
     }
@@ -54,12 +54,12 @@ impl PointMask {
         })
     }
 
-    /// Bytes of the plain layout for a stream of `blocks` blocks.
+    /// Returns the length of the plain layout, for a stream of `blocks` blocks, in bytes.
     pub(crate) fn plain_bytes(&self, blocks: usize) -> usize {
         blocks.div_ceil(8) + 8 * self.masks.len()
     }
 
-    /// Appends the plain layout.
+    /// Appends the plain layout to `out`.
     pub(crate) fn write_plain(&self, blocks: usize, out: &mut Vec<u8>) {
         let bitmap = out.len();
         out.resize(bitmap + blocks.div_ceil(8), 0);

@@ -78,14 +78,14 @@ impl Values {
         }
     }
 
-    /// Bytes of the plain layout.
+    /// Returns the length of the plain layout in bytes.
     pub(crate) fn plain_bytes(&self) -> usize {
         let run = |(first, count): &(u32, u32)| varint_bytes(*first) + varint_bytes(*count);
         let runs: usize = self.runs.iter().map(run).sum();
         varint_bytes(self.runs.len() as u32) + runs + self.bytes.len()
     }
 
-    /// Appends the plain layout.
+    /// Appends the plain layout to `out`.
     pub(crate) fn write_plain(&self, out: &mut Vec<u8>) {
         write_varint(out, self.runs.len() as u32);
         for (first, count) in &self.runs {

@@ -40,7 +40,7 @@ impl FrameModels {
 }
 
 impl SectionWriter {
-    /// Bytes held.
+    /// Returns the number of heap bytes in use.
     pub(crate) fn heap_bytes(&self) -> usize {
         let SectionWriter { sections, blocks, compressor, plain, coded } = self;
         memory::list(sections)

@@ -1,4 +1,4 @@
-//! What differs between the server's tables and the state that clients hold.
+//! The differences between the server's tables and the state of clients.
 
 use super::cells::{DirtySet, Tables};
 use super::{Bucket, Cell, Layout, Pose, Records, State};
@@ -14,8 +14,8 @@ pub(super) struct TableChanges {
 }
 
 impl TableChanges {
-    /// Compares what was touched since the last frame. Freed cells stay as clients hold them: no bucket
-    /// names them. The tables are compact.
+    /// Compares what was touched since the last frame. Freed cells stay as clients have them, because no bucket names
+    /// them. The tables are compact.
     pub(super) fn from_dirty(
         sent: &State,
         poses: &[Pose],
@@ -38,7 +38,7 @@ impl TableChanges {
         changes
     }
 
-    /// Compares everything; cells that are not in use become empty. The tables are compact.
+    /// Compares everything. Cells that are not in use become empty. The tables are compact.
     pub(super) fn from_all(sent: &State, poses: &[Pose], tables: &Tables) -> TableChanges {
         let mut changes = TableChanges::default();
         for ((instance, old), new) in (0_u32..).zip(&sent.poses).zip(poses) {
@@ -54,7 +54,7 @@ impl TableChanges {
     }
 
     fn compare_pose(&mut self, instance: u32, old: &Pose, new: Pose) {
-        // By words: -0 and 0 are equal, but not the same bytes.
+        // By words: -0 and 0 are equal, but their bytes differ.
         if old.to_words() != new.to_words() {
             self.poses.push((instance, new));
         }
@@ -72,7 +72,7 @@ impl TableChanges {
         }
     }
 
-    /// The hash of `sent` once these changes are made.
+    /// Returns the hash of `sent` after these changes.
     pub(super) fn hash_after(&self, sent: &State) -> StateHash {
         let mut hash = sent.hash();
         for (index, new) in &self.poses {
@@ -90,7 +90,7 @@ impl TableChanges {
         hash
     }
 
-    /// The records of a delta: cells as exclusive or with what was sent last.
+    /// Writes the records of a delta. A cell becomes its exclusive or with the cell sent last.
     pub(super) fn push_records(&self, records: &mut Records, sent: &State) {
         for (instance, pose) in &self.poses {
             records.push_pose(*instance, *pose);
@@ -103,7 +103,7 @@ impl TableChanges {
         }
     }
 
-    /// Makes the changes; the hash is the caller's.
+    /// Makes the changes. The caller sets the hash.
     pub(super) fn commit(&self, sent: &mut State) {
         for (instance, pose) in &self.poses {
             sent.poses[*instance as usize] = *pose;
@@ -117,7 +117,7 @@ impl TableChanges {
     }
 }
 
-/// The records of a keyframe: everything in use.
+/// Writes the records of a keyframe: everything in use.
 pub(super) fn push_all_records(records: &mut Records, poses: &[Pose], tables: &Tables, layout: &Layout) {
     records.push_all(
         poses.iter().copied(),

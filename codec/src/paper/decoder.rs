@@ -1,7 +1,7 @@
-//! Applies a frame body to a state: all of it, or nothing.
+//! The decoder of profile `paper`: it applies a frame body completely or not at all.
 //!
-//! One pass checks every record and works out the hash that the state would have; only when that is the
-//! server's does a second pass write. Both are linear in the records.
+//! A first pass checks every record and computes the hash of the resulting state. Only if it matches the server's does
+//! a second pass write. Both are linear in the records.
 
 use super::{Bucket, Cell, Layout, POINTS_PER_CELL, PointFormat, Pose, State};
 use crate::block::Decompressor;
@@ -21,7 +21,7 @@ pub fn apply(state: &mut State, body: &[u8], limits: &Limits) -> Result<FrameInf
     Decoder::new().decode(state, body, limits)
 }
 
-/// Applies frame bodies; keeps its buffers between them.
+/// Applies frame bodies. It keeps its buffers between frames.
 #[derive(Debug, Default)]
 pub struct Decoder {
     decompressor: Decompressor,
@@ -52,12 +52,13 @@ impl Decoder {
         Ok(body.into_info())
     }
 
-    /// Applies a frame body to `state`: checks all of it, the hash of the state after included, then writes.
+    /// Applies a frame body to `state`. It checks everything first, including the hash of the resulting state, and
+    /// then writes.
     ///
-    /// Its buffers grow to the largest section seen, never beyond `limits.max_block_bytes` each.
+    /// Its buffers grow to the largest section seen, at most `limits.max_block_bytes` each.
     ///
     /// # Errors
-    /// [`FrameError`] says what is wrong and where; `state` is then exactly as before.
+    /// [`FrameError`] tells what is wrong and where; `state` is then unchanged.
     pub fn apply(
         &mut self,
         state: &mut State,
@@ -78,7 +79,7 @@ impl Decoder {
         Ok(())
     }
 
-    /// Decompresses every section into its buffer; sections that the frame has not end up empty.
+    /// Decompresses every section into its buffer. The buffers of missing sections become empty.
     fn decompress(
         &mut self,
         layout: &Layout,
@@ -116,7 +117,7 @@ impl Decoder {
             .map_err(|source| FrameError::Block { offset, section: tag, source })
     }
 
-    /// Checks every record and returns the hash that `state` would have.
+    /// Checks every record and returns the hash of the resulting state.
     fn check(&self, state: &State, kind: FrameKind) -> Result<StateHash, FrameError> {
         let layout = state.layout();
         let is_delta = kind == FrameKind::Delta;
@@ -143,7 +144,7 @@ impl Decoder {
         }
     }
 
-    /// Checks the cells, of points of `WIDTH` bytes, and returns the hash with them.
+    /// Checks the cells, with points of `WIDTH` bytes, and returns the hash that includes them.
     fn check_cells<const WIDTH: usize>(
         &self,
         state: &State,
@@ -192,7 +193,7 @@ impl Decoder {
     }
 }
 
-/// Checks that points are packed as the layout says.
+/// Checks that points are packed as in the layout.
 fn check_packing(state: &State, info: &FrameInfo) -> Result<(), FrameError> {
     let (found, expected) = (info.packing, state.layout().format().packing());
     if found == expected {
@@ -201,7 +202,7 @@ fn check_packing(state: &State, info: &FrameInfo) -> Result<(), FrameError> {
     Err(FrameError::Packing { offset: PACKING_OFFSET, found, expected })
 }
 
-/// How many places a section's offsets can name.
+/// Returns the number of places that the offsets of a section can name.
 fn places(layout: &Layout, tag: SectionTag) -> u32 {
     match tag {
         // `Limits::max_instances` is a u32, so the count fits.
@@ -212,7 +213,7 @@ fn places(layout: &Layout, tag: SectionTag) -> u32 {
     }
 }
 
-/// One record of a section: an offset in range and above the one before it, and `N` words.
+/// A record of a section: an offset in range and above the one before it, and `N` words.
 struct SectionRecord<const N: usize> {
     record: u32,
     raw_offset: usize,
@@ -220,7 +221,7 @@ struct SectionRecord<const N: usize> {
     words: [u32; N],
 }
 
-/// The records of a section, words of `WIDTH` bytes, each with its offset checked.
+/// The records of a section with words of `WIDTH` bytes. It checks each offset.
 struct SectionRecords<'a, const WIDTH: usize, const N: usize> {
     tag: SectionTag,
     places: u32,
@@ -295,7 +296,7 @@ mod tests {
             assert_eq!((poses.records, state.hash()), (2, state.full_hash()));
             let cells = delta.info.section(SectionTag::CELLS).unwrap();
             assert_eq!(cells.raw_bytes as usize, cells.records as usize * (4 + 7 * format.bytes()));
-            // A keyframe replaces whatever there was.
+            // A keyframe replaces every state.
             decoder.decode(&mut state, &key.body, &limits()).unwrap();
             assert_eq!(state, after_key);
         }
@@ -332,7 +333,7 @@ mod tests {
 
     #[test]
     fn every_flipped_bit_under_a_right_checksum_is_refused_or_harmless() {
-        // Harmless are the frame index, the time and the changed points, and bits that a coder ignores.
+        // The frame index, the time, the changed points and bits that a coder ignores are harmless.
         for (format, coder) in PointFormat::ALL.into_iter().rev().zip(CODERS) {
             let Story { empty, after_key, after_delta, key, delta } = story_of(format, coder);
             for (state, after, body) in
@@ -384,7 +385,7 @@ mod tests {
         assert!(matches!(error, FrameError::Hash { offset: 16, .. }), "{error}");
     }
 
-    /// A keyframe of these records, with a hash that is never reached.
+    /// Returns the error for a keyframe of these records with a hash that no state has.
     fn forged(fill: impl FnOnce(&mut Records)) -> FrameError {
         let mut records = Records::new(PointFormat::Bits32);
         fill(&mut records);

@@ -1,4 +1,4 @@
-//! The server's memory management and frame writer of profile `paper` (paper, sections 3.2 to 3.4).
+//! The encoder of profile `paper`: memory management and frame writer (paper, sections 3.2 to 3.4).
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -25,18 +25,18 @@ pub struct PointSample {
     pub ao: u8,
 }
 
-/// Where a point stands.
+/// Status of a point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum PointStatus {
-    /// It was never put, or removed.
+    /// The point was never put, or was removed.
     Absent,
-    /// In a slot of this cell.
+    /// The point is in a slot of this cell.
     Stored(u32),
-    /// It was put and found no slot; never [`Placement::Stored`].
+    /// The point was put and found no slot; the reason is never [`Placement::Stored`].
     Unplaced(Placement),
 }
 
-/// One point as last put.
+/// A point as last put.
 #[derive(Debug, Clone, Copy)]
 struct PointRecord {
     status: PointStatus,
@@ -50,8 +50,8 @@ const ABSENT: PointRecord =
 
 /// Keeps the points of a stream in cells and buckets, and writes what changed.
 ///
-/// All calls are deterministic: the same calls in the same order give the same bytes. A frame costs time
-/// in proportion to what changed; a keyframe, to the whole state.
+/// All calls are deterministic: the same calls in the same order give the same bytes. The cost of a delta grows with
+/// the changes, that of a keyframe with the state.
 #[derive(Debug)]
 pub struct Encoder {
     layout: Arc<Layout>,
@@ -70,8 +70,8 @@ pub struct Encoder {
 }
 
 impl Encoder {
-    /// An encoder with no points yet. `points` says how many point ids each instance has; ids run through
-    /// all instances in order, from 0.
+    /// Creates an encoder without points. `points` has the number of point ids of each instance. Ids run through all
+    /// instances in order, from 0.
     ///
     /// # Errors
     /// [`PointError::Instances`] unless there is one count for each instance of the layout, and
@@ -106,9 +106,10 @@ impl Encoder {
         })
     }
 
-    /// The encoder, which then decides which of the points that [`Encoder::set_point`] gives are sent again: those whose AO is
-    /// `threshold` 255ths or more from what clients hold, and those of instances that `deforms` names, in the order of the
-    /// layout, whose place changed by enough ([`ResendAo`]). `threshold` is at least 1.
+    /// Lets the encoder decide which of the points given to [`Encoder::set_point`] are sent again ([`ResendAo`]). It
+    /// sends a point if its AO differs from that of clients by `threshold` 255ths or more; `threshold` is at least 1.
+    /// It also sends points of deforming instances whose place changed enough. `deforms` tells for every instance of
+    /// the layout, in order, whether it deforms.
     #[must_use]
     pub fn with_threshold(self, threshold: u8, deforms: &[bool]) -> Encoder {
         let rule = ResendAo { threshold, format: self.layout.format() };
@@ -119,12 +120,12 @@ impl Encoder {
         Encoder { resend: Some(resend), ..self }
     }
 
-    /// Says what a point is now. Whether the next frame sends it: always without a threshold, where this is
-    /// [`Encoder::put`]; else if it was never sent or differs by enough from what clients hold. To be called once for a point and
-    /// frame.
+    /// Sets a point, once a frame at most. Returns whether the next frame sends it. Without a threshold the result is
+    /// always true, and this is [`Encoder::put`]. With one, the frame sends points that were never sent or differ
+    /// enough from the clients' values.
     ///
     /// # Errors
-    /// As [`Encoder::put`].
+    /// Those of [`Encoder::put`].
     pub fn set_point(&mut self, point: u32, sample: &PointSample) -> Result<bool, PointError> {
         self.record(point)?;
         let named = self.point_ref(point);
@@ -140,13 +141,14 @@ impl Encoder {
         Ok(due)
     }
 
-    /// The AO byte of a point as clients hold it if they hold it; `None` for one never sent, or without a threshold.
+    /// Returns the AO byte of a point as clients hold it. `None` if it was never sent, or without a threshold.
     #[must_use]
     pub fn sent_ao(&self, point: u32) -> Option<u8> {
         self.resend.as_ref()?.ao(point)
     }
 
-    /// Position and normal of a point of a deforming instance as last sent, instance-local; `None` for other points.
+    /// Returns position and normal of a point of a deforming instance as last sent, instance-local. `None` for other
+    /// points.
     #[must_use]
     pub fn sent_place(&self, point: u32) -> Option<([f32; 3], [f32; 3])> {
         self.record(point).ok()?;
@@ -154,7 +156,7 @@ impl Encoder {
         self.resend.as_ref()?.place(instance, number)
     }
 
-    /// Puts what the threshold lets through.
+    /// Puts the points that the threshold lets through.
     fn put_due(&mut self) {
         let Some(due) = self.resend.as_mut().map(Resend::take_due) else { return };
         for (point, sample) in &due {
@@ -170,8 +172,8 @@ impl Encoder {
         self.retry_unplaced();
     }
 
-    /// Bytes of memory held for the stream: every point as it was last put, the tables as they are and as clients hold them,
-    /// and buffers that are kept between frames.
+    /// Returns the heap bytes in use for the stream: every point as last put, the tables of the server and of clients,
+    /// and buffers kept between frames.
     #[must_use]
     pub fn heap_bytes(&self) -> usize {
         let Self {
@@ -201,18 +203,17 @@ impl Encoder {
             + compressor.heap_bytes()
     }
 
-    /// Puts a point, or moves it, or gives it new values. A point that finds no slot, or that moves to a
-    /// cell where there is none, is remembered as unplaced and counted.
+    /// Puts a point, moves it, or gives it new values. A point that finds no slot is kept and counted as unplaced.
     ///
     /// # Errors
-    /// [`PointError::Unknown`], [`PointError::Position`] and [`PointError::Normal`]; nothing has changed then.
+    /// [`PointError::Unknown`], [`PointError::Position`] and [`PointError::Normal`]; nothing changes then.
     pub fn put(&mut self, point: u32, sample: &PointSample) -> Result<PutOutcome, PointError> {
         self.record(point)?;
         check_sample(point, sample)?;
         Ok(self.put_checked(point, sample))
     }
 
-    /// Puts a point that there is, with a sample that was checked.
+    /// Puts an existing point with a checked sample.
     fn put_checked(&mut self, point: u32, sample: &PointSample) -> PutOutcome {
         let PointRecord { status, coord, outside, .. } = self.points[point as usize];
         let instance = self.instance_of(point);
@@ -237,7 +238,7 @@ impl Encoder {
         PutOutcome { placement, outside: located.outside }
     }
 
-    /// Takes a point out; it does nothing to a point that was never put.
+    /// Removes a point. It has no effect if the point was never put.
     ///
     /// # Errors
     /// [`PointError::Unknown`].
@@ -252,7 +253,7 @@ impl Encoder {
     /// Sets the pose of an instance.
     ///
     /// # Errors
-    /// [`PoseError`] for an instance that the layout has not, or a pose that [`Pose::check`] refuses.
+    /// [`PoseError`] for an instance outside the layout, or a pose that [`Pose::check`] refuses.
     pub fn set_pose(&mut self, instance: u32, pose: Pose) -> Result<(), PoseError> {
         let count = self.poses.len() as u32;
         let Some(place) = self.poses.get_mut(instance as usize) else {
@@ -264,8 +265,8 @@ impl Encoder {
         Ok(())
     }
 
-    /// Tries all unplaced points again, by ascending id. It returns at once when no slot has come free
-    /// since the last call.
+    /// Tries to place all unplaced points, by ascending id. It returns at once if no slot became free since the last
+    /// call.
     pub fn retry_unplaced(&mut self) {
         if !self.tables.take_freed() {
             return;
@@ -279,19 +280,19 @@ impl Encoder {
         }
     }
 
-    /// What clients hold after the last finished frame.
+    /// Returns the state of clients after the last finished frame.
     #[must_use]
     pub fn state(&self) -> &State {
         &self.sent
     }
 
-    /// How full the tables are now, and what did not fit.
+    /// Returns how full the tables are, and how many points did not fit.
     #[must_use]
     pub fn counts(&self) -> Occupancy {
         Occupancy { cells: self.tables.cells_used(), ..self.counts }
     }
 
-    /// What became of a point when it was last put or retried; `None` for one that is not there.
+    /// Returns the result of the last attempt to place a point; `None` for a point that is not there.
     #[must_use]
     pub fn placement(&self, point: u32) -> Option<Placement> {
         match self.points.get(point as usize)?.status {
@@ -303,13 +304,13 @@ impl Encoder {
 
     /// Writes the frame that brings clients from the last finished frame to now.
     ///
-    /// A delta holds what differs from the last frame. A keyframe holds everything in use, and clears the
-    /// stale cells that clients still hold.
+    /// A delta holds the differences from the last frame. A keyframe holds everything in use, and clears the stale
+    /// cells of clients.
     ///
     /// # Errors
-    /// [`EncodeError::NoKeyframe`] when the first frame is a delta, [`EncodeError::FrameOrder`] when the
-    /// index does not grow, [`EncodeError::Block`] when a block cannot be compressed. No change is lost
-    /// then: the next call writes it.
+    /// [`EncodeError::NoKeyframe`] if the first frame is a delta. [`EncodeError::FrameOrder`] if the index does not
+    /// grow. [`EncodeError::Block`] if a block cannot be compressed. No change is lost, and the next call writes them
+    /// all.
     pub fn finish(&mut self, meta: FrameMeta, coder: BlockCoder) -> Result<EncodedFrame, EncodeError> {
         let frame = meta.frame;
         match self.sent.frame() {
@@ -345,18 +346,18 @@ impl Encoder {
         self.points.get(point as usize).copied().ok_or(PointError::Unknown { point, count })
     }
 
-    /// A point, its instance and its number there.
+    /// Returns a point with its instance and its number there.
     fn point_ref(&self, point: u32) -> PointRef {
         let instance = self.instance_of(point);
         PointRef { id: point, instance, number: (point - self.first_points[instance]) as usize }
     }
 
     fn instance_of(&self, point: u32) -> usize {
-        // The last instance that starts at or before the point; those without points are passed over.
+        // The last instance that starts at or before the point. Instances without points are skipped.
         self.first_points.partition_point(|first| *first <= point) - 1
     }
 
-    /// Takes a point out of its slot, or off the list of the unplaced.
+    /// Takes a point out of its slot, or off the list of unplaced points.
     fn take_out(&mut self, point: u32, status: PointStatus) {
         match status {
             PointStatus::Absent => return,
@@ -372,7 +373,7 @@ impl Encoder {
         self.points[point as usize].status = PointStatus::Absent;
     }
 
-    /// Finds a slot for a point that has none, or puts it on the list of the unplaced.
+    /// Finds a slot for a point without one, or adds the point to the list of unplaced points.
     fn place(&mut self, point: u32, instance: usize) -> Placement {
         let layout = &self.layout.instances()[instance];
         let PointRecord { coord, word, .. } = self.points[point as usize];

@@ -1,4 +1,4 @@
-//! The example of the specification: a frame that is written out there byte by byte.
+//! The example of the specification: a frame that it writes out byte by byte.
 
 use std::fmt::Write;
 use std::sync::Arc;
@@ -27,18 +27,18 @@ fn meta(kind: FrameKind, frame: u32) -> FrameMeta {
     FrameMeta { kind, frame: FrameIndex(frame), time: StreamTime(16_667), changed_points: 1 }
 }
 
-/// A stored keyframe with one pose, one bucket and one cell.
+/// Returns a stored keyframe with one pose, one bucket and one cell.
 pub(crate) fn key() -> EncodedFrame {
     encoder().finish(meta(FrameKind::Key, 1), BlockCoder::Stored).unwrap()
 }
 
-/// A fenced block of the specification.
+/// Returns a fenced block of the specification.
 pub(crate) fn fenced(name: &str) -> &'static str {
     let (_, rest) = SPEC.split_once(&format!("```{name}\n")).unwrap();
     rest.split_once("```").unwrap().0
 }
 
-/// The bytes of a fenced block of the specification whose lines are `offset  bytes  | meaning`.
+/// Returns the bytes of a fenced block of the specification, whose lines are `offset bytes | meaning`.
 pub(crate) fn dump(name: &str) -> Vec<u8> {
     let mut out = Vec::new();
     for line in fenced(name).lines() {

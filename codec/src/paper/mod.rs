@@ -1,7 +1,8 @@
 //! Profile `paper`: the structures of "PSAO: Point-Based Split Rendering for Ambient Occlusion" (sections 3.1 to 3.5).
 //!
-//! Every instance has a virtual grid of cells. Hash buckets find the cells in use; a cell holds seven points, each of 32, 24 or
-//! 16 bits. A frame carries whole buckets and poses, and cells as their exclusive or with the cells sent last.
+//! Every instance has a virtual grid of cells. Hash buckets find the cells in use. A cell holds seven points of 32, 24
+//! or 16 bits each. A frame carries whole buckets and poses, and each cell as its exclusive or with the cell sent
+//! last.
 
 mod cells;
 mod changes;

@@ -12,11 +12,11 @@ const POINTS_MASK: u32 = 31;
 const COUNT_SHIFT: u32 = 27;
 const COUNT_MASK: u32 = 15;
 
-/// One entry of a bucket: the raw id of a cell, and where the cell is.
+/// An entry of a bucket: the raw id of a cell, and the index of the cell.
 ///
-/// The first word is the raw id of Eq. 1. The second, from its low end: 22 bits cell index, 5 bits points in
-/// the cell, 4 bits entries in use in this bucket (in the first entry only, 0 in the others), 1 bit 0. An
-/// entry is in use when its cell has points; an unused one is all zero.
+/// The first word is the raw id of Eq. 1. From its low end, the second has 22 bits cell index, 5 bits points in the
+/// cell, 4 bits entries in use in the bucket (only in the first entry, 0 in the others), and a 0. An entry is in use
+/// if its cell has points; an unused entry is all zero.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Entry {
     id: u32,
@@ -24,30 +24,30 @@ pub struct Entry {
 }
 
 impl Entry {
-    /// An entry in use: `points` is 1 to 7 and `cell` at most [`MAX_CELL_INDEX`].
+    /// Creates an entry in use: `points` is 1 to 7, and `cell` is at most [`MAX_CELL_INDEX`].
     pub(crate) fn new(id: u32, cell: u32, points: u8) -> Entry {
         Entry { id, word: cell | (u32::from(points) << POINTS_SHIFT) }
     }
 
-    /// The raw id of the cell (Eq. 1).
+    /// Returns the raw id of the cell (Eq. 1).
     #[must_use]
     pub fn id(self) -> u32 {
         self.id
     }
 
-    /// Index of the cell among the cells of the state.
+    /// Returns the index of the cell among the cells of the state.
     #[must_use]
     pub fn cell(self) -> u32 {
         self.word & MAX_CELL_INDEX
     }
 
-    /// Points in the cell; 0 marks an unused entry.
+    /// Returns the number of points in the cell; 0 marks an unused entry.
     #[must_use]
     pub fn points(self) -> u8 {
         ((self.word >> POINTS_SHIFT) & POINTS_MASK) as u8
     }
 
-    /// Whether the entry names a cell.
+    /// Returns whether the entry names a cell.
     #[must_use]
     pub fn is_used(self) -> bool {
         self.points() > 0
@@ -66,12 +66,12 @@ impl Entry {
     }
 }
 
-/// A bucket: eight entries, those in use first. 64 B on the wire, 16 words: each entry's id, then its
-/// second word.
+/// A bucket: eight entries, those in use first. On the wire it has 64 B or 16 words: the id and then the second word
+/// of each entry.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Bucket([Entry; ENTRIES_PER_BUCKET]);
 
-/// Why the content of a bucket was refused.
+/// Why a bucket was refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum BucketError {
@@ -86,7 +86,7 @@ pub enum BucketError {
     Points {
         /// Index of the entry, 0 to 7.
         entry: usize,
-        /// Points claimed.
+        /// Claimed number of points.
         points: u8,
     },
     /// An entry names a cell that does not exist.
@@ -94,13 +94,13 @@ pub enum BucketError {
     Cell {
         /// Index of the entry, 0 to 7.
         entry: usize,
-        /// The cell named.
+        /// The cell.
         cell: u32,
-        /// Cells there are.
+        /// Number of cells.
         capacity: u32,
     },
-    /// The number of entries in use is wrong, or stands in an entry that is not the first, or the top bit
-    /// of an entry is set.
+    /// The number of entries in use is wrong, or is in another entry than the first, or the top bit of an entry is
+    /// set.
     #[error("entry {entry} has wrong bits above its point count")]
     Count {
         /// Index of the entry, 0 to 7.
@@ -109,7 +109,7 @@ pub enum BucketError {
 }
 
 impl Bucket {
-    /// All eight entries, those in use first.
+    /// Returns all eight entries, those in use first.
     #[must_use]
     pub fn entries(&self) -> &[Entry; ENTRIES_PER_BUCKET] {
         &self.0
@@ -119,7 +119,7 @@ impl Bucket {
         &mut self.0
     }
 
-    /// The 16 words of the bucket, as on the wire.
+    /// Returns the 16 words of the bucket, as on the wire.
     #[must_use]
     pub fn to_words(&self) -> [u32; 2 * ENTRIES_PER_BUCKET] {
         let mut words = [0; 2 * ENTRIES_PER_BUCKET];
@@ -134,9 +134,9 @@ impl Bucket {
         Bucket(std::array::from_fn(|at| Entry { id: words[2 * at], word: words[2 * at + 1] }))
     }
 
-    /// Puts the entries in use first (paper, section 3.4) and writes their number into the first.
+    /// Moves the entries in use to the front (paper, section 3.4) and writes their number into the first.
     ///
-    /// Each hole is filled with the last entry in use, which moves as few entries as can be.
+    /// The last entry in use fills each hole, which moves as few entries as possible.
     pub(crate) fn compact(&mut self) {
         let mut end = ENTRIES_PER_BUCKET;
         let mut at = 0;
@@ -152,7 +152,7 @@ impl Bucket {
         self.0[0].set_count(at);
     }
 
-    /// Whether this is what [`Bucket::compact`] makes, with cells below `capacity`.
+    /// Checks that this is a result of [`Bucket::compact`] with cells below `capacity`.
     pub(crate) fn check(&self, capacity: u32) -> Result<(), BucketError> {
         let used = self.0.iter().take_while(|entry| entry.is_used()).count();
         for (at, entry) in self.0.iter().enumerate() {

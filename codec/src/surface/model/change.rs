@@ -1,8 +1,8 @@
-//! Changes by the range coder: which blocks, which points, which way and how far, each decision with a context of what
-//! the neighbours along the curve and the point itself did, now and in the frames before.
+//! Model of changes for the range coder: which point blocks, which points, their signs and sizes. The contexts of a
+//! decision are what the neighbours along the curve and the point itself did, in this frame and in earlier ones.
 //!
-//! The contexts are those that paid when each was taken out alone on traces of four scenes; neighbours coded in space
-//! instead of along the curve would save 4 to 13 % more, but then AO could not be decoded without geometry.
+//! Each context paid on traces of four scenes when it alone was removed. Neighbours in space instead of along the
+//! curve would save 4 to 13 % more, but then AO could not be decoded without geometry.
 
 use super::history::{History, NEVER};
 use crate::memory;
@@ -10,12 +10,12 @@ use crate::range::{BinaryCoder, BitModel, Logistic, MAX_WEIGHT, Mixer, NumberMod
 use crate::surface::section::changes::{Changes, MAX_LEVEL};
 use crate::surface::{BLOCK_POINTS, Layout, PaddedIndex};
 
-/// Blocks that one decision can pass over.
+/// Number of blocks that one decision can skip.
 const GROUP: usize = 16;
 /// Levels beyond this one are coded as a number.
 const STEPS: usize = 12;
 
-/// What the coder has learned of a stream's changes.
+/// What the coder has learned of the changes of a stream.
 #[derive(Debug, PartialEq)]
 pub(crate) struct ChangeModel {
     pub(crate) groups: Vec<BitModel>,
@@ -26,14 +26,15 @@ pub(crate) struct ChangeModel {
     pub(crate) large: NumberModel,
 }
 
-/// `N` tables of slots and the mixer that weighs them.
+/// `N` tables of bit models, and the mixer that weighs one input from each.
 #[derive(Debug, PartialEq)]
 pub(crate) struct ContextMixer<const N: usize> {
     pub(crate) tables: [Vec<BitModel>; N],
     pub(crate) mixer: Mixer<N>,
 }
 
-/// By hand, as for [`ContextMixer`] and [`Mixer`]: a decoder copies the model for every frame, into memory that it has.
+/// Implemented by hand so that `clone_from` reuses allocations: a decoder copies the model once a frame.
+/// [`ContextMixer`] and [`Mixer`] do the same.
 impl Clone for ChangeModel {
     fn clone(&self) -> ChangeModel {
         let ChangeModel { groups, block, point, sign, size, large } = self;
@@ -126,13 +127,13 @@ fn take_models<'a>(
     Ok(())
 }
 
-/// What both sides know when a frame is coded: the state before it.
+/// The part of the state before a frame that the models may look at.
 #[derive(Clone, Copy)]
 pub(crate) struct StateView<'a> {
     pub(crate) layout: &'a Layout,
-    /// AO bytes by slot.
+    /// AO bytes, by padded index.
     pub(crate) values: &'a [u8],
-    /// By block, whether it came.
+    /// By block: whether its values were received.
     pub(crate) present: &'a [bool],
     pub(crate) history: &'a History,
 }
@@ -144,7 +145,7 @@ impl ChangeModel {
         memory::list(groups) + block.heap_bytes() + point.heap_bytes() + sign.heap_bytes() + size.heap_bytes()
     }
 
-    /// A model that has seen nothing.
+    /// Creates a fresh model.
     pub(crate) fn new() -> ChangeModel {
         ChangeModel {
             groups: vec![BitModel::new(1 << 13); 12],
@@ -160,8 +161,8 @@ impl ChangeModel {
         }
     }
 
-    /// Everything learned, as words: slots of the groups; for blocks, points, signs and sizes the slots of their tables,
-    /// then the weights, situation by situation; the slots of large sizes.
+    /// Returns everything learned, as words: the bit models of the groups; for blocks, points, signs and sizes the bit
+    /// models of the tables and then the weights, situation after situation; the bit models of large sizes.
     pub(crate) fn words(&self) -> Vec<u32> {
         let mut words = Vec::new();
         words.extend(self.groups.iter().map(|model| model.0));
@@ -173,7 +174,8 @@ impl ChangeModel {
         words
     }
 
-    /// Takes back what [`ChangeModel::words`] gave, of which there are as many. The error has the word that cannot be.
+    /// Sets everything learned from the words of [`ChangeModel::words`], of which there are as many. The error has the
+    /// index and value of an impossible word.
     pub(crate) fn set_words(&mut self, words: impl Iterator<Item = u32>) -> Result<(), (usize, u32)> {
         let mut words = words.enumerate();
         take_models(&mut self.groups, &mut words)?;
@@ -184,8 +186,8 @@ impl ChangeModel {
         take_models(self.large.models_mut(), &mut words)
     }
 
-    /// Codes the changes of a frame. A writer gives them in `source`; both sides find them in `coded` afterwards. A reader
-    /// stops after more than `most` changes, or when `stop` says that nothing sensible follows.
+    /// Codes the changes of a frame. A decoder stops after more than `most` changes, or when `stop` returns true
+    /// because nothing sensible follows.
     pub(crate) fn code<B: BinaryCoder>(
         &mut self,
         coder: &mut B,
@@ -217,7 +219,7 @@ impl ChangeModel {
     }
 }
 
-/// The writer's changes, passed over in order. A reader's are empty.
+/// Reads the changes of an encoder in order. Those of a decoder are empty.
 struct ChangeCursor<'a> {
     changes: &'a Changes,
     block: usize,
@@ -229,12 +231,12 @@ impl<'a> ChangeCursor<'a> {
         ChangeCursor { changes, block: 0, level: 0 }
     }
 
-    /// Whether a block from the next one on, before `end`, changes.
+    /// Returns whether a block from the next one on, before `end`, changes.
     fn any_before(&self, end: usize) -> bool {
         self.changes.points.blocks.get(self.block).is_some_and(|block| (*block as usize) < end)
     }
 
-    /// The points of this block that change.
+    /// Returns the points of this block that change.
     fn mask(&mut self, block: usize) -> u64 {
         if self.changes.points.blocks.get(self.block) != Some(&(block as u32)) {
             return 0;
@@ -249,14 +251,14 @@ impl<'a> ChangeCursor<'a> {
     }
 }
 
-/// The eight points before the one at hand, in this frame.
+/// The past: the eight points coded before, in this frame.
 #[derive(Clone, Copy, Default)]
 struct Past {
-    /// Which changed, the nearest in the lowest bit.
+    /// Points that changed; the nearest is the lowest bit.
     changed: u8,
-    /// Which of them became darker.
+    /// Points among them that became darker.
     darker: u8,
-    /// Sizes of the changes, a byte each, the nearest in the lowest.
+    /// Sizes of the changes, a byte each; the nearest is the lowest.
     sizes: u64,
 }
 
@@ -269,14 +271,14 @@ impl Past {
     }
 }
 
-/// What is view neighbours the points of one block, from the frames before.
+/// What earlier frames tell about the points of a block and those next to it.
 struct BlockNeighbours {
-    /// Points that changed in the last frame: bit 4 is the block's first, bits 0 to 3 those before it.
+    /// Points that changed in the last frame: bit 4 is the first of the block, bits 0 to 3 are those before it.
     recent: u128,
     darker: u128,
-    /// Liveliness, from four points before the block's first on.
+    /// Faded activity, from four points before the first of the block on.
     activity: [u8; BLOCK_POINTS + 8],
-    /// Sums of liveliness of all points before.
+    /// Sums of the faded activity of all points before.
     sums: [u16; BLOCK_POINTS + 9],
 }
 
@@ -290,7 +292,8 @@ struct ChangeCoder<'a, B: BinaryCoder> {
 }
 
 impl<B: BinaryCoder> ChangeCoder<'_, B> {
-    /// Codes a run of blocks; whether anything in it changes. `before`: whether anything in the run before did.
+    /// Codes a group of blocks and returns whether any of them changed. `before` is that result for the previous
+    /// group.
     fn group(&mut self, group: std::ops::Range<usize>, before: bool) -> bool {
         let view = self.view;
         if !view.present[group.clone()].contains(&true) {
@@ -312,7 +315,8 @@ impl<B: BinaryCoder> ChangeCoder<'_, B> {
         any_changed
     }
 
-    /// Codes a block; `past` is that of the block before, if it is of the same instance and group.
+    /// Codes a block and returns the past after it. `past` is that of the block before, if it is of the same instance
+    /// and group.
     fn block(&mut self, block: usize, past: Past) -> Past {
         let recent = &self.view.history.recent;
         let count = |mask: u64| significant(mask.count_ones() as usize);
@@ -369,7 +373,8 @@ impl<B: BinaryCoder> ChangeCoder<'_, B> {
         BlockNeighbours { recent: window(&history.recent), darker: window(&history.darker), activity, sums }
     }
 
-    /// Codes one point; its level, 0 when it does not change.
+    /// Codes a point and returns its level, 0 if it does not change. `alone` tells whether it is the first of its
+    /// instance.
     #[inline]
     fn point(
         &mut self,
@@ -382,7 +387,7 @@ impl<B: BinaryCoder> ChangeCoder<'_, B> {
     ) -> i16 {
         let history = self.view.history;
         let place = index.0 % BLOCK_POINTS;
-        // Four points to either side, without the one between.
+        // Four points to either side, without the point itself.
         let side = |window: u128| ((window >> place) as u32 & 0b1_1110_1111).count_ones() as usize;
         let recent = side(neighbours.recent);
         let darker = side(neighbours.darker);
@@ -442,7 +447,7 @@ impl<B: BinaryCoder> ChangeCoder<'_, B> {
         if darkens { -1 - size } else { 1 + size }
     }
 
-    /// Codes the size of a change, less one.
+    /// Codes the size of a change minus 1.
     #[inline]
     fn size(&mut self, at: impl Fn(usize) -> [usize; 4], source: u32) -> u32 {
         self.coder.set_class(SymbolClass::Sizes);
@@ -454,18 +459,18 @@ impl<B: BinaryCoder> ChangeCoder<'_, B> {
         }
         let beyond = source.saturating_sub(STEPS as u32);
         let beyond = self.model.large.code(self.coder, beyond);
-        // A level that is too large stays too large, and is refused with the others.
+        // A level that is too large stays too large. It is refused with the others.
         beyond.min(MAX_LEVEL as u32) + STEPS as u32
     }
 }
 
-/// Significant bits of a number: 0, 1, 2, 2, 3 ..
+/// Returns the number of significant bits: 0, 1, 2, 2, 3 ..
 #[inline]
 fn significant(value: usize) -> usize {
     (usize::BITS - value.leading_zeros()) as usize
 }
 
-/// Two classes an octave, 16 for bytes: 0, 1, 2, 3, 4-5, 6-7, 8-11, 12-15 ...
+/// Returns a class of a number, two an octave and 16 for bytes: 0, 1, 2, 3, 4-5, 6-7, 8-11, 12-15 ..
 #[inline]
 fn half_octave(value: u32) -> usize {
     if value < 4 {
@@ -475,7 +480,7 @@ fn half_octave(value: u32) -> usize {
     (2 * high + (value >> (high - 1) & 1)) as usize
 }
 
-/// How long ago a point changed, in six classes.
+/// Returns the class of an age, of six.
 #[inline]
 fn age_class(age: u8) -> usize {
     match age {
@@ -488,8 +493,8 @@ fn age_class(age: u8) -> usize {
     }
 }
 
-/// Where a point is between its changes, if they come at regular times: quarters of its last period that have passed,
-/// 13 for more; 14 when the last change is too long ago, 15 when there was only one.
+/// Returns the phase of a point between regular changes: the quarters of its last period that have passed, at most 13.
+/// It is 14 if the last change is too long ago, and 15 if there was at most one.
 #[inline]
 fn phase(age: u8, period: u8) -> usize {
     match (age, period) {

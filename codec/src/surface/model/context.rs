@@ -1,43 +1,43 @@
-//! CONTEXT sections: history and model, for a keyframe made in the middle of a group. With them a client that joins there
-//! reads the updates that follow as all others do.
+//! CONTEXT sections: history and change model, for a keyframe in the middle of a group. A client that joins with it
+//! can decode the same updates as all others.
 //!
-//! The plain layout is: four bytes a slot in four planes, age, period, last (signed) and liveliness; then every slot
-//! and weight of the change model as u32, in the order of [`ChangeModel::words`], exclusive or with those of a model
-//! that has seen nothing.
+//! The plain layout has four planes of one byte for every padded index: age, period, last (signed) and activity. Then
+//! follows every bit model and weight of the change model as u32, in the order of [`ChangeModel::words`]. Each is the
+//! exclusive or with that of a fresh model.
 
 use super::change::ChangeModel;
 use super::history::History;
 use crate::wire::{push_words, words};
 
-/// What is wrong with a context.
+/// Why a context was refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ContextError {
-    /// It has another length than the layout makes.
+    /// Its length differs from that of the layout.
     #[error("it has {found} B, the layout makes {expected} B")]
     Length {
-        /// Bytes that the layout makes.
+        /// Length by the layout, bytes.
         expected: usize,
-        /// Bytes found.
+        /// Found, bytes.
         found: usize,
     },
-    /// A point changed last by less than -127 quanta.
+    /// The last level of a point is -128, outside -127 to 127.
     #[error("padded index {padded_index} changed last by -128 quanta")]
     Last {
         /// The padded index of the point.
         padded_index: usize,
     },
-    /// A number that no model learns.
+    /// A word that no model has.
     #[error("word {word} of the model is {found:#010x}")]
     Model {
         /// Index of the word.
         word: usize,
-        /// What it is.
+        /// Found.
         found: u32,
     },
 }
 
-/// Bytes of the plain layout for so many slots.
+/// Returns the length of the plain layout for `padded_count` padded indices, in bytes.
 pub(crate) fn plain_bytes(padded_count: usize) -> usize {
     4 * padded_count + 4 * ChangeModel::new().words().len()
 }
@@ -53,7 +53,7 @@ pub(crate) fn write(history: &History, model: &ChangeModel, out: &mut Vec<u8>) {
     }
 }
 
-/// Reads the plain layout. `history` and `model` are overwritten, and are unsaid after an error.
+/// Reads the plain layout into `history` and `model`. Their content is unspecified after an error.
 pub(crate) fn read(raw: &[u8], history: &mut History, model: &mut ChangeModel) -> Result<(), ContextError> {
     let padded_count = history.age.len();
     let (expected, found) = (plain_bytes(padded_count), raw.len());

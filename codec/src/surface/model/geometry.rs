@@ -1,28 +1,29 @@
-//! Geometry by the range coder: a box is halved again and again, and how many points are in the lower half is coded
-//! (P.-M. Gandoin and O. Devillers, "Progressive lossless compression of arbitrary simplicial complexes", 2002). That
-//! takes no bits for the order of the points. A point that is alone in its box is where the plane of a point near it
-//! says, mostly, and has that point's normal.
+//! Model of geometry for the range coder. It halves a box again and again and codes how many points are in the lower
+//! half (P.-M. Gandoin and O. Devillers, "Progressive lossless compression of arbitrary simplicial complexes", 2002).
+//! So the order of the points costs no bits. A point alone in its box is predicted to lie in the plane of a point near
+//! it, and to have its normal.
 
 use crate::range::{BinaryCoder, BitModel, NumberModel};
 use crate::surface::geometry::Geometry;
 use crate::surface::{GeometrySectionError, SetLayout};
 
-/// Points last coded that the next one is predicted from.
+/// Size of the window: the points coded last, from which the next one is predicted.
 const WINDOW: usize = 16;
-/// Counts in a box that have contexts of their own.
+/// Number of counts in a box with contexts of their own.
 const COUNTS: usize = 17;
 
-/// What the coder has learned; it starts afresh with every frame.
+/// What the coder has learned. Every frame starts a fresh model.
 pub(crate) struct GeometryModel {
-    /// By count, direction of the cut and size of the box: whether the lower half is empty, whether the upper one is.
+    /// By count, direction of the cut and size of the box: whether the lower half is empty, and whether the upper half
+    /// is.
     empty: [Vec<BitModel>; 2],
-    /// By class of the count: the share of the lower half, its first bits.
+    /// By class of the count: the first bits of the share of the lower half.
     share: Vec<BitModel>,
     /// By place of the predicted plane and size of the box: whether the point is in the upper half.
     plane: Vec<BitModel>,
-    /// Whether the normal is that of the first candidate, of the second.
+    /// Whether the normal is that of the first candidate, and of the second.
     same: [Vec<BitModel>; 2],
-    /// Differences of normals otherwise.
+    /// Differences of other normals.
     turn: [NumberModel; 2],
     recent: Vec<Point>,
     was_same: bool,
@@ -33,22 +34,22 @@ pub(crate) struct GeometryModel {
 struct Point {
     coord: [u32; 3],
     normal: u16,
-    /// Its normal, not of unit length, with whole numbers.
+    /// Its normal in whole numbers, not of unit length.
     direction: [i64; 3],
 }
 
-/// A box of the lattice: `size[axis]` is the logarithm of its edge.
+/// A box of the lattice. `size[axis]` is the logarithm of its edge.
 #[derive(Debug, Clone, Copy)]
 struct Cuboid {
     low: [u32; 3],
     size: [u32; 3],
     count: usize,
-    /// First of its points in the writer's list.
+    /// Index of its first point in the encoder's list.
     first: usize,
 }
 
 impl Cuboid {
-    /// The axis along which it is cut: its longest, of equals the first.
+    /// Returns the axis along which it is cut: the longest, and the first of equal ones.
     fn axis(&self) -> usize {
         let longest = self.size.into_iter().max().unwrap_or(0);
         self.size.iter().position(|size| *size == longest).unwrap_or(0)
@@ -69,7 +70,7 @@ impl GeometryModel {
         }
     }
 
-    /// Codes the points of a set. A writer gives them in `source`, a reader `None`.
+    /// Codes the points of a set. A decoder passes `None` as `source`.
     pub(crate) fn code<B: BinaryCoder>(
         &mut self,
         coder: &mut B,
@@ -104,7 +105,7 @@ impl GeometryModel {
         Ok(Geometry::sorted(*layout, &coded))
     }
 
-    /// Cuts a box in two.
+    /// Cuts a box in two halves.
     fn cut<B: BinaryCoder>(
         &mut self,
         coder: &mut B,
@@ -124,7 +125,7 @@ impl GeometryModel {
         Ok((lower, upper))
     }
 
-    /// Codes how many points of a box are in its lower half.
+    /// Codes the number of points in the lower half of a box.
     fn lower_count<B: BinaryCoder>(
         &mut self,
         coder: &mut B,
@@ -144,7 +145,7 @@ impl GeometryModel {
                 return Ok(all);
             }
         }
-        // One to count - 1 remain.
+        // 1 to count - 1 remain.
         let width = usize::BITS - (count - 2).leading_zeros();
         let rest = source.wrapping_sub(1);
         let mut node = 1;
@@ -190,12 +191,12 @@ impl GeometryModel {
         Ok((coord, normal))
     }
 
-    /// Codes one coordinate in `low .. low + 2^size`, which is expected to be near `plane`.
+    /// Codes one coordinate in `low .. low + 2^size`, which is probably near `plane`.
     fn height<B: BinaryCoder>(&mut self, coder: &mut B, low: u32, size: u32, plane: i64, source: u32) -> u32 {
         let mut low = low;
         for size in (0..size).rev() {
             let middle = low + (1 << size);
-            // How far above the middle the plane is, in quarters of half the box.
+            // Height of the plane above the middle, in quarters of half the box.
             let above = ((plane - i64::from(middle)) * 8 + 4).div_euclid(2 << size).clamp(-8, 8) + 8;
             let model = &mut self.plane[above as usize * 8 + size.min(7) as usize];
             let upper = coder.bit(model.one(), source >= middle);
@@ -248,8 +249,8 @@ impl GeometryModel {
         Ok((axes[0] | axes[1] << width) as u16)
     }
 
-    /// The normals of the two points, with different normals, that suit a place best: near it, and it in their plane. The
-    /// second number says how badly it lies in the plane, in nodes.
+    /// Returns the normals of the two points, with different normals, that fit a place best: near it, and with it in
+    /// their plane. The second number is the distance of the place from the plane, in nodes.
     fn candidates(&self, coord: &[u32; 3]) -> [Option<(u16, u64)>; 2] {
         let at = coord.map(i64::from);
         let cost = |point: &Point| {
@@ -257,7 +258,7 @@ impl GeometryModel {
             let plane_distance = (point.plane_at(axis, coord) - at[axis]).unsigned_abs();
             (distance(&point.coord, &at).saturating_add(plane_distance.saturating_mul(4)), plane_distance)
         };
-        // Of equals the one coded last.
+        // The last one coded wins among equals.
         let best = |left_out: Option<u16>| {
             let points = self.recent.iter().rev().filter(|point| Some(point.normal) != left_out);
             points.map(|point| (cost(point), point.normal)).min_by_key(|((cost, _), _)| *cost)
@@ -269,9 +270,9 @@ impl GeometryModel {
 }
 
 impl Point {
-    /// Where the plane through this point is along `axis`, at a place of which the other two coordinates count. Planes that
-    /// are nearly parallel to the axis have no place to speak of: the result is kept within 2^24 of the point. `axis` is the
-    /// steepest of this point's direction, along which it is never zero.
+    /// Returns where the plane through this point is along `axis`, at a place given by its other two coordinates. The
+    /// result is kept within 2^24 of the point, since a plane nearly parallel to the axis may be far away. `axis` is
+    /// the steepest axis of the direction, which is never 0 along it.
     fn plane_at(&self, axis: usize, coord: &[u32; 3]) -> i64 {
         let own = i64::from(self.coord[axis]);
         let steepness = self.direction[axis];
@@ -283,18 +284,18 @@ impl Point {
     }
 }
 
-/// Largest difference of a coordinate.
+/// Returns the largest difference of a coordinate.
 fn distance(a: &[u32; 3], b: &[i64; 3]) -> u64 {
     (0..3).map(|axis| (i64::from(a[axis]) - b[axis]).unsigned_abs()).max().unwrap_or(0)
 }
 
-/// The axis along which a direction is longest, of equals the first.
+/// Returns the axis along which a direction is longest, and the first of equal ones.
 fn steepest(direction: &[i64; 3]) -> usize {
     let longest = direction.iter().map(|axis| axis.abs()).max().unwrap_or(0);
     direction.iter().position(|axis| axis.abs() == longest).unwrap_or(0)
 }
 
-/// The direction of an octahedral code with whole numbers, see [`crate::quant::oct`]: not of unit length.
+/// Returns the direction of an octahedral code in whole numbers, not of unit length; see [`crate::quant::oct`].
 fn direction(bits: u8, code: u16) -> [i64; 3] {
     let top = (1_i64 << bits) - 1;
     let [u, v] = [code & top as u16, code >> bits].map(|axis| 2 * i64::from(axis) - top);
@@ -304,7 +305,7 @@ fn direction(bits: u8, code: u16) -> [i64; 3] {
     [folded(u), folded(v), z]
 }
 
-/// The points in the order in which boxes of one point come up.
+/// Returns the points in the order in which they become alone in their boxes.
 fn in_cutting_order(geometry: &Geometry, size: [u32; 3]) -> Vec<([u32; 3], u16)> {
     let key = |coord: &[u32; 3]| {
         let mut key = 0_u64;

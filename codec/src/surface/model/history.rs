@@ -1,36 +1,37 @@
-//! What is remembered of every point beside its AO: how it changed in the frames before. The range coder predicts
-//! from it; the other coders keep it up all the same, so that a stream may change between them.
+//! The history of every point: how it changed in earlier frames. The range coder predicts from it. The other coders
+//! update it too, so that a stream may change between coders.
 
 use crate::memory;
 use crate::surface::{BLOCK_POINTS, PaddedIndex};
 
-/// What happened to the points so far, each part by slot.
+/// The history of all points, by padded index.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct History {
-    /// Frames since the point changed, not counting the one in which it did; [`NEVER`] is any longer time.
+    /// Number of frames since the point changed, not counting the one in which it did. [`NEVER`] stands for any longer
+    /// time.
     pub(crate) age: Vec<u8>,
-    /// Frames between its last change and the one before, counted likewise.
+    /// Number of frames between its last change and the one before, counted likewise.
     pub(crate) period: Vec<u8>,
-    /// By how many quanta it changed last, within -127 to 127; 0 if it never did.
+    /// Level of its last change, within -127 to 127; 0 if it never changed.
     pub(crate) last: Vec<i8>,
-    /// How activity it was when it last changed, see [`History::liveliness`].
+    /// Activity at its last change, see [`History::faded_activity`].
     pub(crate) activity: Vec<u8>,
-    /// Points that changed in the last frame, one bit each, by block: the points of age 0.
+    /// Points that changed in the last frame, by block, one bit each: the points of age 0.
     pub(crate) recent: Vec<u64>,
-    /// Those of them that became darker.
+    /// Points among them that became darker.
     pub(crate) darker: Vec<u64>,
-    /// Blocks whose `recent` is not zero.
+    /// Blocks whose `recent` is not 0.
     recent_blocks: Vec<u32>,
 }
 
-/// An age or period of 255 frames or more, or none.
+/// An age or period of 255 frames or more, or a missing one.
 pub(crate) const NEVER: u8 = 255;
 
-/// What is left of liveliness after so many frames without a change: (3/4)^n in 256ths, rounded.
+/// Share of the activity that is left after a number of frames without a change: (3/4)^n in 256ths, rounded.
 const FADE: [u16; 20] = [256, 192, 144, 108, 81, 61, 46, 34, 26, 19, 14, 11, 8, 6, 5, 3, 3, 2, 1, 1];
 
 impl History {
-    /// Nothing has happened to any point of so many blocks.
+    /// Creates the history of `blocks` blocks in which nothing has changed yet.
     pub(crate) fn new(blocks: usize) -> History {
         let padded = blocks * BLOCK_POINTS;
         History {
@@ -51,7 +52,7 @@ impl History {
         bytes + memory::list(recent) + memory::list(darker) + memory::list(recent_blocks)
     }
 
-    /// A history with these parts, each by slot and as long as whole blocks.
+    /// Creates a history from its parts, each by padded index and as long as whole blocks.
     pub(crate) fn from_parts(age: Vec<u8>, period: Vec<u8>, last: Vec<i8>, activity: Vec<u8>) -> History {
         let blocks = age.len() / BLOCK_POINTS;
         let (recent, darker) = (vec![0; blocks], vec![0; blocks]);
@@ -71,26 +72,27 @@ impl History {
         }
     }
 
-    /// A mean of the sizes of the last changes, in 32nds of a quantum and at most 255, that fades by a quarter a frame.
+    /// Returns the faded activity: a mean of the sizes of the last changes, in 32nds of a quantum and at most 255. It
+    /// fades by a quarter a frame.
     #[inline]
     pub(crate) fn faded_activity(&self, index: PaddedIndex) -> u8 {
         let fade = FADE.get(usize::from(self.age[index.0])).copied().unwrap_or(0);
         ((u32::from(self.activity[index.0]) * u32::from(fade)) >> 8) as u8
     }
 
-    /// The quanta by which a point changed in the last frame; 0 when it did not.
+    /// Returns the level of a point in the last frame; 0 if it did not change.
     #[inline]
     pub(crate) fn recent_level(&self, index: PaddedIndex) -> i8 {
         if self.age[index.0] == 0 { self.last[index.0] } else { 0 }
     }
 
-    /// A frame has passed; the changes in it are noted afterwards.
+    /// Advances all ages by a frame. The changes of that frame are recorded afterwards.
     pub(crate) fn advance(&mut self) {
         self.age.iter_mut().for_each(|age| *age = age.saturating_add(1));
         self.clear_recent();
     }
 
-    /// Notes that a point has changed by `level` quanta in the frame that has just passed.
+    /// Records that a point changed by `level` quanta in the newest frame.
     #[inline]
     pub(crate) fn record(&mut self, index: PaddedIndex, level: i16) {
         let waited = self.age[index.0].saturating_sub(1);
@@ -105,7 +107,7 @@ impl History {
         self.mark_recent(index);
     }
 
-    /// Notes a point of age 0 in the masks.
+    /// Marks a point of age 0 in the masks.
     fn mark_recent(&mut self, index: PaddedIndex) {
         let (block, bit) = (index.block(), index.bit());
         if self.recent[block] == 0 {

@@ -1,8 +1,8 @@
-//! Patches by the range coder: which blocks, which points, then their bytes, each as its difference from what the points
-//! neighbours it have: those to the left, and those to the right that the patch leaves alone. Both sides know these, whichever
-//! frame a client is at; what the points had before, they do not.
+//! Model of patches for the range coder: which blocks, which points, then their bytes. Each byte is coded as a
+//! difference from its neighbours: those to the left, and those to the right that the patch does not name. Both ends
+//! know these bytes whatever the client's last frame is. They do not share the earlier bytes of named points.
 //!
-//! The contexts are those that paid on traces of two scenes. More inputs on which points change gained nothing.
+//! Each context paid on traces of two scenes. More inputs for which points change gained nothing.
 
 use std::ops::Range;
 
@@ -12,16 +12,16 @@ use crate::surface::section::patch::Patch;
 use crate::surface::section::point_mask::{PointMask, SetBits};
 use crate::surface::{BLOCK_POINTS, Layout, PaddedIndex};
 
-/// Blocks that one decision can pass over.
+/// Number of blocks that one decision can skip.
 const GROUP: usize = 16;
-/// Points to either side that a byte is guessed from, and how much each counts, the nearest first.
+/// Weights of the neighbours to either side from which a byte is guessed, the nearest first.
 const WEIGHTS: [u32; 3] = [6, 3, 2];
-/// Classes of a difference of bytes: how many significant bits it has.
+/// Number of classes of a difference of bytes. The class is the number of significant bits.
 const CLASSES: usize = 9;
-/// Classes of how far the byte coded before is from the guess, in eighths: -16 to 16.
+/// Number of classes of the distance between the byte coded before and the guess, in eighths: -16 to 16.
 const LEANS: usize = 33;
 
-/// What the range coder learns of one patch. It starts afresh with every one.
+/// What the range coder learns of a patch. Every patch starts a fresh model.
 pub(crate) struct PatchModel {
     numbers: NumberModel,
     groups: [BitModel; 2],
@@ -30,7 +30,7 @@ pub(crate) struct PatchModel {
     bytes: ByteModel,
 }
 
-/// What it learns of the bytes, and what the last ones were.
+/// What it learns of the bytes, and the last ones.
 struct ByteModel {
     sizes: ContextMixer<4>,
     signs: ContextMixer<4>,
@@ -39,7 +39,8 @@ struct ByteModel {
     last: u8,
     /// Classes of the last two differences, the latest first.
     classes: [usize; 2],
-    /// Whether the last bytes that were not as guessed were darker, the latest in the lowest bit.
+    /// Signs before: whether the last bytes that differed from their guess were below it. The latest is the lowest
+    /// bit.
     signs_before: usize,
 }
 
@@ -62,14 +63,14 @@ impl PatchModel {
         }
     }
 
-    /// Codes how far a patch reaches back; it goes before all else.
+    /// Codes the number of frames that a patch reaches back. It comes before all else.
     pub(crate) fn back<B: BinaryCoder>(&mut self, coder: &mut B, source: u32) -> u32 {
         self.numbers.code(coder, source)
     }
 
-    /// Codes the points of a patch. A writer gives it in `source`; both sides find it in `coded`. `values` has the bytes of
-    /// all slots, and is brought up to date; those of slots that change are not looked at before. A reader stops after more
-    /// than `most` points, or when `stop` says that nothing sensible follows.
+    /// Codes the points of a patch. `values` has the bytes of all padded indices and is updated; the old bytes of
+    /// named points are not used. A decoder stops after more than `most` points, or when `stop` returns true because
+    /// nothing sensible follows.
     pub(crate) fn code<B: BinaryCoder>(
         &mut self,
         coder: &mut B,
@@ -101,7 +102,7 @@ impl PatchModel {
         }
     }
 
-    /// Codes which points.
+    /// Codes which points the patch names.
     fn points<B: BinaryCoder>(
         &mut self,
         coder: &mut B,
@@ -139,7 +140,7 @@ impl PatchModel {
         }
     }
 
-    /// Codes which of the `points` of a block; `prior` are those of the block numbered one lower.
+    /// Codes which of the `points` points of a block are named. `prior` has those of the block numbered one lower.
     fn mask<B: BinaryCoder>(&mut self, coder: &mut B, points: usize, prior: u64, source: u64) -> u64 {
         coder.set_class(SymbolClass::Blocks);
         let model = &mut self.blocks[significant(prior.count_ones())];
@@ -149,7 +150,7 @@ impl PatchModel {
             return 0;
         }
         coder.set_class(SymbolClass::Points);
-        // The nearest in the lowest bit.
+        // The nearest is the lowest bit.
         let mut past = (prior >> 56) as u8;
         past = past.reverse_bits();
         let mut mask = 0;
@@ -184,7 +185,7 @@ impl ByteModel {
         self.last
     }
 
-    /// Codes how many significant bits a difference has, 0 to 8.
+    /// Codes the class of a difference: its number of significant bits, 0 to 8.
     fn class<B: BinaryCoder>(
         &mut self,
         coder: &mut B,
@@ -207,7 +208,7 @@ impl ByteModel {
         CLASSES - 1
     }
 
-    /// Codes whether a byte is below the guess.
+    /// Codes the sign of a difference: whether a byte is below its guess.
     fn darker<B: BinaryCoder>(
         &mut self,
         coder: &mut B,
@@ -229,7 +230,7 @@ impl ByteModel {
         }
     }
 
-    /// Codes a difference of which the significant bits are counted.
+    /// Codes the size of a difference of a known class.
     fn rest<B: BinaryCoder>(&mut self, coder: &mut B, class: usize, source: u32) -> u32 {
         let Some(below) = (class as u32).checked_sub(2) else { return 1 };
         let model = &mut self.seconds[class];
@@ -241,9 +242,9 @@ impl ByteModel {
 
 /// What is known neighbours a point.
 struct Neighbours {
-    /// The weighted mean of the bytes there; 255 if there are none.
+    /// Weighted mean of their bytes; 255 if there are none.
     guess: u8,
-    /// How far they are apart.
+    /// Difference of their largest and smallest byte; 255 if there are none.
     spread: u8,
 }
 
@@ -275,7 +276,7 @@ impl Neighbours {
     }
 }
 
-/// Significant bits of a number: 0, 1, 2, 2, 3 ..
+/// Returns the number of significant bits: 0, 1, 2, 2, 3 ..
 fn significant(value: u32) -> usize {
     (u32::BITS - value.leading_zeros()) as usize
 }

@@ -1,24 +1,24 @@
-//! The range coder's model of AO that comes for the first time, or again with a keyframe.
+//! Model of values for the range coder: AO that arrives for the first time, or again with a keyframe.
 //!
-//! Each byte is eight decisions, high bit first, with what came before along the curve and what the instance before it of the
-//! same set has at the same place as inputs.
+//! Each byte is eight decisions, high bit first. Their inputs are the values before it along the curve, and the value
+//! at the same place of the previous instance of the same set.
 
 use crate::range::{BinaryCoder, NumberModel, logistic};
 use crate::surface::model::change::ContextMixer;
 use crate::surface::section::values::{ArrivalCheck, ValueError, Values};
 use crate::surface::{BLOCK_POINTS, Layout};
 
-/// What the range coder learns of one frame's values, section after section. It starts afresh with every frame.
+/// What the range coder learns of the values of one frame, section after section. Every frame starts a fresh model.
 pub(crate) struct ValueModel {
     numbers: NumberModel,
     bytes: ContextMixer<4>,
 }
 
-/// Points before the one at hand that are looked at.
+/// Number of earlier points that are looked at.
 const PAST: usize = 8;
-/// Weights of those in the mean, the nearest first.
+/// Their weights in the mean, the nearest first.
 const WEIGHTS: [u32; 3] = [2, 1, 1];
-/// Where no value is known.
+/// Stands for an unknown value.
 const UNKNOWN: u8 = 255;
 
 impl ValueModel {
@@ -30,8 +30,8 @@ impl ValueModel {
         }
     }
 
-    /// Codes values. A writer gives them in `source`, and `records` is their number; both sides find them in `coded`.
-    /// `values` has the bytes of all slots, `present` the blocks that were there before; both are brought up to date.
+    /// Codes values; `records` is their number. `values` has the bytes of all padded indices, and `present` tells
+    /// which blocks were there before. Both are updated.
     pub(crate) fn code<B: BinaryCoder>(
         &mut self,
         coder: &mut B,
@@ -100,7 +100,7 @@ impl ValueModel {
             .previous_of_set(instance)
             .map(|sibling| layout.blocks_of(sibling).start + block - blocks.start);
         let sibling = sibling.filter(|sibling| known[*sibling]).map(|sibling| sibling * BLOCK_POINTS);
-        // How many of the last values were those of the sibling.
+        // How many of the last values were equal to those of the sibling.
         let mut alike = 0;
         for at in 0..layout.block_len(block) {
             let sibling = sibling.map(|sibling| values[sibling + at]);

@@ -1,7 +1,7 @@
-//! Which points a frame changes and by how much, and how that looks before compression.
+//! CHANGES sections: which points a frame changes, and by how much.
 //!
-//! A change is a number of *quanta*: the client adds `level * quantum` to the AO byte that it holds and keeps the
-//! result within 0 to 255. The plain layout of a CHANGES section is
+//! A change is a number of *quanta*. The client adds `level * quantum` to its AO byte and keeps the result within 0 to
+//! 255. The plain layout is
 //!
 //! | bytes | field |
 //! |---|---|
@@ -15,50 +15,50 @@ use crate::memory;
 use crate::surface::PaddedIndex;
 use crate::wire::{Reader, WireError, WireErrorKind, write_varint};
 
-/// Changes of one frame, in the order of the points.
+/// The changes of one frame, in the order of the points.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub(crate) struct Changes {
-    /// By how much one level changes a byte.
+    /// Difference of one level in a byte.
     pub(crate) quantum: u8,
-    /// Which points change.
+    /// The points that change.
     pub(crate) points: PointMask,
-    /// By how many quanta, point by point.
+    /// Their levels, point by point.
     pub(crate) levels: Vec<i16>,
 }
 
-/// Largest level either way: with a quantum of 1, from one end of the range to the other.
+/// Largest absolute level: with a quantum of 1, from one end of the range to the other.
 pub(crate) const MAX_LEVEL: i16 = 255;
 
-/// What is wrong with changes; an offset counts bytes of the plain layout.
+/// Why changes were refused. An offset counts bytes of the plain layout.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ChangeError {
-    /// It ends inside a field.
+    /// The section ends inside a field.
     #[error("it ends inside {field}, which starts at its byte {offset}")]
     Ends {
         /// The field.
         field: &'static str,
-        /// Where the field starts.
+        /// Start of the field.
         offset: usize,
     },
-    /// Bytes are left over.
+    /// Bytes remain after the section.
     #[error("{extra} B are left over after its byte {offset}")]
     Trailing {
-        /// Where they start.
+        /// Start of these bytes.
         offset: usize,
-        /// How many.
+        /// Their number.
         extra: usize,
     },
-    /// A quantum of zero.
+    /// The quantum is 0.
     #[error("its quantum is 0")]
     Quantum,
-    /// A block that the layout has not, or that has not come yet.
+    /// A block is not part of the layout, or its values have not been received yet.
     #[error("block {block} has not come yet, or is none of the stream's")]
     Absent {
         /// Number of the block.
         block: u32,
     },
-    /// A block that is named without a change in it, or with points that it has not.
+    /// A block is named without a change in it, or with points that it does not have.
     #[error("block {block} names the points {mask:#018x}")]
     Mask {
         /// Number of the block.
@@ -66,7 +66,7 @@ pub enum ChangeError {
         /// Its points, one bit each.
         mask: u64,
     },
-    /// A level that is none, too large, or changes nothing because the byte is at its end already.
+    /// The level is zero, out of range, or has no effect because the value is already 0 or 255.
     #[error("point {padded_index} cannot change by {level} quanta")]
     Level {
         /// Padded index of the point: 64 times its block plus its place there.
@@ -74,20 +74,20 @@ pub enum ChangeError {
         /// The level.
         level: i32,
     },
-    /// A level outside -255 to 255.
+    /// A level is outside -255 to 255.
     #[error("the level at its byte {offset} is {found} when folded, at most 510 is possible")]
     LevelRange {
-        /// Where it is.
+        /// Start of the level.
         offset: usize,
-        /// What is there: 0, -1, 1, -2 .. as 0, 1, 2, 3 ...
+        /// Found, folded: 0, -1, 1, -2 .. as 0, 1, 2, 3 ..
         found: u32,
     },
-    /// Another number of changed points than the section table says.
+    /// The number of changed points differs from the section table.
     #[error("{found} points change, the section table says {expected}")]
     Count {
-        /// By the section table.
+        /// Number by the section table.
         expected: u32,
-        /// In the section.
+        /// Number in the section.
         found: usize,
     },
 }
@@ -98,19 +98,19 @@ impl Changes {
         self.points.heap_bytes() + memory::list(&self.levels)
     }
 
-    /// No changes, with buffers kept.
+    /// Removes all changes and keeps the buffers.
     pub(crate) fn clear(&mut self) {
         self.points.clear();
         self.levels.clear();
     }
 
-    /// Adds a change; `slot` is above that of the one before.
+    /// Adds a change. `index` is above that of the change before.
     pub(crate) fn push(&mut self, index: PaddedIndex, level: i16) {
         self.points.push(index);
         self.levels.push(level);
     }
 
-    /// Every change with its slot.
+    /// Returns every change with its padded index.
     #[inline]
     pub(crate) fn iter(&self) -> impl Iterator<Item = (PaddedIndex, i16)> + '_ {
         self.points.padded_indices().zip(self.levels.iter().copied())
@@ -131,8 +131,8 @@ impl Changes {
         }
     }
 
-    /// Reads the plain layout, `records` changes of a stream of `blocks` blocks. Says nothing about whether the changes
-    /// suit a state.
+    /// Reads the plain layout: `records` changes of a stream of `blocks` blocks. It does not check whether the changes
+    /// fit a state.
     pub(crate) fn read_plain(&mut self, raw: &[u8], blocks: usize, records: u32) -> Result<(), ChangeError> {
         self.clear();
         let mut reader = Reader::new(raw);
@@ -157,12 +157,12 @@ impl From<WireError> for ChangeError {
     }
 }
 
-/// A signed level as a number: 0, -1, 1, -2 .. as 0, 1, 2, 3 ...
+/// Folds a signed level into a number: 0, -1, 1, -2 .. become 0, 1, 2, 3 ..
 fn fold(level: i16) -> u32 {
     ((i32::from(level) << 1) ^ (i32::from(level) >> 31)) as u32
 }
 
-/// Reads the level that comes next.
+/// Reads the next level.
 fn level(reader: &mut Reader<'_>) -> Result<i16, ChangeError> {
     let (field, offset) = ("a level", reader.offset());
     match reader.varint(field)? {

@@ -1,8 +1,9 @@
 //! GEOMETRY sections: sets and their points.
 //!
-//! The plain layout is, set after set: u32 set; for x, y and z in turn, the differences of the points' coordinates from
-//! those of the point before (the first one's from 0) as 24-bit numbers that wrap, in three planes of bytes, low bytes
-//! first; the codes of the normals in two planes of bytes, low bytes first. How many points a set has is in the layout.
+//! The plain layout is, set after set: u32 set; for x, y and z in turn, the differences of the coordinates from those
+//! of the point before (for the first point, from 0) as 24-bit numbers that wrap, in three planes of bytes, low bytes
+//! first; then the codes of the normals in two planes of bytes, low bytes first. The layout has the number of points
+//! of a set.
 
 use std::sync::Arc;
 
@@ -16,23 +17,23 @@ use crate::wire::Reader;
 /// Sets and their points.
 pub(crate) type Sets = Vec<(u32, Arc<Geometry>)>;
 
-/// What is wrong with the points of a set.
+/// Why a GEOMETRY section was refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum GeometrySectionError {
-    /// It ends early.
+    /// The section ends early.
     #[error("it ends after {points} points of a set")]
     Ends {
-        /// Points read.
+        /// Number of points read.
         points: usize,
     },
-    /// A set that the layout has not, one without points, or one that came already.
+    /// A set is not in the layout, has no points, or was already received.
     #[error("set {set} is none of the stream's, has no points, or is here already")]
     Set {
         /// The set.
         set: u32,
     },
-    /// A coordinate beyond the lattice of the set.
+    /// A coordinate is outside the lattice of the set.
     #[error("a point at node {coord:?} is outside its lattice")]
     Outside {
         /// Its coordinates.
@@ -44,37 +45,37 @@ pub enum GeometrySectionError {
         /// The point.
         point: usize,
     },
-    /// A normal's code has too many bits.
+    /// The code of a normal has too many bits.
     #[error("a normal has the code {axes:?}")]
     Normal {
-        /// Along both axes.
+        /// The codes of both axes.
         axes: [i32; 2],
     },
-    /// More points in a half than in the whole.
+    /// More points are in a half than in the whole.
     #[error("{share} more points than one are in half of a box of {count}")]
     Share {
-        /// Points in the half, less one.
+        /// Number of points in the half minus 1.
         share: usize,
-        /// Points in the box.
+        /// Number of points in the box.
         count: usize,
     },
-    /// Other points than those that the layout names.
+    /// The points differ from those that the layout names.
     #[error("set {set}: the digest of the points is not the stream's")]
     Digest {
         /// The set.
         set: u32,
     },
-    /// Another number of points than the section table says.
+    /// The number of points differs from the section table.
     #[error("{found} points, the section table says {expected}")]
     Count {
-        /// By the section table.
+        /// Number by the section table.
         expected: u32,
-        /// In the section.
+        /// Number in the section.
         found: u64,
     },
 }
 
-/// Bytes of a point in the plain layout.
+/// Length of a point in the plain layout, bytes.
 const POINT_BYTES: usize = 11;
 
 /// Returns the length of the plain layout in bytes.
@@ -104,12 +105,12 @@ pub(crate) fn write_plain(sets: &Sets, out: &mut Vec<u8>) {
     }
 }
 
-/// Checks sets as they come.
+/// Checks sets in the order in which they arrive.
 struct SetCheck<'a> {
     layout: &'a Layout,
     expected: u32,
     points: u64,
-    /// By set, whether it was announced: one that came again and again would take memory without end.
+    /// By set: whether it was announced. A set that came again and again would take memory without limit.
     announced: Vec<bool>,
     sets: Sets,
 }
@@ -120,7 +121,7 @@ impl<'a> SetCheck<'a> {
         SetCheck { layout, expected, points: 0, announced, sets: Sets::new() }
     }
 
-    /// A set is about to come: its layout, counted.
+    /// Announces a set and counts its points. Returns its layout.
     fn announce(&mut self, set: u32) -> Result<&'a SetLayout, GeometrySectionError> {
         let layout = self.layout.sets().get(set as usize).filter(|layout| layout.points > 0);
         let layout = layout.ok_or(GeometrySectionError::Set { set })?;
@@ -197,7 +198,7 @@ fn read_set(planes: &[u8], layout: &SetLayout, count: usize) -> Result<Geometry,
     Ok(Geometry::sorted(*layout, &points))
 }
 
-/// Codes sets with `records` points in all. A writer gives them in `source`.
+/// Codes sets with `records` points in all.
 pub(crate) fn code<B: BinaryCoder>(
     model: &mut GeometryModel,
     numbers: &mut NumberModel,

@@ -1,4 +1,4 @@
-//! The sections of a frame: what each holds, its plain layout, and the writer of all of them.
+//! The sections of a frame: the content and plain layout of each, and the writer of all.
 
 pub(super) mod changes;
 pub(super) mod geometry;

@@ -1,7 +1,10 @@
-//! Some of the points of a stream, by block: those that a frame changes.
+//! A set of points of a stream, by point block: those that a frame changes.
 //!
-//! In a plain layout they are (blocks + 7) / 8 bytes, one bit a block of 64 points, lowest first, then 8 bytes for each
-//! block whose bit is set, one bit a point, lowest first.
+//! In a plain layout it has (blocks + 7) / 8 bytes, one bit a block of 64 points, lowest first. Then follow 8 bytes
+//! for each block whose bit is set, one bit a point, lowest first.
+//!
+//! Blocks are `u64` words and not `bitvec` slices: the coders scan, shift and count whole blocks for every frame, and
+//! words are also what the wire has.
 
 use super::changes::ChangeError;
 use crate::memory;
@@ -11,9 +14,9 @@ use crate::wire::Reader;
 /// Points of some blocks, in order.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub(crate) struct PointMask {
-    /// Blocks with a point, ascending.
+    /// The blocks with a point, ascending.
     pub(crate) blocks: Vec<u32>,
-    /// Which of its points, block by block; never 0.
+    /// The points of each of these blocks, one bit each; never 0.
     pub(crate) masks: Vec<u64>,
 }
 
@@ -23,13 +26,13 @@ impl PointMask {
         memory::list(&self.blocks) + memory::list(&self.masks)
     }
 
-    /// No points, with buffers kept.
+    /// Removes all points and keeps the buffers.
     pub(crate) fn clear(&mut self) {
         self.blocks.clear();
         self.masks.clear();
     }
 
-    /// Adds a point; `slot` is above that of the one before.
+    /// Adds a point. `index` is above that of the point before.
     pub(crate) fn push(&mut self, index: PaddedIndex) {
         let block = index.block() as u32;
         if self.blocks.last() != Some(&block) {
@@ -41,12 +44,12 @@ impl PointMask {
         }
     }
 
-    /// Every block with its points.
+    /// Returns every block with its points.
     pub(crate) fn iter(&self) -> impl DoubleEndedIterator<Item = (u32, u64)> + '_ {
         self.blocks.iter().copied().zip(self.masks.iter().copied())
     }
 
-    /// The slots of the points.
+    /// Returns the padded indices of the points.
     #[inline]
     pub(crate) fn padded_indices(&self) -> impl Iterator<Item = PaddedIndex> + '_ {
         self.iter().flat_map(|(block, mask)| {
@@ -71,8 +74,8 @@ impl PointMask {
         }
     }
 
-    /// Reads the plain layout, `records` points of a stream of `blocks` blocks. Says nothing about whether there are such
-    /// points.
+    /// Reads the plain layout: `records` points of a stream of `blocks` blocks. It does not check whether the points
+    /// exist.
     pub(crate) fn read_plain(
         &mut self,
         reader: &mut Reader<'_>,
@@ -97,7 +100,7 @@ impl PointMask {
         if found == records as usize { Ok(()) } else { Err(ChangeError::Count { expected: records, found }) }
     }
 
-    /// Checks that the points are there, and their blocks have come.
+    /// Checks that the points exist and their blocks were received.
     pub(crate) fn check(&self, state: &State) -> Result<(), ChangeError> {
         for (block, mask) in self.iter() {
             if !state.present.get(block as usize).is_some_and(|here| *here) {
@@ -112,7 +115,7 @@ impl PointMask {
     }
 }
 
-/// The numbers of the set bits, ascending.
+/// Iterates over the numbers of the set bits, ascending.
 pub(crate) struct SetBits(pub(crate) u64);
 
 impl Iterator for SetBits {

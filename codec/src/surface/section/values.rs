@@ -1,9 +1,7 @@
-//! AO of blocks that come for the first time, or again with a keyframe.
+//! VALUES sections: AO of point blocks that arrive for the first time, or again with a keyframe.
 //!
-//! The plain layout of a VALUES section is a varint, how many runs of blocks there are; for each run two varints, its
-//! first block and how many blocks it has; then one byte a point, run after run. By the range coder, each byte is
-//! eight decisions, high bit first, with what came before along the curve and what the instance before it of the same
-//! set has at the same place as inputs.
+//! The plain layout is the number of runs of blocks as a varint; for each run its first block and its number of
+//! blocks, two varints; then one byte a point, run after run.
 
 use crate::surface::{BLOCK_POINTS, Layout};
 use crate::wire::{Reader, WireError, varint_bytes, write_varint};
@@ -17,19 +15,19 @@ pub(crate) struct Values {
     pub(crate) bytes: Vec<u8>,
 }
 
-/// What is wrong with values; an offset counts bytes of the plain layout.
+/// Why values were refused. An offset counts bytes of the plain layout.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ValueError {
-    /// It ends inside a field.
+    /// The section ends inside a field.
     #[error("it ends inside {field}, which starts at its byte {offset}")]
     Ends {
         /// The field.
         field: &'static str,
-        /// Where the field starts.
+        /// Start of the field.
         offset: usize,
     },
-    /// A run without blocks, with blocks that the layout has not, or with one that came already.
+    /// A run is empty, has blocks outside the layout, or has a block that was already received.
     #[error("{count} blocks from {first} on: none, not the stream's, or here already")]
     Run {
         /// First block.
@@ -37,12 +35,12 @@ pub enum ValueError {
         /// Number of blocks.
         count: u32,
     },
-    /// Another number of points than the section table says.
+    /// The number of points differs from the section table.
     #[error("{found} points, the section table says {expected}")]
     Count {
-        /// By the section table.
+        /// Number by the section table.
         expected: u32,
-        /// In the section.
+        /// Number in the section.
         found: usize,
     },
 }
@@ -53,7 +51,7 @@ impl Values {
         self.bytes.clear();
     }
 
-    /// Adds a block after those before it.
+    /// Adds a block. It comes after all earlier ones.
     pub(crate) fn push(&mut self, block: usize, bytes: &[u8]) {
         match self.runs.last_mut() {
             Some((first, count)) if (*first + *count) as usize == block => *count += 1,
@@ -62,12 +60,12 @@ impl Values {
         self.bytes.extend_from_slice(bytes);
     }
 
-    /// Every block, in order.
+    /// Returns every block, in order.
     pub(crate) fn blocks(&self) -> impl Iterator<Item = usize> + '_ {
         self.runs.iter().flat_map(|(first, count)| *first as usize..(*first + *count) as usize)
     }
 
-    /// Puts the bytes where they belong in those of all slots.
+    /// Copies the bytes to their places among those of all padded indices.
     pub(crate) fn scatter(&self, layout: &Layout, values: &mut [u8]) {
         let mut rest = self.bytes.as_slice();
         for block in self.blocks() {
@@ -95,7 +93,8 @@ impl Values {
         out.extend_from_slice(&self.bytes);
     }
 
-    /// Reads the plain layout: `records` points of blocks that `present` does not have yet. Notes the blocks there.
+    /// Reads the plain layout: `records` points of blocks that `present` does not have yet. It adds these blocks to
+    /// `present`.
     pub(crate) fn read_plain(
         &mut self,
         raw: &[u8],
@@ -153,7 +152,7 @@ impl<'a> ArrivalCheck<'a> {
             }
             self.points += self.layout.block_len(block);
         }
-        // Checked at every run, so that no list of runs is longer than it has points.
+        // Checked after every run, so that a list of runs is never longer than its number of points.
         if self.points > self.expected as usize { self.end() } else { Ok(()) }
     }
 

@@ -1,4 +1,4 @@
-//! Writes sections: plain layouts through a block coder, or through the range coder and its models.
+//! Writes sections: plain layouts by a block coder, or decisions by the range coder and its models.
 
 use super::changes::Changes;
 use super::geometry::{self, Sets};
@@ -16,7 +16,7 @@ use crate::surface::model::patch::PatchModel;
 use crate::surface::model::value::ValueModel;
 use crate::surface::{Layout, State};
 
-/// The blocks of one frame, and the section table that goes before them.
+/// The blocks of one frame and their section table.
 #[derive(Debug, Default)]
 pub(crate) struct SectionWriter {
     pub(crate) sections: Vec<SectionInfo>,
@@ -26,7 +26,7 @@ pub(crate) struct SectionWriter {
     coded: Changes,
 }
 
-/// Models that live as long as a frame.
+/// The models that live as long as a frame.
 pub(crate) struct FrameModels {
     pub(crate) geometry: GeometryModel,
     pub(crate) sets: NumberModel,
@@ -50,20 +50,20 @@ impl SectionWriter {
             + coded.heap_bytes()
     }
 
-    /// Ready for the next frame.
+    /// Clears everything for the next frame.
     pub(crate) fn clear(&mut self) {
         self.sections.clear();
         self.blocks.clear();
     }
 
-    /// Ends a section whose block starts at `start`.
+    /// Adds a section whose block starts at `start` to the table.
     fn section(&mut self, tag: SectionTag, coder: CoderId, records: usize, raw_bytes: usize, start: usize) {
         let wire_bytes = (self.blocks.len() - start) as u32;
         let (records, raw_bytes) = (records as u32, raw_bytes as u32);
         self.sections.push(SectionInfo { tag, coder, records, raw_bytes, wire_bytes });
     }
 
-    /// Compresses what is in `plain`.
+    /// Compresses the content of `plain`.
     fn block(&mut self, tag: SectionTag, coder: BlockCoder, records: usize) -> Result<(), EncodeError> {
         let start = self.blocks.len();
         let id = self
@@ -108,7 +108,7 @@ impl SectionWriter {
         self.block(SectionTag::GEOMETRY, coder, points)
     }
 
-    /// Writes values. `bytes` and `present` are what clients have by then, and are brought up to date.
+    /// Writes values. `bytes` and `present` are what clients have at that point; both are updated.
     pub(crate) fn values(
         &mut self,
         layout: &Layout,
@@ -137,8 +137,8 @@ impl SectionWriter {
         self.block(SectionTag::VALUES, coder, points)
     }
 
-    /// Writes changes of what is `known`, from which `model` learns. The range coder stops where they take more than `most`
-    /// bytes; then there is no section, and the answer is how many came before that.
+    /// Writes changes of the state in `view`; `model` learns from them. The range coder stops if they take more than
+    /// `most` bytes. Then it writes no section and returns the number of changes coded so far.
     pub(crate) fn changes(
         &mut self,
         view: StateView<'_>,
@@ -194,7 +194,7 @@ impl SectionWriter {
         self.block(SectionTag::PATCH, coder, points)
     }
 
-    /// Writes what was learned, if anything was. It is no data of points, so the range coder has no model for it.
+    /// Writes the coder context, unless it is fresh. The range coder has no model for it.
     pub(crate) fn context(&mut self, state: &State, coder: BlockCoder) -> Result<(), EncodeError> {
         if state.history == History::new(state.layout.blocks()) && state.model == ChangeModel::new() {
             return Ok(());

@@ -1,4 +1,4 @@
-//! What the bits of a range-coded frame of changes, or of a patch, are spent on.
+//! Measures the bits of a range-coded frame of changes or of a patch.
 
 use std::ops::AddAssign;
 
@@ -11,16 +11,16 @@ use crate::block::CoderId;
 use crate::envelope::{FrameError, SectionInfo, SectionTag, inspect};
 use crate::range::{BinaryCoder, RangeDecoder, SymbolClass};
 
-/// Bits of the decisions of a CHANGES or PATCH section, by what they decide; together the length of its block, but for rounding.
+/// Bits of a CHANGES or PATCH section by class of decision. Except for rounding, their sum is the length of its block.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct BitBreakdown {
     /// Which blocks have a change.
     pub blocks: f64,
     /// Which points of those blocks change.
     pub points: f64,
-    /// Whether they become darker or lighter; in a patch, than their neighbours are.
+    /// Sign of each change. In a patch, the sign relative to the prediction from the neighbours.
     pub signs: f64,
-    /// By how much.
+    /// Size of each change.
     pub sizes: f64,
 }
 
@@ -33,7 +33,7 @@ impl AddAssign for BitBreakdown {
     }
 }
 
-/// A reader that adds up what each decision cost: the logarithm of the probability that it was given.
+/// A decoder that adds up the cost of each decision: the negative logarithm of its probability.
 struct CostMeter<'a> {
     decoder: RangeDecoder<'a>,
     class: SymbolClass,
@@ -59,12 +59,12 @@ impl BinaryCoder for CostMeter<'_> {
     }
 }
 
-/// What the bits of a frame's changes or patch are spent on, `state` being that before the frame; `None` where it has none that
-/// are range-coded. For figures: it is slower than applying the frame, checks less, and is no part of what both sides
-/// must agree on.
+/// Returns the bits of a frame's changes or patch by class of decision. `state` is the state before the frame. Returns
+/// `None` if the frame has no such range-coded section. It is meant for statistics: it is slower than applying the
+/// frame and checks less.
 ///
 /// # Errors
-/// [`FrameError`] where the header of the body is not sound.
+/// [`FrameError`] if the header of the body is invalid.
 pub fn bit_breakdown(
     state: &State,
     body: &[u8],

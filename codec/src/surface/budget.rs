@@ -1,4 +1,4 @@
-//! Byte budgets: which changes go first when not all of them fit a frame.
+//! Byte budgets: the order of changes if not all of them fit a frame.
 
 use std::cmp::Reverse;
 
@@ -10,58 +10,62 @@ use crate::block::BlockCoder;
 use crate::envelope::{EncodeError, FrameMeta, SectionTag, header_bytes};
 use crate::memory;
 
-/// How many bytes a delta takes at most, and how long a point may wait for its turn.
+/// The byte budget of a delta, and how long a point may wait.
 ///
-/// When not all changes fit, those with the largest product of *difference* (between the byte offered and the one that
-/// clients hold, 1 to 255), *weight* (of the point's block, see [`Encoder::set_weight`](super::Encoder::set_weight)) and *age* (frames
-/// since the point first differed by the threshold, this one included) go first, those of lower point ids among equals. Points
-/// that have waited for `longest_age` frames go before all, and ignore_budget the budget. A frame is a call of
+/// If not all changes fit, those with the largest product of three factors go first: the *difference* between the byte
+/// set and the one of clients (1 to 255), the *weight* of the point's block
+/// ([`Encoder::set_weight`](super::Encoder::set_weight)), and the *age*. The age is the number of frames since the
+/// point first differed by the threshold, including this one. Lower padded indices go first among equals. Points that
+/// have waited for `longest_age` frames go before all others, whatever the budget. A frame is a call of
 /// [`Encoder::finish`](super::Encoder::finish).
 ///
 /// # What holds
 ///
-/// *Bytes.* A delta without arriving blocks takes at most `bytes`, unless the points that have waited for `longest_age`
-/// alone take more; then it has no others. One without a change takes its header all the same, 29 B. Keyframes
-/// have no budget; arriving blocks go out whole, and changes get what they leave.
+/// *Bytes.* A delta without arriving blocks takes at most `bytes`, with one exception: the points that have waited for
+/// `longest_age` may alone take more, and then the frame has no others. A delta without a change still takes its
+/// header, 29 B. Keyframes have no budget. Arriving blocks are sent completely, and changes get the bytes that they
+/// leave.
 ///
-/// *Error.* With threshold `T`, for every point that clients hold and every frame `n` there is a frame `m` with
-/// `n - longest_age <= m <= n` such that the byte held after frame `n` is less than `T` from the one last offered before
-/// frame `m` was finished. For a point that differs after frame `n` and has since frame `d` was not sent from `d` on, and would
-/// have been in frame `d + longest_age`; `m` is `d - 1`.
+/// *Error.* Let `T` be the threshold. For every point that clients hold and every frame `n` there is a frame `m` with
+/// `n - longest_age <= m <= n` such that the byte held after frame `n` is less than `T` from the one last set before
+/// frame `m` was finished. Suppose a point has differed since frame `d`. It was not sent in `d..=n`, so `n < d +
+/// longest_age`; choose `m = d - 1`.
 ///
-/// *Waiting.* Say that a section of `k` changes takes at most `f + c k` bytes, `f` counting all of the body that is not
-/// changes, and that at most `D` points differ at any time. A frame that postpones a point sends at least
-/// `s = (15 / 16 bytes - f) / c - 1` others: the search for how many fit ends when 15/16 of the budget are used, or when
-/// `k + k / 16 + 1` of them are known not to fit. Let `q` be the largest quotient of two products of difference and weight, at
-/// most `255 w / T` with weights of 1 to `w`. Then no point waits for more than `(q + 1) ceil(D / s)` frames: once it is
-/// `q` times `x = ceil(D / s)` frames old, only points that have waited for more than `x` frames can go before it; those that do
-/// in the next `x` frames differed at their beginning, so there are fewer than `D`, and `s` go in each frame. With equal
-/// products the bound is `2 ceil(D / s)`. A `longest_age` of that many frames forces nothing; a shorter one may.
+/// *Waiting.* Suppose that a section of `k` changes takes at most `f + c k` bytes, where `f` counts all of the body
+/// that is not changes, and that at most `D` points differ at any time. A frame that postpones a point sends at least
+/// `s = (15 / 16 bytes - f) / c - 1` others: the search ends when 15/16 of the budget are used, or when `k + k / 16 +
+/// 1` changes are known not to fit. Let `q` be the largest quotient of two products of difference and weight, at most
+/// `255 w / T` with weights of 1 to `w`. Then no point waits for more than `(q + 1) ceil(D / s)` frames. The reason:
+/// once a point is `q` times `x = ceil(D / s)` frames old, only points that have waited for more than `x` frames can
+/// go before it. Those that do so in the next `x` frames differed at the beginning of these frames. So there are fewer
+/// than `D` of them, and `s` go in each frame. With equal products the bound is `2 ceil(D / s)`. A `longest_age` of
+/// that many frames forces nothing; a shorter one may.
 ///
-/// With a budget that every frame keeps by itself, the stream is that without a budget, byte for byte.
+/// With a budget that no frame exceeds anyway, the stream is identical to one without a budget.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Budget {
-    /// Bytes of a frame body.
+    /// Length of a frame body, bytes.
     pub bytes: u32,
-    /// Frames that a point may wait; 0 lets none wait.
+    /// Number of frames that a point may wait; with 0 none waits.
     pub longest_age: u16,
 }
 
 impl Budget {
-    /// Frames that a point may wait unless said otherwise: a second at 60 Hz.
+    /// Default of the longest age: a second at 60 Hz.
     pub const LONGEST_AGE: u16 = 60;
 }
 
-/// What the last frame left for later.
+/// What the last frame postponed.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Postponed {
-    /// Points that differ by the threshold and were not sent.
+    /// Number of points that differ by the threshold and were not sent.
     pub points: u32,
-    /// Frames that the oldest of them has waited, this one included: 1 to [`Budget::longest_age`], 0 without such points.
+    /// Number of frames that the oldest of them has waited, including this one: 1 to [`Budget::longest_age`], or 0
+    /// without such points.
     pub oldest: u16,
-    /// Points that were sent because they had waited for the longest age.
+    /// Number of points that were sent because they had waited for the longest age.
     pub forced: u32,
-    /// Bytes of the frame body.
+    /// Length of the frame body, bytes.
     pub used: u32,
 }
 
@@ -70,17 +74,17 @@ pub struct Postponed {
 struct DueChange {
     index: PaddedIndex,
     level: i16,
-    /// Frames before this one that postponed it.
+    /// Number of earlier frames that postponed it.
     waited: u16,
     priority: u64,
 }
 
-/// Order in which points are sent.
+/// Rank of a point: lower ranks are sent first.
 type Rank = (Reverse<u64>, PaddedIndex);
 
 /// Priority of a point that must not wait any longer: above every product.
 const FORCED: u64 = u64::MAX;
-/// Trials whose number of points is guessed from the one before; later ones halve what is left.
+/// Number of trials with a guessed number of points; later trials halve the remaining range.
 const GUESSES: u32 = 5;
 
 impl DueChange {
@@ -89,16 +93,16 @@ impl DueChange {
     }
 }
 
-/// What came of writing some of the changes.
+/// Result of writing some of the changes.
 #[derive(Debug, Clone, Copy)]
 struct Trial {
-    /// Whether the body has its budget at most.
+    /// Whether the body is within the budget.
     fits: bool,
-    /// Bytes of the body, as far as it was written.
+    /// Length of the body as far as it was written, bytes.
     used: usize,
-    /// Bytes that the section could take.
+    /// Bytes available for the section.
     room: usize,
-    /// How many changes would fill the budget if all set_used as many bytes as these.
+    /// Number of changes that would fill the budget if all took as many bytes as these.
     would_fit: usize,
 }
 
@@ -108,26 +112,26 @@ pub(super) struct BudgetQueue {
     budget: Budget,
     /// By block.
     weights: Vec<u16>,
-    /// What the last frame postponed: slots, ascending, with the frames that they have waited.
+    /// Postponed points of the last frame, ascending, and the number of frames that each has waited.
     waiting: Vec<(PaddedIndex, u16)>,
-    /// In the order of slots.
+    /// In the order of padded indices.
     due: Vec<DueChange>,
     ranks: Vec<Rank>,
     /// Rank of the last one chosen.
     last: Option<Rank>,
-    /// Changes of the last frame that had any, and the bytes of their section.
+    /// Number of changes of the last frame that had any, and the length of their section in bytes.
     rate: Option<(usize, usize)>,
-    /// A copy of the clients' model, to code on.
+    /// A copy of the clients' model, for trials.
     model: ChangeModel,
     postponed: Postponed,
 }
 
-/// A frame that lacks its changes.
+/// A frame without its changes.
 pub(super) struct PendingFrame<'a> {
     pub(super) writer: &'a mut SectionWriter,
-    /// What clients hold.
+    /// State of clients.
     pub(super) sent: &'a mut State,
-    /// Bytes as last offered, by slot.
+    /// AO bytes as last set, by padded index.
     pub(super) offered: &'a [u8],
     pub(super) meta: FrameMeta,
     pub(super) coder: BlockCoder,
@@ -155,34 +159,34 @@ impl BudgetQueue {
         size_of::<Self>() + lists + model.heap_bytes()
     }
 
-    /// Weights by block.
+    /// Returns the weights by block.
     pub(super) fn weights(&self) -> &[u16] {
         &self.weights
     }
 
-    /// Weights by block, to be changed; never 0.
+    /// Returns the weights by block, to be changed; a weight is never 0.
     pub(super) fn weights_mut(&mut self) -> &mut [u16] {
         &mut self.weights
     }
 
-    /// What the last frame left for later.
+    /// What the last frame postponed.
     pub(super) fn postponed(&self) -> &Postponed {
         &self.postponed
     }
 
-    /// Takes note of the bytes that a frame set_used.
+    /// Sets the length of the frame in bytes.
     pub(super) fn set_used(&mut self, bytes: usize) {
         self.postponed.used = bytes as u32;
     }
 
-    /// Everything was sent.
+    /// Removes all waiting points, because everything was sent.
     pub(super) fn clear(&mut self) {
         self.waiting.clear();
         self.postponed = Postponed::default();
     }
 
-    /// Writes as many of `changes` as fit and takes the others out; what the frame's header says of its points. Where it
-    /// fails, nothing has changed but `changes`.
+    /// Writes as many of `changes` as fit and removes the others. Returns the number of changed points for the header.
+    /// If it fails, only `changes` is modified.
     pub(super) fn write(
         &mut self,
         mut frame: PendingFrame<'_>,
@@ -210,7 +214,7 @@ impl BudgetQueue {
         Ok(changed_points)
     }
 
-    /// Takes the changes over and gives each its priority; how many must not wait.
+    /// Takes the changes and gives each its priority. Returns how many must not wait.
     fn rank(&mut self, frame: &PendingFrame<'_>, changes: &Changes) -> usize {
         let mut waiting = self.waiting.iter().copied().peekable();
         let mut forced = 0;
@@ -233,7 +237,7 @@ impl BudgetQueue {
         forced
     }
 
-    /// Writes as many changes as fit, at least those that are forced; how many.
+    /// Writes as many changes as fit, at least the forced ones. Returns their number.
     fn fill(
         &mut self,
         frame: &mut PendingFrame<'_>,
@@ -257,7 +261,7 @@ impl BudgetQueue {
             }
             written = Some(forced);
         }
-        // The most that fit, or those that are forced; the fewest that do not fit.
+        // The largest number known to fit (or forced), and the smallest known not to fit.
         let (mut fits, mut over) = (forced, all);
         let mut trials = 0;
         while over - fits > 1 + fits / 16 && !(trial.fits && trial.used as u64 * 16 >= most * 15) {
@@ -279,8 +283,8 @@ impl BudgetQueue {
         Ok(fits)
     }
 
-    /// Writes the first `count` in the order of ranks on a copy of the model, in place of what was tried before; without
-    /// `ignore_budget` no further than the budget.
+    /// Writes the first `count` changes by rank on a copy of the model. It replaces what was tried before. It stops at
+    /// the budget unless `ignore_budget` is set.
     fn attempt(
         &mut self,
         frame: &mut PendingFrame<'_>,
@@ -307,7 +311,7 @@ impl BudgetQueue {
         Ok(Trial { fits: stopped.is_none() && used <= budget, used, room, would_fit })
     }
 
-    /// Leaves the first `count` in the order of ranks in `changes`.
+    /// Leaves the first `count` changes by rank in `changes`.
     fn choose(&mut self, count: usize, changes: &mut Changes) {
         self.last = match count.checked_sub(1) {
             None => None,
@@ -319,14 +323,14 @@ impl BudgetQueue {
         }
     }
 
-    /// Bytes of the body as it is.
+    /// Returns the current length of the body in bytes.
     fn body_bytes(&self, frame: &PendingFrame<'_>, count: usize) -> usize {
         let header = header_bytes(&frame.writer.sections, self.changed_points(frame, count));
         header + frame.writer.blocks.len()
     }
 
-    /// Points that the header of a frame with `count` changes names: what the caller says, unless that cannot be because some
-    /// wait or waited; then those that the frame has.
+    /// Returns the number of changed points for the header of a frame with `count` changes. It is the caller's number
+    /// unless points wait or waited; then it is the number of points in the frame.
     fn changed_points(&self, frame: &PendingFrame<'_>, count: usize) -> u32 {
         if self.waiting.is_empty() && count == self.due.len() {
             return frame.meta.changed_points;
@@ -337,12 +341,12 @@ impl BudgetQueue {
     }
 }
 
-/// How many changes `room` bytes have room for when `count` take `bytes`.
+/// Returns how many changes fit `room` bytes if `count` take `bytes`.
 fn proportional(count: usize, room: usize, bytes: usize) -> usize {
     (count as u64 * room as u64 / bytes.max(1) as u64) as usize
 }
 
-/// Where the changes of a frame begin.
+/// Start of the changes of a frame.
 #[derive(Debug, Clone, Copy)]
 struct WriterMark {
     sections: usize,

@@ -1,4 +1,4 @@
-//! Streams under a byte budget: what is stated of bytes, error and waiting, and what the order is worth.
+//! Tests of streams with a byte budget: the stated bounds of bytes, error and waiting, and the benefit of the order.
 
 use proptest::prelude::*;
 
@@ -12,7 +12,7 @@ use crate::reference::SurfaceReferenceEncoder;
 const KEY: FrameKind = FrameKind::Key;
 const DELTA: FrameKind = FrameKind::Delta;
 
-/// The encoder of the tests' stream with a budget.
+/// Returns the encoder of the tests' stream with a budget.
 fn budgeted(threshold: u8, bytes: u32, longest_age: u16) -> Encoder {
     let plain = stream(GeometrySource::Shared, threshold);
     let layout = std::sync::Arc::clone(plain.state().layout());
@@ -21,7 +21,7 @@ fn budgeted(threshold: u8, bytes: u32, longest_age: u16) -> Encoder {
     Encoder::new(layout, geometry, EncoderSettings { budget, ..*plain.settings() }).unwrap()
 }
 
-/// Numbers that look random, from a seed.
+/// Pseudo-random numbers from a seed.
 struct Dice(u32);
 
 impl Dice {
@@ -57,7 +57,7 @@ impl Walk {
     }
 }
 
-/// AO that clients hold, in the order of point ids.
+/// Returns the AO of clients, in the order of point ids.
 fn held(state: &State) -> Vec<u8> {
     (0..state.layout().members().len() as u32).flat_map(|instance| state.values(instance)).copied().collect()
 }
@@ -162,7 +162,7 @@ proptest! {
         }
         let rounds = due.div_ceil(sent_at_least);
         let bound = (largest as f64 / least as f64 + 1.0) * rounds as f64;
-        // Where everything fits, there is nothing to see.
+        // If everything fits, the test shows nothing.
         prop_assume!(longest > 0);
         prop_assert!(longest as f64 <= bound, "{longest} frames, {bound} allowed");
     }

@@ -1,7 +1,7 @@
-//! Applies a frame body to a state: all of it, or nothing.
+//! The decoder of profile `surface`: it applies a frame body completely or not at all.
 //!
-//! Everything is decoded beside the state and checked, the hash that the state would have included; only then is the
-//! state changed.
+//! It decodes everything beside the state and checks it, including the hash of the resulting state. Only then does it
+//! change the state.
 
 use std::sync::Arc;
 
@@ -26,7 +26,7 @@ use crate::hash::RecordKind;
 use crate::range::{LengthMismatch, RangeDecoder};
 use crate::{Limits, StateHash};
 
-/// Applies frame bodies; keeps its buffers between them.
+/// Applies frame bodies. It keeps its buffers between frames.
 #[derive(Debug, Default)]
 pub struct Decoder {
     decompressor: Decompressor,
@@ -59,13 +59,14 @@ impl Decoder {
         Ok(body.into_info())
     }
 
-    /// Applies a frame body to `state`: checks all of it, the hash of the state after included, then writes.
+    /// Applies a frame body to `state`. It checks everything first, including the hash of the resulting state, and
+    /// then writes.
     ///
-    /// A frame of changes alone allocates nothing once the buffers have grown; they hold the largest section seen, never
-    /// more than `limits.max_block_bytes`.
+    /// A frame with only changes allocates nothing once the buffers have grown. They hold the largest section seen, at
+    /// most `limits.max_block_bytes`.
     ///
     /// # Errors
-    /// [`FrameError`] says what is wrong and where; `state` is then exactly as before.
+    /// [`FrameError`] tells what is wrong and where; `state` is then unchanged.
     pub fn apply(
         &mut self,
         state: &mut State,
@@ -92,7 +93,7 @@ impl Decoder {
         Ok(())
     }
 
-    /// The state that a keyframe makes, with the geometry that the client was given.
+    /// Returns the state of a keyframe. It keeps the geometry that the stream does not carry.
     pub(super) fn keyframe<'a>(
         &mut self,
         state: &State,
@@ -111,7 +112,7 @@ impl Decoder {
         Ok(next)
     }
 
-    /// Changes `state` by a delta; gives the hash after it.
+    /// Changes `state` by a delta and returns the hash after it.
     fn delta<'a>(
         &mut self,
         state: &mut State,
@@ -152,7 +153,7 @@ impl Decoder {
         Ok(computed)
     }
 
-    /// Patches `state`; gives the hash after it.
+    /// Changes `state` by a patch and returns the hash after it.
     fn patch<'a>(
         &mut self,
         state: &mut State,
@@ -181,7 +182,7 @@ impl Decoder {
         Ok(computed)
     }
 
-    /// Reads a PATCH section into `self.patch` and checks that it suits the state.
+    /// Reads a PATCH section into `self.patch` and checks that it fits the state.
     fn read_patch(
         &mut self,
         state: &State,
@@ -315,7 +316,7 @@ impl Decoder {
         Ok(())
     }
 
-    /// Reads a CHANGES section; whether the model, of which `self.model` is then the next one, has learned from it.
+    /// Reads a CHANGES section. Returns whether the model has learned from it; then `self.model` is the next model.
     fn read_changes(
         &mut self,
         state: &State,
@@ -359,7 +360,7 @@ impl Decoder {
     }
 }
 
-/// The empty state of the same stream, with the geometry that did not come with frames.
+/// Returns the empty state of the same stream, with the geometry that did not come with frames.
 fn empty(state: &State) -> State {
     let mut next = State::new(Arc::clone(&state.layout));
     for (set, geometry) in state.geometry.iter().enumerate() {
@@ -370,7 +371,7 @@ fn empty(state: &State) -> State {
     next
 }
 
-/// Checks that a section whose content is one whole says so.
+/// Checks that a section with one record has the record count 1.
 fn check_single(block: &SectionBlock<'_>) -> Result<(), FrameError> {
     let SectionInfo { tag, records, .. } = block.section;
     if records == 1 {
@@ -379,7 +380,7 @@ fn check_single(block: &SectionBlock<'_>) -> Result<(), FrameError> {
     Err(FrameError::TooManyRecords { offset: block.offset, section: tag, records, places: 1 })
 }
 
-/// Checks that a patch that reaches so far back from its frame suits the state, which is of an earlier one.
+/// Checks that a patch that reaches back `back` frames fits the state.
 fn check_base(back: u32, state: &State, info: &FrameInfo, offset: usize) -> Result<(), FrameError> {
     let last = state.frame.unwrap_or_default();
     match info.frame.0.checked_sub(back) {
@@ -396,7 +397,7 @@ fn check_hash(computed: StateHash, info: &FrameInfo) -> Result<StateHash, FrameE
     }
 }
 
-/// Checks that changes suit the state: blocks that are here, points that there are, levels that change something.
+/// Checks that changes fit the state: present blocks, existing points, and levels with an effect.
 fn check_changes(state: &State, changes: &Changes) -> Result<(), ChangeError> {
     if changes.quantum == 0 {
         return Err(ChangeError::Quantum);

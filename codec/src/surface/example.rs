@@ -1,4 +1,4 @@
-//! The examples of the specification: bodies that are written out there byte by byte, decision by decision.
+//! The examples of the specification: bodies that it writes out byte by byte, decision by decision.
 
 use std::sync::Arc;
 
@@ -13,7 +13,7 @@ use crate::hash::{RecordKind, term};
 use crate::paper::example::{SPEC, dump, fenced, hex};
 use crate::range::{BinaryCoder, BitModel, RangeEncoder, logistic};
 
-/// A floor of three points.
+/// Returns the encoder of a floor of three points.
 fn encoder() -> Encoder {
     let layout = SetLayout {
         origin: [0.0; 3],
@@ -32,7 +32,7 @@ fn encoder() -> Encoder {
     Encoder::new(Arc::new(layout), vec![geometry], settings).unwrap()
 }
 
-/// The keyframe and the delta after it.
+/// Returns the keyframe and the delta after it.
 fn frames(coder: BlockCoder) -> [EncodedFrame; 2] {
     let mut encoder = encoder();
     let meta = |kind, frame, changed_points| FrameMeta {
@@ -79,7 +79,7 @@ fn the_hash_in_the_specification_is_what_the_code_computes() {
     }
 }
 
-/// Notes every decision on its way.
+/// Logs every decision.
 struct DecisionLog<'a> {
     encoder: RangeEncoder<'a>,
     decisions: Vec<String>,

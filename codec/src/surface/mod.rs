@@ -1,8 +1,8 @@
-//! Profile `surface`: points that stay where they are on the rest surface, of which only AO changes.
+//! Profile `surface`: points stay where they are on the surface at rest, and only their AO changes.
 //!
-//! A client draws the scene itself, so it knows every mesh at rest. The points of a mesh (a *set*) are kept there:
-//! they are sent once, shared by all instances of the mesh, and whatever an instance does (move, skin, morph), a
-//! later frame holds AO changes only.
+//! A client draws the scene itself, so it knows every mesh at rest. The points of a mesh (a *set*) lie there. They are
+//! sent once, and all instances of the mesh share them. Whatever an instance does (move, skin, morph), later frames
+//! hold only AO changes.
 
 mod bit_breakdown;
 mod budget;
@@ -50,5 +50,5 @@ pub use section::geometry::GeometrySectionError;
 pub use section::values::ValueError;
 pub use state::State;
 
-/// Points that come and go together: runs of this many along the curve that orders a set.
+/// Number of points in a point block: a run along the curve that orders a set. Points of a block arrive together.
 pub const BLOCK_POINTS: usize = 64;

@@ -1,4 +1,4 @@
-//! Ledgers and patches of made-up streams.
+//! Tests of change logs and patches of synthetic streams.
 
 use proptest::prelude::*;
 
@@ -11,10 +11,10 @@ use crate::envelope::{
 use crate::testing::reseal;
 use crate::{self as of_either, Limits};
 
-/// What one frame of a story does: points and what is said of them.
+/// One frame of a story: points and the AO that is set.
 type Offers = Vec<(u32, u8)>;
 
-/// A stream and everything there ever was of it.
+/// A stream and all its frames.
 struct Story {
     encoder: Encoder,
     log: ChangeLog,
@@ -30,7 +30,7 @@ impl Story {
         Story { encoder, log, states: Vec::new(), bodies: Vec::new() }
     }
 
-    /// Writes a frame with a number of its own: they need not follow one another.
+    /// Writes a frame with a given index: indices need not be consecutive.
     fn frame(&mut self, kind: FrameKind, coder: BlockCoder, offers: &Offers) {
         for (point, ao) in offers {
             self.encoder.set_ao(*point, *ao);
@@ -50,7 +50,7 @@ impl Story {
         patch(self.encoder.state(), &self.log, base, meta, coder, context).unwrap()
     }
 
-    /// The twin of [`ChangeLog::changed_since`]: looks at all states after `base`.
+    /// The reference of [`ChangeLog::changed_since`]: it looks at all states after `base`.
     fn missed(&self, base: usize) -> Option<Vec<(u32, u64)>> {
         let states = &self.states[base..];
         let same = |state: &State| {
@@ -72,12 +72,12 @@ impl Story {
     }
 }
 
-/// Offers of all points at a time but for the last ball.
+/// Returns values of all points at a given time except those of the last ball.
 fn shadow(time: u32) -> Offers {
     (0..430).map(|point| (point, ao(point, time))).collect()
 }
 
-/// A keyframe and five deltas.
+/// Returns a keyframe and five deltas.
 fn short(coder: BlockCoder) -> Story {
     let mut story = Story::new(GeometrySource::Sent);
     for time in 0..6 {

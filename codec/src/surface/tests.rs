@@ -15,7 +15,7 @@ use crate::testing::reseal;
 pub(super) const CODERS: [BlockCoder; 4] =
     [BlockCoder::Range, BlockCoder::Stored, BlockCoder::Lz4, BlockCoder::Zstd { level: 15 }];
 
-/// A floor and a ball, with points by a Fibonacci lattice; nothing random.
+/// Returns a floor and a ball, with points on a Fibonacci lattice; nothing is random.
 fn geometries() -> Vec<Arc<Geometry>> {
     let layout = |extent| SetLayout {
         origin: [-1.0, -1.0, -1.0],
@@ -42,7 +42,7 @@ fn geometries() -> Vec<Arc<Geometry>> {
     vec![round(floor.collect()), round(ball.collect())]
 }
 
-/// The floor, two balls and nothing.
+/// Returns a stream of the floor, two balls and an empty instance.
 pub(super) fn stream(source: GeometrySource, threshold: u8) -> Encoder {
     let geometry = geometries();
     let empty = Geometry::round(*geometry[0].layout(), &[]).geometry;
@@ -53,7 +53,7 @@ pub(super) fn stream(source: GeometrySource, threshold: u8) -> Encoder {
     Encoder::new(layout, geometry, EncoderSettings { threshold, geometry: source, budget: None }).unwrap()
 }
 
-/// A client of the stream with nothing received.
+/// Returns a client that has received nothing.
 pub(super) fn client(encoder: &Encoder) -> State {
     let mut state = State::new(Arc::clone(encoder.state().layout()));
     if encoder.settings().geometry == GeometrySource::Shared {
@@ -68,7 +68,7 @@ pub(super) fn meta(kind: FrameKind, frame: u32) -> FrameMeta {
     FrameMeta { kind, frame: FrameIndex(frame), time: StreamTime(u64::from(frame) * 1000), changed_points: 0 }
 }
 
-/// AO of a point at a time: a shadow that passes over open ground, and a little noise.
+/// Returns the AO of a point at a given time: a shadow passes over open ground, with a little noise.
 pub(super) fn ao(point: u32, frame: u32) -> u8 {
     let distance = (f64::from(point % 130) - 5.0 * f64::from(frame)).abs();
     let noise = (point.wrapping_mul(0x9E37_79B9).wrapping_add(frame * 77) >> 20) % 5;
@@ -81,7 +81,7 @@ pub(super) fn offer(encoder: &mut Encoder, frame: u32, points: std::ops::Range<u
     }
 }
 
-/// The frames of a short stream in which a ball comes late.
+/// Returns the frames of a short stream in which a ball arrives late.
 fn frames(encoder: &mut Encoder, coder: BlockCoder, count: u32) -> Vec<EncodedFrame> {
     let all = encoder.state().layout().points();
     let frame = |encoder: &mut Encoder, frame: u32| {
@@ -219,7 +219,7 @@ pub(super) fn refuse(decoder: &mut Decoder, state: &State, body: &[u8], limits: 
     error
 }
 
-/// A state and the frame that follows it, for a keyframe, a delta with arrivals and one without.
+/// Returns states and the frames that follow them: a keyframe, a delta with arrivals and one without.
 fn samples(coder: BlockCoder) -> Vec<(State, EncodedFrame, State)> {
     let mut encoder = stream(GeometrySource::Sent, 8);
     let mut state = client(&encoder);
@@ -307,7 +307,7 @@ fn limits_are_kept() {
     let layout = state.layout();
     let error = Layout::new(layout.sets().to_vec(), layout.members().to_vec(), &limits);
     assert!(matches!(error, Err(LayoutError::Points { limit: 10, .. })));
-    // Sets that no instance has count as well: a frame could bring them.
+    // Sets without an instance count too: a frame could bring them.
     let error = Layout::new(layout.sets().to_vec(), Vec::new(), &limits);
     assert_eq!(error, Err(LayoutError::Points { found: 430, limit: 10 }));
 }
@@ -370,7 +370,7 @@ fn shared_geometry_must_be_the_stream_s() {
 
 #[test]
 fn a_set_without_points_cannot_come_for_ever() {
-    // Set 2 has no points, so the count of points says nothing about how often it comes.
+    // Set 2 has no points, so the number of points does not tell how often it comes.
     let encoder = stream(GeometrySource::Sent, 8);
     let state = client(&encoder);
     let floor = encoder.state().layout().sets()[0].points;

@@ -240,7 +240,7 @@ impl ByteModel {
     }
 }
 
-/// What is known neighbours a point.
+/// What the neighbours of a point tell.
 struct Neighbours {
     /// Weighted mean of their bytes; 255 if there are none.
     guess: u8,
@@ -249,7 +249,7 @@ struct Neighbours {
 }
 
 impl Neighbours {
-    /// What is known neighbours a slot, in whose block the points of `mask` come; of other `slots` nothing is looked at.
+    /// Returns the neighbours of a point of whose block the patch names `mask`. Only neighbours in `range` count.
     fn of(values: &[u8], range: &Range<usize>, index: PaddedIndex, mask: u64) -> Neighbours {
         let PaddedIndex(index) = index;
         let at = index % BLOCK_POINTS;

@@ -93,7 +93,7 @@ pub enum FrameError {
         previous: SectionTag,
     },
     /// This profile or kind of frame does not have such a section.
-    #[error("section {found} at byte {offset} has no place in a {kind} of profile {profile}")]
+    #[error("section {found} at byte {offset} is not allowed in a {kind} of profile {profile}")]
     SectionMisplaced {
         /// Start of its line in the section table.
         offset: usize,
@@ -115,7 +115,7 @@ pub enum FrameError {
         previous: SectionTag,
     },
     /// The profile of the frame differs from that of the state.
-    #[error("profile at byte {offset} is {found}, the stream's is {expected}")]
+    #[error("profile at byte {offset} is {found}, that of the stream is {expected}")]
     ProfileOther {
         /// Start of the field.
         offset: usize,
@@ -138,7 +138,9 @@ pub enum FrameError {
         found: CoderId,
     },
     /// A section has no records; an encoder must leave it out.
-    #[error("record count of section {section} at byte {offset} is 0: empty sections are left out")]
+    #[error(
+        "record count of section {section} at byte {offset} is 0: an encoder must leave empty sections out"
+    )]
     NoRecords {
         /// Start of the field.
         offset: usize,
@@ -313,8 +315,8 @@ pub enum FrameError {
     },
     /// A patch does not reach back to the frame of the state.
     #[error(
-        "the patch at byte {offset} suits states at most {back} frames before it, this one is of frame {last}: ask for a \
-         keyframe, or for a patch that reaches back to it"
+        "the patch at byte {offset} fits states at most {back} frames before it, but this state is at frame {last}: ask for \
+         a keyframe, or for a patch that reaches back to it"
     )]
     PatchBase {
         /// Start of the block.
@@ -355,7 +357,7 @@ pub enum FrameError {
         found: usize,
     },
     /// A delta came before any keyframe.
-    #[error("frame kind at byte {offset} is delta, but the state has had no keyframe yet")]
+    #[error("frame kind at byte {offset} is delta, but the state has not received a keyframe yet")]
     NoKeyframe {
         /// Start of the field.
         offset: usize,
@@ -396,7 +398,7 @@ impl From<WireError> for FrameError {
 
 fn length_mismatch(extra: Option<usize>) -> String {
     match extra {
-        Some(extra) => format!("{extra} B are left over"),
+        Some(extra) => format!("{extra} B remain"),
         None => "it ends too early".to_owned(),
     }
 }

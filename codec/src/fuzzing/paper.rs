@@ -11,14 +11,14 @@ use crate::paper::{
 };
 use crate::reference::{self, PaperReferenceEncoder};
 
-/// Points of every instance of the small layout.
+/// Number of points of every instance of the small layout.
 const POINTS: u32 = 24;
 /// Applies frame bodies made of `data` to a small state.
 ///
-/// The first byte chooses how points are packed (its two highest bits) and what the other bytes are: with 0 in its low
-/// three bits a body as it is, with 1 a body whose checksum is made right, otherwise changes to a sound body
-/// (exclusive or from an offset on), whose checksum is then made right. A body that fails for its state hash only
-/// is given the right one and must pass.
+/// The first byte chooses the packing (its two highest bits) and the meaning of the other bytes (its low three bits).
+/// 0 is a body as it is, 1 a body whose checksum is corrected. Other values are changes to a valid body (exclusive or
+/// from an offset on), whose checksum is then corrected. A body that fails only for its state hash gets the right one
+/// and must pass.
 pub fn decode(data: &[u8]) {
     let Some((mode, rest)) = data.split_first() else { return };
     let Some(samples) = samples(format_of(*mode)) else { return };
@@ -43,9 +43,9 @@ pub fn decode(data: &[u8]) {
     }
 }
 
-/// Drives the encoder and its twin with operations read from `data`, applies every frame to a client, and
-/// checks after each that bytes, states, hashes, counts and look-ups agree. The two highest bits of the first byte
-/// also choose how points are packed.
+/// Drives the encoder and its reference with operations read from `data`, and applies every frame to a client. After
+/// each frame it checks that bytes, states, hashes, counts and look-ups agree. The two highest bits of the first byte
+/// also choose the packing.
 pub fn round_trip(data: &[u8]) {
     let Some(mut harness) = Harness::new(format_of(data.first().copied().unwrap_or(0))) else { return };
     let mut bytes = data.iter().copied();
@@ -73,7 +73,7 @@ pub fn round_trip(data: &[u8]) {
     harness.finish(FrameKind::Delta, BlockCoder::Stored);
 }
 
-/// How points are packed, from the two highest bits of a byte: 1 is 24 bits, 2 is 16, the others are 32.
+/// Returns the packing of the two highest bits of a byte: 1 is 24 bits, 2 is 16, the others are 32.
 fn format_of(byte: u8) -> PointFormat {
     match byte >> 6 {
         1 => PointFormat::Bits24,
@@ -82,8 +82,8 @@ fn format_of(byte: u8) -> PointFormat {
     }
 }
 
-/// The layout of both bodies. Instance 0 is a roomy grid; instance 1 has a single bucket, which overflows;
-/// instance 2 is so large that Eq. 1 wraps. There are fewer cells than the points could fill.
+/// Returns the layout of both fuzz bodies. Instance 0 is a roomy grid. Instance 1 has a single bucket, which
+/// overflows. Instance 2 is so large that Eq. 1 wraps. There are fewer cells than the points could fill.
 fn small_layout(format: PointFormat) -> Option<Arc<Layout>> {
     let instance = |dims, first_bucket, bucket_count| {
         let grid = Grid::new([-1.0, 0.0, 1.0], 0.5, dims).ok()?;
@@ -94,7 +94,7 @@ fn small_layout(format: PointFormat) -> Option<Arc<Layout>> {
     Layout::new(format, instances, 14, &LIMITS).ok().map(Arc::new)
 }
 
-/// A point of an instance from a few bytes; coordinates reach one cell beyond the grid.
+/// Returns a point of an instance from a few bytes. Coordinates reach one cell beyond the grid.
 fn sample_at(instance: u32, at: [u8; 3], normal: u8, ao: u8) -> PointSample {
     let [x, y, z] = at.map(|byte| f32::from(byte) / 255.0);
     let local = match instance {
@@ -116,7 +116,7 @@ fn pose_of(byte: u8) -> Pose {
     Pose { translation: [f32::from(byte >> 4), -0.0, 0.25], rotation: turned }
 }
 
-/// The encoder, its twin, and a client that has applied every frame.
+/// The encoder, its reference, and a client that has applied every frame.
 struct Harness {
     fast: paper::Encoder,
     slow: PaperReferenceEncoder,
@@ -169,7 +169,7 @@ impl Harness {
         self.check_late_join(meta, coder);
     }
 
-    /// Every stored point is found by look-up, and look-ups find nothing else.
+    /// Checks that look-ups find every stored point and nothing else.
     fn check_lookups(&self) {
         let format = self.client.layout().format();
         let mut found = 0;
@@ -185,7 +185,7 @@ impl Harness {
         assert_eq!(placed.count() as u32, found);
     }
 
-    /// A client that joins now holds the same.
+    /// Checks that a client that joins now holds the same.
     fn check_late_join(&self, meta: FrameMeta, coder: BlockCoder) {
         let mut late = State::new(Arc::clone(self.client.layout()));
         let joined = keyframe(&self.client, meta, coder).map(|body| apply(&mut late, &body, &LIMITS).is_ok());
@@ -194,7 +194,7 @@ impl Harness {
     }
 }
 
-/// Sound frames to damage, and the states that they fit.
+/// Valid frames to damage, and the states that they fit.
 struct Samples {
     empty: State,
     after_key: State,
@@ -233,7 +233,7 @@ fn make_samples(format: PointFormat) -> Option<Samples> {
     Some(Samples { empty, after_key, key, delta, plain_key, plain_delta })
 }
 
-/// Applies a body and its twin; they must agree, and a refused frame must leave the state alone.
+/// Applies a body by decoder and reference. They must agree, and a refused frame must leave the state unchanged.
 fn check_apply(state: &State, body: &[u8]) -> Option<FrameError> {
     let mut after = state.clone();
     let applied = apply(&mut after, body, &LIMITS);
@@ -245,7 +245,7 @@ fn check_apply(state: &State, body: &[u8]) -> Option<FrameError> {
             None
         }
         Err(error) => {
-            assert!(expected.is_err(), "refused: {error}, the twin does not");
+            assert!(expected.is_err(), "refused: {error}, the reference does not");
             assert!(after == *state, "refused: {error}, but the state changed");
             Some(error)
         }

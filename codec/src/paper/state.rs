@@ -32,7 +32,7 @@ impl State {
         State { layout, buckets, cells, poses, hash: StateHash::default(), frame: None }
     }
 
-    /// Bytes held, the layout included.
+    /// Returns the heap bytes in use, including the layout.
     pub(crate) fn heap_bytes(&self) -> usize {
         self.layout.heap_bytes()
             + memory::list(&self.buckets)

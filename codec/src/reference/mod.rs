@@ -1,5 +1,5 @@
-//! Slow, obvious twins of the fast paths, for tests and fuzzing. They search everything, rebuild everything
-//! and keep nothing that they could work out again.
+//! References: slow and plain implementations to check the fast ones against, in tests and fuzzing. They search
+//! everything, rebuild everything and store nothing that they can compute again.
 
 mod paper_decoder;
 mod paper_encoder;

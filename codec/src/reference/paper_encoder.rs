@@ -1,4 +1,4 @@
-//! The twin of [`crate::paper::Encoder`]: no dirty lists, no counters, no hash that is kept up.
+//! The reference of [`crate::paper::Encoder`], without dirty lists, counters or an incremental hash.
 
 use std::sync::Arc;
 
@@ -16,15 +16,15 @@ struct PointRecord {
     coord: [u32; 3],
     word: u32,
     outside: bool,
-    /// Why it has no slot; [`Placement::Stored`] when it has one.
+    /// Why it has no slot, or [`Placement::Stored`].
     placement: Placement,
 }
 
-/// Does what [`crate::paper::Encoder`] does, slowly. Arguments must be valid: it indexes by them.
+/// Does the same as [`crate::paper::Encoder`], slowly. Arguments must be valid, because it indexes by them.
 #[derive(Debug)]
 pub struct PaperReferenceEncoder {
     layout: Arc<Layout>,
-    /// The instance of every point id.
+    /// Instance of every point id.
     instances: Vec<usize>,
     points: Vec<Option<PointRecord>>,
     /// Point ids in the slots of every cell.
@@ -38,7 +38,7 @@ pub struct PaperReferenceEncoder {
 }
 
 impl PaperReferenceEncoder {
-    /// An encoder with no points yet, as [`crate::paper::Encoder::new`].
+    /// Creates an encoder without points, as [`crate::paper::Encoder::new`].
     #[must_use]
     pub fn new(layout: Arc<Layout>, points: &[u32]) -> PaperReferenceEncoder {
         let owners = points.iter().enumerate();
@@ -81,7 +81,7 @@ impl PaperReferenceEncoder {
         self.poses[instance] = pose;
     }
 
-    /// Tries every point without a slot again, as [`crate::paper::Encoder::retry_unplaced`].
+    /// Tries to place every point without a slot, as [`crate::paper::Encoder::retry_unplaced`].
     pub fn retry_unplaced(&mut self) {
         for point in 0..self.points.len() {
             if self.points[point].is_some() {
@@ -107,13 +107,13 @@ impl PaperReferenceEncoder {
         }
     }
 
-    /// The points that have a slot: instance, cell and word.
+    /// Returns the points with a slot: instance, cell and word.
     pub fn stored(&self) -> impl Iterator<Item = (u32, [u32; 3], u32)> + '_ {
         let stored = self.points.iter().flatten().filter(|put| put.placement == Placement::Stored);
         stored.map(|put| (put.instance as u32, put.coord, put.word))
     }
 
-    /// What clients hold after the last frame.
+    /// Returns the state of clients after the last frame.
     #[must_use]
     pub fn state(&self) -> &State {
         &self.sent
@@ -162,12 +162,12 @@ impl PaperReferenceEncoder {
         Ok(frame)
     }
 
-    /// The cell that a point has a slot in, by searching all of them.
+    /// Searches all cells for the one with a slot of a point.
     fn cell_of(&self, point: usize) -> Option<usize> {
         self.cells.iter().position(|cell| cell.contains(&Some(point)))
     }
 
-    /// Empties the slot of a point, wherever it is; the last one frees the cell and every entry that names it.
+    /// Empties the slot of a point. The last point frees the cell and every entry that names it.
     fn take_out(&mut self, point: usize) {
         let Some(cell) = self.cell_of(point) else { return };
         for slot in self.cells[cell].iter_mut().filter(|slot| **slot == Some(point)) {
@@ -182,7 +182,7 @@ impl PaperReferenceEncoder {
         self.free.push(cell);
     }
 
-    /// Gives a point a slot unless it has one; notes and returns what came of it.
+    /// Gives a point a slot unless it has one. Records and returns the result.
     fn place(&mut self, point: usize) -> Placement {
         let placement = match self.cell_of(point) {
             Some(_) => Placement::Stored,
@@ -221,21 +221,21 @@ impl PaperReferenceEncoder {
         Placement::Stored
     }
 
-    /// Raw id and bucket of a cell of an instance.
+    /// Returns the raw id and bucket of a cell of an instance.
     fn address(&self, instance: usize, coord: [u32; 3]) -> (u32, usize) {
         let layout = &self.layout.instances()[instance];
         let id = cell_id(coord, layout.grid.dims());
         (id, (layout.first_bucket + bucket_of(id, layout.bucket_count)) as usize)
     }
 
-    /// Instance, raw id and coordinate of a cell, from any of its points.
+    /// Returns instance, raw id and coordinate of a cell, from any of its points.
     fn owner(&self, cell: usize) -> Option<(usize, u32, [u32; 3])> {
         let point = self.cells[cell].iter().flatten().next()?;
         let PointRecord { instance, coord, .. } = self.points[*point]?;
         Some((instance, self.address(instance, coord).0, coord))
     }
 
-    /// Moves the last thing in use into the first hole before it until there is none.
+    /// Moves the last item in use into the first hole before it, until there is none.
     fn compact(&mut self) {
         self.cells.iter_mut().for_each(|cell| close_holes(cell));
         self.buckets.iter_mut().for_each(|bucket| close_holes(bucket));

@@ -15,7 +15,7 @@ use crate::memory;
 /// If not all changes fit, those with the largest product of three factors go first: the *difference* between the byte
 /// set and the one of clients (1 to 255), the *weight* of the point's block
 /// ([`Encoder::set_weight`](super::Encoder::set_weight)), and the *age*. The age is the number of frames since the
-/// point first differed by the threshold, including this one. Lower padded indices go first among equals. Points that
+/// point first differed by the threshold, including this one. Lower point ids go first among equals. Points that
 /// have waited for `longest_age` frames go before all others, whatever the budget. A frame is a call of
 /// [`Encoder::finish`](super::Encoder::finish).
 ///
@@ -132,7 +132,7 @@ pub(super) struct PendingFrame<'a> {
     /// State of clients.
     pub(super) sent: &'a mut State,
     /// AO bytes as last set, by padded index.
-    pub(super) offered: &'a [u8],
+    pub(super) latest: &'a [u8],
     pub(super) meta: FrameMeta,
     pub(super) coder: BlockCoder,
 }
@@ -226,7 +226,7 @@ impl BudgetQueue {
                 forced += 1;
                 FORCED
             } else {
-                let difference = frame.offered[index.0].abs_diff(frame.sent.values[index.0]);
+                let difference = frame.latest[index.0].abs_diff(frame.sent.values[index.0]);
                 let weight = self.weights[index.block()];
                 u64::from(difference) * u64::from(weight) * (u64::from(waited) + 1)
             };

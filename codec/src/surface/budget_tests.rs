@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 
-use super::tests::{CODERS, client, meta, offer, stream};
+use super::tests::{CODERS, client, meta, set_frame_ao, stream};
 use super::*;
 use crate::Limits;
 use crate::block::BlockCoder;
@@ -50,7 +50,7 @@ impl Walk {
         }
     }
 
-    fn offer(&self, encoder: &mut Encoder) {
+    fn set_ao(&self, encoder: &mut Encoder) {
         for (point, ao) in (0..).zip(&self.ao) {
             encoder.set_ao(point, *ao).unwrap();
         }
@@ -78,10 +78,10 @@ proptest! {
         let mut state = client(&encoder);
         let mut decoder = Decoder::new();
         let mut walk = Walk::new(state.layout().points(), seed);
-        let mut offered: Vec<Vec<u8>> = Vec::new();
+        let mut latest: Vec<Vec<u8>> = Vec::new();
         for number in 0..30 {
             encoder.set_weight(walk.dice.roll(4), walk.dice.roll(5) as usize, walk.dice.roll(200) as u16);
-            walk.offer(&mut encoder);
+            walk.set_ao(&mut encoder);
             let kind = if number == 0 { KEY } else { DELTA };
             let frame = encoder.finish(meta(kind, number), CODERS[coder]).unwrap();
             decoder.decode(&mut state, &frame.body, &Limits::default()).unwrap();
@@ -91,11 +91,11 @@ proptest! {
             prop_assert!(postponed.oldest <= longest_age);
             let kept = frame.body.len() <= bytes as usize;
             prop_assert!(kept || kind == KEY || changes(&frame) == postponed.forced as usize, "{postponed:?}");
-            offered.push(walk.ao.clone());
-            let late = offered.len().min(usize::from(longest_age) + 1);
-            let last = &offered[offered.len() - late..];
+            latest.push(walk.ao.clone());
+            let late = latest.len().min(usize::from(longest_age) + 1);
+            let last = &latest[latest.len() - late..];
             for (point, held) in held(&state).into_iter().enumerate() {
-                let near = last.iter().any(|offered| offered[point].abs_diff(held) < threshold);
+                let near = last.iter().any(|latest| latest[point].abs_diff(held) < threshold);
                 prop_assert!(near, "point {point} in frame {number}");
             }
             walk.step(jump);
@@ -130,7 +130,7 @@ proptest! {
         const BYTES: usize = 200;
         let mut encoder = budgeted(threshold, BYTES as u32, u16::MAX);
         let layout = std::sync::Arc::clone(encoder.state().layout());
-        let mut naive = SurfaceReferenceEncoder::new(std::sync::Arc::clone(&layout), *encoder.settings());
+        let mut reference = SurfaceReferenceEncoder::new(std::sync::Arc::clone(&layout), *encoder.settings());
         let mut walk = Walk::new(layout.points(), seed);
         let (mut due, mut longest) = (0, 0);
         let (mut least, mut largest) = (u64::MAX, 0);
@@ -138,16 +138,16 @@ proptest! {
         let (fixed, each) = (50 + 1 + layout.blocks().div_ceil(8), 8 + 2);
         let sent_at_least = (BYTES * 15 / 16 - fixed) / each - 1;
         for number in 0..200 {
-            walk.offer(&mut encoder);
+            walk.set_ao(&mut encoder);
             for (point, ao) in (0..).zip(&walk.ao) {
-                naive.set_ao(point, *ao);
+                reference.set_ao(point, *ao);
             }
             let kind = if number == 0 { KEY } else { DELTA };
-            let (mut ranked, _) = naive.ranked();
+            let (mut ranked, _) = reference.ranked();
             if kind == DELTA {
                 due = due.max(ranked.len());
                 for point in &ranked {
-                    let product = naive.priority(*point) / (naive.waited(*point) + 1);
+                    let product = reference.priority(*point) / (reference.waited(*point) + 1);
                     (least, largest) = (least.min(product), largest.max(product));
                 }
             }
@@ -156,7 +156,7 @@ proptest! {
             let postponed = *encoder.postponed().unwrap();
             prop_assert!(postponed.points == 0 || sent >= sent_at_least, "{sent} of {}", ranked.len());
             ranked.truncate(sent);
-            naive.finish(kind, &ranked);
+            reference.finish(kind, &ranked);
             longest = longest.max(usize::from(postponed.oldest));
             walk.step(jump);
         }
@@ -175,7 +175,7 @@ fn most_of_a_budget_is_used_while_points_wait() {
         let mut walk = Walk::new(encoder.state().layout().points(), 5);
         let mut waited = 0;
         for number in 0..40 {
-            walk.offer(&mut encoder);
+            walk.set_ao(&mut encoder);
             let frame = encoder.finish(meta(if number == 0 { KEY } else { DELTA }, number), coder).unwrap();
             let postponed = encoder.postponed().unwrap();
             if postponed.points > 0 && postponed.forced == 0 {
@@ -193,9 +193,9 @@ fn most_of_a_budget_is_used_while_points_wait() {
 fn a_keyframe_sends_what_waits() {
     let mut encoder = budgeted(4, 60, 30);
     let all = 0..encoder.state().layout().points();
-    offer(&mut encoder, 0, all.clone());
+    set_frame_ao(&mut encoder, 0, all.clone());
     encoder.finish(meta(KEY, 0), BlockCoder::Range).unwrap();
-    offer(&mut encoder, 7, all);
+    set_frame_ao(&mut encoder, 7, all);
     encoder.finish(meta(DELTA, 1), BlockCoder::Range).unwrap();
     assert!(encoder.postponed().unwrap().points > 100);
     let body = encoder.finish(meta(KEY, 2), BlockCoder::Range).unwrap().body;
@@ -204,9 +204,9 @@ fn a_keyframe_sends_what_waits() {
     let still = encoder.finish(meta(DELTA, 3), BlockCoder::Range).unwrap();
     assert_eq!((changes(&still), encoder.postponed().unwrap().points), (0, 0));
     for instance in 0..4 {
-        assert_eq!(encoder.offered(instance), encoder.state().values(instance));
+        assert_eq!(encoder.latest(instance), encoder.state().values(instance));
     }
-    assert!(encoder.offered(4).is_empty());
+    assert!(encoder.latest(4).is_empty());
 }
 
 #[test]
@@ -216,7 +216,7 @@ fn a_frame_that_fails_leaves_those_that_wait_as_they_were() {
         let points = encoder.state().layout().points();
         (0..12)
             .map(|number| {
-                offer(&mut encoder, 2 * number, 0..points);
+                set_frame_ao(&mut encoder, 2 * number, 0..points);
                 let kind = if number == 0 { KEY } else { DELTA };
                 if fails && number > 0 {
                     let none = BlockCoder::Zstd { level: 99 };
@@ -234,8 +234,8 @@ fn a_frame_that_fails_leaves_those_that_wait_as_they_were() {
 fn the_order_beats_that_of_age_alone() {
     let mut encoder = budgeted(4, 110, 200);
     let layout = std::sync::Arc::clone(encoder.state().layout());
-    let naive = || SurfaceReferenceEncoder::new(std::sync::Arc::clone(&layout), *encoder.settings());
-    let [mut by_product, mut by_age] = [naive(), naive()];
+    let reference = || SurfaceReferenceEncoder::new(std::sync::Arc::clone(&layout), *encoder.settings());
+    let [mut by_product, mut by_age] = [reference(), reference()];
     let mut walk = Walk::new(layout.points(), 77);
     let mut weights = Vec::new();
     for instance in 0..4 {
@@ -250,7 +250,7 @@ fn the_order_beats_that_of_age_alone() {
     }
     let mut off = [0_u64; 2];
     for number in 0..150 {
-        walk.offer(&mut encoder);
+        walk.set_ao(&mut encoder);
         for (point, ao) in (0..).zip(&walk.ao) {
             by_product.set_ao(point, *ao);
             by_age.set_ao(point, *ao);
@@ -263,9 +263,9 @@ fn the_order_beats_that_of_age_alone() {
         oldest.sort_by_key(|point| std::cmp::Reverse(by_age.waited(*point)));
         oldest.truncate(sent);
         by_age.finish(kind, &oldest);
-        for (naive, off) in [&by_product, &by_age].into_iter().zip(&mut off) {
+        for (reference, off) in [&by_product, &by_age].into_iter().zip(&mut off) {
             for ((point, ao), weight) in (0..).zip(&walk.ao).zip(&weights) {
-                *off += weight * u64::from(naive.held(point).unwrap().abs_diff(*ao));
+                *off += weight * u64::from(reference.held(point).unwrap().abs_diff(*ao));
             }
         }
         assert_eq!(

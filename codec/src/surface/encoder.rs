@@ -60,7 +60,7 @@ pub struct Encoder {
     settings: EncoderSettings,
     geometry: Vec<Option<Arc<Geometry>>>,
     /// AO bytes as last set, by padded index.
-    offered: Vec<u8>,
+    latest: Vec<u8>,
     /// Points of present blocks that differ by the threshold, by block.
     dirty: Vec<u64>,
     /// Blocks that were set but not sent yet, in the order in which they were first set.
@@ -99,7 +99,7 @@ impl Encoder {
             GeometrySource::Shared => check,
         };
         Ok(Encoder {
-            offered: vec![255; sent.values.len()],
+            latest: vec![255; sent.values.len()],
             dirty: vec![0; sent.present.len()],
             arriving: Vec::new(),
             is_arriving: vec![false; sent.present.len()],
@@ -117,13 +117,13 @@ impl Encoder {
     /// buffers kept between frames.
     #[must_use]
     pub fn heap_bytes(&self) -> usize {
-        let Encoder { sent, geometry, offered, dirty, arriving, is_arriving, changes, writer, queue, .. } =
+        let Encoder { sent, geometry, latest, dirty, arriving, is_arriving, changes, writer, queue, .. } =
             self;
         let carried = geometry.iter().zip(&sent.geometry).map(|(ours, theirs)| match (ours, theirs) {
             (Some(ours), Some(theirs)) if Arc::ptr_eq(ours, theirs) => 0,
             (ours, _) => ours.as_ref().map_or(0, |geometry| geometry.heap_bytes()),
         });
-        let points = carried.sum::<usize>() + memory::list(geometry) + memory::list(offered);
+        let points = carried.sum::<usize>() + memory::list(geometry) + memory::list(latest);
         let blocks = memory::list(dirty) + memory::list(arriving) + memory::list(is_arriving);
         let queue = queue.as_ref().map_or(0, |queue| queue.heap_bytes());
         sent.heap_bytes() + points + blocks + changes.heap_bytes() + writer.heap_bytes() + queue
@@ -143,7 +143,7 @@ impl Encoder {
         }
         let index = layout.padded_index_in(self.instance, point);
         let (block, bit) = (index.block(), index.bit());
-        self.offered[index.0] = ao;
+        self.latest[index.0] = ao;
         if !self.sent.present[block] {
             if !std::mem::replace(&mut self.is_arriving[block], true) {
                 self.arriving.push(block as u32);
@@ -193,11 +193,11 @@ impl Encoder {
     /// Returns the AO bytes of an instance's points as last set, in the order of its set's geometry; 255 where none
     /// was set. Clients hold [`State::values`] of [`Encoder::state`].
     #[must_use]
-    pub fn offered(&self, instance: u32) -> &[u8] {
+    pub fn latest(&self, instance: u32) -> &[u8] {
         if instance as usize >= self.sent.layout.members().len() {
             return &[];
         }
-        &self.offered[self.sent.layout.padded_range(instance as usize)]
+        &self.latest[self.sent.layout.padded_range(instance as usize)]
     }
 
     /// Returns the state of clients after the last finished frame.
@@ -297,9 +297,9 @@ impl Encoder {
     /// changed points for the header.
     fn write_changes(&mut self, meta: FrameMeta, coder: BlockCoder) -> Result<u32, EncodeError> {
         self.collect_changes();
-        let Encoder { sent, changes, writer, offered, queue, .. } = self;
+        let Encoder { sent, changes, writer, latest, queue, .. } = self;
         if let Some(queue) = queue {
-            return queue.write(PendingFrame { writer, sent, offered, meta, coder }, changes);
+            return queue.write(PendingFrame { writer, sent, latest, meta, coder }, changes);
         }
         if !changes.levels.is_empty() {
             let (known, model) = sent.view_and_model();
@@ -323,7 +323,7 @@ impl Encoder {
             bytes: &mut next.values,
             present: &mut next.present,
         }
-        .write(&mut self.writer, order, &self.offered, coder)?;
+        .write(&mut self.writer, order, &self.latest, coder)?;
         let own = self.geometry.iter().zip(&next.received);
         for (held, (own, received)) in next.geometry.iter_mut().zip(own) {
             if *received {
@@ -341,7 +341,7 @@ impl Encoder {
         for (block, dirty) in self.dirty.iter().enumerate() {
             for bit in SetBits(*dirty) {
                 let index = PaddedIndex::new(block, bit as usize);
-                let difference = i32::from(self.offered[index.0]) - i32::from(self.sent.values[index.0]);
+                let difference = i32::from(self.latest[index.0]) - i32::from(self.sent.values[index.0]);
                 // The nearest number of quanta, but at least one.
                 let size = ((difference.abs() + quantum / 2) / quantum).max(1);
                 self.changes.push(index, (size * difference.signum()) as i16);

@@ -30,7 +30,9 @@ pub enum GeometryError {
         set: u32,
     },
     /// The points differ from those that the stream was made with.
-    #[error("set {set}: other points than the stream's; is this the scene that it was made from?")]
+    #[error(
+        "set {set}: its points differ from the stream's; is this the scene that the stream was made from?"
+    )]
     Other {
         /// The set.
         set: u32,

@@ -75,7 +75,7 @@ pub enum LayoutError {
         limit: u32,
     },
     /// An instance names a set that does not exist.
-    #[error("instance {instance} has points of set {set}, there are {sets} sets")]
+    #[error("instance {instance} names set {set}, but there are only {sets} sets")]
     NoSet {
         /// The instance.
         instance: u32,
@@ -85,7 +85,7 @@ pub enum LayoutError {
         sets: usize,
     },
     /// A lattice, kernel or normal precision is out of range.
-    #[error("set {set}: {what} makes no sense")]
+    #[error("set {set}: {what} is out of range")]
     Lattice {
         /// The set.
         set: u32,

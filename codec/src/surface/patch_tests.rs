@@ -12,7 +12,7 @@ use crate::testing::reseal;
 use crate::{self as of_either, Limits};
 
 /// One frame of a story: points and the AO that is set.
-type Offers = Vec<(u32, u8)>;
+type AoValues = Vec<(u32, u8)>;
 
 /// A stream and all its frames.
 struct Story {
@@ -31,8 +31,8 @@ impl Story {
     }
 
     /// Writes a frame with a given index: indices need not be consecutive.
-    fn frame(&mut self, kind: FrameKind, coder: BlockCoder, offers: &Offers) {
-        for (point, ao) in offers {
+    fn frame(&mut self, kind: FrameKind, coder: BlockCoder, values: &AoValues) {
+        for (point, ao) in values {
             self.encoder.set_ao(*point, *ao);
         }
         let number = 3 + 2 * self.states.len() as u32;
@@ -73,7 +73,7 @@ impl Story {
 }
 
 /// Returns values of all points at a given time except those of the last ball.
-fn shadow(time: u32) -> Offers {
+fn shadow(time: u32) -> AoValues {
     (0..430).map(|point| (point, ao(point, time))).collect()
 }
 
@@ -271,8 +271,8 @@ fn patches_that_do_not_suit_are_refused_by_name() {
     for time in 0..2 {
         let kind = if time == 0 { FrameKind::Key } else { FrameKind::Delta };
         // The second ball is blocks 8 and 9, or it would be if it came.
-        let offers = shadow(time).into_iter().filter(|(point, _)| *point < 300);
-        story.frame(kind, BlockCoder::Stored, &offers.collect());
+        let values = shadow(time).into_iter().filter(|(point, _)| *point < 300);
+        story.frame(kind, BlockCoder::Stored, &values.collect());
     }
     let state = story.last();
     let blocks = state.present.len();
@@ -315,9 +315,9 @@ fn patches_that_do_not_suit_are_refused_by_name() {
     assert!(matches!(hash, FrameError::Hash { .. }), "{hash}");
 }
 
-fn story() -> impl Strategy<Value = Vec<(u8, Offers)>> {
-    let offers = prop::collection::vec((0_u32..560, any::<u8>()), 0..60);
-    prop::collection::vec((any::<u8>(), offers), 2..10)
+fn story() -> impl Strategy<Value = Vec<(u8, AoValues)>> {
+    let values = prop::collection::vec((0_u32..560, any::<u8>()), 0..60);
+    prop::collection::vec((any::<u8>(), values), 2..10)
 }
 
 proptest! {
@@ -329,10 +329,10 @@ proptest! {
     ) {
         let source = if source { GeometrySource::Sent } else { GeometrySource::Shared };
         let mut story = Story::new(source);
-        for (at, (kind, offers)) in frames.iter().enumerate() {
+        for (at, (kind, values)) in frames.iter().enumerate() {
             let key = at == 0 || kind % 16 == 0;
             let kind = if key { FrameKind::Key } else { FrameKind::Delta };
-            story.frame(kind, CODERS[coder], offers);
+            story.frame(kind, CODERS[coder], values);
         }
         let last = story.last().clone();
         let mut readers = Vec::new();
@@ -371,8 +371,8 @@ proptest! {
             }
         }
         // With what was learned, clients read the updates that all others read.
-        for (_, offers) in &more {
-            story.frame(FrameKind::Delta, CODERS[coder], offers);
+        for (_, values) in &more {
+            story.frame(FrameKind::Delta, CODERS[coder], values);
             for reader in readers.iter_mut().take(3) {
                 Decoder::new().decode(reader, story.bodies.last().unwrap(), &Limits::default()).unwrap();
                 prop_assert_eq!(&*reader, story.last());

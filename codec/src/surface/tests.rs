@@ -75,7 +75,7 @@ pub(super) fn ao(point: u32, frame: u32) -> u8 {
     (255.0 - 160.0 * (-distance * distance / 300.0).exp()) as u8 - noise as u8
 }
 
-pub(super) fn offer(encoder: &mut Encoder, frame: u32, points: std::ops::Range<u32>) {
+pub(super) fn set_frame_ao(encoder: &mut Encoder, frame: u32, points: std::ops::Range<u32>) {
     for point in points {
         encoder.set_ao(point, ao(point, frame)).unwrap();
     }
@@ -86,7 +86,7 @@ fn frames(encoder: &mut Encoder, coder: BlockCoder, count: u32) -> Vec<EncodedFr
     let all = encoder.state().layout().points();
     let frame = |encoder: &mut Encoder, frame: u32| {
         let late = if frame < 2 { all - 130 } else { all };
-        offer(encoder, frame, 0..late);
+        set_frame_ao(encoder, frame, 0..late);
         let kind = if frame == 0 { FrameKind::Key } else { FrameKind::Delta };
         encoder.finish(meta(kind, frame), coder).unwrap()
     };
@@ -114,7 +114,7 @@ fn clients_hold_what_the_server_says_with_every_coder() {
 
 fn frames_next(encoder: &mut Encoder, coder: BlockCoder, number: u32) -> EncodedFrame {
     let all = encoder.state().layout().points();
-    offer(encoder, number, 0..if number < 2 { all - 130 } else { all });
+    set_frame_ao(encoder, number, 0..if number < 2 { all - 130 } else { all });
     let kind = if number.is_multiple_of(9) { FrameKind::Key } else { FrameKind::Delta };
     encoder.finish(meta(kind, number), coder).unwrap()
 }
@@ -148,7 +148,7 @@ fn a_keyframe_in_the_middle_of_a_group_lets_a_client_read_on() {
         decoder.decode(&mut late, &body, &Limits::default()).unwrap();
         assert_eq!(&late, encoder.state());
         for number in 6..9 {
-            offer(&mut encoder, number, 0..100);
+            set_frame_ao(&mut encoder, number, 0..100);
             let frame = encoder.finish(meta(FrameKind::Delta, number), coder).unwrap();
             decoder.decode(&mut late, &frame.body, &Limits::default()).unwrap();
             assert_eq!(&late, encoder.state());
@@ -161,7 +161,7 @@ fn what_the_bits_are_spent_on_adds_up_to_the_block() {
     let mut encoder = stream(GeometrySource::Sent, 2);
     frames(&mut encoder, BlockCoder::Range, 3);
     let before = encoder.state().clone();
-    offer(&mut encoder, 8, 0..before.layout().points());
+    set_frame_ao(&mut encoder, 8, 0..before.layout().points());
     let frame = encoder.finish(meta(FrameKind::Delta, 8), BlockCoder::Range).unwrap();
     let bits = 8.0 * f64::from(frame.info.sections[0].wire_bytes);
     let BitBreakdown { blocks, points, signs, sizes } =
@@ -190,8 +190,8 @@ fn a_context_is_one_record() {
     let forged = crate::envelope::assemble(&meta, ids, info.hash, info.sections, blocks).body;
     let error = refuse(&mut Decoder::new(), &client(&encoder), &forged, &Limits::default());
     assert!(matches!(error, FrameError::TooManyRecords { records: 2, places: 1, .. }), "{error}");
-    let twin = crate::reference::apply_surface(&client(&encoder), &forged, &Limits::default());
-    assert!(twin.is_err());
+    let expected = crate::reference::apply_surface(&client(&encoder), &forged, &Limits::default());
+    assert!(expected.is_err());
 }
 
 #[test]

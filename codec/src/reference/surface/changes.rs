@@ -1,4 +1,4 @@
-//! Which points a delta changes and by how much.
+//! CHANGES sections: which points a delta changes, and by how much.
 
 use super::{Block, BlockInfo, ByteReader, ReferenceError, index, rule, significant, varint_bytes};
 use crate::range::{BinaryCoder, BitModel, RangeDecoder, logistic};
@@ -7,12 +7,12 @@ use crate::surface::{BLOCK_POINTS, ChangeModel, ContextMixer, History, NEVER, St
 /// Changes of one frame.
 pub(super) struct Changes {
     quantum: i32,
-    /// By padded; 0 where nothing changes.
+    /// By padded index; 0 where nothing changes.
     levels: Vec<i32>,
     model: ChangeModel,
 }
 
-/// Reads a CHANGES section: changes of `state`.
+/// Reads a CHANGES section for `state`.
 pub(super) fn read(state: &State, block: Block<'_>) -> Result<Changes, ReferenceError> {
     let changes = match block.decoder() {
         Some(decoder) => {
@@ -48,7 +48,8 @@ fn read_plain(state: &State, raw: &[u8]) -> Result<Changes, ReferenceError> {
     Ok(changes)
 }
 
-/// Reads a bit for every block, and one for every point of those that have theirs set: the padded of these points.
+/// Reads a bit for every block, and one for every point of the blocks whose bit is set. Returns the padded indices of
+/// the points whose bit is set.
 pub(super) fn read_point_mask(
     bytes: &mut ByteReader<'_>,
     blocks: usize,
@@ -72,12 +73,12 @@ impl Changes {
         Changes { quantum: 0, levels: vec![0; state.values.len()], model: state.model.clone() }
     }
 
-    /// The byte of a point after the frame.
+    /// Returns the byte of a point after the frame.
     fn byte(&self, state: &State, padded: usize) -> u8 {
         (i32::from(state.values[padded]) + self.levels[padded] * self.quantum).clamp(0, 255) as u8
     }
 
-    /// ByteReader of the plain layout.
+    /// Returns the length of the plain layout in bytes.
     fn plain_bytes(&self, state: &State) -> usize {
         let blocks = self.levels.chunks(BLOCK_POINTS).filter(|block| block.iter().any(|level| *level != 0));
         let folded = |level: &i32| if *level < 0 { -2 * level - 1 } else { 2 * level };
@@ -85,7 +86,7 @@ impl Changes {
         1 + state.present.len().div_ceil(8) + 8 * blocks.count() + levels.map(varint_bytes).sum::<usize>()
     }
 
-    /// Makes the changes of `state` in `next`, where other things may have come already.
+    /// Makes the changes of `state` in `next`, which may have arrivals already.
     pub(super) fn make(self, state: &State, next: &mut State) {
         let (mut age, mut period) = (Vec::new(), Vec::new());
         let (mut last, mut activity) = (Vec::new(), Vec::new());
@@ -98,7 +99,7 @@ impl Changes {
                 activity.push(state.history.activity[padded]);
             } else {
                 next.values[padded] = self.byte(state, padded);
-                // An age that would not be told from a longer one is none.
+                // An age that cannot be told from a longer one counts as never.
                 let waited = if past.age < NEVER - 1 { past.age } else { NEVER };
                 let left = faded(state.history.activity[padded], waited);
                 age.push(0);
@@ -112,7 +113,8 @@ impl Changes {
     }
 }
 
-/// What is left of activity after so many frames without a change: three quarters of it a frame, for nineteen frames.
+/// Returns the activity left after a number of frames without a change. Three quarters are left after each frame, for
+/// nineteen frames.
 fn faded(activity: u8, frames: u8) -> u32 {
     if frames >= 20 {
         return 0;
@@ -123,7 +125,7 @@ fn faded(activity: u8, frames: u8) -> u32 {
     (u32::from(activity) * share as u32) / 256
 }
 
-/// What is remembered of a point.
+/// The history of a point.
 struct Past {
     age: u8,
     period: u8,
@@ -139,13 +141,13 @@ impl Past {
         Past { age, period: history.period[padded], last: history.last[padded].into(), activity }
     }
 
-    /// The level of the last frame; 0 for none.
+    /// Returns the level of the last frame; 0 for none.
     fn recent(&self) -> i32 {
         if self.age == 0 { self.last } else { 0 }
     }
 }
 
-/// The changes that the range coder wrote, and the decoder after them. Says nothing about whether they make sense.
+/// Decodes the changes of the range coder. Returns the decoder too. It does not check whether the changes are valid.
 fn decode<'a>(state: &State, decoder: RangeDecoder<'a>) -> (Changes, RangeDecoder<'a>) {
     let blocks_info = BlockInfo::all(state.layout());
     let mut walk = ChangeDecoder {
@@ -170,9 +172,9 @@ struct ChangeDecoder<'a, 'b> {
     blocks_info: Vec<BlockInfo>,
     decoder: RangeDecoder<'b>,
     changes: Changes,
-    /// Levels of the points before the one at hand, as far back as they count.
+    /// Levels of the points before the current one, as far back as they count.
     stretch: Vec<i32>,
-    /// The point at hand.
+    /// The current point.
     point: Option<Situation>,
 }
 
@@ -181,26 +183,27 @@ struct Situation {
     instance: usize,
     value: usize,
     past: Past,
-    /// Points that changed and that darkened: of the eight before, in this frame; of the eight around, in the last.
+    /// Number of points that changed and that darkened: among the eight before, in this frame; among the eight around,
+    /// in the last frame.
     now: usize,
     now_darker: usize,
     recent: usize,
     recent_darker: usize,
     /// Levels of the eight before, the nearest first.
     before: Vec<i32>,
-    /// Whether it is its instance's first.
+    /// Whether it is the first point of its instance.
     first: bool,
     around: u32,
 }
 
 impl ChangeDecoder<'_, '_> {
-    /// Points of a block that changed in the last frame.
+    /// Returns the number of points of a block that changed in the last frame.
     fn recent(&self, block: usize) -> usize {
         let ages = self.state.history.age.chunks(BLOCK_POINTS).nth(block).unwrap_or_default();
         ages.iter().filter(|age| **age == 0).count()
     }
 
-    /// Reads a run of blocks; whether anything in it changes.
+    /// Reads a group of blocks and returns whether any of them changed.
     fn group(&mut self, group: &[usize], before: bool) -> bool {
         if group.iter().all(|block| !self.state.present[*block]) {
             return false;
@@ -282,7 +285,7 @@ impl ChangeDecoder<'_, '_> {
         }
     }
 
-    /// Reads the level of the point at hand; 0 when it does not change.
+    /// Reads the level of the current point; 0 if it does not change.
     fn level(&mut self) -> i32 {
         let Some(at) = &self.point else { return 0 };
         let model = &mut self.changes.model;
@@ -308,7 +311,7 @@ impl ChangeDecoder<'_, '_> {
 }
 
 impl Situation {
-    /// Contexts of whether it changes.
+    /// Returns the contexts of whether it changes.
     fn changes(&self, few: usize) -> [usize; 4] {
         let nearest = match self.before.first() {
             _ if self.first => 2,
@@ -324,7 +327,7 @@ impl Situation {
         ]
     }
 
-    /// Contexts of which sign.
+    /// Returns the contexts of its sign.
     fn sign(&self) -> [usize; 4] {
         let balance = 8 + self.now - 2 * self.now_darker;
         let trend = 8 + self.recent - 2 * self.recent_darker;
@@ -338,7 +341,7 @@ impl Situation {
         ]
     }
 
-    /// Contexts of whether it changes by more than `step` and one.
+    /// Returns the contexts of whether its size is above `step` + 1.
     fn size(&self, step: usize, darkens: bool) -> [usize; 4] {
         let sizes: u32 = self.before.iter().map(|level| level.unsigned_abs()).sum();
         let usual = (2 * sizes as usize).checked_div(self.now).unwrap_or(0);
@@ -354,7 +357,7 @@ impl Situation {
     }
 }
 
-/// Reads one decision by mixer.
+/// Reads one mixed decision.
 fn decide<const N: usize>(
     mixer: &mut ContextMixer<N>,
     decoder: &mut RangeDecoder<'_>,
@@ -367,7 +370,7 @@ fn decide<const N: usize>(
     mixer.mixer.code(logistic(), decoder, situation, models, false)
 }
 
-/// Classes 0, 1, 2, 3, 4-5, 6-7, 8-11, 12-15, 16-23 ...
+/// Returns the class of a number: 0, 1, 2, 3, 4-5, 6-7, 8-11, 12-15, 16-23 ..
 fn half_octave(value: u32) -> usize {
     let mut starts = vec![1, 2, 3];
     starts.extend((2..8).flat_map(|octave| [4_u32 << (octave - 2), 6 << (octave - 2)]));
@@ -378,7 +381,7 @@ fn age_class(age: u8) -> usize {
     [1, 2, 4, 8, 21].iter().filter(|start| age >= **start).count()
 }
 
-/// Quarters of the last period that have passed.
+/// Returns the phase: the quarters of the last period that have passed.
 fn phase(age: u8, period: u8) -> usize {
     if period == NEVER {
         return 15;

@@ -1,4 +1,4 @@
-//! What a keyframe in the middle of a group says that was learned.
+//! CONTEXT sections: the coder context of a keyframe in the middle of a group.
 
 use super::{ByteReader, ReferenceError, rule};
 use crate::surface::{BLOCK_POINTS, History, State};

@@ -1,4 +1,4 @@
-//! Points of sets that come.
+//! GEOMETRY sections: points of sets that arrive.
 
 use std::sync::Arc;
 
@@ -44,7 +44,7 @@ pub(super) fn read(
     rule(left == 0)
 }
 
-/// A set is about to come, which must not be here yet and not have more points than are `left`.
+/// Announces a set. It must not be here yet, and must have at most `left` points.
 fn announce(next: &mut State, set: i64, left: &mut u32) -> Result<SetLayout, ReferenceError> {
     let set = usize::try_from(set).map_err(|_| ReferenceError::Rule)?;
     let layout = *next.layout().sets().get(set).ok_or(ReferenceError::Rule)?;

@@ -1,4 +1,4 @@
-//! Points by halving boxes.
+//! Decodes points by halving boxes.
 
 use std::collections::BTreeMap;
 
@@ -7,7 +7,7 @@ use super::significant;
 use crate::range::{BinaryCoder, BitModel, NumberModel, RangeDecoder};
 use crate::surface::SetLayout;
 
-/// What a decision is about.
+/// The question that a decision answers.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Question {
     LowerEmpty,
@@ -53,7 +53,7 @@ impl GeometryDecoder {
         bit
     }
 
-    /// The points of a set, in the order of the boxes; `None` where they break a rule.
+    /// Returns the points of a set, in the order of the boxes; `None` if they break a rule.
     pub(super) fn points(&mut self, decoder: &mut RangeDecoder<'_>, set: &SetLayout) -> Option<Vec<Point>> {
         let size = set.extent.map(|extent| significant(extent.into()) as u32);
         let mut found = Vec::new();
@@ -100,7 +100,7 @@ impl GeometryDecoder {
         self.cuboid(decoder, set, halves[1], count - lower, found)
     }
 
-    /// How many of `count` points are in the lower half, when some are in both.
+    /// Reads how many of `count` points are in the lower half, if some are in both.
     fn share(&mut self, decoder: &mut RangeDecoder<'_>, count: usize) -> Option<usize> {
         let width = significant(count as u64 - 2);
         let mut less_one = 0;
@@ -126,7 +126,7 @@ impl GeometryDecoder {
     ) -> Option<Point> {
         let window = &found[found.len().saturating_sub(16)..];
         let centre: [i64; 3] = std::array::from_fn(|axis| i64::from(low[axis]) + (1_i64 << size[axis]) / 2);
-        // Of equals the one found first.
+        // The first one wins among equals.
         let near = window.iter().min_by_key(|found| distance(&found.point.0, &centre));
         let steep = near.map_or(0, |near| steepest(&near.direction));
         let mut coord = low;
@@ -135,7 +135,8 @@ impl GeometryDecoder {
         }
         let plane = near.map_or(centre[steep], |near| near.plane_at(steep, &coord));
         for half in (0..size[steep]).rev() {
-            // Halves of the box are 2^half nodes; the plane is so many quarters of one above its middle, rounded.
+            // Halves of the box are 2^half nodes. `quarters` is the height of the plane above the middle, in quarters
+            // of a half, rounded.
             let middle = i64::from(coord[steep]) + (1 << half);
             let quarters = (8 * (plane - middle) + 4).div_euclid(2 << half).clamp(-8, 8);
             let context = [(quarters + 8) as usize, half.min(7) as usize, 0];
@@ -157,7 +158,7 @@ impl GeometryDecoder {
         coord: &[u32; 3],
         window: &[DecodedPoint],
     ) -> Option<u16> {
-        // The best first; of equals the one found last.
+        // The best first; among equals the last one decoded.
         let mut candidates: Vec<(u64, u64, u16)> = window
             .iter()
             .rev()
@@ -193,7 +194,8 @@ impl GeometryDecoder {
 }
 
 impl DecodedPoint {
-    /// Where this point's plane is along an axis, at a place of which the other two coordinates count; at most 2^24 away.
+    /// Returns where this point's plane is along an axis, at a place given by its other two coordinates; at most 2^24
+    /// away.
     fn plane_at(&self, axis: usize, coord: &[u32; 3]) -> i64 {
         let own = self.point.0.map(i64::from);
         let mut fall = 0;
@@ -204,7 +206,7 @@ impl DecodedPoint {
         own[axis] - down.clamp(-(1 << 24), 1 << 24)
     }
 
-    /// How far a place is from this point's plane.
+    /// Returns the distance of a place from this point's plane.
     fn plane_distance(&self, coord: &[u32; 3]) -> u64 {
         let axis = steepest(&self.direction);
         self.plane_at(axis, coord).abs_diff(coord[axis].into())
@@ -215,7 +217,7 @@ fn distance(a: &[u32; 3], b: &[i64; 3]) -> u64 {
     (0..3).map(|axis| i64::from(a[axis]).abs_diff(b[axis])).max().unwrap_or(0)
 }
 
-/// The first of the axes along which a box is longest.
+/// Returns the first of the axes along which a box is longest.
 fn first_longest(size: [u32; 3]) -> usize {
     (0..3).find(|axis| size.iter().all(|other| size[*axis] >= *other)).unwrap_or(0)
 }
@@ -224,7 +226,7 @@ fn steepest(direction: &[i64; 3]) -> usize {
     first_longest(direction.map(|axis| axis.unsigned_abs() as u32))
 }
 
-/// The direction of an octahedral code, not of unit length.
+/// Returns the direction of an octahedral code, not of unit length.
 fn direction(normal_bits: u8, code: u16) -> [i64; 3] {
     let levels = 1 << normal_bits;
     let u = 2 * (i64::from(code) % levels) - (levels - 1);

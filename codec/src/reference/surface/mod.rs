@@ -1,5 +1,6 @@
-//! The twin of [`crate::surface::Decoder`]: the whole state after a frame, built from what the format says and nothing
-//! else. Of the fast path it shares the range coder's primitives, the readers of the wire and the block coders.
+//! The reference of [`crate::surface::Decoder`]. It builds the whole state after a frame from the definition of the
+//! format alone. With the fast path it shares only the primitives of the range coder, the readers of the wire and the
+//! block coders.
 
 mod changes;
 mod context;
@@ -23,7 +24,7 @@ use crate::surface::{BLOCK_POINTS, Layout, State};
 use crate::wire::read_varint;
 use crate::{Limits, StateHash};
 
-/// The state after a frame body of profile `surface`, from scratch.
+/// Returns the state after a frame body of profile `surface`, computed from scratch.
 ///
 /// # Errors
 /// Refuses exactly what [`crate::surface::Decoder::apply`] refuses.
@@ -46,7 +47,7 @@ pub fn apply_surface(state: &State, body: &[u8], limits: &Limits) -> Result<Stat
     if next.hash == info.hash { Ok(next) } else { Err(ReferenceError::Hash) }
 }
 
-/// Brings `next` up to date, but for its hash.
+/// Updates `next` except for its hash.
 fn read_sections(
     state: &State,
     next: &mut State,
@@ -59,7 +60,7 @@ fn read_sections(
     let mut changes = changes::Changes::none(state);
     let is_patch = info.sections.iter().any(|section| section.tag == SectionTag::PATCH);
     if is_patch {
-        // What was learned before is forgotten, unless a context says it.
+        // A patch makes the coder context fresh, unless it carries one.
         let State { history, model, .. } = blank(state);
         (next.history, next.model) = (history, model);
     }
@@ -94,18 +95,18 @@ struct Block<'a> {
 }
 
 impl<'a> Block<'a> {
-    /// The plain layout, of a block that the range coder did not write.
+    /// Returns the plain layout of a block that the range coder did not write.
     fn raw(&self) -> Result<Vec<u8>, ReferenceError> {
         let SectionInfo { coder, raw_bytes, .. } = *self.section;
         Ok(decompress(self.stored, coder, raw_bytes, self.limits.max_block_bytes)?)
     }
 
-    /// The decisions, of one that it did.
+    /// Returns the decoder of a block that the range coder wrote.
     fn decoder(&self) -> Option<RangeDecoder<'a>> {
         (self.section.coder == CoderId::RANGE).then(|| RangeDecoder::new(self.stored))
     }
 
-    /// After the last decision: the block must end there, and its plain layout be as long as announced.
+    /// Checks after the last decision that the block ends there and its plain layout has the announced length.
     fn end(&self, decoder: RangeDecoder<'_>, plain_bytes: usize) -> Result<(), ReferenceError> {
         rule(decoder.finish().is_ok() && plain_bytes == self.section.raw_bytes as usize)
     }
@@ -115,17 +116,17 @@ fn rule(kept: bool) -> Result<(), ReferenceError> {
     if kept { Ok(()) } else { Err(ReferenceError::Rule) }
 }
 
-/// A block of points: 64 slots of an instance, of which the first `points` have one.
+/// A point block: 64 padded indices of an instance, of which the first `points` have a point.
 #[derive(Clone, Copy, PartialEq)]
 struct BlockInfo {
     instance: usize,
-    /// Which block of its instance it is.
+    /// Number of the block in its instance.
     number: usize,
     points: usize,
 }
 
 impl BlockInfo {
-    /// The blocks_info of all blocks of a stream, in order.
+    /// Returns all blocks of a stream, in order.
     fn all(layout: &Layout) -> Vec<BlockInfo> {
         let mut blocks_info = Vec::new();
         for (instance, member) in layout.members().iter().enumerate() {
@@ -138,7 +139,7 @@ impl BlockInfo {
     }
 }
 
-/// The empty state of the same stream, with the geometry that no frame brought.
+/// Returns the empty state of the same stream, with the geometry that no frame brought.
 fn blank(state: &State) -> State {
     let mut next = State::new(Arc::clone(state.layout()));
     for set in 0..state.geometry.len() {
@@ -149,7 +150,7 @@ fn blank(state: &State) -> State {
     next
 }
 
-/// The sum of the terms of all that came.
+/// Returns the sum of the terms of everything received.
 fn full_hash(state: &State) -> StateHash {
     let mut sum = 0_u64;
     for (set, layout) in state.layout().sets().iter().enumerate() {
@@ -170,7 +171,7 @@ fn full_hash(state: &State) -> StateHash {
     StateHash(sum)
 }
 
-/// ByteReader that are taken from the front.
+/// Reads bytes from front to back.
 struct ByteReader<'a>(&'a [u8]);
 
 impl<'a> ByteReader<'a> {
@@ -191,17 +192,17 @@ impl<'a> ByteReader<'a> {
     }
 }
 
-/// ByteReader of a number as a varint.
+/// Returns the length of a number as a varint, bytes.
 fn varint_bytes(value: u32) -> usize {
     1 + [7, 14, 21, 28].into_iter().filter(|decoder| value >> decoder > 0).count()
 }
 
-/// Significant bits of a number.
+/// Returns the number of significant bits.
 fn significant(value: u64) -> usize {
     (0..64).filter(|decoder| value >> decoder > 0).count()
 }
 
-/// Where a context is in its table: a number of digits, each with its radix.
+/// Returns the index of a context in its table, from digits with a radix each.
 fn index<const N: usize>(digits: [(usize, usize); N]) -> usize {
     let mut index = 0;
     for (digit, radix) in digits {

@@ -1,4 +1,4 @@
-//! The newest AO of points, for who missed frames.
+//! PATCH sections: the newest AO of points, for clients that missed frames.
 
 use super::changes::read_point_mask;
 use super::{Block, BlockInfo, ByteReader, ReferenceError, index, rule, significant, varint_bytes};
@@ -35,7 +35,7 @@ pub(super) fn read(
     patch.points(state, &blocks_info);
     let named: Vec<usize> = (0..patch.named.len()).filter(|padded| patch.named[*padded]).collect();
     rule(named.len() == expected)?;
-    // The points whose bytes both sides know.
+    // The points whose bytes both ends know.
     let mut known: Vec<bool> = (0..patch.named.len())
         .map(|padded| {
             state.present[padded / BLOCK_POINTS] && is_point(&blocks_info, padded) && !patch.named[padded]
@@ -55,7 +55,7 @@ fn is_point(blocks_info: &[BlockInfo], padded: usize) -> bool {
     padded % BLOCK_POINTS < blocks_info[padded / BLOCK_POINTS].points
 }
 
-/// Guess and spread: the bytes known of three points to either side, nothing to the right of the block.
+/// Returns guess and spread: of the known bytes of three points to either side, but none beyond the end of the block.
 fn around(next: &State, blocks_info: &[BlockInfo], known: &[bool], padded: usize) -> (u8, u8) {
     let block = padded / BLOCK_POINTS;
     let mut seen = Vec::new();
@@ -82,9 +82,9 @@ struct PatchDecoder<'a> {
     sizes: ([Vec<BitModel>; 4], Mixer<4>),
     signs: ([Vec<BitModel>; 4], Mixer<4>),
     seconds: Vec<BitModel>,
-    /// By padded, whether it comes.
+    /// By padded index: whether the patch names the point.
     named: Vec<bool>,
-    /// The bytes so far, how many significant bits their differences have, and the signs of those that differ.
+    /// The bytes so far, the classes of their differences, and the signs of the differences that are not 0.
     coded: Vec<u8>,
     classes: Vec<usize>,
     coded_signs: Vec<bool>,
@@ -109,7 +109,7 @@ impl<'a> PatchDecoder<'a> {
         }
     }
 
-    /// Reads which points come.
+    /// Reads which points the patch names.
     fn points(&mut self, state: &State, blocks_info: &[BlockInfo]) {
         self.named = vec![false; state.values.len()];
         let mut before = false;

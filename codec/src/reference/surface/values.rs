@@ -1,10 +1,10 @@
-//! AO of blocks that come.
+//! VALUES sections: AO of point blocks that arrive.
 
 use super::{Block, BlockInfo, ByteReader, ReferenceError, index, rule, significant, varint_bytes};
 use crate::range::{BitModel, Mixer, NumberModel, RangeDecoder, logistic};
 use crate::surface::{BLOCK_POINTS, State};
 
-/// What the range models learns of the values of one frame.
+/// What the range coder learns of the values of one frame.
 pub(super) struct ValueDecoder {
     numbers: NumberModel,
     tables: [Vec<BitModel>; 4],
@@ -68,7 +68,7 @@ pub(super) fn read(
     bytes.end()
 }
 
-/// Notes a run of blocks, none of which may have come before.
+/// Claims a run of blocks, none of which may have arrived before.
 fn claim(
     next: &mut State,
     blocks_info: &[BlockInfo],
@@ -93,7 +93,7 @@ fn points(runs: &[(u32, u32)], blocks_info: &[BlockInfo]) -> usize {
     blocks(runs).into_iter().map(|block| blocks_info[block].points).sum()
 }
 
-/// Decodes the bytes of a block, point by point; `known` says which blocks have theirs already.
+/// Decodes the bytes of a block, point by point. `known` tells which blocks have their bytes already.
 fn read_block(
     next: &mut State,
     blocks_info: &[BlockInfo],
@@ -123,7 +123,7 @@ fn read_block(
     }
 }
 
-/// The same block of the last instance before this one that has the same set.
+/// Returns the same block of the previous instance of the same set.
 fn sibling_of(state: &State, blocks_info: &[BlockInfo], instance: usize, number: usize) -> Option<usize> {
     let members = state.layout().members();
     let sibling = (0..instance).rev().find(|other| members[*other].set == members[instance].set)?;

@@ -14,7 +14,7 @@ use crate::wire::{push_words, words};
 #[non_exhaustive]
 pub enum ContextError {
     /// Its length differs from that of the layout.
-    #[error("it has {found} B, the layout makes {expected} B")]
+    #[error("it has {found} B, the layout asks for {expected} B")]
     Length {
         /// Length by the layout, bytes.
         expected: usize,
@@ -22,13 +22,13 @@ pub enum ContextError {
         found: usize,
     },
     /// The last level of a point is -128, outside -127 to 127.
-    #[error("padded index {padded_index} changed last by -128 quanta")]
+    #[error("the last level at padded index {padded_index} is -128; the lowest is -127")]
     Last {
         /// The padded index of the point.
         padded_index: usize,
     },
     /// A word that no model has.
-    #[error("word {word} of the model is {found:#010x}")]
+    #[error("word {word} of the model is {found:#010x}, which no model has")]
     Model {
         /// Index of the word.
         word: usize,

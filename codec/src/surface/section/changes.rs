@@ -42,7 +42,7 @@ pub enum ChangeError {
         offset: usize,
     },
     /// Bytes remain after the section.
-    #[error("{extra} B are left over after its byte {offset}")]
+    #[error("{extra} B remain after its byte {offset}")]
     Trailing {
         /// Start of these bytes.
         offset: usize,
@@ -53,13 +53,13 @@ pub enum ChangeError {
     #[error("its quantum is 0")]
     Quantum,
     /// A block is not part of the layout, or its values have not been received yet.
-    #[error("block {block} has not come yet, or is none of the stream's")]
+    #[error("block {block} is not part of the stream, or its values have not been received yet")]
     Absent {
         /// Number of the block.
         block: u32,
     },
     /// A block is named without a change in it, or with points that it does not have.
-    #[error("block {block} names the points {mask:#018x}")]
+    #[error("block {block} names the points {mask:#018x}: none, or some that it does not have")]
     Mask {
         /// Number of the block.
         block: u32,
@@ -67,7 +67,7 @@ pub enum ChangeError {
         mask: u64,
     },
     /// The level is zero, out of range, or has no effect because the value is already 0 or 255.
-    #[error("point {padded_index} cannot change by {level} quanta")]
+    #[error("the point of padded index {padded_index} cannot change by {level} quanta")]
     Level {
         /// Padded index of the point: 64 times its block plus its place there.
         padded_index: u32,
@@ -75,7 +75,7 @@ pub enum ChangeError {
         level: i32,
     },
     /// A level is outside -255 to 255.
-    #[error("the level at its byte {offset} is {found} when folded, at most 510 is possible")]
+    #[error("the level at its byte {offset} is {found} when folded; at most 510 is possible")]
     LevelRange {
         /// Start of the level.
         offset: usize,

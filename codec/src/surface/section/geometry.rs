@@ -28,7 +28,7 @@ pub enum GeometrySectionError {
         points: usize,
     },
     /// A set is not in the layout, has no points, or was already received.
-    #[error("set {set} is none of the stream's, has no points, or is here already")]
+    #[error("set {set} is not part of the stream, has no points, or was already received")]
     Set {
         /// The set.
         set: u32,
@@ -52,7 +52,7 @@ pub enum GeometrySectionError {
         axes: [i32; 2],
     },
     /// More points are in a half than in the whole.
-    #[error("{share} more points than one are in half of a box of {count}")]
+    #[error("half of a box claims {share} + 1 points, but the box holds only {count}")]
     Share {
         /// Number of points in the half minus 1.
         share: usize,
@@ -60,7 +60,7 @@ pub enum GeometrySectionError {
         count: usize,
     },
     /// The points differ from those that the layout names.
-    #[error("set {set}: the digest of the points is not the stream's")]
+    #[error("set {set}: the digest of the points differs from the stream's")]
     Digest {
         /// The set.
         set: u32,

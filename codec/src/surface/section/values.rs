@@ -28,7 +28,7 @@ pub enum ValueError {
         offset: usize,
     },
     /// A run is empty, has blocks outside the layout, or has a block that was already received.
-    #[error("{count} blocks from {first} on: none, not the stream's, or here already")]
+    #[error("{count} blocks from {first} on: an empty run, not part of the stream, or already received")]
     Run {
         /// First block.
         first: u32,

@@ -144,7 +144,7 @@ fn trace(args: &Args, scene: &Scene, server: &mut Server) -> Outcome<Traced> {
         let Some(encoder) = server.surface() else { continue };
         let layout = encoder.state().layout();
         let instances = 0..layout.members().len() as u32;
-        let ao = instances.clone().flat_map(|instance| encoder.offered(instance)).copied().collect();
+        let ao = instances.clone().flat_map(|instance| encoder.latest(instance)).copied().collect();
         let weights = |instance| {
             let blocks = 0..layout.blocks_of(instance).len();
             blocks.map(move |block| encoder.weight(instance, block).unwrap_or(1))

@@ -1,10 +1,13 @@
 //! Rigid transforms of instances.
 
+use bytemuck::{Pod, Zeroable};
+
 /// Largest |length^2 - 1| of a valid rotation: far above `f32` rounding, far below a visible scale.
 const UNIT_TOLERANCE: f32 = 1e-3;
 
 /// Placement of an instance, from instance-local metres to world metres: `world = rotation * local + translation`.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
 pub struct Pose {
     /// World position of the local origin, metres.
     pub translation: [f32; 3],
@@ -71,13 +74,11 @@ impl Pose {
 
     /// Returns the seven words on the wire: translation, then rotation, as bits of `f32`.
     pub(crate) fn to_words(self) -> [u32; 7] {
-        let [x, y, z] = self.translation.map(f32::to_bits);
-        let [i, j, k, w] = self.rotation.map(f32::to_bits);
-        [x, y, z, i, j, k, w]
+        bytemuck::must_cast(self)
     }
 
-    pub(crate) fn from_words([x, y, z, i, j, k, w]: [u32; 7]) -> Pose {
-        Pose { translation: [x, y, z].map(f32::from_bits), rotation: [i, j, k, w].map(f32::from_bits) }
+    pub(crate) fn from_words(words: [u32; 7]) -> Pose {
+        bytemuck::must_cast(words)
     }
 
     /// Returns the words for the state hash: the exclusive or of the wire words and those of the identity. So the

@@ -1,5 +1,7 @@
 //! Hash buckets: eight entries of 8 B (paper, section 3.2).
 
+use bytemuck::{Pod, Zeroable};
+
 use crate::paper::POINTS_PER_CELL;
 
 /// Entries of one bucket.
@@ -17,7 +19,8 @@ const COUNT_MASK: u32 = 15;
 /// The first word is the raw id of Eq. 1. From its low end, the second has 22 bits cell index, 5 bits points in the
 /// cell, 4 bits entries in use in the bucket (only in the first entry, 0 in the others), and a 0. An entry is in use
 /// if its cell has points; an unused entry is all zero.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable)]
+#[repr(C)]
 pub struct Entry {
     id: u32,
     word: u32,
@@ -68,7 +71,8 @@ impl Entry {
 
 /// A bucket: eight entries, those in use first. On the wire it has 64 B or 16 words: the id and then the second word
 /// of each entry.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable)]
+#[repr(transparent)]
 pub struct Bucket([Entry; ENTRIES_PER_BUCKET]);
 
 /// Why a bucket was refused.
@@ -122,16 +126,11 @@ impl Bucket {
     /// Returns the 16 words of the bucket, as on the wire.
     #[must_use]
     pub fn to_words(&self) -> [u32; 2 * ENTRIES_PER_BUCKET] {
-        let mut words = [0; 2 * ENTRIES_PER_BUCKET];
-        for (pair, entry) in words.chunks_exact_mut(2).zip(&self.0) {
-            pair[0] = entry.id;
-            pair[1] = entry.word;
-        }
-        words
+        bytemuck::must_cast(*self)
     }
 
     pub(crate) fn from_words(words: &[u32; 2 * ENTRIES_PER_BUCKET]) -> Bucket {
-        Bucket(std::array::from_fn(|at| Entry { id: words[2 * at], word: words[2 * at + 1] }))
+        bytemuck::must_cast(*words)
     }
 
     /// Moves the entries in use to the front (paper, section 3.4) and writes their number into the first.

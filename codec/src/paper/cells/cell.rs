@@ -1,12 +1,15 @@
 //! Cells: seven points (paper, section 3.2).
 
+use bytemuck::{Pod, Zeroable};
+
 use crate::paper::{Point, PointFormat};
 
 /// Number of points in a cell.
 pub const POINTS_PER_CELL: usize = 7;
 
 /// A cell: seven points, empty slots last. Each point is a word in every packing; a narrow point is in the low bits.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable)]
+#[repr(transparent)]
 pub struct Cell([u32; POINTS_PER_CELL]);
 
 impl Cell {

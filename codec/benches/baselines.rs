@@ -1,7 +1,7 @@
-//! Bytes and time a frame of the same AO changes by the paper's way, by other coders and by profile `surface`. Each checks
-//! its answer before it is timed; the table of bytes comes first.
+//! Measures bytes and time a frame for the same AO changes: by the paper's method, by other coders and by profile
+//! `surface`. Each bench checks its result before it is timed. The table of bytes comes first.
 //!
-//! The bytes are those of what changes alone: cell records on one side, changes on the other, without headers.
+//! The bytes are only those of the changes, without headers: cell records for the paper, CHANGES for `surface`.
 
 #[path = "scene/paper.rs"]
 mod paper;
@@ -23,7 +23,7 @@ use stream::{CODERS, Stream};
 
 type Failure = Box<dyn std::error::Error>;
 
-/// Cell records of each frame of a period after the keyframe, and how many points changed.
+/// Returns the cell records of each frame of a period after the keyframe, and the mean number of changed points.
 fn records() -> Result<(Vec<Vec<u8>>, u32), Failure> {
     let mut stream = Paper::new()?;
     stream.frame(0, BlockCoder::Stored)?;
@@ -38,7 +38,7 @@ fn records() -> Result<(Vec<Vec<u8>>, u32), Failure> {
     Ok((records, changed / PERIOD))
 }
 
-/// A line of the table: mean, least and most bytes of a frame.
+/// Prints a line of the table: mean, smallest and largest length of a frame.
 fn line(name: &str, sizes: &[usize], changed: u32) {
     let mean = sizes.iter().sum::<usize>() as f64 / sizes.len() as f64;
     let (least, most) = (sizes.iter().min().copied(), sizes.iter().max().copied());
@@ -62,7 +62,7 @@ impl Streaming {
         Ok(Streaming { context, room: vec![0; 8 << 20] })
     }
 
-    /// What a frame adds to the stream.
+    /// Returns what a frame adds to the stream.
     fn frame(&mut self, raw: &[u8]) -> Result<&[u8], Failure> {
         let mut input = InBuffer::around(raw);
         let mut output = OutBuffer::around(self.room.as_mut_slice());
@@ -109,7 +109,7 @@ fn cells(bench: &mut Criterion) -> Result<(), Failure> {
     }
     assert!(unpacked(&whole, records.iter().map(Vec::len).sum())? == records.concat());
     line("paper, exclusive or + zstd 15 streaming", &sizes, changed);
-    // A context that has seen a whole period would only have to say so: every pass has a new one.
+    // A context that has seen the whole period would find every frame in its window: every pass has a new one.
     group.throughput(Throughput::Elements(u64::from(changed) * records.len() as u64));
     group.bench_function("exclusive or + zstd 15 lazy streaming, a whole period", |bench| {
         let pass = |mut streaming: Streaming| {
@@ -122,7 +122,7 @@ fn cells(bench: &mut Criterion) -> Result<(), Failure> {
     Ok(())
 }
 
-/// What the flushed beginning of a stream holds.
+/// Returns what the flushed beginning of a stream holds.
 fn unpacked(stream: &[u8], length: usize) -> Result<Vec<u8>, Failure> {
     let mut context = DCtx::try_create().ok_or("no memory")?;
     let mut out = vec![0; length];
@@ -134,7 +134,7 @@ fn unpacked(stream: &[u8], length: usize) -> Result<Vec<u8>, Failure> {
     Ok(out)
 }
 
-/// Gaps between changed points and differences of their AO, each as a column of numbers, by `pco`.
+/// Measures `pco` on two columns of numbers: gaps between changed points, and differences of their AO.
 fn columns(bench: &mut Criterion) -> Result<(), Failure> {
     let stream = Stream::new()?;
     let mut held = stream.frames[0].clone();
@@ -173,7 +173,7 @@ fn columns(bench: &mut Criterion) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Profile `surface`; its times are those of the bench `surface`.
+/// Measures the bytes of profile `surface`. The bench `surface` has its times.
 fn surface(_: &mut Criterion) -> Result<(), Failure> {
     let stream = Stream::new()?;
     for (name, coder) in CODERS {
@@ -182,7 +182,7 @@ fn surface(_: &mut Criterion) -> Result<(), Failure> {
         let (mut sizes, mut changed) = (Vec::new(), 0);
         for number in 1..=PERIOD {
             let frame = stream.frame(&mut encoder, number, coder)?;
-            // The first frames after the keyframe may have none: nothing has moved far yet.
+            // The first frames after the keyframe may have no changes, as little has moved yet.
             let section = frame.info.section(SectionTag::CHANGES);
             sizes.push(section.map_or(0, |section| section.wire_bytes as usize));
             changed += section.map_or(0, |section| section.records);

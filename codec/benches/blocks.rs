@@ -1,4 +1,4 @@
-//! Block coders on the records that the paper sends. Each bench checks its answer before it is timed.
+//! Measures the block coders on the records that the paper sends. Each bench checks its result before it is timed.
 
 #[path = "scene/paper.rs"]
 mod paper;

@@ -1,4 +1,4 @@
-//! What the parts of a frame of profile `paper` cost. Each bench checks its answer before it is timed.
+//! Measures the parts of a frame of profile `paper`. Each bench checks its result before it is timed.
 
 #[path = "scene/paper.rs"]
 mod paper;
@@ -37,7 +37,7 @@ fn encoder(bench: &mut Criterion) -> Result<(), Failure> {
     let points = stream.frames[0].len() as u32;
     let taken = points / 50;
     group.throughput(Throughput::Elements(taken.into()));
-    // Away and back: every slot is freed, its cell moved together, and taken again.
+    // Removed and put again: every slot is freed, its cell compacted, and the slot taken again.
     let stored = stream.encoder.counts().points_stored;
     group.bench_function(
         "compaction: 2 % of the points removed, put again, unplaced ones retried",

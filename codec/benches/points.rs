@@ -1,4 +1,4 @@
-//! What packing a point costs. Each bench checks its answer before it is timed.
+//! Measures packing of points. Each bench checks its result before it is timed.
 
 use std::hint::black_box;
 
@@ -8,7 +8,7 @@ use psao_codec::quant::oct;
 
 const COUNT: u32 = 1024;
 
-/// A direction in the upper half, and a place in a cell.
+/// Returns a direction in the upper half, and a place in a cell.
 fn sample(at: u32) -> ([f32; 3], [f32; 3]) {
     let noise = at.wrapping_mul(0x9E37_79B9) ^ (at >> 7).wrapping_mul(0x85EB_CA6B);
     let along = |shift: u32| ((noise >> shift) & 1023) as f32 / 1024.0;

@@ -1,4 +1,4 @@
-//! What the parts of a stream of profile `surface` cost. Each bench checks its answer before it is timed.
+//! Measures the parts of a stream of profile `surface`. Each bench checks its result before it is timed.
 
 mod scene;
 #[path = "scene/surface.rs"]
@@ -17,10 +17,10 @@ use stream::{CODERS, Stream};
 
 type Failure = Box<dyn std::error::Error>;
 
-/// Frames that are applied in a row.
+/// Number of frames that are applied in a row.
 const RUN: u32 = 20;
 
-/// Geometry and values: the first frame.
+/// Measures geometry and values: the first frame.
 fn keyframes(bench: &mut Criterion, stream: &Stream) -> Result<(), Failure> {
     let mut group = bench.benchmark_group("surface, keyframe");
     let limits = Limits::default();
@@ -66,7 +66,7 @@ fn keyframes(bench: &mut Criterion, stream: &Stream) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Changes.
+/// Measures changes.
 fn deltas(bench: &mut Criterion, stream: &Stream) -> Result<(), Failure> {
     let mut group = bench.benchmark_group("surface, delta");
     let limits = Limits::default();
@@ -81,7 +81,7 @@ fn deltas(bench: &mut Criterion, stream: &Stream) -> Result<(), Failure> {
             let frame = stream.frame(&mut encoder, number, coder)?;
             decoder.decode(&mut state, &frame.body, &limits)?;
             assert!(&state == encoder.state(), "{name}, frame {number}");
-            // The first frames after the keyframe may have none: nothing has moved far yet.
+            // The first frames after the keyframe may have no changes, as little has moved yet.
             let section = frame.info.section(SectionTag::CHANGES);
             changed += section.map_or(0, |section| section.records);
             bytes += section.map_or(0, |section| section.wire_bytes);

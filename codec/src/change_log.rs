@@ -1,15 +1,15 @@
-//! Which points changed in which frame, for clients that missed some.
+//! The change log, for either profile.
 
 use crate::block::BlockCoder;
 use crate::envelope::{EncodeError, FrameIndex, FrameMeta};
 use crate::{StateRef, surface};
 
-/// Which points changed in which frame of a stream, see [`surface::ChangeLog`]. Of profile `paper` nothing is known.
+/// The last frame in which each point changed, see [`surface::ChangeLog`]. In profile `paper` it records nothing.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ChangeLog(Option<Box<surface::ChangeLog>>);
 
 impl ChangeLog {
-    /// A change log that begins with `state`.
+    /// Creates a change log that begins with `state`.
     #[must_use]
     pub fn new<'a>(state: impl Into<StateRef<'a>>) -> ChangeLog {
         ChangeLog(match state.into() {
@@ -18,20 +18,20 @@ impl ChangeLog {
         })
     }
 
-    /// Returns the points that changed after frame `base`, as [`surface::ChangeLog::changed_since`]. `None` when that cannot be
-    /// said, which in profile `paper` is always.
+    /// Returns the points that changed after frame `base`, see [`surface::ChangeLog::changed_since`]. `None` if this
+    /// is not known, as always in profile `paper`.
     #[must_use]
     pub fn changed_since(&self, base: FrameIndex) -> Option<impl Iterator<Item = (u32, u64)> + '_> {
         self.0.as_ref()?.changed_since(base)
     }
 
-    /// Whether a client of frame `base` can be told what it missed.
+    /// Returns whether a patch can update a client of frame `base`.
     #[must_use]
     pub fn reaches(&self, base: FrameIndex) -> bool {
         self.changed_since(base).is_some()
     }
 
-    /// Notes what the last frame changed; to be called after every frame, as [`surface::ChangeLog::record`].
+    /// Records what the last frame changed. Call it after every frame, see [`surface::ChangeLog::record`].
     pub fn record<'a>(&mut self, state: impl Into<StateRef<'a>>) {
         match (&mut self.0, state.into()) {
             (Some(log), StateRef::Surface(state)) => log.record(state),
@@ -40,8 +40,8 @@ impl ChangeLog {
     }
 }
 
-/// Writes the body of a delta that brings any client whose last frame is `base` or later to `state`, as
-/// [`surface::patch`]; `None` when only a keyframe helps, which in profile `paper` is always.
+/// Writes the body of a delta that brings every client at frame `base` or later to `state`, see [`surface::patch`].
+/// Returns `None` if only a keyframe helps, as always in profile `paper`.
 ///
 /// # Errors
 /// Those of [`surface::patch`].
@@ -82,7 +82,7 @@ mod tests {
         assert_eq!(log, ChangeLog(Some(Box::new(own.clone()))));
         let borrowed = StateRef::from(&state);
         assert_eq!((borrowed.hash(), borrowed.frame()), (state.hash(), state.frame()));
-        // A change log of the other profile begins anew.
+        // A state of the other profile starts a new log.
         let cells = paper::State::new(crate::testing::layout());
         log.record(&cells);
         assert_eq!(log, ChangeLog::new(&cells));

@@ -1,9 +1,9 @@
-//! Applies frames to a state of either profile.
+//! The decoder, for either profile.
 
 use crate::envelope::{FrameBody, FrameError, FrameInfo};
 use crate::{Limits, State, paper, surface};
 
-/// Applies frame bodies to states of either profile; keeps its buffers between them.
+/// Applies frame bodies to states of either profile. It keeps its buffers between frames.
 #[derive(Debug, Default)]
 pub struct Decoder {
     paper: paper::Decoder,
@@ -11,16 +11,16 @@ pub struct Decoder {
 }
 
 impl Decoder {
-    /// A decoder with nothing allocated yet.
+    /// Creates a decoder that has allocated nothing yet.
     #[must_use]
     pub fn new() -> Decoder {
         Decoder::default()
     }
 
-    /// Reads a frame body and applies it: [`FrameBody::parse`] and [`Decoder::apply`].
+    /// Parses a frame body and applies it: [`FrameBody::parse`], then [`Decoder::apply`].
     ///
     /// # Errors
-    /// As [`Decoder::apply`].
+    /// Those of [`Decoder::apply`].
     pub fn decode(
         &mut self,
         state: &mut State,
@@ -32,11 +32,12 @@ impl Decoder {
         Ok(body.into_info())
     }
 
-    /// Applies a frame body to `state`: checks all of it, the hash of the state after included, then writes.
+    /// Applies a frame body to `state`. It checks everything first, including the hash of the resulting state, and
+    /// then writes.
     ///
     /// # Errors
-    /// [`FrameError`] says what is wrong and where, [`FrameError::ProfileOther`] for a body of a profile that is not the
-    /// state's; `state` is then exactly as before.
+    /// [`FrameError`] tells what is wrong and where. [`FrameError::ProfileOther`] refuses a body of the other profile.
+    /// `state` is unchanged after an error.
     pub fn apply(
         &mut self,
         state: &mut State,
@@ -50,7 +51,7 @@ impl Decoder {
     }
 }
 
-/// Applies a frame body to `state`. See [`Decoder::apply`], which is cheaper for many frames.
+/// Applies one frame body to `state`. [`Decoder::apply`] is cheaper for many frames.
 ///
 /// # Errors
 /// Those of [`Decoder::apply`].

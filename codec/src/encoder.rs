@@ -1,4 +1,4 @@
-//! Writes the frames of a stream of either profile.
+//! The encoder, for either profile.
 
 use crate::block::BlockCoder;
 use crate::envelope::{EncodeError, EncodedFrame, FrameIndex, FrameKind, FrameMeta, StreamTime};
@@ -6,25 +6,27 @@ use crate::paper::{self, Occupancy, PointError, PointSample, Pose, PoseError};
 use crate::surface::{self, Postponed};
 use crate::{StateRef, keyframe};
 
-/// Decides which points a frame sends, and writes it. A server gives it everything that it traced, frame by frame.
+/// Decides which points a frame sends, and writes the frame. A server gives it every traced value, frame by frame.
 #[derive(Debug)]
 pub enum Encoder {
-    /// Of profile `paper`; made with a threshold ([`paper::Encoder::with_threshold`]) it decides what is sent.
+    /// A stream of profile `paper`. With a threshold ([`paper::Encoder::with_threshold`]) it decides which points are
+    /// sent.
     Paper(Box<paper::Encoder>),
-    /// Of profile `surface`.
+    /// A stream of profile `surface`.
     Surface(Box<surface::Encoder>),
 }
 
 impl Encoder {
-    /// Whether positions, normals and poses must be given: not where points stay on the mesh at rest, whose places clients
-    /// know. Where they must, a point's id is its number in the order of making; else its place in its set's geometry. Both are
-    /// counted from the first point of its instance.
+    /// Returns whether positions, normals and poses must be given. Profile `surface` needs none: its points stay on
+    /// the mesh at rest, where clients know them. If places are needed, a point's id is its number in the order of
+    /// creation. Otherwise it is the point's index in the geometry of its set. Both count from the first point of the
+    /// instance.
     #[must_use]
     pub fn needs_places(&self) -> bool {
         matches!(self, Encoder::Paper(_))
     }
 
-    /// Whether weights decide what a frame sends: [`Encoder::set_weight`] is without effect elsewhere.
+    /// Returns whether weights decide what a frame sends. Otherwise [`Encoder::set_weight`] has no effect.
     #[must_use]
     pub fn needs_weights(&self) -> bool {
         match self {
@@ -33,10 +35,10 @@ impl Encoder {
         }
     }
 
-    /// Sets the pose of an instance; without effect where [`Encoder::needs_places`] says no.
+    /// Sets the pose of an instance. It has no effect if [`Encoder::needs_places`] returns false.
     ///
     /// # Errors
-    /// As [`paper::Encoder::set_pose`].
+    /// Those of [`paper::Encoder::set_pose`].
     pub fn set_pose(&mut self, instance: u32, pose: Pose) -> Result<(), PoseError> {
         match self {
             Encoder::Paper(encoder) => encoder.set_pose(instance, pose),
@@ -44,11 +46,11 @@ impl Encoder {
         }
     }
 
-    /// Says what a point is now; its place counts only where [`Encoder::needs_places`] says so. Whether the next frame is to
-    /// send it.
+    /// Sets a point. Its place counts only if [`Encoder::needs_places`] returns true. Returns whether the next frame
+    /// is to send the point.
     ///
     /// # Errors
-    /// [`PointError`] for a point that is not there, or a place that is not finite.
+    /// [`PointError`] if the point does not exist or its place is not finite.
     pub fn set_point(&mut self, point: u32, sample: &PointSample) -> Result<bool, PointError> {
         match self {
             Encoder::Paper(encoder) => encoder.set_point(point, sample),
@@ -59,17 +61,17 @@ impl Encoder {
         }
     }
 
-    /// Sets how much a block of points counts within a byte budget, as [`surface::Encoder::weigh`].
+    /// Sets the weight of a point block within a byte budget, see [`surface::Encoder::set_weight`].
     pub fn set_weight(&mut self, instance: u32, block: usize, weight: u16) {
         if let Encoder::Surface(encoder) = self {
-            encoder.weigh(instance, block, weight);
+            encoder.set_weight(instance, block, weight);
         }
     }
 
     /// Writes the frame that brings clients from the last frame to now.
     ///
     /// # Errors
-    /// [`EncodeError`]; no change is lost then, the next call writes it.
+    /// [`EncodeError`]; no change is lost, and the next call writes them all.
     pub fn finish(&mut self, meta: FrameMeta, coder: BlockCoder) -> Result<EncodedFrame, EncodeError> {
         match self {
             Encoder::Paper(encoder) => encoder.finish(meta, coder),
@@ -77,10 +79,10 @@ impl Encoder {
         }
     }
 
-    /// Writes what clients hold as a keyframe body; `first` names what goes before all else, as [`keyframe`] says.
+    /// Writes the clients' state as a keyframe body. `first` names the blocks that go first, see [`keyframe`].
     ///
     /// # Errors
-    /// As [`keyframe`].
+    /// Those of [`keyframe`].
     pub fn keyframe(
         &self,
         frame: FrameIndex,
@@ -96,7 +98,7 @@ impl Encoder {
         keyframe(self.state(), meta, coder, first)
     }
 
-    /// What clients hold after the last frame.
+    /// Returns the state of clients after the last frame.
     #[must_use]
     pub fn state(&self) -> StateRef<'_> {
         match self {
@@ -105,19 +107,19 @@ impl Encoder {
         }
     }
 
-    /// How full the tables of profile `paper` are; `None` for the other.
+    /// Returns how full the tables of profile `paper` are; `None` for the other profile.
     #[must_use]
     pub fn occupancy(&self) -> Option<Occupancy> {
         self.as_paper().map(paper::Encoder::counts)
     }
 
-    /// What a byte budget put off in the last frame; `None` without one.
+    /// Returns what a byte budget postponed in the last frame; `None` without a budget.
     #[must_use]
     pub fn postponed(&self) -> Option<&Postponed> {
         self.as_surface()?.postponed()
     }
 
-    /// Bytes of memory held for the stream.
+    /// Returns the heap bytes in use for the stream.
     #[must_use]
     pub fn heap_bytes(&self) -> usize {
         match self {
@@ -126,7 +128,7 @@ impl Encoder {
         }
     }
 
-    /// The encoder of a `paper` stream; `None` for one of the other profile.
+    /// Returns the encoder of a `paper` stream; `None` for the other profile.
     #[must_use]
     pub fn as_paper(&self) -> Option<&paper::Encoder> {
         match self {
@@ -135,7 +137,7 @@ impl Encoder {
         }
     }
 
-    /// The encoder of a `surface` stream; `None` for one of the other profile.
+    /// Returns the encoder of a `surface` stream; `None` for the other profile.
     #[must_use]
     pub fn as_surface(&self) -> Option<&surface::Encoder> {
         match self {

@@ -1,14 +1,14 @@
-//! The state hash: what both sides compare after every frame.
+//! The state hash, which both ends compare after every frame.
 //!
-//! The hash of a state is the wrapping sum of one 64-bit term per record (a pose, a bucket, a cell). A sum
-//! does not care about order, so changing one record costs one subtraction and one addition: O(changed). A
-//! record whose words are all zero has the term 0, so an empty state hashes to 0 whatever its size.
+//! The hash of a state is the wrapping sum of one 64-bit term for each record (a pose, a bucket, a cell, a set, a
+//! point). The order of a sum does not matter, so a change of one record costs one subtraction and one addition. A
+//! record whose words are all zero has the term 0, so every empty state has the hash 0.
 //!
-//! The terms are built to catch mistakes and damage, not an adversary who computes collisions.
+//! The terms detect mistakes and damage. They do not protect against an adversary who computes collisions.
 
 use std::fmt;
 
-/// Hash of the whole state that a client holds (`docs/spec/codec.md`, "State hash").
+/// Hash of the whole state of a client (`docs/spec/codec.md`, "State hash").
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
 pub struct StateHash(pub u64);
 
@@ -19,11 +19,11 @@ impl fmt::Display for StateHash {
 }
 
 impl StateHash {
-    /// The hash after record `index` of `kind` changed from `old` to `new`.
+    /// Returns the hash after record `index` of `kind` changed from `old` to `new`.
     #[inline]
     pub(crate) fn replace<const N: usize>(
         self,
-        kind: Kind,
+        kind: RecordKind,
         index: u32,
         old: &[u32; N],
         new: &[u32; N],
@@ -31,16 +31,16 @@ impl StateHash {
         StateHash(self.0.wrapping_sub(term(kind, index, old)).wrapping_add(term(kind, index, new)))
     }
 
-    /// The hash after a record that was all zero became `new`.
+    /// Returns the hash after a record that was all zero became `new`.
     #[inline]
-    pub(crate) fn insert<const N: usize>(self, kind: Kind, index: u32, new: &[u32; N]) -> StateHash {
+    pub(crate) fn insert<const N: usize>(self, kind: RecordKind, index: u32, new: &[u32; N]) -> StateHash {
         StateHash(self.0.wrapping_add(term(kind, index, new)))
     }
 }
 
-/// Which kind of record a term stands for; the numbers are those of the section tags.
+/// Kind of the record that a term stands for. The numbers are those of the section tags.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Kind {
+pub(crate) enum RecordKind {
     Pose = 1,
     Bucket = 2,
     Cell = 3,
@@ -50,12 +50,12 @@ pub(crate) enum Kind {
 
 /// Odd multiplier of every round: 2^64 divided by the golden ratio.
 const ROUND: u64 = 0x9E37_79B9_7F4A_7C15;
-/// Multiplier of the closing round (`SplitMix64`'s first).
+/// Multiplier of the closing round, the first one of `SplitMix64`.
 const CLOSE: u64 = 0xBF58_476D_1CE4_E5B9;
 
-/// One record's share of the state hash.
+/// Returns the term of one record.
 #[inline]
-pub(crate) fn term<const N: usize>(kind: Kind, index: u32, words: &[u32; N]) -> u64 {
+pub(crate) fn term<const N: usize>(kind: RecordKind, index: u32, words: &[u32; N]) -> u64 {
     if words.iter().all(|word| *word == 0) {
         return 0;
     }
@@ -64,7 +64,7 @@ pub(crate) fn term<const N: usize>(kind: Kind, index: u32, words: &[u32; N]) -> 
     hash ^ (hash >> 32)
 }
 
-/// Words after words, two at a time, folded into a digest.
+/// Folds words into a digest, two at a time.
 #[inline]
 pub(crate) fn fold_words(digest: u64, words: &[u32]) -> u64 {
     words.chunks(2).fold(digest, |digest, pair| {
@@ -73,7 +73,7 @@ pub(crate) fn fold_words(digest: u64, words: &[u32]) -> u64 {
     })
 }
 
-/// A bijection of 64 bits, so no single changed word can go unseen.
+/// Mixes 64 bits by a bijection, so that no single changed word goes unnoticed.
 #[inline]
 fn round(value: u64) -> u64 {
     let product = value.wrapping_mul(ROUND);
@@ -88,14 +88,14 @@ mod tests {
 
     #[test]
     fn records_of_zeros_count_nothing() {
-        assert_eq!(term(Kind::Cell, 5, &[0; 7]), 0);
-        assert_eq!(StateHash(9).replace(Kind::Bucket, 1, &[0; 16], &[0; 16]), StateHash(9));
+        assert_eq!(term(RecordKind::Cell, 5, &[0; 7]), 0);
+        assert_eq!(StateHash(9).replace(RecordKind::Bucket, 1, &[0; 16], &[0; 16]), StateHash(9));
     }
 
     #[test]
     fn golden_terms() {
         // The worked example of the specification.
-        assert_eq!(term(Kind::Cell, 0, &[1, 0, 0, 0, 0, 0, 0]), GOLDEN);
+        assert_eq!(term(RecordKind::Cell, 0, &[1, 0, 0, 0, 0, 0, 0]), GOLDEN);
         let by_hand = {
             let mut hash = round(3 << 32);
             for pair in [1, 0, 0, 0] {
@@ -115,21 +115,21 @@ mod tests {
             a in any::<[u32; 7]>(), b in any::<[u32; 7]>(), c in any::<[u32; 7]>(), at in 0_u32..1000,
         ) {
             let start = StateHash(12345);
-            let one = start.insert(Kind::Cell, at, &a).insert(Kind::Cell, at + 1, &b);
-            let two = start.insert(Kind::Cell, at + 1, &c).insert(Kind::Cell, at, &a);
-            prop_assert_eq!(one, two.replace(Kind::Cell, at + 1, &c, &b));
-            prop_assert_eq!(one.replace(Kind::Cell, at, &a, &[0; 7]), start.insert(Kind::Cell, at + 1, &b));
+            let one = start.insert(RecordKind::Cell, at, &a).insert(RecordKind::Cell, at + 1, &b);
+            let two = start.insert(RecordKind::Cell, at + 1, &c).insert(RecordKind::Cell, at, &a);
+            prop_assert_eq!(one, two.replace(RecordKind::Cell, at + 1, &c, &b));
+            prop_assert_eq!(one.replace(RecordKind::Cell, at, &a, &[0; 7]), start.insert(RecordKind::Cell, at + 1, &b));
         }
 
         #[test]
         fn kind_place_and_every_bit_matter(words in any::<[u32; 7]>(), at in any::<u32>(), bit in 0_usize..224) {
             let mut changed = words;
             changed[bit / 32] ^= 1 << (bit % 32);
-            let hash = term(Kind::Cell, at, &words);
+            let hash = term(RecordKind::Cell, at, &words);
             prop_assume!(hash != 0);
-            prop_assert_ne!(hash, term(Kind::Cell, at, &changed));
-            prop_assert_ne!(hash, term(Kind::Cell, at ^ 1, &words));
-            prop_assert_ne!(hash, term(Kind::Pose, at, &words));
+            prop_assert_ne!(hash, term(RecordKind::Cell, at, &changed));
+            prop_assert_ne!(hash, term(RecordKind::Cell, at ^ 1, &words));
+            prop_assert_ne!(hash, term(RecordKind::Pose, at, &words));
         }
     }
 }

@@ -1,21 +1,21 @@
-//! What both sides know of a stream of either profile.
+//! The layout of a stream, for either profile.
 
 use std::sync::Arc;
 
 use crate::envelope::Profile;
 use crate::{paper, surface};
 
-/// What both sides know of a stream before its first frame.
+/// What both ends know of a stream before its first frame.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Layout {
-    /// Of profile `paper`.
+    /// A stream of profile `paper`.
     Paper(Arc<paper::Layout>),
-    /// Of profile `surface`.
+    /// A stream of profile `surface`.
     Surface(Arc<surface::Layout>),
 }
 
 impl Layout {
-    /// The profile of the stream.
+    /// Returns the profile of the stream.
     #[must_use]
     pub fn profile(&self) -> Profile {
         match self {
@@ -24,7 +24,7 @@ impl Layout {
         }
     }
 
-    /// Instances of the stream.
+    /// Returns the number of instances.
     #[must_use]
     pub fn instances(&self) -> usize {
         match self {
@@ -33,7 +33,7 @@ impl Layout {
         }
     }
 
-    /// The layout of a `paper` stream; `None` for one of the other profile.
+    /// Returns the layout of a `paper` stream; `None` for the other profile.
     #[must_use]
     pub fn as_paper(&self) -> Option<&Arc<paper::Layout>> {
         match self {
@@ -42,7 +42,7 @@ impl Layout {
         }
     }
 
-    /// The layout of a `surface` stream; `None` for one of the other profile.
+    /// Returns the layout of a `surface` stream; `None` for the other profile.
     #[must_use]
     pub fn as_surface(&self) -> Option<&Arc<surface::Layout>> {
         match self {

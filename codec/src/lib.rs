@@ -1,19 +1,19 @@
-//! Point-based ambient occlusion streams: packing, cells, blocks, state hash, apply.
+//! Codec of point-based ambient occlusion streams: layouts, states, encoders and decoders of frames.
 //!
-//! A server traces ambient occlusion (AO) at points on the surfaces of a scene and streams what changed; a
-//! client, which draws the scene itself, looks the points up. This crate is what both share: how points are kept, how
-//! a frame of changes becomes bytes, and how those bytes change the state of a client, all of it or nothing.
+//! A server traces ambient occlusion (AO) at points on the surfaces of a scene and streams the changes. A client draws
+//! the scene itself and looks the points up. This crate is what both share. It defines how points are stored, how a
+//! frame of changes becomes bytes, and how those bytes change the state of a client: completely or not at all.
 //!
 //! A stream has one of two profiles:
 //!
-//! * [`surface`]: points stay on the mesh at rest and are sent once; a frame holds AO changes only, by a range coder that
-//!   knows what neighbours and the last frames did. The smallest streams.
-//! * [`paper`]: the structures of "PSAO: Point-Based Split Rendering for Ambient Occlusion"
-//!   (sections 3.1 to 3.5), points of 32, 24 or 16 bits in hashed cells. The baseline.
+//! * [`surface`]: points stay on the mesh at rest and are sent once. A frame holds only AO changes. A range coder
+//!   predicts them from neighbouring points and earlier frames. These are the smallest streams.
+//! * [`paper`]: the structures of "PSAO: Point-Based Split Rendering for Ambient Occlusion" (sections 3.1 to 3.5),
+//!   with points of 32, 24 or 16 bits in hashed cells. This is the baseline.
 //!
-//! [`Layout`], [`State`], [`Encoder`], [`Decoder`] and [`ChangeLog`] are of either; [`envelope`] is what their frames share. The
-//! wire format is specified in `docs/spec/codec.md`. The crate does no I/O, reads no clock and draws no randomness: the same
-//! calls give the same bytes on any machine.
+//! [`Layout`], [`State`], [`Encoder`], [`Decoder`] and [`ChangeLog`] serve both profiles; [`envelope`] is what their
+//! frames share. `docs/spec/codec.md` specifies the wire format. The crate does no I/O, reads no clock and draws no
+//! randomness: the same calls give the same bytes on every machine.
 //!
 //! # Send AO changes of points at rest
 //!
@@ -46,7 +46,7 @@
 //! let members = vec![Member { set: 0 }, Member { set: 0 }];
 //! let layout = Arc::new(Layout::new(vec![*geometry.layout()], members, &limits)?);
 //!
-//! // The server says what every point's AO is; the encoder knows what clients hold and sends what moved by 8 or more.
+//! // The server sets the AO of every point. The encoder knows what clients hold and sends changes of 8 or more.
 //! let settings = EncoderSettings { threshold: 8, geometry: GeometrySource::Sent, budget: None };
 //! let mut encoder = Encoder::new(Arc::clone(&layout), vec![geometry], settings)?;
 //! let meta = |kind, frame| FrameMeta { kind, frame: FrameIndex(frame), time: StreamTime(0), changed_points: 0 };
@@ -71,7 +71,7 @@
 //! # }
 //! ```
 //!
-//! # Bring a client up to date that missed frames
+//! # Update a client that missed frames
 //!
 //! ```
 //! # use std::sync::Arc;
@@ -87,7 +87,7 @@
 //! # let mut encoder = Encoder::new(Arc::clone(&layout), vec![geometry], settings)?;
 //! # let meta = |kind, frame| FrameMeta { kind, frame: FrameIndex(frame), time: StreamTime(0), changed_points: 0 };
 //! # (0..100).for_each(|point| { encoder.set_ao(point, 255); });
-//! // One change log for all clients follows the encoder from frame to frame.
+//! // One change log serves all clients; it records every frame of the encoder.
 //! let key = encoder.finish(meta(FrameKind::Key, 0), BlockCoder::Range)?;
 //! let mut log = ChangeLog::new(encoder.state());
 //! for frame in 1..30 {
@@ -95,7 +95,7 @@
 //!     encoder.finish(meta(FrameKind::Delta, frame), BlockCoder::Range)?;
 //!     log.record(encoder.state());
 //! }
-//! // This client got the keyframe and nothing since; the patch has the newest value of what changed.
+//! // This client got only the keyframe. The patch has the newest value of every point that changed since.
 //! let mut state = State::new(layout);
 //! let mut decoder = Decoder::new();
 //! decoder.decode(&mut state, &key.body, &limits)?;
@@ -138,7 +138,7 @@
 //! encoder.put(0, &PointSample { ao: 100, ..floor })?;
 //! let delta = encoder.finish(meta(FrameKind::Delta, 1, 1), BlockCoder::default())?;
 //!
-//! // The client applies both and holds what the server sent last.
+//! // The client applies both and then holds what the server sent last.
 //! let mut state = State::new(Arc::clone(&layout));
 //! apply(&mut state, &key.body, &limits)?;
 //! apply(&mut state, &delta.body, &limits)?;
@@ -154,7 +154,7 @@
 //!
 //! # Let a client join late
 //!
-//! [`paper::keyframe`] writes any state down; the client that applies it has the same hash, so the deltas that
+//! [`paper::keyframe`] writes any state as a keyframe. A client that applies it has the same hash, so the deltas that
 //! follow fit.
 //!
 //! ```
@@ -181,7 +181,7 @@
 //! # }
 //! ```
 //!
-//! # See what a frame holds without decoding it
+//! # Inspect a frame without decoding it
 //!
 //! ```
 //! # use std::sync::Arc;
@@ -241,4 +241,4 @@ pub use hash::StateHash;
 pub use layout::Layout;
 pub use limits::Limits;
 pub use state::{State, StateRef, keyframe};
-pub use wire::VarintProblem;
+pub use wire::VarintError;

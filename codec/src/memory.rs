@@ -1,6 +1,6 @@
-//! Memory, counted from the sizes of what is held: the same on any machine of one word size, whatever its allocator.
+//! Counts heap memory from the sizes of collections. The result depends only on the word size, not on the allocator.
 
-/// Bytes that a list has room for; what its elements hold elsewhere comes on top.
+/// Returns the bytes of a list's buffer. Heap memory of its elements is not included.
 #[must_use]
 pub fn list<T>(list: &Vec<T>) -> usize {
     list.capacity() * size_of::<T>()

@@ -1,4 +1,4 @@
-//! The profiles that there are: the one table in which the envelope finds what each of them allows.
+//! The table of profiles, in which the envelope finds what each of them allows.
 
 use crate::envelope::{FrameRules, Profile, SectionTag};
 use crate::{paper, surface};
@@ -6,12 +6,12 @@ use crate::{paper, surface};
 /// The rules of every profile.
 const PROFILES: [&dyn FrameRules; 2] = [&paper::Rules, &surface::Rules];
 
-/// The rules of a profile; `None` for one that is unknown.
+/// Returns the rules of a profile; `None` if it is unknown.
 pub(crate) fn rules_of(profile: Profile) -> Option<&'static dyn FrameRules> {
     PROFILES.into_iter().find(|rules| rules.profile() == profile)
 }
 
-/// The rules of the profile that has sections of this tag; `None` for a tag that is unknown.
+/// Returns the rules of the profile that has sections of this tag; `None` if the tag is unknown.
 pub(crate) fn rules_of_section(tag: SectionTag) -> Option<&'static dyn FrameRules> {
     PROFILES.into_iter().find(|rules| rules.sections().contains(&tag))
 }

@@ -1,4 +1,4 @@
-//! What a client holds of a stream of either profile.
+//! The state of a client, for either profile.
 
 use std::sync::Arc;
 
@@ -6,19 +6,19 @@ use crate::block::BlockCoder;
 use crate::envelope::{EncodeError, FrameIndex, FrameMeta, Profile};
 use crate::{Layout, StateHash, paper, surface};
 
-/// What a client holds of a stream.
+/// Everything that a client holds of a stream.
 #[derive(Debug, Clone, PartialEq)]
 pub enum State {
-    /// Of profile `paper`.
+    /// A stream of profile `paper`.
     Paper(paper::State),
-    /// Of profile `surface`.
+    /// A stream of profile `surface`.
     Surface(Box<surface::State>),
 }
 
 impl State {
-    /// The empty state of a layout; hash 0.
+    /// Creates the empty state of a layout; its hash is 0.
     ///
-    /// It allocates what the layout says; making the layout has checked that against the limits.
+    /// It allocates as much as the layout asks for. The layout was checked against the limits when it was made.
     #[must_use]
     pub fn new(layout: &Layout) -> State {
         match layout {
@@ -27,7 +27,7 @@ impl State {
         }
     }
 
-    /// The layout of the stream.
+    /// Returns the layout of the stream.
     #[must_use]
     pub fn layout(&self) -> Layout {
         match self {
@@ -36,7 +36,7 @@ impl State {
         }
     }
 
-    /// The profile of the stream.
+    /// Returns the profile of the stream.
     #[must_use]
     pub fn profile(&self) -> Profile {
         match self {
@@ -45,7 +45,7 @@ impl State {
         }
     }
 
-    /// The hash of everything in it; kept up by every frame.
+    /// Returns the hash of everything in the state. Every frame updates it.
     #[must_use]
     pub fn hash(&self) -> StateHash {
         match self {
@@ -54,7 +54,7 @@ impl State {
         }
     }
 
-    /// The hash computed from scratch: the slow twin of [`State::hash`].
+    /// Computes the hash from scratch: the reference of [`State::hash`].
     #[must_use]
     pub fn full_hash(&self) -> StateHash {
         match self {
@@ -63,7 +63,7 @@ impl State {
         }
     }
 
-    /// The last frame applied; `None` before the first.
+    /// Returns the last frame applied; `None` before the first.
     #[must_use]
     pub fn frame(&self) -> Option<FrameIndex> {
         match self {
@@ -72,7 +72,7 @@ impl State {
         }
     }
 
-    /// The state of a `paper` stream; `None` for one of the other profile.
+    /// Returns the state of a `paper` stream; `None` for the other profile.
     #[must_use]
     pub fn as_paper(&self) -> Option<&paper::State> {
         match self {
@@ -81,7 +81,7 @@ impl State {
         }
     }
 
-    /// The state of a `surface` stream; `None` for one of the other profile.
+    /// Returns the state of a `surface` stream; `None` for the other profile.
     #[must_use]
     pub fn as_surface(&self) -> Option<&surface::State> {
         match self {
@@ -90,7 +90,7 @@ impl State {
         }
     }
 
-    /// As [`State::as_surface`], to give it geometry that the stream does not carry.
+    /// Returns the state of a `surface` stream, to give it geometry that the stream does not carry.
     #[must_use]
     pub fn as_surface_mut(&mut self) -> Option<&mut surface::State> {
         match self {
@@ -100,17 +100,17 @@ impl State {
     }
 }
 
-/// A state of either profile that someone else owns.
+/// A borrowed state of either profile.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum StateRef<'a> {
-    /// Of profile `paper`.
+    /// A stream of profile `paper`.
     Paper(&'a paper::State),
-    /// Of profile `surface`.
+    /// A stream of profile `surface`.
     Surface(&'a surface::State),
 }
 
 impl StateRef<'_> {
-    /// The hash of everything in it; kept up by every frame.
+    /// Returns the hash of everything in the state. Every frame updates it.
     #[must_use]
     pub fn hash(self) -> StateHash {
         match self {
@@ -119,7 +119,7 @@ impl StateRef<'_> {
         }
     }
 
-    /// The last frame applied; `None` before the first.
+    /// Returns the last frame applied; `None` before the first.
     #[must_use]
     pub fn frame(self) -> Option<FrameIndex> {
         match self {
@@ -150,11 +150,11 @@ impl<'a> From<&'a surface::State> for StateRef<'a> {
     }
 }
 
-/// Writes the whole of `state` as a keyframe body, for who joins late. `meta.kind` is taken as key; `first` names what
-/// goes before all else, as [`surface::keyframe`] says, and means nothing in profile `paper`.
+/// Writes the whole of `state` as a keyframe body, for a client that joins late. `meta.kind` is taken as key. `first`
+/// names the blocks that go first, see [`surface::keyframe`]; profile `paper` ignores it.
 ///
 /// # Errors
-/// Those of [`EncodeError`].
+/// [`EncodeError`], as [`paper::keyframe`] and [`surface::keyframe`] return it.
 pub fn keyframe<'a>(
     state: impl Into<StateRef<'a>>,
     meta: FrameMeta,

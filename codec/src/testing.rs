@@ -1,4 +1,4 @@
-//! What the tests of several modules share.
+//! Helpers that the tests of several modules share.
 
 use std::sync::Arc;
 
@@ -7,12 +7,12 @@ use crate::block::BlockCoder;
 use crate::envelope::{CRC_OFFSET, EncodedFrame, FrameIndex, FrameKind, FrameMeta, StreamTime, body_crc};
 use crate::paper::{self, Grid, InstanceLayout, Layout, PointFormat, PointSample, Pose, State, apply};
 
-/// Two instances of 4 x 4 x 4 cells of 25 cm, 8 buckets each, 64 cells; 32-bit points.
+/// Returns a layout of two instances of 4 x 4 x 4 cells of 25 cm, with 8 buckets each, 64 cells and 32-bit points.
 pub(crate) fn layout() -> Arc<Layout> {
     layout_of(PointFormat::Bits32)
 }
 
-/// The same with points packed like this.
+/// Returns the same layout with points in this format.
 pub(crate) fn layout_of(format: PointFormat) -> Arc<Layout> {
     let grid = Grid::new([0.0; 3], 0.25, [4, 4, 4]).unwrap();
     let instance =
@@ -29,7 +29,7 @@ pub(crate) fn sample(local: [f32; 3], ao: u8) -> PointSample {
     PointSample { local, normal: [0.0, 1.0, 0.0], ao }
 }
 
-/// A keyframe and a delta of some points, and the states around them.
+/// A keyframe and a delta of some points, with the states before and after them.
 pub(crate) struct Story {
     pub(crate) empty: State,
     pub(crate) after_key: State,
@@ -64,13 +64,13 @@ pub(crate) fn story_of(format: PointFormat, coder: BlockCoder) -> Story {
     Story { empty, after_key, after_delta: encoder.state().clone(), key, delta }
 }
 
-/// Makes the checksum of a changed body right again.
+/// Corrects the checksum of a changed body.
 pub(crate) fn reseal(body: &mut [u8]) {
     let crc = body_crc(body);
     body[CRC_OFFSET..CRC_OFFSET + 4].copy_from_slice(&crc.to_le_bytes());
 }
 
-/// Applies a body to a copy of `state` and checks that it is refused and the copy unchanged.
+/// Applies a body to a copy of `state`; checks that it is refused and the copy unchanged.
 pub(crate) fn refuse(state: &State, body: &[u8], limits: &Limits) -> crate::envelope::FrameError {
     let mut after = state.clone();
     let error = apply(&mut after, body, limits).unwrap_err();

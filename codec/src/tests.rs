@@ -1,4 +1,4 @@
-//! Tests of the types that are of either profile.
+//! Tests of the types that serve both profiles.
 
 use std::sync::Arc;
 

@@ -39,7 +39,7 @@ fn encoder(budget: Option<Budget>) -> Encoder {
     Encoder::new(layout, vec![Arc::new(geometry)], settings).unwrap()
 }
 
-/// Offers every point as a shadow passes over them, which comes back after ten frames, and finishes.
+/// Sets every point as a shadow passes over them, which returns after ten frames, and finishes the frame.
 fn frame(encoder: &mut Encoder, number: u32, coder: BlockCoder) -> EncodedFrame {
     for point in 0..POINTS {
         let distance = (point % 200).abs_diff(number % 10 * 20).min(60) as u8;

@@ -1,14 +1,14 @@
-//! A made-up scene of some 100,000 points in 40 instances: a floor, balls and boxes on it, and shadows that move over
-//! them, so that 1 to 2 % of the points change by the threshold in a frame. The same numbers on every machine: no sine, no
-//! randomness.
+//! A synthetic scene of some 100,000 points in 40 instances: a floor, and balls and boxes on it. Shadows move over
+//! them, so that 1 to 2 % of the points change by the threshold in a frame. The numbers are the same on every machine:
+//! no sine, no randomness.
 
 use psao_codec::surface::RestPoint;
 
-/// Frames after which the shadows are where they were.
+/// Period of the shadows, frames.
 pub(crate) const PERIOD: u32 = 60;
-/// A point is sent when it differs by this much from what clients hold.
+/// Smallest difference from the clients' byte that is sent.
 pub(crate) const THRESHOLD: u8 = 8;
-/// Points of the floor, and of every other instance.
+/// Number of points of the floor, and of every other instance.
 pub(crate) const FLOOR: u32 = 20_000;
 pub(crate) const THING: u32 = 2050;
 const THINGS: u32 = 39;
@@ -18,7 +18,7 @@ const SHADOWS: u32 = 5;
 /// Radius of a shadow, metres.
 const REACH: f32 = 0.6;
 
-/// The sets: floor, ball, box. Every instance but the first has one of the last two, in turns.
+/// The sets: floor, ball, box. The first instance is the floor; the others alternate between ball and box.
 pub(crate) struct Scene {
     pub(crate) sets: [Vec<RestPoint>; 3],
 }
@@ -37,14 +37,14 @@ impl Scene {
         Scene { sets }
     }
 
-    /// Set and place of every instance, metres.
+    /// Returns set and place of every instance, metres.
     pub(crate) fn instances(&self) -> Vec<(u32, [f32; 3])> {
         let thing = |n: u32| (1 + n % 2, [0.5 + (n % 7) as f32 * 0.85, 0.4, 0.5 + (n / 7) as f32 * 0.95]);
         std::iter::once((0, [0.0; 3])).chain((0..THINGS).map(thing)).collect()
     }
 
-    /// AO bytes of all points in every frame of a period. `orders` says, set by set, which points of the scene the points of
-    /// the stream are.
+    /// Returns the AO bytes of all points in every frame of a period. `orders` has, for each set, the scene points in
+    /// the order of the stream.
     pub(crate) fn frames(&self, orders: &[Vec<u32>; 3]) -> Vec<Vec<u8>> {
         let mut points = Vec::new();
         for (set, [x, y, z]) in self.instances() {
@@ -56,8 +56,8 @@ impl Scene {
     }
 }
 
-/// Points of a square that are nowhere close together (M. Roberts, "The unreasonable effectiveness of quasirandom
-/// sequences", 2018).
+/// Returns well-separated points of a square (M. Roberts, "The unreasonable effectiveness of quasirandom sequences",
+/// 2018).
 fn spread(n: u32) -> [f32; 2] {
     [0.754_877_666_246_693, 0.569_840_290_998_053].map(|step: f64| (f64::from(n + 1) * step).fract() as f32)
 }
@@ -83,7 +83,7 @@ fn cuboid(face: u32, [u, v]: [f32; 2]) -> RestPoint {
     RestPoint { position, normal }
 }
 
-/// AO of a point: what stands around it, the noise of its fixed rays, and the shadows over it.
+/// Returns the AO of a point, from its surroundings, the noise of its fixed rays, and the shadows over it.
 fn ao(point: u32, [x, y, z]: [f32; 3], frame: u32) -> u8 {
     let noise = (point.wrapping_mul(0x9E37_79B9) >> 24) as f32 / 255.0;
     let mut open = 205.0 + 45.0 * y.clamp(0.0, 1.0) - 20.0 * noise;

@@ -11,7 +11,7 @@ use super::scene::{EDGE, FLOOR, PERIOD, Scene, THING, THRESHOLD};
 
 type Failure = Box<dyn std::error::Error>;
 
-/// Edge of a cell, metres: four times the radius at which points were thinned out.
+/// Edge of a cell, metres: four times the Poisson-disk radius.
 const CELL: f32 = 0.095;
 
 /// Points of the scene in the order given, and AO of all of them in every frame.
@@ -56,8 +56,8 @@ impl Paper {
         })
     }
 
-    /// Puts the points that moved by the threshold and finishes a frame; frame 0 is the keyframe. Also says how many points
-    /// that were.
+    /// Puts the points that changed by the threshold and finishes a frame; frame 0 is the keyframe. Also returns the
+    /// number of these points.
     pub(crate) fn frame(&mut self, number: u32, coder: BlockCoder) -> Result<(EncodedFrame, u32), Failure> {
         let now = &self.frames[(number % PERIOD) as usize];
         let first = self.sent.is_empty();
@@ -79,7 +79,7 @@ impl Paper {
     }
 }
 
-/// The records of the cells of a frame whose blocks are stored.
+/// Returns the cell records of a frame whose blocks are stored.
 pub(crate) fn cell_records(frame: &EncodedFrame) -> &[u8] {
     let cells = frame.info.section(SectionTag::CELLS).map_or(0, |section| section.wire_bytes as usize);
     &frame.body[frame.body.len() - cells..]

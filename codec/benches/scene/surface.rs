@@ -51,7 +51,7 @@ impl Stream {
         Ok(Encoder::new(Arc::clone(&self.layout), self.geometry.clone(), settings)?)
     }
 
-    /// Offers the points of a frame and finishes it; frame 0 is the keyframe.
+    /// Sets the points of a frame and finishes it; frame 0 is the keyframe.
     pub(crate) fn frame(
         &self,
         encoder: &mut Encoder,

@@ -1,32 +1,18 @@
-//! Why a block was refused.
+//! Wire ids and errors of block coders.
 
-use std::fmt;
+use crate::wire::wire_enum;
 
-/// The wire id of a block coder. Unknown values survive reading, and decompressing one is an error.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct CoderId(pub u8);
-
-impl CoderId {
+wire_enum! {
+    /// The wire id of a block coder. Unknown values survive reading; decompressing one is an error.
+    CoderId, unknown "unknown coder";
     /// Bytes as they are.
-    pub const STORED: CoderId = CoderId(0);
+    STORED = 0 => "stored",
     /// LZ4 block format.
-    pub const LZ4: CoderId = CoderId(1);
+    LZ4 = 1 => "lz4",
     /// One Zstandard frame.
-    pub const ZSTD: CoderId = CoderId(2);
+    ZSTD = 2 => "zstd",
     /// The adaptive range coder of profile `surface`.
-    pub const RANGE: CoderId = CoderId(3);
-}
-
-impl fmt::Display for CoderId {
-    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match *self {
-            CoderId::STORED => out.write_str("stored"),
-            CoderId::LZ4 => out.write_str("lz4"),
-            CoderId::ZSTD => out.write_str("zstd"),
-            CoderId::RANGE => out.write_str("range"),
-            CoderId(other) => write!(out, "unknown coder {other}"),
-        }
-    }
+    RANGE = 3 => "range",
 }
 
 /// Why a block could not be compressed or decompressed.
@@ -44,13 +30,13 @@ pub enum BlockError {
         "this program was built without the block coder {coder}: build psao-codec with its feature {coder}"
     )]
     Feature {
-        /// The coder, and the feature that brings it.
+        /// The coder; the feature has the same name.
         coder: CoderId,
     },
-    /// The range coder was asked to code bytes.
+    /// The range coder cannot code plain bytes.
     #[error("the range coder codes sections of profile surface only: choose zstd, lz4 or none")]
     NoModel,
-    /// The block claims to be larger than what was agreed on; nothing was allocated.
+    /// The block claims to be larger than agreed. Nothing was allocated.
     #[error("block of {raw_bytes} B is larger than the agreed {limit} B; raise Limits::max_block_bytes")]
     TooLarge {
         /// The claimed size after decompression.
@@ -58,14 +44,14 @@ pub enum BlockError {
         /// The agreed limit.
         limit: u32,
     },
-    /// The block does not hold as many bytes as the frame says.
+    /// The block holds another number of bytes than the frame tells.
     #[error("{coder} block holds {found} B, the frame says {expected} B")]
     Length {
         /// The coder.
         coder: CoderId,
-        /// Bytes that the frame announces.
+        /// Bytes by the section table.
         expected: u64,
-        /// Bytes that the block holds or announces.
+        /// Bytes that the block holds or declares.
         found: u64,
     },
     /// The stored bytes are not a block of this coder.
@@ -73,21 +59,21 @@ pub enum BlockError {
     Corrupt {
         /// The coder.
         coder: CoderId,
-        /// What the coder says.
+        /// The error of the coder.
         reason: String,
     },
     /// The Zstandard level is outside 1 to 22.
     #[error("zstd level {level} is outside 1 to 22")]
     Level {
-        /// The level asked for.
+        /// The requested level.
         level: i32,
     },
-    /// The coder failed while compressing, which only lack of memory explains.
+    /// The coder failed while compressing; only lack of memory explains that.
     #[error("{coder} cannot compress: {reason}")]
     Coder {
         /// The coder.
         coder: CoderId,
-        /// What the coder says.
+        /// The error of the coder.
         reason: String,
     },
 }

@@ -1,11 +1,11 @@
-//! LZ4 blocks, pure Rust, checked encoder and decoder.
+//! LZ4 blocks by a pure Rust coder that checks its input and output.
 
 use lz4_flex::block::{CompressTable, compress_into_with_table, decompress_into, get_maximum_output_size};
 
 use super::{BlockError, CoderId};
 
-/// Tables of the compressor, made on first use: one for short blocks and one for others, so that a block's bytes do not
-/// depend on the blocks before it.
+/// The tables of the compressor, made on first use. Short blocks have their own table, so that a block's bytes do not
+/// depend on earlier blocks.
 #[derive(Default)]
 pub(super) struct Encoder {
     small: Option<CompressTable>,
@@ -13,12 +13,13 @@ pub(super) struct Encoder {
 }
 
 impl Encoder {
-    /// Bytes held: 4,096 places, of two bytes each for short blocks, of four for others.
-    pub(super) fn held(&self) -> usize {
+    /// Returns the number of heap bytes in use. A table has 4,096 entries, of two bytes for short blocks and of four
+    /// for others.
+    pub(super) fn heap_bytes(&self) -> usize {
         self.small.iter().len() * (4096 * 2) + self.large.iter().len() * (4096 * 4)
     }
 
-    /// Compresses `raw` into the start of `buffer`, which only ever grows.
+    /// Compresses `raw` into the start of `buffer`, which never shrinks.
     pub(super) fn compress<'a>(
         &mut self,
         raw: &[u8],
@@ -39,7 +40,7 @@ impl Encoder {
     }
 }
 
-/// Fills `out` exactly.
+/// Decompresses `stored`, which must fill `out` exactly.
 pub(super) fn decompress(stored: &[u8], out: &mut [u8]) -> Result<(), BlockError> {
     let length = decompress_into(stored, out)
         .map_err(|error| BlockError::Corrupt { coder: CoderId::LZ4, reason: error.to_string() })?;

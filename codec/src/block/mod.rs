@@ -1,4 +1,4 @@
-//! Blocks: one compressed piece of bytes each, with an output size that is known and checked beforehand.
+//! Compressed blocks. The size of each after decompression is known and checked beforehand.
 //!
 //! | wire id | coder |
 //! |---|---|
@@ -23,10 +23,10 @@ pub use error::{BlockError, CoderId};
 
 use crate::memory;
 
-/// How the encoder compresses blocks.
+/// How an encoder compresses blocks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum BlockCoder {
-    /// Bytes as they are.
+    /// Stores the bytes as they are.
     Stored,
     /// LZ4 block format (paper, section 3.4).
     Lz4,
@@ -40,14 +40,15 @@ pub enum BlockCoder {
 }
 
 impl Default for BlockCoder {
-    /// The paper's: Zstandard, level 15, strategy 4.
+    /// Returns the paper's coder: Zstandard, level 15, strategy 4.
     fn default() -> BlockCoder {
         BlockCoder::Zstd { level: 15 }
     }
 }
 
 impl BlockCoder {
-    /// A coder that writes what has this wire id; one that is not known, and Zstandard, as [`BlockCoder::default`].
+    /// Returns a coder that writes blocks of this wire id. For Zstandard and for unknown ids this is
+    /// [`BlockCoder::default`].
     ///
     /// ```
     /// use psao_codec::block::{BlockCoder, CoderId};
@@ -66,7 +67,7 @@ impl BlockCoder {
         }
     }
 
-    /// The wire id of what this coder writes.
+    /// Returns the wire id of the blocks that this coder writes.
     #[must_use]
     pub const fn id(self) -> CoderId {
         match self {
@@ -78,9 +79,9 @@ impl BlockCoder {
     }
 }
 
-/// Compresses blocks, each on its own; keeps the memory of the coders between calls.
+/// Compresses blocks independently of each other. It keeps the memory of the coders between calls.
 ///
-/// The same input and coder give the same bytes, whatever was compressed before.
+/// The same input and coder always give the same bytes.
 #[derive(Default)]
 pub struct Compressor {
     zstd: zstd::Encoder,
@@ -95,24 +96,24 @@ impl std::fmt::Debug for Compressor {
 }
 
 impl Compressor {
-    /// A compressor with nothing allocated yet.
+    /// Creates a compressor that has allocated nothing yet.
     #[must_use]
     pub fn new() -> Compressor {
         Compressor::default()
     }
 
-    /// Bytes held.
-    pub(crate) fn held(&self) -> usize {
-        self.zstd.held() + self.lz4.held() + memory::list(&self.packed)
+    /// Returns the number of heap bytes in use.
+    pub(crate) fn heap_bytes(&self) -> usize {
+        self.zstd.heap_bytes() + self.lz4.heap_bytes() + memory::list(&self.packed)
     }
 
-    /// Appends `raw`, compressed, to `out`, and says which coder that took: `coder`, or
-    /// [`CoderId::STORED`] where compression gained nothing.
+    /// Compresses `raw` and appends it to `out`. Returns the coder used: `coder`, or [`CoderId::STORED`] where
+    /// compression saves nothing.
     ///
     /// # Errors
-    /// [`BlockError::Level`] for a level outside 1 to 22, [`BlockError::NoModel`] for [`BlockCoder::Range`],
-    /// [`BlockError::Coder`] when the coder fails (it
-    /// could not allocate its memory), [`BlockError::Feature`] for one that the crate was built without. `out` is then as before.
+    /// [`BlockError::Level`] for a level outside 1 to 22. [`BlockError::NoModel`] for [`BlockCoder::Range`].
+    /// [`BlockError::Coder`] if the coder fails because it could not allocate memory. [`BlockError::Feature`] for a
+    /// coder that the crate was built without. `out` is unchanged after an error.
     pub fn compress(
         &mut self,
         raw: &[u8],
@@ -135,7 +136,7 @@ impl Compressor {
     }
 }
 
-/// Decompresses blocks; keeps the memory of the coders between calls.
+/// Decompresses blocks. It keeps the memory of the coders between calls.
 #[derive(Default)]
 pub struct Decompressor {
     zstd: zstd::Decoder,
@@ -148,19 +149,20 @@ impl std::fmt::Debug for Decompressor {
 }
 
 impl Decompressor {
-    /// A decompressor with nothing allocated yet.
+    /// Creates a decompressor that has allocated nothing yet.
     #[must_use]
     pub fn new() -> Decompressor {
         Decompressor::default()
     }
 
-    /// Decompresses `stored` into `out`, which ends up exactly `raw_bytes` long.
+    /// Decompresses `stored` into `out`, which is then exactly `raw_bytes` long.
     ///
-    /// `raw_bytes` is compared with `limit` before `out` grows, and no coder writes past it.
+    /// `raw_bytes` is checked against `limit` before `out` grows, and no coder writes past it.
     ///
     /// # Errors
-    /// [`BlockError::UnknownCoder`], [`BlockError::TooLarge`], [`BlockError::Length`] when the block holds
-    /// more or fewer bytes than `raw_bytes`, [`BlockError::Feature`] and [`BlockError::Corrupt`]. What `out` holds is then unsaid.
+    /// [`BlockError::UnknownCoder`], [`BlockError::TooLarge`], [`BlockError::Feature`] and [`BlockError::Corrupt`].
+    /// [`BlockError::Length`] if the block holds more or fewer bytes than `raw_bytes`. The content of `out` is
+    /// unspecified after an error.
     pub fn decompress(
         &mut self,
         stored: &[u8],
@@ -194,7 +196,7 @@ impl Decompressor {
     }
 }
 
-/// Compresses one block; see [`Compressor::compress`], which is cheaper for many.
+/// Compresses one block. [`Compressor::compress`] is cheaper for many.
 ///
 /// # Errors
 /// Those of [`Compressor::compress`].
@@ -204,7 +206,7 @@ pub fn compress(raw: &[u8], coder: BlockCoder) -> Result<(CoderId, Vec<u8>), Blo
     Ok((id, out))
 }
 
-/// Decompresses one block; see [`Decompressor::decompress`], which is cheaper for many.
+/// Decompresses one block. [`Decompressor::decompress`] is cheaper for many.
 ///
 /// # Errors
 /// Those of [`Decompressor::decompress`].

@@ -1,4 +1,4 @@
-//! Stands for the LZ4 coder where the crate is built without it.
+//! Replaces the LZ4 coder if the crate is built without it.
 
 use super::{BlockError, CoderId};
 
@@ -7,7 +7,7 @@ use super::{BlockError, CoderId};
 pub(super) struct Encoder;
 
 impl Encoder {
-    pub(super) fn held(&self) -> usize {
+    pub(super) fn heap_bytes(&self) -> usize {
         0
     }
 

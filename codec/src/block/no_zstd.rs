@@ -1,4 +1,4 @@
-//! Stands for the Zstandard coder where the crate is built without it, and so without a C compiler.
+//! Replaces the Zstandard coder if the crate is built without it, and so without a C compiler.
 
 use super::{BlockError, CoderId};
 
@@ -7,7 +7,7 @@ use super::{BlockError, CoderId};
 pub(super) struct Encoder;
 
 impl Encoder {
-    pub(super) fn held(&self) -> usize {
+    pub(super) fn heap_bytes(&self) -> usize {
         0
     }
 

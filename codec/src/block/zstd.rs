@@ -1,4 +1,4 @@
-//! Zstandard blocks: one stateless frame each (paper, section 4: level 15, compression strategy 4).
+//! Zstandard blocks: one independent frame each (paper, section 4: level 15, compression strategy 4).
 
 use zstd_safe::{CCtx, CParameter, DCtx, DParameter, ErrorCode, Strategy};
 
@@ -6,23 +6,23 @@ use super::{BlockError, CoderId};
 
 /// The first four bytes of every Zstandard frame (RFC 8878, section 3.1.1).
 const MAGIC: [u8; 4] = 0xFD2F_B528_u32.to_le_bytes();
-/// Largest window a frame may ask for: 2^27 B, what level 22 uses. The decoder writes straight into the
-/// output and keeps no window of its own; the bound stands for streaming readers of the same frames.
+/// Largest window that a frame may use: 2^27 B, as level 22 does. The decoder writes straight into the output and
+/// keeps no window. The bound serves streaming readers of the same frames.
 const MAX_WINDOW_LOG: u32 = 27;
 
-/// A compression context, made on first use and set up again only when the level changes.
+/// A compression context. It is made on first use and set up again only when the level changes.
 #[derive(Default)]
 pub(super) struct Encoder {
     context: Option<(CCtx<'static>, i32)>,
 }
 
 impl Encoder {
-    /// Bytes held.
-    pub(super) fn held(&self) -> usize {
+    /// Returns the number of heap bytes in use.
+    pub(super) fn heap_bytes(&self) -> usize {
         self.context.as_ref().map_or(0, |(context, _)| context.sizeof())
     }
 
-    /// Compresses `raw` into the start of `buffer`, which only ever grows.
+    /// Compresses `raw` into the start of `buffer`, which never shrinks.
     pub(super) fn compress<'a>(
         &mut self,
         raw: &[u8],
@@ -73,7 +73,7 @@ pub(super) struct Decoder {
 }
 
 impl Decoder {
-    /// Fills `out` exactly with the frame that [`check_frame`] has passed.
+    /// Decompresses a frame that [`check_frame`] has passed; it must fill `out` exactly.
     pub(super) fn decompress(&mut self, stored: &[u8], out: &mut [u8]) -> Result<(), BlockError> {
         let mut context = match self.context.take() {
             Some(context) => context,
@@ -86,7 +86,7 @@ impl Decoder {
     }
 }
 
-/// Checks, before anything is allocated, that `stored` is one whole frame that declares `raw_bytes`.
+/// Checks that `stored` is one whole frame that declares `raw_bytes`. Nothing is allocated before.
 pub(super) fn check_frame(stored: &[u8], raw_bytes: usize) -> Result<(), BlockError> {
     if !stored.starts_with(&MAGIC) {
         return Err(corrupt("it does not start with a Zstandard frame"));

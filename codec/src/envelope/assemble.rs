@@ -1,4 +1,4 @@
-//! Puts the header of a frame before its blocks.
+//! Writes the header of a frame before its blocks.
 
 use super::header::write_header;
 use super::{
@@ -6,7 +6,7 @@ use super::{
 };
 use crate::StateHash;
 
-/// Puts header and blocks together.
+/// Returns the frame of these blocks: it writes the header and the checksum.
 pub(crate) fn assemble(
     meta: &FrameMeta,
     (profile, packing, kind): (Profile, Packing, FrameKind),

@@ -1,10 +1,11 @@
-//! A frame body that was read: its header, and bytes whose checksum is right.
+//! A parsed frame body: its header, and bytes with a correct checksum.
 
-use super::header::read_sound;
+use super::header::read_checked;
 use super::{FrameError, FrameInfo, SectionInfo};
 use crate::Limits;
 
-/// A frame body whose header was read and whose checksum is right: read once, it can be looked at, passed on and applied.
+/// A frame body with a valid header and a correct checksum. It is parsed once; then it can be inspected, passed on and
+/// applied.
 ///
 /// ```
 /// # use psao_codec::{Limits, State, StateRef, Layout, block::BlockCoder, keyframe, surface};
@@ -30,51 +31,51 @@ pub struct FrameBody<'a> {
     bytes: &'a [u8],
 }
 
-/// A section and where its block is in the body.
+/// A section and its block.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct SectionBlock<'a> {
     pub(crate) section: SectionInfo,
-    /// Where the block starts.
+    /// Start of the block in the body.
     pub(crate) offset: usize,
-    /// The block as it is on the wire.
+    /// The block as on the wire.
     pub(crate) bytes: &'a [u8],
 }
 
 impl<'a> FrameBody<'a> {
-    /// Reads the header of a frame body and checks all that needs neither a state nor decompression: ids, canonical varints,
-    /// lengths against each other and against `limits`, and the checksum.
+    /// Reads the header of a frame body. It checks everything that needs neither a state nor decompression: ids,
+    /// canonical varints, lengths against each other and against `limits`, and the checksum.
     ///
     /// # Errors
     /// [`FrameError`] names the field and its byte offset.
     pub fn parse(bytes: &'a [u8], limits: &Limits) -> Result<FrameBody<'a>, FrameError> {
-        Ok(FrameBody { info: read_sound(bytes, limits)?, bytes })
+        Ok(FrameBody { info: read_checked(bytes, limits)?, bytes })
     }
 
-    /// The header.
+    /// Returns the header.
     #[must_use]
     pub fn info(&self) -> &FrameInfo {
         &self.info
     }
 
-    /// The header, without the bytes.
+    /// Returns the header and drops the bytes.
     #[must_use]
     pub fn into_info(self) -> FrameInfo {
         self.info
     }
 
-    /// The whole body.
+    /// Returns the whole body.
     #[must_use]
     pub fn bytes(&self) -> &'a [u8] {
         self.bytes
     }
 
-    /// The sections with their blocks.
+    /// Returns the sections with their blocks.
     pub(crate) fn blocks(&self) -> impl Iterator<Item = SectionBlock<'a>> + Clone + use<'_, 'a> {
         whole_blocks(&self.info, self.bytes)
     }
 }
 
-/// The sections whose blocks are whole in the first `bytes` of a body.
+/// Returns the sections whose blocks are complete in `bytes`, the start of a body.
 pub(crate) fn whole_blocks<'i, 'a>(
     info: &'i FrameInfo,
     bytes: &'a [u8],
@@ -87,7 +88,7 @@ pub(crate) fn whole_blocks<'i, 'a>(
     })
 }
 
-/// The header of a frame body, as [`FrameBody::parse`] reads it.
+/// Returns the header of a frame body, as [`FrameBody::parse`] reads it.
 ///
 /// # Errors
 /// Those of [`FrameBody::parse`].

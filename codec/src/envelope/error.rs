@@ -1,18 +1,18 @@
-//! Why a frame body was refused, or could not be written. Offsets count bytes from the start of the body;
-//! `raw_offset` counts bytes from the start of a section after decompression.
+//! Errors of reading and of writing a frame body. Offsets count bytes from the start of the body. `raw_offset` counts
+//! bytes from the start of a section after decompression.
 
 use super::{FrameIndex, FrameKind, Packing, Profile, SectionTag};
 use crate::StateHash;
 use crate::block::{BlockError, CoderId};
-use crate::paper::{BucketProblem, PoseError};
-use crate::surface::{ChangeProblem, ContextProblem, GeometryProblem, ValueProblem};
-use crate::wire::{VarintProblem, WireError, WireErrorKind};
+use crate::paper::{BucketError, PoseError};
+use crate::surface::{ChangeError, ContextError, GeometrySectionError, ValueError};
+use crate::wire::{VarintError, WireError, WireErrorKind};
 
-/// Why a frame body was refused. The state is as it was before.
+/// Why a frame body was refused. The state is unchanged.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum FrameError {
-    /// The body is longer than agreed on.
+    /// The body is longer than agreed.
     #[error("frame body of {bytes} B, the agreed limit is {limit} B; raise Limits::max_frame_bytes")]
     TooLong {
         /// Bytes of the body.
@@ -25,9 +25,9 @@ pub enum FrameError {
     Truncated {
         /// The field.
         field: &'static str,
-        /// Where the field starts.
+        /// Start of the field.
         offset: usize,
-        /// Bytes that are missing at least.
+        /// Smallest number of missing bytes.
         missing: usize,
     },
     /// A varint is malformed.
@@ -35,25 +35,25 @@ pub enum FrameError {
     Varint {
         /// The field.
         field: &'static str,
-        /// Where the field starts.
+        /// Start of the field.
         offset: usize,
-        /// What is wrong with it.
-        problem: VarintProblem,
+        /// The error.
+        problem: VarintError,
     },
     /// The profile is unknown.
     #[error("profile at byte {offset} is unknown ({}): is this a frame body?", found.0)]
     ProfileUnknown {
-        /// Where the field is.
+        /// Start of the field.
         offset: usize,
-        /// The profile found.
+        /// Found.
         found: Profile,
     },
-    /// The packing is not that of the stream.
+    /// The packing differs from that of the stream.
     #[error("packing at byte {offset} is {found}, the stream was announced with {expected}")]
     Packing {
-        /// Where the field is.
+        /// Start of the field.
         offset: usize,
-        /// The packing found.
+        /// Found.
         found: Packing,
         /// The packing of the layout.
         expected: Packing,
@@ -61,41 +61,41 @@ pub enum FrameError {
     /// The packing is unknown.
     #[error("packing at byte {offset} is unknown ({}): this version reads ids 1 to 3", found.0)]
     PackingUnknown {
-        /// Where the field is.
+        /// Start of the field.
         offset: usize,
-        /// The packing found.
+        /// Found.
         found: Packing,
     },
     /// The frame kind is neither key nor delta.
     #[error("frame kind at byte {offset} is {found}, neither key (1) nor delta (2)")]
     Kind {
-        /// Where the field is.
+        /// Start of the field.
         offset: usize,
-        /// The id found.
+        /// Found.
         found: u8,
     },
-    /// A section tag is unknown. Sections change the state, so none can be skipped.
+    /// A section tag is unknown. Sections change the state, so a decoder cannot skip one.
     #[error("section tag at byte {offset} is unknown ({}); a newer version wrote this frame", found.0)]
     SectionUnknown {
-        /// Where the field is.
+        /// Start of the field.
         offset: usize,
-        /// The tag found.
+        /// Found.
         found: SectionTag,
     },
     /// Section tags do not ascend.
     #[error("section tag at byte {offset} is {found}, after {previous}: tags must ascend")]
     SectionOrder {
-        /// Where the field is.
+        /// Start of the field.
         offset: usize,
-        /// The tag found.
+        /// Found.
         found: SectionTag,
         /// The tag before it.
         previous: SectionTag,
     },
-    /// A section that this profile or kind of frame does not have.
-    #[error("section {found} at byte {offset} has no place in a {kind} of profile {profile}")]
+    /// This profile or kind of frame does not have such a section.
+    #[error("section {found} at byte {offset} is not allowed in a {kind} of profile {profile}")]
     SectionMisplaced {
-        /// Where its line is.
+        /// Start of its line in the section table.
         offset: usize,
         /// Its tag.
         found: SectionTag,
@@ -104,22 +104,22 @@ pub enum FrameError {
         /// Kind of the frame.
         kind: FrameKind,
     },
-    /// Two sections that cannot be in one frame.
+    /// Two sections cannot be in one frame.
     #[error("section {found} at byte {offset} cannot follow section {previous} in one frame")]
     SectionBeside {
-        /// Where its line is.
+        /// Start of its line in the section table.
         offset: usize,
         /// Its tag.
         found: SectionTag,
         /// The tag before it.
         previous: SectionTag,
     },
-    /// The frame is of another profile than the state.
-    #[error("profile at byte {offset} is {found}, the stream's is {expected}")]
+    /// The profile of the frame differs from that of the state.
+    #[error("profile at byte {offset} is {found}, that of the stream is {expected}")]
     ProfileOther {
-        /// Where the field is.
+        /// Start of the field.
         offset: usize,
-        /// The profile found.
+        /// Found.
         found: Profile,
         /// The profile of the state.
         expected: Profile,
@@ -130,56 +130,58 @@ pub enum FrameError {
          profile surface range (3)"
     )]
     Coder {
-        /// Where the field is.
+        /// Start of the field.
         offset: usize,
         /// The section.
         section: SectionTag,
-        /// The coder found.
+        /// Found.
         found: CoderId,
     },
-    /// A section has no records; it must be left out.
-    #[error("record count of section {section} at byte {offset} is 0: empty sections are left out")]
+    /// A section has no records; an encoder must leave it out.
+    #[error(
+        "record count of section {section} at byte {offset} is 0: an encoder must leave empty sections out"
+    )]
     NoRecords {
-        /// Where the field is.
+        /// Start of the field.
         offset: usize,
         /// The section.
         section: SectionTag,
     },
-    /// A section has more records than the layout has places for them.
+    /// A section has more records than the layout has places.
     #[error("section {section} has {records} records, the layout has {places} places (byte {offset})")]
     TooManyRecords {
-        /// Where the block starts.
+        /// Start of the block.
         offset: usize,
         /// The section.
         section: SectionTag,
-        /// Records claimed.
+        /// Claimed number of records.
         records: u32,
         /// Places of the layout.
         places: u32,
     },
-    /// The raw length of a section is not its records times their size.
+    /// The raw length of a section is not the length of its records.
     #[error("raw length of section {section} at byte {offset} is {found} B, its records make {expected} B")]
     RawLength {
-        /// Where the field is.
+        /// Start of the field.
         offset: usize,
         /// The section.
         section: SectionTag,
-        /// Bytes that the records make.
+        /// Length of the records, bytes.
         expected: u64,
-        /// Bytes claimed.
+        /// Claimed length, bytes.
         found: u32,
     },
-    /// A section is larger, after decompression, than agreed on. Nothing was allocated.
+    /// A section is larger after decompression than agreed. Nothing was allocated.
     #[error(
         "raw length of section {section} at byte {offset} is {found} B, the agreed limit is {limit} B; \
          raise Limits::max_block_bytes"
     )]
     BlockTooLarge {
-        /// Where the field is.
+        /// Start of the field.
         offset: usize,
         /// The section.
         section: SectionTag,
-        /// Bytes claimed.
+        /// Claimed length, bytes.
         found: u32,
         /// The agreed limit.
         limit: u32,
@@ -187,15 +189,15 @@ pub enum FrameError {
     /// Bytes follow the last section.
     #[error("{extra} B follow the last section, which ends at byte {offset}")]
     Trailing {
-        /// Where the last section ends.
+        /// End of the last section.
         offset: usize,
-        /// Bytes after it.
+        /// Number of bytes after it.
         extra: usize,
     },
-    /// The checksum of the body is wrong: it was damaged on its way.
+    /// The checksum of the body is wrong: the body was damaged in transit.
     #[error("checksum at byte {offset} is {stored:08x}, the body makes {computed:08x}: the body is damaged")]
     Checksum {
-        /// Where the field is.
+        /// Start of the field.
         offset: usize,
         /// The checksum in the body.
         stored: u32,
@@ -205,11 +207,11 @@ pub enum FrameError {
     /// A block cannot be decompressed.
     #[error("block of section {section} at byte {offset}: {source}")]
     Block {
-        /// Where the block starts.
+        /// Start of the block.
         offset: usize,
         /// The section.
         section: SectionTag,
-        /// What the coder says.
+        /// The error of the coder.
         source: BlockError,
     },
     /// The offsets of a section's records do not ascend.
@@ -222,14 +224,14 @@ pub enum FrameError {
         section: SectionTag,
         /// The record.
         record: u32,
-        /// Where the record starts.
+        /// Start of the record.
         raw_offset: usize,
-        /// Its offset.
+        /// Offset of the record.
         found: u32,
-        /// The offset before it.
+        /// Offset of the record before it.
         previous: u32,
     },
-    /// The offset of a record names no place of the layout.
+    /// The offset of a record is outside the layout.
     #[error(
         "record {record} of section {section} (byte {raw_offset} of its content) has offset {found}, \
          the layout has {places} places"
@@ -239,21 +241,21 @@ pub enum FrameError {
         section: SectionTag,
         /// The record.
         record: u32,
-        /// Where the record starts.
+        /// Start of the record.
         raw_offset: usize,
-        /// Its offset.
+        /// Offset of the record.
         found: u32,
         /// Places of the layout.
         places: u32,
     },
-    /// A pose is not finite, or its rotation not of unit length.
+    /// A pose is not finite, or its rotation is not of unit length.
     #[error("record {record} of section poses (byte {raw_offset} of its content): {source}")]
     Pose {
         /// The record.
         record: u32,
-        /// Where the record starts.
+        /// Start of the record.
         raw_offset: usize,
-        /// What is wrong with it.
+        /// The error.
         source: PoseError,
     },
     /// A bucket breaks the rules of its layout.
@@ -261,12 +263,12 @@ pub enum FrameError {
     Bucket {
         /// The record.
         record: u32,
-        /// Where the record starts.
+        /// Start of the record.
         raw_offset: usize,
-        /// What is wrong with it.
-        problem: BucketProblem,
+        /// The error.
+        problem: BucketError,
     },
-    /// A cell has bits set after its last point.
+    /// A cell has set bits after its last point.
     #[error(
         "record {record} of section cells (byte {raw_offset} of its content): slot {slot} holds no point \
          but is not empty, or a point follows it"
@@ -274,108 +276,108 @@ pub enum FrameError {
     Cell {
         /// The record.
         record: u32,
-        /// Where the record starts.
+        /// Start of the record.
         raw_offset: usize,
         /// Index of the slot, 0 to 6.
         slot: usize,
     },
-    /// The points of a set make no geometry.
+    /// The points of a set are invalid.
     #[error("section geometry at byte {offset}: {problem}")]
     Geometry {
-        /// Where the block starts.
+        /// Start of the block.
         offset: usize,
-        /// What is wrong.
-        problem: GeometryProblem,
+        /// The error.
+        problem: GeometrySectionError,
     },
-    /// Blocks of points or their AO are not sound.
+    /// Point blocks or their AO are invalid.
     #[error("section values at byte {offset}: {problem}")]
     Values {
-        /// Where the block starts.
+        /// Start of the block.
         offset: usize,
-        /// What is wrong.
-        problem: ValueProblem,
+        /// The error.
+        problem: ValueError,
     },
-    /// Changes of AO are not sound, or do not suit the state.
+    /// Changes of AO are invalid, or do not fit the state.
     #[error("section changes at byte {offset}: {problem}")]
     Changes {
-        /// Where the block starts.
+        /// Start of the block.
         offset: usize,
-        /// What is wrong.
-        problem: ChangeProblem,
+        /// The error.
+        problem: ChangeError,
     },
-    /// A patch is not sound, or does not suit the state.
+    /// A patch is invalid, or does not fit the state.
     #[error("section patch at byte {offset}: {problem}")]
     Patch {
-        /// Where the block starts.
+        /// Start of the block.
         offset: usize,
-        /// What is wrong.
-        problem: ChangeProblem,
+        /// The error.
+        problem: ChangeError,
     },
     /// A patch does not reach back to the frame of the state.
     #[error(
-        "the patch at byte {offset} suits states at most {back} frames before it, this one is of frame {last}: ask for a \
-         keyframe, or for a patch that reaches back to it"
+        "the patch at byte {offset} fits states at most {back} frames before it, but this state is at frame {last}: ask for \
+         a keyframe, or for a patch that reaches back to it"
     )]
     PatchBase {
-        /// Where the block starts.
+        /// Start of the block.
         offset: usize,
-        /// How many frames it reaches back.
+        /// Number of frames that it reaches back.
         back: u32,
         /// The frame of the state.
         last: FrameIndex,
     },
-    /// What the coder has learned is not sound.
+    /// The coder context is invalid.
     #[error("section context at byte {offset}: {problem}")]
     Context {
-        /// Where the block starts.
+        /// Start of the block.
         offset: usize,
-        /// What is wrong.
-        problem: ContextProblem,
+        /// The error.
+        problem: ContextError,
     },
-    /// A block of the range coder is longer or shorter than what was read from it.
-    #[error("range-coded section {section} at byte {offset}: {}", misfit(*.extra))]
+    /// A block of the range coder is longer or shorter than its decisions.
+    #[error("range-coded section {section} at byte {offset}: {}", length_mismatch(*.extra))]
     RangeLength {
-        /// Where the block starts.
+        /// Start of the block.
         offset: usize,
         /// The section.
         section: SectionTag,
-        /// Bytes left over; `None` when it ends too early.
+        /// Number of remaining bytes; `None` if the block ends too early.
         extra: Option<usize>,
     },
-    /// The plain layout of a section has another length than the section table says.
+    /// The length of a section's plain layout differs from the section table.
     #[error("section {section} at byte {offset} makes {found} B, the section table says {expected} B")]
     PlainLength {
-        /// Where the block starts.
+        /// Start of the block.
         offset: usize,
         /// The section.
         section: SectionTag,
-        /// By the section table.
+        /// Length by the section table, bytes.
         expected: u32,
-        /// What it makes.
+        /// Length of the plain layout, bytes.
         found: usize,
     },
     /// A delta came before any keyframe.
-    #[error("frame kind at byte {offset} is delta, but the state has had no keyframe yet")]
+    #[error("frame kind at byte {offset} is delta, but the state has not received a keyframe yet")]
     NoKeyframe {
-        /// Where the field is.
+        /// Start of the field.
         offset: usize,
     },
     /// A delta is not newer than the state.
     #[error("frame index at byte {offset} is {found}, the state is already at {last}")]
     FrameOrder {
-        /// Where the field is.
+        /// Start of the field.
         offset: usize,
-        /// The index found.
+        /// Found.
         found: FrameIndex,
         /// The index of the state.
         last: FrameIndex,
     },
-    /// The state after the frame would not be the server's: ask for a keyframe.
+    /// The state after the frame would differ from the server's. Ask for a keyframe.
     #[error(
         "state hash at byte {offset} is {stored}, this state would become {computed}: ask for a keyframe"
     )]
     Hash {
-        /// Where the field is.
+        /// Start of the field.
         offset: usize,
         /// The hash in the body.
         stored: StateHash,
@@ -394,27 +396,27 @@ impl From<WireError> for FrameError {
     }
 }
 
-fn misfit(extra: Option<usize>) -> String {
+fn length_mismatch(extra: Option<usize>) -> String {
     match extra {
-        Some(extra) => format!("{extra} B are left over"),
+        Some(extra) => format!("{extra} B remain"),
         None => "it ends too early".to_owned(),
     }
 }
 
-/// Why a frame could not be written. The encoder is as it was before.
+/// Why a frame could not be written. The encoder is unchanged.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum EncodeError {
     /// The first frame of a stream must be a keyframe.
     #[error("frame {frame} is a delta, but no keyframe was written yet")]
     NoKeyframe {
-        /// The frame asked for.
+        /// The requested frame.
         frame: FrameIndex,
     },
     /// Frame indices must grow.
     #[error("frame {frame} after frame {last}: indices must grow")]
     FrameOrder {
-        /// The frame asked for.
+        /// The requested frame.
         frame: FrameIndex,
         /// The last frame written.
         last: FrameIndex,
@@ -424,7 +426,7 @@ pub enum EncodeError {
     Block {
         /// The section.
         section: SectionTag,
-        /// What the coder says.
+        /// The error of the coder.
         source: BlockError,
     },
 }

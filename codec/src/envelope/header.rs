@@ -26,13 +26,13 @@ pub(crate) const PACKING_OFFSET: usize = 1;
 pub(crate) const KIND_OFFSET: usize = 2;
 pub(crate) const FRAME_OFFSET: usize = 4;
 pub(crate) const HASH_OFFSET: usize = 16;
-/// Where the checksum is.
+/// Start of the checksum.
 pub(crate) const CRC_OFFSET: usize = 24;
-/// What stands there while the checksum is computed.
+/// Value of the checksum field while the checksum is computed.
 const BLANK_CRC: [u8; 4] = [0; 4];
 
 /// Reads the header of a whole body, and checks the lengths of the blocks and the checksum.
-pub(super) fn read_sound(body: &[u8], limits: &Limits) -> Result<FrameInfo, FrameError> {
+pub(super) fn read_checked(body: &[u8], limits: &Limits) -> Result<FrameInfo, FrameError> {
     if body.len() > limits.max_frame_bytes as usize {
         return Err(FrameError::TooLong { bytes: body.len(), limit: limits.max_frame_bytes });
     }
@@ -50,8 +50,8 @@ pub(super) fn read_sound(body: &[u8], limits: &Limits) -> Result<FrameInfo, Fram
     Ok(info)
 }
 
-/// Reads the header at the start of `body`, of which there may be more to come. The second part is the checksum, which
-/// only a whole body can be held to.
+/// Reads the header at the start of `body`, which may be incomplete. Also returns the stored checksum, which only a
+/// complete body can be checked against.
 pub(crate) fn read_header(body: &[u8], limits: &Limits) -> Result<(FrameInfo, u32), FrameError> {
     let mut reader = Reader::new(body);
     let rules = read_profile(&mut reader)?;
@@ -66,7 +66,7 @@ pub(crate) fn read_header(body: &[u8], limits: &Limits) -> Result<(FrameInfo, u3
     let stored = reader.u32("checksum")?;
     let changed_points = reader.varint("changed points")?;
     let mut sections = Vec::new();
-    // The last line, if the frame may not end with it.
+    // The last line, if a frame must not end with it.
     let mut unfinished = None;
     for _ in 0..section_count {
         let previous = sections.last().map(|section: &SectionInfo| section.tag);
@@ -101,7 +101,7 @@ fn read_packing(reader: &mut Reader<'_>, rules: &dyn FrameRules) -> Result<Packi
     }
 }
 
-/// Reads one line of the section table and checks what concerns no other.
+/// Reads one line of the section table. It checks what concerns no other line.
 fn read_section(reader: &mut Reader<'_>, limits: &Limits) -> Result<SectionInfo, FrameError> {
     let offset = reader.offset();
     let tag = SectionTag(reader.u8("section tag")?);
@@ -139,10 +139,10 @@ fn check_section(
     if !rules.sections().contains(&found) || !rules.may_be_in(found, kind) {
         return Err(FrameError::SectionMisplaced { offset: start, found, profile, kind });
     }
-    if let Some(previous) = previous.filter(|previous| !rules.is_order(*previous, found)) {
+    if let Some(previous) = previous.filter(|previous| !rules.is_ordered(*previous, found)) {
         return Err(FrameError::SectionOrder { offset: start, found, previous });
     }
-    if let Some(previous) = previous.filter(|previous| !rules.may_be_beside(*previous, found, kind)) {
+    if let Some(previous) = previous.filter(|previous| !rules.may_follow(*previous, found, kind)) {
         return Err(FrameError::SectionBeside { offset: start, found, previous });
     }
     if let Some(size) = rules.record_bytes(found, packing) {
@@ -156,7 +156,7 @@ fn check_section(
     Ok(())
 }
 
-/// Writes the header that [`read_header`] reads, with a blank checksum; `info.header_bytes` is not used.
+/// Writes the header that [`read_header`] reads, with a zero checksum. It ignores `info.header_bytes`.
 pub(crate) fn write_header(out: &mut Vec<u8>, info: &FrameInfo) {
     out.extend_from_slice(&[info.profile.0, info.packing.0, info.kind.id(), info.sections.len() as u8]);
     out.extend_from_slice(&info.frame.0.to_le_bytes());
@@ -172,7 +172,7 @@ pub(crate) fn write_header(out: &mut Vec<u8>, info: &FrameInfo) {
     }
 }
 
-/// Bytes of the header that [`write_header`] writes.
+/// Returns the length of the header that [`write_header`] writes, in bytes.
 pub(crate) fn header_bytes(sections: &[SectionInfo], changed_points: u32) -> usize {
     let line = |section: &SectionInfo| {
         let SectionInfo { records, raw_bytes, wire_bytes, .. } = *section;
@@ -181,15 +181,15 @@ pub(crate) fn header_bytes(sections: &[SectionInfo], changed_points: u32) -> usi
     CRC_OFFSET + 4 + varint_bytes(changed_points) + sections.iter().map(line).sum::<usize>()
 }
 
-/// CRC32C of the body with its checksum bytes taken as zero. `body` holds the fixed header at least.
+/// Returns the CRC32C of the body with zero checksum bytes. `body` holds at least the fixed header.
 pub(crate) fn body_crc(body: &[u8]) -> u32 {
     let (before, rest) = body.split_at(CRC_OFFSET);
     let crc = crc32c::crc32c_append(crc32c::crc32c(before), &BLANK_CRC);
     crc32c::crc32c_append(crc, &rest[BLANK_CRC.len()..])
 }
 
-/// Checks that a frame can follow a state of `profile` whose last frame was `last`: any keyframe of that profile can, a
-/// delta only a state that is older.
+/// Checks that a frame can follow a state of `profile` at frame `last`. Any keyframe of that profile can; a delta must
+/// be newer than the state.
 pub(crate) fn check_follows(
     info: &FrameInfo,
     profile: Profile,
@@ -278,7 +278,7 @@ mod tests {
             with(&body, 1, Packing::BITS_24.0),
             Err(FrameError::RawLength { offset: 42, section, expected, found })
         );
-        let problem = crate::VarintProblem::NotShortest;
+        let problem = crate::VarintError::NotShortest;
         let mut long = body.clone();
         long.splice(28..29, [0x81, 0]);
         reseal(&mut long);

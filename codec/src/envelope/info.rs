@@ -1,10 +1,10 @@
-//! What is known of a frame without its blocks.
+//! The header of a frame.
 
 use super::{FrameIndex, FrameKind, Packing, Profile, SectionTag, StreamTime};
 use crate::StateHash;
 use crate::block::CoderId;
 
-/// What the caller says of a frame that it has encoded.
+/// What the caller of an encoder tells of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FrameMeta {
     /// Key or delta.
@@ -13,29 +13,30 @@ pub struct FrameMeta {
     pub frame: FrameIndex,
     /// Time of the frame.
     pub time: StreamTime,
-    /// Points that the server resent in this frame; carried for statistics, decides nothing.
+    /// Number of points that the server sent again in this frame. It is only for statistics.
     pub changed_points: u32,
 }
 
 /// One section of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SectionInfo {
-    /// What it holds.
+    /// What the section holds.
     pub tag: SectionTag,
-    /// How its block is compressed.
+    /// The coder of its block.
     pub coder: CoderId,
-    /// Records, at least 1.
+    /// Number of records, at least 1.
     pub records: u32,
-    /// Bytes of its block after decompression.
+    /// Length of its block after decompression, bytes.
     pub raw_bytes: u32,
-    /// Bytes of its block on the wire (its line in the section table counts as header).
+    /// Length of its block on the wire, bytes. Its line in the section table counts as header.
     pub wire_bytes: u32,
 }
 
-/// The header of a frame body. `header_bytes` and the `wire_bytes` of all sections add up to the body.
+/// The header of a frame body. The length of the body is the sum of `header_bytes` and the `wire_bytes` of all
+/// sections.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FrameInfo {
-    /// What the records mean.
+    /// The profile: what the records mean.
     pub profile: Profile,
     /// How points are packed.
     pub packing: Packing,
@@ -47,29 +48,29 @@ pub struct FrameInfo {
     pub time: StreamTime,
     /// Hash of the state after the frame.
     pub hash: StateHash,
-    /// Points that the server resent in this frame.
+    /// Number of points that the server sent again in this frame.
     pub changed_points: u32,
-    /// Bytes of the body that are not blocks: the fixed header and the section table.
+    /// Length of the fixed header and the section table, bytes.
     pub header_bytes: u32,
     /// The sections, in tag order.
     pub sections: Vec<SectionInfo>,
 }
 
 impl FrameInfo {
-    /// The section with this tag, if the frame has one.
+    /// Returns the section with this tag, if the frame has one.
     #[must_use]
     pub fn section(&self, tag: SectionTag) -> Option<&SectionInfo> {
         self.sections.iter().find(|section| section.tag == tag)
     }
 
-    /// Bytes of the compressed buckets and cells: all that the paper counts.
+    /// Returns the length of the compressed buckets and cells in bytes: all that the paper counts.
     #[must_use]
     pub fn paper_payload_bytes(&self) -> u64 {
         let counted = |section: &&SectionInfo| matches!(section.tag, SectionTag::BUCKETS | SectionTag::CELLS);
         self.sections.iter().filter(counted).map(|section| u64::from(section.wire_bytes)).sum()
     }
 
-    /// Bytes of the whole body.
+    /// Returns the length of the whole body in bytes.
     #[must_use]
     pub fn body_bytes(&self) -> u64 {
         let blocks: u64 = self.sections.iter().map(|section| u64::from(section.wire_bytes)).sum();

@@ -1,7 +1,7 @@
-//! The envelope of a frame: its header, its section table, its checksum. It knows no profile: what a profile allows is asked
-//! of the profile.
+//! The envelope of a frame: header, section table and checksum. It knows no profile; it asks each profile what that
+//! profile allows.
 //!
-//! The layout is specified in `docs/spec/codec.md`.
+//! `docs/spec/codec.md` specifies the layout.
 
 mod assemble;
 mod body;

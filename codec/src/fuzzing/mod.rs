@@ -1,5 +1,5 @@
-//! Fuzz bodies: each takes arbitrary bytes, and must neither panic nor find a fast path and its slow twin
-//! ([`crate::reference`]) apart. The targets of `fuzz/` call them, and so do this crate's property tests.
+//! Fuzz bodies. Each takes arbitrary bytes. It must neither panic nor find a difference between a fast path and its
+//! reference ([`crate::reference`]). The targets of `fuzz/` and the property tests of this crate call them.
 
 mod paper;
 mod surface;
@@ -10,9 +10,9 @@ pub use surface::{surface_decode, surface_round_trip};
 use crate::Limits;
 use crate::envelope::{CRC_OFFSET, FrameIndex, FrameKind, FrameMeta, HASH_OFFSET, StreamTime, body_crc};
 
-/// Where the state hash is in a frame body.
+/// Place of the state hash in a frame body.
 const HASH_BYTES: std::ops::Range<usize> = HASH_OFFSET..HASH_OFFSET + 8;
-/// Small limits, so that a frame that lies about its sizes is refused for it.
+/// Small limits, so that a frame with false sizes is refused for them.
 const LIMITS: Limits = Limits {
     max_instances: 8,
     max_buckets: 64,

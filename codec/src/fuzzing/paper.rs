@@ -9,16 +9,16 @@ use crate::paper::{
     self, Bucket, Grid, InstanceLayout, Layout, Placement, PointFormat, PointSample, Pose, State, apply,
     keyframe,
 };
-use crate::reference::{self, NaiveEncoder};
+use crate::reference::{self, PaperReferenceEncoder};
 
-/// Points of every instance of the small layout.
+/// Number of points of every instance of the small layout.
 const POINTS: u32 = 24;
 /// Applies frame bodies made of `data` to a small state.
 ///
-/// The first byte chooses how points are packed (its two highest bits) and what the other bytes are: with 0 in its low
-/// three bits a body as it is, with 1 a body whose checksum is made right, otherwise changes to a sound body
-/// (exclusive or from an offset on), whose checksum is then made right. A body that fails for its state hash only
-/// is given the right one and must pass.
+/// The first byte chooses the packing (its two highest bits) and the meaning of the other bytes (its low three bits).
+/// 0 is a body as it is, 1 a body whose checksum is corrected. Other values are changes to a valid body (exclusive or
+/// from an offset on), whose checksum is then corrected. A body that fails only for its state hash gets the right one
+/// and must pass.
 pub fn decode(data: &[u8]) {
     let Some((mode, rest)) = data.split_first() else { return };
     let Some(samples) = samples(format_of(*mode)) else { return };
@@ -43,11 +43,11 @@ pub fn decode(data: &[u8]) {
     }
 }
 
-/// Drives the encoder and its twin with operations read from `data`, applies every frame to a client, and
-/// checks after each that bytes, states, hashes, counts and look-ups agree. The two highest bits of the first byte
-/// also choose how points are packed.
+/// Drives the encoder and its reference with operations read from `data`, and applies every frame to a client. After
+/// each frame it checks that bytes, states, hashes, counts and look-ups agree. The two highest bits of the first byte
+/// also choose the packing.
 pub fn round_trip(data: &[u8]) {
-    let Some(mut pair) = Pair::new(format_of(data.first().copied().unwrap_or(0))) else { return };
+    let Some(mut harness) = Harness::new(format_of(data.first().copied().unwrap_or(0))) else { return };
     let mut bytes = data.iter().copied();
     while let Some(operation) = bytes.next() {
         let mut byte = || bytes.next().unwrap_or(0);
@@ -55,25 +55,25 @@ pub fn round_trip(data: &[u8]) {
             0..=8 => {
                 let point = u32::from(byte()) % (3 * POINTS);
                 let sample = sample_at(point / POINTS, [byte(), byte(), byte()], byte(), byte());
-                pair.put(point, &sample);
+                harness.put(point, &sample);
             }
-            9 | 10 => pair.remove(u32::from(byte()) % (3 * POINTS)),
-            11 => pair.set_pose(u32::from(byte()) % 3, pose_of(byte())),
-            12 => pair.retry(),
+            9 | 10 => harness.remove(u32::from(byte()) % (3 * POINTS)),
+            11 => harness.set_pose(u32::from(byte()) % 3, pose_of(byte())),
+            12 => harness.retry(),
             kind => {
                 let coder = match byte() & 3 {
                     0 => BlockCoder::Stored,
                     1 => BlockCoder::Lz4,
                     _ => BlockCoder::Zstd { level: 1 },
                 };
-                pair.finish(if kind == 15 { FrameKind::Key } else { FrameKind::Delta }, coder);
+                harness.finish(if kind == 15 { FrameKind::Key } else { FrameKind::Delta }, coder);
             }
         }
     }
-    pair.finish(FrameKind::Delta, BlockCoder::Stored);
+    harness.finish(FrameKind::Delta, BlockCoder::Stored);
 }
 
-/// How points are packed, from the two highest bits of a byte: 1 is 24 bits, 2 is 16, the others are 32.
+/// Returns the packing of the two highest bits of a byte: 1 is 24 bits, 2 is 16, the others are 32.
 fn format_of(byte: u8) -> PointFormat {
     match byte >> 6 {
         1 => PointFormat::Bits24,
@@ -82,8 +82,8 @@ fn format_of(byte: u8) -> PointFormat {
     }
 }
 
-/// The layout of both bodies. Instance 0 is a roomy grid; instance 1 has a single bucket, which overflows;
-/// instance 2 is so large that Eq. 1 wraps. There are fewer cells than the points could fill.
+/// Returns the layout of both fuzz bodies. Instance 0 is a roomy grid. Instance 1 has a single bucket, which
+/// overflows. Instance 2 is so large that Eq. 1 wraps. There are fewer cells than the points could fill.
 fn small_layout(format: PointFormat) -> Option<Arc<Layout>> {
     let instance = |dims, first_bucket, bucket_count| {
         let grid = Grid::new([-1.0, 0.0, 1.0], 0.5, dims).ok()?;
@@ -94,7 +94,7 @@ fn small_layout(format: PointFormat) -> Option<Arc<Layout>> {
     Layout::new(format, instances, 14, &LIMITS).ok().map(Arc::new)
 }
 
-/// A point of an instance from a few bytes; coordinates reach one cell beyond the grid.
+/// Returns a point of an instance from a few bytes. Coordinates reach one cell beyond the grid.
 fn sample_at(instance: u32, at: [u8; 3], normal: u8, ao: u8) -> PointSample {
     let [x, y, z] = at.map(|byte| f32::from(byte) / 255.0);
     let local = match instance {
@@ -116,20 +116,20 @@ fn pose_of(byte: u8) -> Pose {
     Pose { translation: [f32::from(byte >> 4), -0.0, 0.25], rotation: turned }
 }
 
-/// The encoder, its twin, and a client that has applied every frame.
-struct Pair {
+/// The encoder, its reference, and a client that has applied every frame.
+struct Harness {
     fast: paper::Encoder,
-    slow: NaiveEncoder,
+    slow: PaperReferenceEncoder,
     client: State,
     frames: u32,
 }
 
-impl Pair {
-    fn new(format: PointFormat) -> Option<Pair> {
+impl Harness {
+    fn new(format: PointFormat) -> Option<Harness> {
         let layout = small_layout(format)?;
         let fast = paper::Encoder::new(Arc::clone(&layout), &[POINTS; 3]).ok()?;
-        let slow = NaiveEncoder::new(Arc::clone(&layout), &[POINTS; 3]);
-        Some(Pair { fast, slow, client: State::new(layout), frames: 0 })
+        let slow = PaperReferenceEncoder::new(Arc::clone(&layout), &[POINTS; 3]);
+        Some(Harness { fast, slow, client: State::new(layout), frames: 0 })
     }
 
     fn put(&mut self, point: u32, sample: &PointSample) {
@@ -169,7 +169,7 @@ impl Pair {
         self.check_late_join(meta, coder);
     }
 
-    /// Every stored point is found by look-up, and look-ups find nothing else.
+    /// Checks that look-ups find every stored point and nothing else.
     fn check_lookups(&self) {
         let format = self.client.layout().format();
         let mut found = 0;
@@ -185,7 +185,7 @@ impl Pair {
         assert_eq!(placed.count() as u32, found);
     }
 
-    /// A client that joins now holds the same.
+    /// Checks that a client that joins now holds the same.
     fn check_late_join(&self, meta: FrameMeta, coder: BlockCoder) {
         let mut late = State::new(Arc::clone(self.client.layout()));
         let joined = keyframe(&self.client, meta, coder).map(|body| apply(&mut late, &body, &LIMITS).is_ok());
@@ -194,7 +194,7 @@ impl Pair {
     }
 }
 
-/// Sound frames to damage, and the states that they fit.
+/// Valid frames to damage, and the states that they fit.
 struct Samples {
     empty: State,
     after_key: State,
@@ -233,7 +233,7 @@ fn make_samples(format: PointFormat) -> Option<Samples> {
     Some(Samples { empty, after_key, key, delta, plain_key, plain_delta })
 }
 
-/// Applies a body and its twin; they must agree, and a refused frame must leave the state alone.
+/// Applies a body by decoder and reference. They must agree, and a refused frame must leave the state unchanged.
 fn check_apply(state: &State, body: &[u8]) -> Option<FrameError> {
     let mut after = state.clone();
     let applied = apply(&mut after, body, &LIMITS);
@@ -245,7 +245,7 @@ fn check_apply(state: &State, body: &[u8]) -> Option<FrameError> {
             None
         }
         Err(error) => {
-            assert!(expected.is_err(), "refused: {error}, the twin does not");
+            assert!(expected.is_err(), "refused: {error}, the reference does not");
             assert!(after == *state, "refused: {error}, but the state changed");
             Some(error)
         }
@@ -282,27 +282,27 @@ mod tests {
 
     #[test]
     fn the_small_layout_meets_every_kind_of_overflow() {
-        let mut pair = Pair::new(PointFormat::Bits16).unwrap();
+        let mut harness = Harness::new(PointFormat::Bits16).unwrap();
         let mut seen = std::collections::BTreeSet::new();
         for round in 0..4_u8 {
             // Instance 1 first: its only bucket must fill while there are cells left.
             for point in (POINTS..3 * POINTS).chain(0..POINTS) {
                 let spread = (point as u8).wrapping_mul(37).wrapping_add(round);
                 let at = if round < 2 { [spread, spread.wrapping_mul(5), 7] } else { [0; 3] };
-                pair.put(point, &sample_at(point / POINTS, at, 0, 0));
-                seen.insert(format!("{:?}", pair.fast.placement(point).unwrap()));
+                harness.put(point, &sample_at(point / POINTS, at, 0, 0));
+                seen.insert(format!("{:?}", harness.fast.placement(point).unwrap()));
             }
-            pair.finish(FrameKind::Delta, BlockCoder::Lz4);
+            harness.finish(FrameKind::Delta, BlockCoder::Lz4);
         }
         for point in 0..2 * POINTS {
-            pair.remove(point);
+            harness.remove(point);
         }
         for (point, kind) in (2 * POINTS..).zip([0, 1, 2, 3]) {
-            pair.put(point, &sample_at(2, [kind, 100, 100], 0, 0));
-            seen.insert(format!("{:?}", pair.fast.placement(point).unwrap()));
+            harness.put(point, &sample_at(2, [kind, 100, 100], 0, 0));
+            seen.insert(format!("{:?}", harness.fast.placement(point).unwrap()));
         }
-        pair.retry();
-        pair.finish(FrameKind::Delta, BlockCoder::Lz4);
+        harness.retry();
+        harness.finish(FrameKind::Delta, BlockCoder::Lz4);
         let all = ["BucketFull", "CellFull", "IdCollision", "NoCell", "Stored"];
         assert_eq!(seen.iter().map(String::as_str).collect::<Vec<_>>(), all);
     }

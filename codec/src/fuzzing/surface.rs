@@ -10,7 +10,7 @@ use crate::envelope::{
     EncodedFrame, FrameError, FrameIndex, FrameInfo, FrameKind, Packing, Profile, SectionInfo, SectionTag,
     assemble,
 };
-use crate::reference::{NaiveSurfaceEncoder, apply_surface};
+use crate::reference::{SurfaceReferenceEncoder, apply_surface};
 use crate::surface::{
     Budget, ChangeLog, Decoder, Encoder, EncoderSettings, Geometry, GeometryDigest, GeometrySource, Layout,
     Member, RestPoint, SetLayout, State, keyframe, patch, preview,
@@ -21,12 +21,13 @@ const CODERS: [BlockCoder; 4] =
 
 /// Applies frame bodies of profile `surface` made of `data` to a state of a small stream.
 ///
-/// The low four bits of the first byte choose one of 16 sound frames: a keyframe, a delta in which points arrive, one of
-/// changes alone, a keyframe for a late client, each with every coder; with the high bit, one of 16 patches: without and with
-/// what was learned, for the state of the last frame and for an earlier one. Bits 4 and 5 choose what the other bytes are: 0
-/// or 1, changes to that frame (exclusive or from an offset on); 2, one section for the state before it, made of tag, coder,
-/// u16 records, u16 raw bytes and the block; 3, a body as it is. But for the last, the checksum is then made right; and a body that
-/// fails for its state hash only is given the right one and must pass.
+/// The low four bits of the first byte choose one of 16 valid frames: a keyframe, a delta with arrivals, a delta with
+/// only changes and a keyframe for a late client, each with every coder. With the high bit they choose one of 16
+/// patches: without and with coder context, for the state of the last frame and for an earlier one. Bits 4 and 5
+/// choose the meaning of the other bytes. 0 and 1 are changes to that frame (exclusive or from an offset on). 2 is one
+/// section for the state before it: tag, coder, u16 records, u16 raw bytes and the block. 3 is a body as it is. The
+/// checksum is then corrected, except for 3. A body that fails only for its state hash gets the right one and must
+/// pass.
 pub fn surface_decode(data: &[u8]) {
     let Some((mode, rest)) = data.split_first() else { return };
     let Some(sample) = samples().and_then(|samples| samples.get(usize::from(mode & 15 | mode >> 7 << 4)))
@@ -54,10 +55,11 @@ pub fn surface_decode(data: &[u8]) {
     check_preview(&sample.before, &body, usize::from(*mode) * 7);
 }
 
-/// Drives encoder, decoder and their twins with operations read from `data`, and a client that joins late, and checks after
-/// every frame that all hold the same and that nobody is off by the threshold, or was not some frames before where there is a
-/// byte budget. The first byte is the threshold; the second says whether clients are sent the geometry (lowest bit), whether
-/// there is a budget (next bit), how much it is (the next three) and how long points may wait (the others).
+/// Drives encoder, decoder and their references with operations read from `data`, and a client that joins late. After
+/// every frame it checks that all hold the same, and that no value is off by the threshold. With a byte budget, the
+/// value may instead have been within it some frames before. The first byte is the threshold. The second tells whether
+/// the stream carries the geometry (lowest bit), whether there is a budget (next bit), its size (the next three) and
+/// how long points may wait (the others).
 pub fn surface_round_trip(data: &[u8]) {
     let [threshold, source, operations @ ..] = data else { return };
     let (step, longest_age) = (source >> 2 & 7, u16::from(source >> 5));
@@ -65,31 +67,35 @@ pub fn surface_round_trip(data: &[u8]) {
     let budget = (source & 2 != 0).then_some(budget);
     let source = if source & 1 == 0 { GeometrySource::Sent } else { GeometrySource::Shared };
     let settings = EncoderSettings { threshold: (*threshold).max(1), geometry: source, budget };
-    let Some(mut pair) = Pair::new(settings) else { return };
+    let Some(mut harness) = Harness::new(settings) else { return };
     let mut bytes = operations.iter().copied();
     while let Some(operation) = bytes.next() {
         let mut byte = || bytes.next().unwrap_or(0);
         let coder = CODERS[usize::from(operation >> 4 & 3)];
         match operation & 15 {
-            0..=3 => pair.offer(u32::from(byte()) + u32::from(operation >> 4) * 32, byte()),
+            0..=3 => harness.set_ao(u32::from(byte()) + u32::from(operation >> 4) * 32, byte()),
             4..=6 => {
                 let (first, count, ao, step) = (u32::from(byte()), u32::from(byte()), byte(), byte());
                 for at in 0..count {
-                    pair.offer(first + at, ao.wrapping_add(step.wrapping_mul(at as u8)));
+                    harness.set_ao(first + at, ao.wrapping_add(step.wrapping_mul(at as u8)));
                 }
             }
-            7 => pair.join_late(coder, &[(u32::from(byte()), 0), (1, 1)]),
-            8 => pair.fail(),
-            9 => pair.catch_up(coder, byte(), operation & 0x80 != 0),
-            14 => pair.weigh(u32::from(byte()), usize::from(byte()), u16::from_le_bytes([byte(), byte()])),
-            15 => pair.finish(FrameKind::Key, coder),
-            _ => pair.finish(FrameKind::Delta, coder),
+            7 => harness.join_late(coder, &[(u32::from(byte()), 0), (1, 1)]),
+            8 => harness.fail(),
+            9 => harness.catch_up(coder, byte(), operation & 0x80 != 0),
+            14 => harness.set_weight(
+                u32::from(byte()),
+                usize::from(byte()),
+                u16::from_le_bytes([byte(), byte()]),
+            ),
+            15 => harness.finish(FrameKind::Key, coder),
+            _ => harness.finish(FrameKind::Delta, coder),
         }
     }
-    pair.finish(FrameKind::Delta, BlockCoder::Range);
+    harness.finish(FrameKind::Delta, BlockCoder::Range);
 }
 
-/// A floor, a ball, nothing, and a few points at the same node.
+/// Returns a floor, a ball, an empty set, and a few points at one node.
 fn small_geometry() -> Vec<Arc<Geometry>> {
     let layout = |extent, normal_bits| SetLayout {
         origin: [-1.0, -1.0, -1.0],
@@ -100,7 +106,7 @@ fn small_geometry() -> Vec<Arc<Geometry>> {
         kernel_radius: 0.1,
         digest: GeometryDigest::default(),
     };
-    // Low bits of multiples of odd numbers: spread without a sine.
+    // Low bits of multiples of odd numbers: well distributed without a sine.
     let spread = |n: u32, by: u32| ((n * by) % 128) as f32 / 64.0 - 1.0;
     let floor = (0..150)
         .map(|n| RestPoint { position: [spread(n, 29), 0.0, spread(n, 47)], normal: [0.0, 1.0, 0.0] });
@@ -128,7 +134,7 @@ fn small_stream(settings: EncoderSettings) -> Option<(Encoder, State)> {
     Some((Encoder::new(layout, geometry.clone(), settings).ok()?, client))
 }
 
-/// A client of the stream with nothing received.
+/// Returns a client that has received nothing.
 fn blank(layout: &Arc<Layout>, source: GeometrySource) -> Option<State> {
     let mut client = State::new(Arc::clone(layout));
     if source == GeometrySource::Shared {
@@ -139,50 +145,50 @@ fn blank(layout: &Arc<Layout>, source: GeometrySource) -> Option<State> {
     Some(client)
 }
 
-/// The encoder, the twin of its decisions, and clients that have applied every frame.
-struct Pair {
+/// The encoder, the reference of its decisions, and clients that have applied every frame.
+struct Harness {
     encoder: Encoder,
-    naive: NaiveSurfaceEncoder,
+    reference: SurfaceReferenceEncoder,
     decoder: Decoder,
     client: State,
     late: Option<State>,
     log: ChangeLog,
-    /// What clients held after the last frames, the oldest first.
+    /// States of clients after the last frames, the oldest first.
     earlier: VecDeque<State>,
     frames: u32,
-    /// What was offered before the last frames were finished, the newest first; as many as a point may be late.
-    offered: VecDeque<Vec<Option<u8>>>,
+    /// Values set before the last frames were finished, the newest first; as many frames as a point may be late.
+    latest: VecDeque<Vec<Option<u8>>>,
 }
 
-/// Frames after which a client is thought to be gone for good.
+/// Number of frames after which a client counts as gone.
 const EARLIER: usize = 6;
 
-impl Pair {
-    fn new(settings: EncoderSettings) -> Option<Pair> {
+impl Harness {
+    fn new(settings: EncoderSettings) -> Option<Harness> {
         let (encoder, client) = small_stream(settings)?;
-        let naive = NaiveSurfaceEncoder::new(Arc::clone(client.layout()), settings);
+        let reference = SurfaceReferenceEncoder::new(Arc::clone(client.layout()), settings);
         let log = ChangeLog::new(encoder.state());
-        Some(Pair {
+        Some(Harness {
             encoder,
-            naive,
+            reference,
             decoder: Decoder::new(),
             client,
             late: None,
             log,
             earlier: VecDeque::new(),
             frames: 0,
-            offered: VecDeque::new(),
+            latest: VecDeque::new(),
         })
     }
 
-    fn offer(&mut self, point: u32, ao: u8) {
-        assert_eq!(self.encoder.set_ao(point, ao), self.naive.set_ao(point, ao));
+    fn set_ao(&mut self, point: u32, ao: u8) {
+        assert_eq!(self.encoder.set_ao(point, ao), self.reference.set_ao(point, ao));
     }
 
     fn finish(&mut self, kind: FrameKind, coder: BlockCoder) {
         let kind = if self.frames == 0 { FrameKind::Key } else { kind };
         let (mut due, forced) =
-            if kind == FrameKind::Delta { self.naive.ranked() } else { Default::default() };
+            if kind == FrameKind::Delta { self.reference.ranked() } else { Default::default() };
         let finished = self.encoder.finish(meta(kind, self.frames), coder);
         assert!(finished.is_ok(), "{finished:?}");
         let Ok(EncodedFrame { body, info }) = finished else { return };
@@ -191,10 +197,10 @@ impl Pair {
         self.check_budget(&info, body.len(), (changed, due.len(), forced));
         due.truncate(changed);
         self.remember();
-        self.naive.finish(kind, &due);
-        let twin = apply_surface(&self.client, &body, &LIMITS);
+        self.reference.finish(kind, &due);
+        let expected = apply_surface(&self.client, &body, &LIMITS);
         assert_eq!(self.decoder.decode(&mut self.client, &body, &LIMITS), Ok(info));
-        assert_eq!(Ok(&self.client), twin.as_ref());
+        assert_eq!(Ok(&self.client), expected.as_ref());
         assert_eq!(&self.client, self.encoder.state());
         assert_eq!(self.client.hash(), self.client.full_hash());
         if let Some(late) = &mut self.late {
@@ -213,12 +219,12 @@ impl Pair {
         self.earlier.push_back(self.client.clone());
     }
 
-    fn weigh(&mut self, instance: u32, block: usize, weight: u16) {
-        self.encoder.weigh(instance % 6, block % 4, weight);
-        self.naive.weigh(instance % 6, block % 4, weight);
+    fn set_weight(&mut self, instance: u32, block: usize, weight: u16) {
+        self.encoder.set_weight(instance % 6, block % 4, weight);
+        self.reference.set_weight(instance % 6, block % 4, weight);
     }
 
-    /// Everything due is sent, unless it does not fit; then as much as does, at least what cannot wait.
+    /// Checks that everything due is sent if it fits; otherwise as much as fits, at least what must not wait.
     fn check_budget(&self, info: &FrameInfo, bytes: usize, (changed, due, forced): (usize, usize, usize)) {
         let Some(Budget { bytes: most, longest_age }) = self.encoder.settings().budget else {
             assert_eq!(changed, due);
@@ -243,16 +249,16 @@ impl Pair {
         }
     }
 
-    /// Notes what is offered now, as of the frame just finished.
+    /// Records the values set now, as of the frame just finished.
     fn remember(&mut self) {
         let points = 0..self.client.layout().points();
-        self.offered.push_front(points.map(|point| self.naive.offered(point)).collect());
+        self.latest.push_front(points.map(|point| self.reference.latest(point)).collect());
         let late = self.encoder.settings().budget.map_or(0, |budget| usize::from(budget.longest_age));
-        self.offered.truncate(late + 1);
+        self.latest.truncate(late + 1);
     }
 
-    /// Clients hold what the twin says, and are not off by the threshold, or were not in one of the frames before that a
-    /// point may be late.
+    /// Checks that clients hold what the reference tells, and are not off by the threshold, now or in one of the
+    /// frames by which a point may be late.
     fn check_values(&self) {
         let layout = self.client.layout();
         let most = self.encoder.settings().max_error();
@@ -261,33 +267,33 @@ impl Pair {
             for ((value, at), point) in values.zip(0..).zip(layout.points_of(instance)) {
                 let here = self.client.is_present(instance, at / crate::surface::BLOCK_POINTS);
                 let point = point as u32;
-                assert_eq!(here.then_some(*value), self.naive.held(point), "point {point}");
-                let near = |offered: &Vec<Option<u8>>| {
-                    let offered = offered[point as usize];
-                    offered.is_none_or(|offered| offered.abs_diff(*value) <= most)
+                assert_eq!(here.then_some(*value), self.reference.held(point), "point {point}");
+                let near = |latest: &Vec<Option<u8>>| {
+                    let latest = latest[point as usize];
+                    latest.is_none_or(|latest| latest.abs_diff(*value) <= most)
                 };
-                assert!(!here || self.offered.iter().any(near), "point {point}");
+                assert!(!here || self.latest.iter().any(near), "point {point}");
             }
         }
     }
 
-    /// Another client joins, and must be able to read on.
+    /// Lets another client join, which must be able to decode what follows.
     fn join_late(&mut self, coder: BlockCoder, first: &[(u32, u32)]) {
         let Some(frame) = self.client.frame() else { return };
         let source = self.encoder.settings().geometry;
         let Some(mut late) = blank(self.client.layout(), source) else { return };
         let body = keyframe(&self.client, meta(FrameKind::Key, frame.0), coder, first);
         let Ok(body) = body else { return assert!(body.is_ok(), "{body:?}") };
-        let twin = apply_surface(&late, &body, &LIMITS);
+        let expected = apply_surface(&late, &body, &LIMITS);
         let joined = self.decoder.decode(&mut late, &body, &LIMITS);
         assert!(joined.is_ok(), "{joined:?}");
         assert_eq!(late, self.client);
-        assert_eq!(Ok(&late), twin.as_ref());
+        assert_eq!(Ok(&late), expected.as_ref());
         self.late = Some(late);
     }
 
-    /// Clients that missed frames are brought to the newest, those from the `base`-th that is remembered on; before it the
-    /// patch is refused. A client with what was learned goes on with the others.
+    /// Patches clients that missed frames, from the `base`-th remembered one on; earlier ones must refuse the patch. A
+    /// client with coder context goes on with the others.
     fn catch_up(&mut self, coder: BlockCoder, base: u8, context: bool) {
         let Some((last, behind)) = self.earlier.make_contiguous().split_last() else { return };
         let Some(frame) = last.frame() else { return };
@@ -302,15 +308,15 @@ impl Pair {
         };
         for (at, state) in behind.iter().enumerate() {
             let mut client = state.clone();
-            let twin = apply_surface(state, &body, &LIMITS);
+            let expected = apply_surface(state, &body, &LIMITS);
             let applied = self.decoder.decode(&mut client, &body, &LIMITS);
             assert_eq!(applied.is_ok(), at >= base, "{applied:?}");
-            assert_eq!(twin.is_ok(), at >= base, "{twin:?}");
+            assert_eq!(expected.is_ok(), at >= base, "{expected:?}");
             if at < base {
                 assert_eq!(&client, state);
                 continue;
             }
-            assert_eq!(Ok(&client), twin.as_ref());
+            assert_eq!(Ok(&client), expected.as_ref());
             assert_eq!((client.hash(), client.full_hash()), (last.hash(), last.hash()));
             if context {
                 assert_eq!(&client, last);
@@ -324,10 +330,10 @@ impl Pair {
         let before = self.encoder.state().clone();
         let kind = if self.frames.is_multiple_of(2) { FrameKind::Key } else { FrameKind::Delta };
         if self.encoder.finish(meta(kind, self.frames), BlockCoder::Zstd { level: 99 }).is_ok() {
-            // It had nothing to compress; clients are told of it so that indices stay in order.
+            // It had nothing to compress. Clients get it, so that indices stay in order.
             self.client.clone_from(self.encoder.state());
             self.remember();
-            self.naive.finish(kind, &[]);
+            self.reference.finish(kind, &[]);
             self.late = None;
             self.frames += 1;
             self.note_frame();
@@ -337,7 +343,7 @@ impl Pair {
     }
 }
 
-/// A sound frame, and the state that it fits.
+/// A valid frame, and the state that it fits.
 struct Sample {
     before: State,
     kind: FrameKind,
@@ -354,8 +360,8 @@ fn make_samples() -> Option<Vec<Sample>> {
     for coder in CODERS {
         let (mut encoder, empty) =
             small_stream(EncoderSettings { threshold: 4, geometry: GeometrySource::Sent, budget: None })?;
-        for (frame, offered) in [(0_u32, 200_u32), (1, 295), (2, 295)] {
-            for point in 0..offered {
+        for (frame, latest) in [(0_u32, 200_u32), (1, 295), (2, 295)] {
+            for point in 0..latest {
                 let shadow = (point % 90).abs_diff(10 + frame * 8).min(30) as u8;
                 encoder.set_ao(point, 150 + 3 * shadow)?;
             }
@@ -373,7 +379,8 @@ fn make_samples() -> Option<Vec<Sample>> {
     Some(samples)
 }
 
-/// Patches of a short stream without and with what was learned, for the state before the last and for an earlier one.
+/// Makes patches of a short stream without and with coder context, for the state before the last and for an earlier
+/// one.
 fn make_patches(coder: BlockCoder, samples: &mut Vec<Sample>) -> Option<()> {
     let (mut encoder, _) =
         small_stream(EncoderSettings { threshold: 4, geometry: GeometrySource::Sent, budget: None })?;
@@ -398,7 +405,7 @@ fn make_patches(coder: BlockCoder, samples: &mut Vec<Sample>) -> Option<()> {
     Some(())
 }
 
-/// A body of one section.
+/// Returns a body of one section.
 fn one_section(kind: FrameKind, data: &[u8]) -> Option<Vec<u8>> {
     let (&[tag, coder, a, b, c, d], block) = data.split_first_chunk()?;
     let section = SectionInfo {
@@ -412,7 +419,7 @@ fn one_section(kind: FrameKind, data: &[u8]) -> Option<Vec<u8>> {
     Some(assemble(&meta(kind, 9), ids, StateHash(1), vec![section], block).body)
 }
 
-/// Applies a body and its twin; they must agree, and a refused frame must leave the state alone.
+/// Applies a body by decoder and reference. They must agree, and a refused frame must leave the state unchanged.
 fn check_apply(state: &State, body: &[u8]) -> Option<FrameError> {
     let mut after = state.clone();
     let mut decoder = Decoder::new();
@@ -422,21 +429,21 @@ fn check_apply(state: &State, body: &[u8]) -> Option<FrameError> {
         Ok(_) => {
             assert_eq!(Ok(&after), expected.as_ref());
             assert_eq!(after.hash(), after.full_hash());
-            // What one frame leaves in a decoder is nothing to the next.
+            // What a frame leaves in a decoder must not affect the next.
             let mut again = state.clone();
             assert!(decoder.decode(&mut again, body, &LIMITS).is_ok());
             assert_eq!(again, after);
             None
         }
         Err(error) => {
-            assert!(expected.is_err(), "refused: {error}, the twin does not");
+            assert!(expected.is_err(), "refused: {error}, the reference does not");
             assert!(after == *state, "refused: {error}, but the state changed");
             Some(error)
         }
     }
 }
 
-/// Looks at the beginning of a body, and at all of it: then there is as much as a whole frame makes.
+/// Previews the beginning of a body, and all of it, which must give the state after the frame.
 fn check_preview(state: &State, body: &[u8], cut: usize) {
     let part = preview(state, &body[..cut % (body.len() + 1)], &LIMITS);
     let whole = preview(state, body, &LIMITS);
@@ -464,7 +471,7 @@ mod tests {
         for sample in samples {
             assert_eq!(check_apply(&sample.before, &sample.body), None);
         }
-        // The late keyframes carry what was learned.
+        // The late keyframes carry a context.
         let info = crate::envelope::inspect(&samples[3].body, &LIMITS).unwrap();
         assert!(info.section(SectionTag::CONTEXT).is_some());
         for patches in samples[16..].chunks(4) {

@@ -1,28 +1,28 @@
-//! What differs between the server's tables and the state that clients hold.
+//! The differences between the server's tables and the state of clients.
 
 use super::cells::{DirtySet, Tables};
 use super::{Bucket, Cell, Layout, Pose, Records, State};
 use crate::StateHash;
-use crate::hash::Kind;
+use crate::hash::RecordKind;
 
 /// New contents of poses, buckets and cells, each list in ascending order.
 #[derive(Debug, Default)]
-pub(super) struct Changes {
+pub(super) struct TableChanges {
     poses: Vec<(u32, Pose)>,
     buckets: Vec<(u32, Bucket)>,
     cells: Vec<(u32, Cell)>,
 }
 
-impl Changes {
-    /// Compares what was touched since the last frame. Freed cells stay as clients hold them: no bucket
-    /// names them. The tables are compact.
-    pub(super) fn of_dirty(
+impl TableChanges {
+    /// Compares what was touched since the last frame. Freed cells stay as clients have them, because no bucket names
+    /// them. The tables are compact.
+    pub(super) fn from_dirty(
         sent: &State,
         poses: &[Pose],
         dirty_poses: &mut DirtySet,
         tables: &Tables,
-    ) -> Changes {
-        let mut changes = Changes::default();
+    ) -> TableChanges {
+        let mut changes = TableChanges::default();
         for instance in dirty_poses.sorted() {
             changes.compare_pose(*instance, &sent.poses[*instance as usize], poses[*instance as usize]);
         }
@@ -38,9 +38,9 @@ impl Changes {
         changes
     }
 
-    /// Compares everything; cells that are not in use become empty. The tables are compact.
-    pub(super) fn of_everything(sent: &State, poses: &[Pose], tables: &Tables) -> Changes {
-        let mut changes = Changes::default();
+    /// Compares everything. Cells that are not in use become empty. The tables are compact.
+    pub(super) fn from_all(sent: &State, poses: &[Pose], tables: &Tables) -> TableChanges {
+        let mut changes = TableChanges::default();
         for ((instance, old), new) in (0_u32..).zip(&sent.poses).zip(poses) {
             changes.compare_pose(instance, old, *new);
         }
@@ -54,7 +54,7 @@ impl Changes {
     }
 
     fn compare_pose(&mut self, instance: u32, old: &Pose, new: Pose) {
-        // By words: -0 and 0 are equal, but not the same bytes.
+        // By words: -0 and 0 are equal, but their bytes differ.
         if old.to_words() != new.to_words() {
             self.poses.push((instance, new));
         }
@@ -72,26 +72,26 @@ impl Changes {
         }
     }
 
-    /// The hash of `sent` once these changes are made.
+    /// Returns the hash of `sent` after these changes.
     pub(super) fn hash_after(&self, sent: &State) -> StateHash {
         let mut hash = sent.hash();
         for (index, new) in &self.poses {
             let old = sent.poses[*index as usize];
-            hash = hash.replace(Kind::Pose, *index, &old.hash_words(), &new.hash_words());
+            hash = hash.replace(RecordKind::Pose, *index, &old.hash_words(), &new.hash_words());
         }
         for (index, new) in &self.buckets {
             let old = sent.buckets[*index as usize];
-            hash = hash.replace(Kind::Bucket, *index, &old.to_words(), &new.to_words());
+            hash = hash.replace(RecordKind::Bucket, *index, &old.to_words(), &new.to_words());
         }
         for (index, new) in &self.cells {
             let old = sent.cells[*index as usize];
-            hash = hash.replace(Kind::Cell, *index, old.words(), new.words());
+            hash = hash.replace(RecordKind::Cell, *index, old.words(), new.words());
         }
         hash
     }
 
-    /// The records of a delta: cells as exclusive or with what was sent last.
-    pub(super) fn record(&self, records: &mut Records, sent: &State) {
+    /// Writes the records of a delta. A cell becomes its exclusive or with the cell sent last.
+    pub(super) fn push_records(&self, records: &mut Records, sent: &State) {
         for (instance, pose) in &self.poses {
             records.push_pose(*instance, *pose);
         }
@@ -103,7 +103,7 @@ impl Changes {
         }
     }
 
-    /// Makes the changes; the hash is the caller's.
+    /// Makes the changes. The caller sets the hash.
     pub(super) fn commit(&self, sent: &mut State) {
         for (instance, pose) in &self.poses {
             sent.poses[*instance as usize] = *pose;
@@ -117,8 +117,8 @@ impl Changes {
     }
 }
 
-/// The records of a keyframe: everything in use.
-pub(super) fn record_everything(records: &mut Records, poses: &[Pose], tables: &Tables, layout: &Layout) {
+/// Writes the records of a keyframe: everything in use.
+pub(super) fn push_all_records(records: &mut Records, poses: &[Pose], tables: &Tables, layout: &Layout) {
     records.push_all(
         poses.iter().copied(),
         (0..layout.bucket_total()).map(|index| tables.bucket(index)),

@@ -1,7 +1,7 @@
-//! Applies a frame body to a state: all of it, or nothing.
+//! The decoder of profile `paper`: it applies a frame body completely or not at all.
 //!
-//! One pass checks every record and works out the hash that the state would have; only when that is the
-//! server's does a second pass write. Both are linear in the records.
+//! A first pass checks every record and computes the hash of the resulting state. Only if it matches the server's does
+//! a second pass write. Both are linear in the records.
 
 use super::{Bucket, Cell, Layout, POINTS_PER_CELL, PointFormat, Pose, State};
 use crate::block::Decompressor;
@@ -9,11 +9,11 @@ use crate::envelope::{
     FrameBody, FrameError, FrameInfo, FrameKind, HASH_OFFSET, PACKING_OFFSET, Profile, SectionBlock,
     SectionInfo, SectionTag, check_follows,
 };
-use crate::hash::Kind;
+use crate::hash::RecordKind;
 use crate::wire::{narrow_words, words};
 use crate::{Limits, StateHash};
 
-/// Applies a frame body to `state`. See [`Decoder::apply`], which is cheaper for many frames.
+/// Applies one frame body to `state`. [`Decoder::apply`] is cheaper for many frames.
 ///
 /// # Errors
 /// Those of [`Decoder::apply`].
@@ -21,7 +21,7 @@ pub fn apply(state: &mut State, body: &[u8], limits: &Limits) -> Result<FrameInf
     Decoder::new().decode(state, body, limits)
 }
 
-/// Applies frame bodies; keeps its buffers between them.
+/// Applies frame bodies. It keeps its buffers between frames.
 #[derive(Debug, Default)]
 pub struct Decoder {
     decompressor: Decompressor,
@@ -31,16 +31,16 @@ pub struct Decoder {
 }
 
 impl Decoder {
-    /// A decoder with nothing allocated yet.
+    /// Creates a decoder that has allocated nothing yet.
     #[must_use]
     pub fn new() -> Decoder {
         Decoder::default()
     }
 
-    /// Reads a frame body and applies it: [`FrameBody::parse`] and [`Decoder::apply`].
+    /// Parses a frame body and applies it: [`FrameBody::parse`], then [`Decoder::apply`].
     ///
     /// # Errors
-    /// As [`Decoder::apply`].
+    /// Those of [`Decoder::apply`].
     pub fn decode(
         &mut self,
         state: &mut State,
@@ -52,12 +52,13 @@ impl Decoder {
         Ok(body.into_info())
     }
 
-    /// Applies a frame body to `state`: checks all of it, the hash of the state after included, then writes.
+    /// Applies a frame body to `state`. It checks everything first, including the hash of the resulting state, and
+    /// then writes.
     ///
-    /// Its buffers grow to the largest section seen, never beyond `limits.max_block_bytes` each.
+    /// Its buffers grow to the largest section seen, at most `limits.max_block_bytes` each.
     ///
     /// # Errors
-    /// [`FrameError`] says what is wrong and where; `state` is then exactly as before.
+    /// [`FrameError`] tells what is wrong and where; `state` is then unchanged.
     pub fn apply(
         &mut self,
         state: &mut State,
@@ -78,7 +79,7 @@ impl Decoder {
         Ok(())
     }
 
-    /// Decompresses every section into its buffer; sections that the frame has not end up empty.
+    /// Decompresses every section into its buffer. The buffers of missing sections become empty.
     fn decompress(
         &mut self,
         layout: &Layout,
@@ -116,25 +117,25 @@ impl Decoder {
             .map_err(|source| FrameError::Block { offset, section: tag, source })
     }
 
-    /// Checks every record and returns the hash that `state` would have.
+    /// Checks every record and returns the hash of the resulting state.
     fn check(&self, state: &State, kind: FrameKind) -> Result<StateHash, FrameError> {
         let layout = state.layout();
         let is_delta = kind == FrameKind::Delta;
         let mut hash = if is_delta { state.hash } else { StateHash::default() };
-        for entry in Entries::<4, 7>::new(SectionTag::POSES, &self.poses, layout) {
-            let Entry { record, raw_offset, offset, words } = entry?;
+        for entry in SectionRecords::<4, 7>::new(SectionTag::POSES, &self.poses, layout) {
+            let SectionRecord { record, raw_offset, offset, words } = entry?;
             let pose = Pose::from_words(words);
             pose.check(offset).map_err(|source| FrameError::Pose { record, raw_offset, source })?;
             let old = if is_delta { state.poses[offset as usize] } else { Pose::IDENTITY };
-            hash = hash.replace(Kind::Pose, offset, &old.hash_words(), &pose.hash_words());
+            hash = hash.replace(RecordKind::Pose, offset, &old.hash_words(), &pose.hash_words());
         }
-        for entry in Entries::<4, 16>::new(SectionTag::BUCKETS, &self.buckets, layout) {
-            let Entry { record, raw_offset, offset, words } = entry?;
+        for entry in SectionRecords::<4, 16>::new(SectionTag::BUCKETS, &self.buckets, layout) {
+            let SectionRecord { record, raw_offset, offset, words } = entry?;
             Bucket::from_words(&words)
                 .check(layout.cell_capacity())
                 .map_err(|problem| FrameError::Bucket { record, raw_offset, problem })?;
             let old = if is_delta { state.buckets[offset as usize].to_words() } else { [0; 16] };
-            hash = hash.replace(Kind::Bucket, offset, &old, &words);
+            hash = hash.replace(RecordKind::Bucket, offset, &old, &words);
         }
         match layout.format() {
             PointFormat::Bits32 => self.check_cells::<4>(state, is_delta, hash),
@@ -143,7 +144,7 @@ impl Decoder {
         }
     }
 
-    /// Checks the cells, of points of `WIDTH` bytes, and returns the hash with them.
+    /// Checks the cells, with points of `WIDTH` bytes, and returns the hash that includes them.
     fn check_cells<const WIDTH: usize>(
         &self,
         state: &State,
@@ -151,14 +152,14 @@ impl Decoder {
         mut hash: StateHash,
     ) -> Result<StateHash, FrameError> {
         let layout = state.layout();
-        for entry in Entries::<WIDTH, POINTS_PER_CELL>::new(SectionTag::CELLS, &self.cells, layout) {
-            let Entry { record, raw_offset, offset, words } = entry?;
+        for entry in SectionRecords::<WIDTH, POINTS_PER_CELL>::new(SectionTag::CELLS, &self.cells, layout) {
+            let SectionRecord { record, raw_offset, offset, words } = entry?;
             let old = if is_delta { state.cells[offset as usize] } else { Cell::default() };
             let new = old.xor(&words);
             if let Some(slot) = Cell::first_fault::<WIDTH>(&new) {
                 return Err(FrameError::Cell { record, raw_offset, slot });
             }
-            hash = hash.replace(Kind::Cell, offset, old.words(), &new);
+            hash = hash.replace(RecordKind::Cell, offset, old.words(), &new);
         }
         Ok(hash)
     }
@@ -192,7 +193,7 @@ impl Decoder {
     }
 }
 
-/// Checks that points are packed as the layout says.
+/// Checks that points are packed as in the layout.
 fn check_packing(state: &State, info: &FrameInfo) -> Result<(), FrameError> {
     let (found, expected) = (info.packing, state.layout().format().packing());
     if found == expected {
@@ -201,7 +202,7 @@ fn check_packing(state: &State, info: &FrameInfo) -> Result<(), FrameError> {
     Err(FrameError::Packing { offset: PACKING_OFFSET, found, expected })
 }
 
-/// How many places a section's offsets can name.
+/// Returns the number of places that the offsets of a section can name.
 fn places(layout: &Layout, tag: SectionTag) -> u32 {
     match tag {
         // `Limits::max_instances` is a u32, so the count fits.
@@ -212,16 +213,16 @@ fn places(layout: &Layout, tag: SectionTag) -> u32 {
     }
 }
 
-/// One record of a section: an offset in range and above the one before it, and `N` words.
-struct Entry<const N: usize> {
+/// A record of a section: an offset in range and above the one before it, and `N` words.
+struct SectionRecord<const N: usize> {
     record: u32,
     raw_offset: usize,
     offset: u32,
     words: [u32; N],
 }
 
-/// The records of a section, words of `WIDTH` bytes, each with its offset checked.
-struct Entries<'a, const WIDTH: usize, const N: usize> {
+/// The records of a section with words of `WIDTH` bytes. It checks each offset.
+struct SectionRecords<'a, const WIDTH: usize, const N: usize> {
     tag: SectionTag,
     places: u32,
     raw: &'a [u8],
@@ -229,14 +230,14 @@ struct Entries<'a, const WIDTH: usize, const N: usize> {
     next_offset: u32,
 }
 
-impl<'a, const WIDTH: usize, const N: usize> Entries<'a, WIDTH, N> {
-    fn new(tag: SectionTag, raw: &'a [u8], layout: &Layout) -> Entries<'a, WIDTH, N> {
-        Entries { tag, places: places(layout, tag), raw, record: 0, next_offset: 0 }
+impl<'a, const WIDTH: usize, const N: usize> SectionRecords<'a, WIDTH, N> {
+    fn new(tag: SectionTag, raw: &'a [u8], layout: &Layout) -> SectionRecords<'a, WIDTH, N> {
+        SectionRecords { tag, places: places(layout, tag), raw, record: 0, next_offset: 0 }
     }
 }
 
-impl<const WIDTH: usize, const N: usize> Iterator for Entries<'_, WIDTH, N> {
-    type Item = Result<Entry<N>, FrameError>;
+impl<const WIDTH: usize, const N: usize> Iterator for SectionRecords<'_, WIDTH, N> {
+    type Item = Result<SectionRecord<N>, FrameError>;
 
     #[inline]
     fn next(&mut self) -> Option<Self::Item> {
@@ -261,7 +262,7 @@ impl<const WIDTH: usize, const N: usize> Iterator for Entries<'_, WIDTH, N> {
         self.record += 1;
         self.next_offset = found + 1;
         let words = narrow_words(&bytes[4..], WIDTH);
-        Some(Ok(Entry { record, raw_offset, offset: found, words }))
+        Some(Ok(SectionRecord { record, raw_offset, offset: found, words }))
     }
 }
 
@@ -271,7 +272,7 @@ mod tests {
     use crate::block::{BlockCoder, BlockError, CoderId, Compressor};
     use crate::envelope::FrameIndex;
     use crate::envelope::Packing;
-    use crate::paper::{BucketProblem, PoseError, Records, write_body};
+    use crate::paper::{BucketError, PoseError, Records, write_body};
     use crate::testing::{Story, layout, layout_of, meta, refuse, reseal, story, story_of};
 
     const CODERS: [BlockCoder; 3] = [BlockCoder::Stored, BlockCoder::Lz4, BlockCoder::Zstd { level: 15 }];
@@ -295,7 +296,7 @@ mod tests {
             assert_eq!((poses.records, state.hash()), (2, state.full_hash()));
             let cells = delta.info.section(SectionTag::CELLS).unwrap();
             assert_eq!(cells.raw_bytes as usize, cells.records as usize * (4 + 7 * format.bytes()));
-            // A keyframe replaces whatever there was.
+            // A keyframe replaces every state.
             decoder.decode(&mut state, &key.body, &limits()).unwrap();
             assert_eq!(state, after_key);
         }
@@ -332,7 +333,7 @@ mod tests {
 
     #[test]
     fn every_flipped_bit_under_a_right_checksum_is_refused_or_harmless() {
-        // Harmless are the frame index, the time and the changed points, and bits that a coder ignores.
+        // The frame index, the time, the changed points and bits that a coder ignores are harmless.
         for (format, coder) in PointFormat::ALL.into_iter().rev().zip(CODERS) {
             let Story { empty, after_key, after_delta, key, delta } = story_of(format, coder);
             for (state, after, body) in
@@ -384,7 +385,7 @@ mod tests {
         assert!(matches!(error, FrameError::Hash { offset: 16, .. }), "{error}");
     }
 
-    /// A keyframe of these records, with a hash that is never reached.
+    /// Returns the error for a keyframe of these records with a hash that no state has.
     fn forged(fill: impl FnOnce(&mut Records)) -> FrameError {
         let mut records = Records::new(PointFormat::Bits32);
         fill(&mut records);
@@ -412,7 +413,7 @@ mod tests {
         let mut words = [0; 16];
         words[1] = (1 << 27) | (8 << 22);
         let error = forged(|records| records.push_bucket(3, &Bucket::from_words(&words)));
-        let problem = BucketProblem::Points { entry: 0, points: 8 };
+        let problem = BucketError::Points { entry: 0, points: 8 };
         assert_eq!(error, FrameError::Bucket { record: 0, raw_offset: 0, problem });
         let pose = Pose { translation: [0.0, f32::NAN, 0.0], ..Pose::IDENTITY };
         let error = forged(|records| records.push_pose(1, pose));

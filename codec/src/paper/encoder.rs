@@ -1,14 +1,14 @@
-//! The server's memory management and frame writer of profile `paper` (paper, sections 3.2 to 3.4).
+//! The encoder of profile `paper`: memory management and frame writer (paper, sections 3.2 to 3.4).
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-use super::cells::{DirtySet, Site, Tables};
-use super::changes::{Changes, record_everything};
-use super::resend::Resend;
+use super::cells::{CellAddress, DirtySet, Tables};
+use super::changes::{TableChanges, push_all_records};
+use super::resend::{PointRef, Resend};
 use super::{
-    Layout, Occupancy, Placed, Placement, PointError, Pose, PoseError, Records, ResendAo, State, bucket_of,
-    cell_id, write_body,
+    Layout, Occupancy, Placement, PointError, Pose, PoseError, PutOutcome, Records, ResendAo, State,
+    bucket_of, cell_id, write_body,
 };
 use crate::block::{BlockCoder, Compressor};
 use crate::envelope::{EncodeError, EncodedFrame, FrameKind, FrameMeta};
@@ -25,38 +25,39 @@ pub struct PointSample {
     pub ao: u8,
 }
 
-/// Where a point stands.
+/// Status of a point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Standing {
-    /// It was never put, or removed.
+enum PointStatus {
+    /// The point was never put, or was removed.
     Absent,
-    /// In a slot of this cell.
+    /// The point is in a slot of this cell.
     Stored(u32),
-    /// It was put and found no slot; never [`Placement::Stored`].
+    /// The point was put and found no slot; the reason is never [`Placement::Stored`].
     Unplaced(Placement),
 }
 
-/// One point as last put.
+/// A point as last put.
 #[derive(Debug, Clone, Copy)]
-struct Record {
-    standing: Standing,
+struct PointRecord {
+    status: PointStatus,
     coord: [u32; 3],
     word: u32,
     outside: bool,
 }
 
-const ABSENT: Record = Record { standing: Standing::Absent, coord: [0; 3], word: 0, outside: false };
+const ABSENT: PointRecord =
+    PointRecord { status: PointStatus::Absent, coord: [0; 3], word: 0, outside: false };
 
 /// Keeps the points of a stream in cells and buckets, and writes what changed.
 ///
-/// All calls are deterministic: the same calls in the same order give the same bytes. A frame costs time
-/// in proportion to what changed; a keyframe, to the whole state.
+/// All calls are deterministic: the same calls in the same order give the same bytes. The cost of a delta grows with
+/// the changes, that of a keyframe with the state.
 #[derive(Debug)]
 pub struct Encoder {
     layout: Arc<Layout>,
     /// First point id of each instance.
     first_points: Vec<u32>,
-    points: Vec<Record>,
+    points: Vec<PointRecord>,
     unplaced: BTreeSet<u32>,
     tables: Tables,
     poses: Vec<Pose>,
@@ -69,8 +70,8 @@ pub struct Encoder {
 }
 
 impl Encoder {
-    /// An encoder with no points yet. `points` says how many point ids each instance has; ids run through
-    /// all instances in order, from 0.
+    /// Creates an encoder without points. `points` has the number of point ids of each instance. Ids run through all
+    /// instances in order, from 0.
     ///
     /// # Errors
     /// [`PointError::Instances`] unless there is one count for each instance of the layout, and
@@ -105,9 +106,10 @@ impl Encoder {
         })
     }
 
-    /// The encoder, which then decides which of the points that [`Encoder::set_point`] gives are sent again: those whose AO is
-    /// `threshold` 255ths or more from what clients hold, and those of instances that `deforms` names, in the order of the
-    /// layout, whose place changed by enough ([`ResendAo`]). `threshold` is at least 1.
+    /// Lets the encoder decide which of the points given to [`Encoder::set_point`] are sent again ([`ResendAo`]). It
+    /// sends a point if its AO differs from that of clients by `threshold` 255ths or more; `threshold` is at least 1.
+    /// It also sends points of deforming instances whose place changed enough. `deforms` tells for every instance of
+    /// the layout, in order, whether it deforms.
     #[must_use]
     pub fn with_threshold(self, threshold: u8, deforms: &[bool]) -> Encoder {
         let rule = ResendAo { threshold, format: self.layout.format() };
@@ -118,20 +120,20 @@ impl Encoder {
         Encoder { resend: Some(resend), ..self }
     }
 
-    /// Says what a point is now. Whether the next frame sends it: always without a threshold, where this is
-    /// [`Encoder::put`]; else if it was never sent or differs by enough from what clients hold. To be called once for a point and
-    /// frame.
+    /// Sets a point, once a frame at most. Returns whether the next frame sends it. Without a threshold the result is
+    /// always true, and this is [`Encoder::put`]. With one, the frame sends points that were never sent or differ
+    /// enough from the clients' values.
     ///
     /// # Errors
-    /// As [`Encoder::put`].
+    /// Those of [`Encoder::put`].
     pub fn set_point(&mut self, point: u32, sample: &PointSample) -> Result<bool, PointError> {
         self.record(point)?;
-        let place = self.place_of(point);
-        let grid = &self.layout.instances()[place.1].grid;
+        let named = self.point_ref(point);
+        let grid = &self.layout.instances()[named.instance].grid;
         let Some(resend) = &mut self.resend else {
             return self.put(point, sample).map(|_| true);
         };
-        let due = resend.is_due(grid, place, sample);
+        let due = resend.is_due(grid, named, sample);
         if due {
             check_sample(point, sample)?;
             resend.push(point, *sample);
@@ -139,28 +141,29 @@ impl Encoder {
         Ok(due)
     }
 
-    /// The AO byte of a point as clients hold it if they hold it; `None` for one never sent, or without a threshold.
+    /// Returns the AO byte of a point as clients hold it. `None` if it was never sent, or without a threshold.
     #[must_use]
     pub fn sent_ao(&self, point: u32) -> Option<u8> {
         self.resend.as_ref()?.ao(point)
     }
 
-    /// Position and normal of a point of a deforming instance as last sent, instance-local; `None` for other points.
+    /// Returns position and normal of a point of a deforming instance as last sent, instance-local. `None` for other
+    /// points.
     #[must_use]
     pub fn sent_place(&self, point: u32) -> Option<([f32; 3], [f32; 3])> {
         self.record(point).ok()?;
-        let (_, instance, number) = self.place_of(point);
+        let PointRef { instance, number, .. } = self.point_ref(point);
         self.resend.as_ref()?.place(instance, number)
     }
 
-    /// Puts what the threshold lets through.
+    /// Puts the points that the threshold lets through.
     fn put_due(&mut self) {
         let Some(due) = self.resend.as_mut().map(Resend::take_due) else { return };
         for (point, sample) in &due {
             self.put_checked(*point, sample);
-            let place = self.place_of(*point);
+            let named = self.point_ref(*point);
             if let Some(resend) = &mut self.resend {
-                resend.note(place, sample);
+                resend.record(named, sample);
             }
         }
         if let Some(resend) = &mut self.resend {
@@ -169,8 +172,8 @@ impl Encoder {
         self.retry_unplaced();
     }
 
-    /// Bytes of memory held for the stream: every point as it was last put, the tables as they are and as clients hold them,
-    /// and buffers that are kept between frames.
+    /// Returns the heap bytes in use for the stream: every point as last put, the tables of the server and of clients,
+    /// and buffers kept between frames.
     #[must_use]
     pub fn heap_bytes(&self) -> usize {
         let Self {
@@ -186,27 +189,33 @@ impl Encoder {
             resend,
             ..
         } = self;
-        let ours =
-            memory::list(first_points) + memory::list(points) + memory::list(poses) + dirty_poses.held();
+        let ours = memory::list(first_points)
+            + memory::list(points)
+            + memory::list(poses)
+            + dirty_poses.heap_bytes();
         let unplaced = unplaced.len() * size_of::<u32>();
         let resend = resend.as_ref().map_or(0, Resend::heap_bytes);
-        ours + resend + unplaced + tables.held() + sent.held() + records.held() + compressor.held()
+        ours + resend
+            + unplaced
+            + tables.heap_bytes()
+            + sent.heap_bytes()
+            + records.heap_bytes()
+            + compressor.heap_bytes()
     }
 
-    /// Puts a point, or moves it, or gives it new values. A point that finds no slot, or that moves to a
-    /// cell where there is none, is remembered as unplaced and counted.
+    /// Puts a point, moves it, or gives it new values. A point that finds no slot is kept and counted as unplaced.
     ///
     /// # Errors
-    /// [`PointError::Unknown`], [`PointError::Position`] and [`PointError::Normal`]; nothing has changed then.
-    pub fn put(&mut self, point: u32, sample: &PointSample) -> Result<Placed, PointError> {
+    /// [`PointError::Unknown`], [`PointError::Position`] and [`PointError::Normal`]; nothing changes then.
+    pub fn put(&mut self, point: u32, sample: &PointSample) -> Result<PutOutcome, PointError> {
         self.record(point)?;
         check_sample(point, sample)?;
         Ok(self.put_checked(point, sample))
     }
 
-    /// Puts a point that there is, with a sample that was checked.
-    fn put_checked(&mut self, point: u32, sample: &PointSample) -> Placed {
-        let Record { standing, coord, outside, .. } = self.points[point as usize];
+    /// Puts an existing point with a checked sample.
+    fn put_checked(&mut self, point: u32, sample: &PointSample) -> PutOutcome {
+        let PointRecord { status, coord, outside, .. } = self.points[point as usize];
         let instance = self.instance_of(point);
         let located = self.layout.instances()[instance].grid.locate(sample.local);
         let word = self.layout.format().pack(located.frac, sample.normal, sample.ao);
@@ -216,27 +225,27 @@ impl Encoder {
         record.coord = located.cell;
         record.word = word;
         record.outside = located.outside;
-        let placement = match standing {
-            Standing::Stored(cell) if coord == located.cell => {
+        let placement = match status {
+            PointStatus::Stored(cell) if coord == located.cell => {
                 self.tables.update(cell, point, word);
                 Placement::Stored
             }
             _ => {
-                self.take_out(point, standing);
+                self.take_out(point, status);
                 self.place(point, instance)
             }
         };
-        Placed { placement, outside: located.outside }
+        PutOutcome { placement, outside: located.outside }
     }
 
-    /// Takes a point out; it does nothing to a point that was never put.
+    /// Removes a point. It has no effect if the point was never put.
     ///
     /// # Errors
     /// [`PointError::Unknown`].
     pub fn remove(&mut self, point: u32) -> Result<(), PointError> {
-        let Record { standing, outside, .. } = self.record(point)?;
+        let PointRecord { status, outside, .. } = self.record(point)?;
         self.counts.outside_grid -= u32::from(outside);
-        self.take_out(point, standing);
+        self.take_out(point, status);
         self.points[point as usize] = ABSENT;
         Ok(())
     }
@@ -244,7 +253,7 @@ impl Encoder {
     /// Sets the pose of an instance.
     ///
     /// # Errors
-    /// [`PoseError`] for an instance that the layout has not, or a pose that [`Pose::check`] refuses.
+    /// [`PoseError`] for an instance outside the layout, or a pose that [`Pose::check`] refuses.
     pub fn set_pose(&mut self, instance: u32, pose: Pose) -> Result<(), PoseError> {
         let count = self.poses.len() as u32;
         let Some(place) = self.poses.get_mut(instance as usize) else {
@@ -256,8 +265,8 @@ impl Encoder {
         Ok(())
     }
 
-    /// Tries all unplaced points again, by ascending id. It returns at once when no slot has come free
-    /// since the last call.
+    /// Tries to place all unplaced points, by ascending id. It returns at once if no slot became free since the last
+    /// call.
     pub fn retry_unplaced(&mut self) {
         if !self.tables.take_freed() {
             return;
@@ -265,43 +274,43 @@ impl Encoder {
         let unplaced: Vec<u32> = self.unplaced.iter().copied().collect();
         for point in unplaced {
             let instance = self.instance_of(point);
-            let standing = self.points[point as usize].standing;
-            self.take_out(point, standing);
+            let status = self.points[point as usize].status;
+            self.take_out(point, status);
             self.place(point, instance);
         }
     }
 
-    /// What clients hold after the last finished frame.
+    /// Returns the state of clients after the last finished frame.
     #[must_use]
     pub fn state(&self) -> &State {
         &self.sent
     }
 
-    /// How full the tables are now, and what did not fit.
+    /// Returns how full the tables are, and how many points did not fit.
     #[must_use]
     pub fn counts(&self) -> Occupancy {
         Occupancy { cells: self.tables.cells_used(), ..self.counts }
     }
 
-    /// What became of a point when it was last put or retried; `None` for one that is not there.
+    /// Returns the result of the last attempt to place a point; `None` for a point that is not there.
     #[must_use]
     pub fn placement(&self, point: u32) -> Option<Placement> {
-        match self.points.get(point as usize)?.standing {
-            Standing::Absent => None,
-            Standing::Stored(_) => Some(Placement::Stored),
-            Standing::Unplaced(reason) => Some(reason),
+        match self.points.get(point as usize)?.status {
+            PointStatus::Absent => None,
+            PointStatus::Stored(_) => Some(Placement::Stored),
+            PointStatus::Unplaced(reason) => Some(reason),
         }
     }
 
     /// Writes the frame that brings clients from the last finished frame to now.
     ///
-    /// A delta holds what differs from the last frame. A keyframe holds everything in use, and clears the
-    /// stale cells that clients still hold.
+    /// A delta holds the differences from the last frame. A keyframe holds everything in use, and clears the stale
+    /// cells of clients.
     ///
     /// # Errors
-    /// [`EncodeError::NoKeyframe`] when the first frame is a delta, [`EncodeError::FrameOrder`] when the
-    /// index does not grow, [`EncodeError::Block`] when a block cannot be compressed. No change is lost
-    /// then: the next call writes it.
+    /// [`EncodeError::NoKeyframe`] if the first frame is a delta. [`EncodeError::FrameOrder`] if the index does not
+    /// grow. [`EncodeError::Block`] if a block cannot be compressed. No change is lost, and the next call writes them
+    /// all.
     pub fn finish(&mut self, meta: FrameMeta, coder: BlockCoder) -> Result<EncodedFrame, EncodeError> {
         let frame = meta.frame;
         match self.sent.frame() {
@@ -312,16 +321,16 @@ impl Encoder {
         self.put_due();
         self.tables.compact();
         let changes = match meta.kind {
-            FrameKind::Key => Changes::of_everything(&self.sent, &self.poses, &self.tables),
+            FrameKind::Key => TableChanges::from_all(&self.sent, &self.poses, &self.tables),
             FrameKind::Delta => {
-                Changes::of_dirty(&self.sent, &self.poses, &mut self.dirty_poses, &self.tables)
+                TableChanges::from_dirty(&self.sent, &self.poses, &mut self.dirty_poses, &self.tables)
             }
         };
         let hash = changes.hash_after(&self.sent);
         self.records.clear();
         match meta.kind {
-            FrameKind::Key => record_everything(&mut self.records, &self.poses, &self.tables, &self.layout),
-            FrameKind::Delta => changes.record(&mut self.records, &self.sent),
+            FrameKind::Key => push_all_records(&mut self.records, &self.poses, &self.tables, &self.layout),
+            FrameKind::Delta => changes.push_records(&mut self.records, &self.sent),
         }
         let encoded = write_body(&meta, meta.kind, hash, &self.records, &mut self.compressor, coder)?;
         changes.commit(&mut self.sent);
@@ -332,52 +341,52 @@ impl Encoder {
         Ok(encoded)
     }
 
-    fn record(&self, point: u32) -> Result<Record, PointError> {
+    fn record(&self, point: u32) -> Result<PointRecord, PointError> {
         let count = self.points.len() as u32;
         self.points.get(point as usize).copied().ok_or(PointError::Unknown { point, count })
     }
 
-    /// A point, its instance and its number there.
-    fn place_of(&self, point: u32) -> (u32, usize, usize) {
+    /// Returns a point with its instance and its number there.
+    fn point_ref(&self, point: u32) -> PointRef {
         let instance = self.instance_of(point);
-        (point, instance, (point - self.first_points[instance]) as usize)
+        PointRef { id: point, instance, number: (point - self.first_points[instance]) as usize }
     }
 
     fn instance_of(&self, point: u32) -> usize {
-        // The last instance that starts at or before the point; those without points are passed over.
+        // The last instance that starts at or before the point. Instances without points are skipped.
         self.first_points.partition_point(|first| *first <= point) - 1
     }
 
-    /// Takes a point out of its slot, or off the list of the unplaced.
-    fn take_out(&mut self, point: u32, standing: Standing) {
-        match standing {
-            Standing::Absent => return,
-            Standing::Stored(cell) => {
+    /// Takes a point out of its slot, or off the list of unplaced points.
+    fn take_out(&mut self, point: u32, status: PointStatus) {
+        match status {
+            PointStatus::Absent => return,
+            PointStatus::Stored(cell) => {
                 self.tables.remove(cell, point);
                 *self.counts.count_mut(Placement::Stored) -= 1;
             }
-            Standing::Unplaced(reason) => {
+            PointStatus::Unplaced(reason) => {
                 self.unplaced.remove(&point);
                 *self.counts.count_mut(reason) -= 1;
             }
         }
-        self.points[point as usize].standing = Standing::Absent;
+        self.points[point as usize].status = PointStatus::Absent;
     }
 
-    /// Finds a slot for a point that has none, or puts it on the list of the unplaced.
+    /// Finds a slot for a point without one, or adds the point to the list of unplaced points.
     fn place(&mut self, point: u32, instance: usize) -> Placement {
         let layout = &self.layout.instances()[instance];
-        let Record { coord, word, .. } = self.points[point as usize];
+        let PointRecord { coord, word, .. } = self.points[point as usize];
         let id = cell_id(coord, layout.grid.dims());
         let bucket = layout.first_bucket + bucket_of(id, layout.bucket_count);
-        let (standing, placement) = match self.tables.insert(Site { coord, id, bucket }, point, word) {
-            Ok(cell) => (Standing::Stored(cell), Placement::Stored),
+        let (status, placement) = match self.tables.insert(CellAddress { coord, id, bucket }, point, word) {
+            Ok(cell) => (PointStatus::Stored(cell), Placement::Stored),
             Err(reason) => {
                 self.unplaced.insert(point);
-                (Standing::Unplaced(reason), reason)
+                (PointStatus::Unplaced(reason), reason)
             }
         };
-        self.points[point as usize].standing = standing;
+        self.points[point as usize].status = status;
         *self.counts.count_mut(placement) += 1;
         placement
     }
@@ -519,7 +528,7 @@ mod tests {
         for point in 0..9 {
             let placed = encoder.put(point, &sample([0.1; 3], point as u8)).unwrap();
             let expected = if point < 7 { Placement::Stored } else { Placement::CellFull };
-            assert_eq!(placed, Placed { placement: expected, outside: false });
+            assert_eq!(placed, PutOutcome { placement: expected, outside: false });
         }
         let full = encoder.counts();
         assert_eq!((full.cells, full.points_stored, full.cell_full, full.unplaced()), (1, 7, 2, 2));

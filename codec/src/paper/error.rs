@@ -1,4 +1,4 @@
-//! Why a grid, a layout or a point was refused.
+//! Errors of grids, layouts and points.
 
 /// Why a [`super::Grid`] was refused.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
@@ -7,27 +7,27 @@ pub enum GridError {
     /// A coordinate of the origin is infinite or not a number.
     #[error("grid origin {origin:?} is not finite")]
     Origin {
-        /// The origin given.
+        /// The origin.
         origin: [f32; 3],
     },
     /// The edge is not a finite length above 0.
     #[error("grid cell edge {edge} m is not a finite length above 0")]
     Edge {
-        /// The edge given, metres.
+        /// The edge, metres.
         edge: f32,
     },
     /// A dimension is 0 or above [`super::MAX_GRID_DIM`].
     #[error("grid of {dims:?} cells: every axis takes 1 to {} cells", super::MAX_GRID_DIM)]
     Dims {
-        /// The dimensions given, cells.
+        /// The dimensions, cells.
         dims: [u32; 3],
     },
-    /// The far corner of the grid is beyond what `f32` can hold.
+    /// The far corner of the grid is beyond the range of `f32`.
     #[error("grid of {dims:?} cells of {edge} m reaches beyond what f32 can hold")]
     Extent {
-        /// The edge given, metres.
+        /// The edge, metres.
         edge: f32,
-        /// The dimensions given, cells.
+        /// The dimensions, cells.
         dims: [u32; 3],
     },
 }
@@ -36,10 +36,10 @@ pub enum GridError {
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum LayoutError {
-    /// More instances than agreed on.
+    /// More instances than agreed.
     #[error("layout of {found} instances, the agreed limit is {limit}; raise Limits::max_instances")]
     Instances {
-        /// Instances given.
+        /// Found.
         found: usize,
         /// The agreed limit.
         limit: u32,
@@ -49,7 +49,7 @@ pub enum LayoutError {
     BucketCount {
         /// Index of the instance.
         instance: u32,
-        /// Buckets given.
+        /// Found.
         found: u32,
     },
     /// The buckets of an instance do not start where those of the instance before it end.
@@ -57,37 +57,37 @@ pub enum LayoutError {
     FirstBucket {
         /// Index of the instance.
         instance: u32,
-        /// Where they must start.
+        /// Expected start.
         expected: u32,
-        /// Where they start.
+        /// Found start.
         found: u32,
     },
-    /// More buckets, all instances together, than agreed on.
+    /// More buckets than agreed, over all instances.
     #[error(
         "instance {instance} brings the layout to {found} buckets, the agreed limit is {limit}; raise Limits::max_buckets"
     )]
     Buckets {
         /// Index of the instance that goes past the limit.
         instance: u32,
-        /// Buckets up to and with this instance.
+        /// Number of buckets up to this instance, including it.
         found: u64,
         /// The agreed limit.
         limit: u32,
     },
-    /// More cells than agreed on, or than a 22-bit cell index can name.
+    /// More cells than agreed, or than a 22-bit cell index can name.
     #[error("layout of {found} cells, the limit is {limit} (Limits::max_cells, and 2^22 at most)")]
     Cells {
-        /// Cells given.
+        /// Found.
         found: u32,
         /// The limit.
         limit: u32,
     },
-    /// The reconstruction radius of an instance is not a finite length above 0.
+    /// The kernel radius of an instance is not a finite length above 0.
     #[error("instance {instance}: kernel radius {found} m is not a finite length above 0")]
     KernelRadius {
         /// Index of the instance.
         instance: u32,
-        /// The radius given, metres.
+        /// Found, metres.
         found: f32,
     },
 }
@@ -96,26 +96,26 @@ pub enum LayoutError {
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum PointError {
-    /// Not one point count for every instance of the layout.
+    /// The number of point counts is not the number of instances.
     #[error("{found} point counts for {expected} instances")]
     Instances {
         /// Instances of the layout.
         expected: usize,
-        /// Counts given.
+        /// Number of counts.
         found: usize,
     },
-    /// More points, all instances together, than a point id can name.
+    /// More points than there are point ids, over all instances.
     #[error("{found} points, ids reach up to 2^32 - 2")]
     TooMany {
-        /// Points given.
+        /// Found.
         found: u64,
     },
-    /// No point of this id.
+    /// No point has this id.
     #[error("point {point}: ids end at {count}")]
     Unknown {
-        /// The id given.
+        /// The id.
         point: u32,
-        /// Points there are.
+        /// Number of points.
         count: u32,
     },
     /// A coordinate is infinite or not a number.
@@ -123,7 +123,7 @@ pub enum PointError {
     Position {
         /// The point.
         point: u32,
-        /// The position given, metres, instance-local.
+        /// The position, metres, instance-local.
         local: [f32; 3],
     },
     /// The normal has no direction.
@@ -131,7 +131,7 @@ pub enum PointError {
     Normal {
         /// The point.
         point: u32,
-        /// The normal given.
+        /// The normal.
         normal: [f32; 3],
     },
 }

@@ -1,4 +1,4 @@
-//! The example of the specification: a frame that is written out there byte by byte.
+//! The example of the specification: a frame that it writes out byte by byte.
 
 use std::fmt::Write;
 use std::sync::Arc;
@@ -7,7 +7,7 @@ use super::{Encoder, Grid, InstanceLayout, Layout, PointFormat, PointSample, Pos
 use crate::Limits;
 use crate::block::BlockCoder;
 use crate::envelope::{EncodedFrame, FrameIndex, FrameKind, FrameMeta, StreamTime};
-use crate::hash::{Kind, term};
+use crate::hash::{RecordKind, term};
 
 pub(crate) const SPEC: &str = include_str!("../../../docs/spec/codec.md");
 
@@ -27,18 +27,18 @@ fn meta(kind: FrameKind, frame: u32) -> FrameMeta {
     FrameMeta { kind, frame: FrameIndex(frame), time: StreamTime(16_667), changed_points: 1 }
 }
 
-/// A stored keyframe with one pose, one bucket and one cell.
+/// Returns a stored keyframe with one pose, one bucket and one cell.
 pub(crate) fn key() -> EncodedFrame {
     encoder().finish(meta(FrameKind::Key, 1), BlockCoder::Stored).unwrap()
 }
 
-/// A fenced block of the specification.
+/// Returns a fenced block of the specification.
 pub(crate) fn fenced(name: &str) -> &'static str {
     let (_, rest) = SPEC.split_once(&format!("```{name}\n")).unwrap();
     rest.split_once("```").unwrap().0
 }
 
-/// The bytes of a fenced block of the specification whose lines are `offset  bytes  | meaning`.
+/// Returns the bytes of a fenced block of the specification, whose lines are `offset bytes | meaning`.
 pub(crate) fn dump(name: &str) -> Vec<u8> {
     let mut out = Vec::new();
     for line in fenced(name).lines() {
@@ -82,9 +82,9 @@ fn the_hash_in_the_specification_is_what_the_code_computes() {
     encoder.finish(meta(FrameKind::Key, 1), BlockCoder::Stored).unwrap();
     let state = encoder.state();
     let terms = [
-        term(Kind::Pose, 0, &state.poses()[0].hash_words()),
-        term(Kind::Bucket, 1, &state.buckets()[1].to_words()),
-        term(Kind::Cell, 0, state.cells()[0].words()),
+        term(RecordKind::Pose, 0, &state.poses()[0].hash_words()),
+        term(RecordKind::Bucket, 1, &state.buckets()[1].to_words()),
+        term(RecordKind::Cell, 0, state.cells()[0].words()),
     ];
     assert_eq!(terms.iter().fold(0_u64, |sum, term| sum.wrapping_add(*term)), state.hash().0);
     for value in [&terms[..], &[state.hash().0]].concat() {

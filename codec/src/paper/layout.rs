@@ -1,4 +1,4 @@
-//! The static layout of a stream, which both sides know before the first frame.
+//! The static layout of a stream, which both ends know before the first frame.
 
 use super::{ENTRIES_PER_BUCKET, Grid, LayoutError, MAX_CELL_INDEX, PointFormat};
 use crate::{Limits, memory};
@@ -6,17 +6,17 @@ use crate::{Limits, memory};
 /// The part of the layout that belongs to one instance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct InstanceLayout {
-    /// The grid of its cells.
+    /// Grid of its cells.
     pub grid: Grid,
     /// Index of its first bucket among the buckets of the state.
     pub first_bucket: u32,
-    /// Its buckets, a power of two.
+    /// Number of its buckets, a power of two.
     pub bucket_count: u32,
-    /// The interpolation radius `r` of Eq. 2, metres.
+    /// Kernel radius `r` of Eq. 2, metres.
     pub kernel_radius: f32,
 }
 
-/// The tables of a stream: how points are packed, which instances there are, and how large they are.
+/// The tables of a stream: the packing of points, the instances, and the sizes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Layout {
     format: PointFormat,
@@ -26,18 +26,18 @@ pub struct Layout {
 }
 
 impl Layout {
-    /// Bytes held.
-    pub(crate) fn held(&self) -> usize {
+    /// Returns the number of heap bytes in use.
+    pub(crate) fn heap_bytes(&self) -> usize {
         memory::list(&self.instances)
     }
 
-    /// A layout of these instances, in order, their points packed as `format` says, with room for `cell_capacity` cells,
-    /// all instances together.
+    /// Creates a layout of these instances, in order, with points packed as `format` tells. It has room for
+    /// `cell_capacity` cells, over all instances.
     ///
     /// # Errors
-    /// The buckets of the instances must follow one another without gaps, from 0; each count must be a
-    /// power of two; each kernel radius finite and above 0; and the sizes within `limits` and, for cells,
-    /// within 2^22.
+    /// [`LayoutError`] unless all of the following hold. The buckets of the instances follow one another without gaps,
+    /// from 0. Each count is a power of two. Each kernel radius is finite and above 0. The sizes are within `limits`,
+    /// and the number of cells is at most 2^22.
     pub fn new(
         format: PointFormat,
         instances: Vec<InstanceLayout>,
@@ -58,26 +58,26 @@ impl Layout {
         Ok(Layout { format, instances, cell_capacity, bucket_total })
     }
 
-    /// How the points are packed.
+    /// Returns the packing of the points.
     #[inline]
     #[must_use]
     pub fn format(&self) -> PointFormat {
         self.format
     }
 
-    /// The instances, in order.
+    /// Returns the instances, in order.
     #[must_use]
     pub fn instances(&self) -> &[InstanceLayout] {
         &self.instances
     }
 
-    /// Cells there is room for, all instances together.
+    /// Returns the number of cells that there is room for, over all instances.
     #[must_use]
     pub fn cell_capacity(&self) -> u32 {
         self.cell_capacity
     }
 
-    /// Buckets, all instances together.
+    /// Returns the number of buckets, over all instances.
     #[must_use]
     pub fn bucket_total(&self) -> u32 {
         self.bucket_total
@@ -85,7 +85,7 @@ impl Layout {
 }
 
 impl InstanceLayout {
-    /// Checks this instance, whose buckets must start at `start`; returns where they end.
+    /// Checks this instance, whose buckets must start at `start`. Returns where they end.
     fn end_of_buckets(&self, instance: u32, start: u32, limit: u32) -> Result<u32, LayoutError> {
         if !(self.kernel_radius.is_finite() && self.kernel_radius > 0.0) {
             return Err(LayoutError::KernelRadius { instance, found: self.kernel_radius });
@@ -106,16 +106,16 @@ impl InstanceLayout {
     }
 }
 
-/// Buckets for an instance of `area_m2` square metres of surface in cells of `edge` metres (paper, section
-/// 3.2: four slots per average cell, eight slots a bucket).
+/// Returns the number of buckets for an instance with `area_m2` square metres of surface in cells of `edge` metres
+/// (paper, section 3.2: four slots for an average cell, eight slots a bucket).
 ///
-/// The average number of cells is the area over the square of the edge. The result is rounded up to a power
-/// of two, at least 1 and at most 2^31; it is 1 where the arguments make no number.
+/// The average number of cells is the area over the square of the edge. The result is rounded up to a power of two, at
+/// least 1 and at most 2^31. It is 1 if the arguments give no number.
 #[must_use]
 pub fn bucket_count(area_m2: f32, edge: f32, slots_per_cell: f32) -> u32 {
     let cells = f64::from(area_m2) / (f64::from(edge) * f64::from(edge));
     let buckets = (f64::from(slots_per_cell) * cells / ENTRIES_PER_BUCKET as f64).ceil();
-    // The cast saturates, and makes 0 of NaN.
+    // The cast saturates, and turns NaN into 0.
     (buckets as u32).clamp(1, 1 << 31).next_power_of_two()
 }
 

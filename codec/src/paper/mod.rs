@@ -1,7 +1,8 @@
 //! Profile `paper`: the structures of "PSAO: Point-Based Split Rendering for Ambient Occlusion" (sections 3.1 to 3.5).
 //!
-//! Every instance has a virtual grid of cells. Hash buckets find the cells in use; a cell holds seven points, each of 32, 24 or
-//! 16 bits. A frame carries whole buckets and poses, and cells as their exclusive or with the cells sent last.
+//! Every instance has a virtual grid of cells. Hash buckets find the cells in use. A cell holds seven points of 32, 24
+//! or 16 bits each. A frame carries whole buckets and poses, and each cell as its exclusive or with the cell sent
+//! last.
 
 mod cells;
 mod changes;
@@ -20,15 +21,15 @@ mod rules;
 mod state;
 
 pub use cells::{
-    Bucket, BucketProblem, Cell, ENTRIES_PER_BUCKET, Entry, Grid, Located, MAX_CELL_INDEX, MAX_GRID_DIM,
-    Occupancy, POINTS_PER_CELL, Placed, Placement, bucket_of, cell_id,
+    Bucket, BucketError, Cell, ENTRIES_PER_BUCKET, Entry, Grid, GridLocation, MAX_CELL_INDEX, MAX_GRID_DIM,
+    Occupancy, POINTS_PER_CELL, Placement, PutOutcome, bucket_of, cell_id,
 };
 pub use decoder::{Decoder, apply};
 pub use encoder::{Encoder, PointSample};
 pub use error::{GridError, LayoutError, PointError};
 pub use keyframe::keyframe;
 pub use layout::{InstanceLayout, Layout, bucket_count};
-pub use point::{Packed, Packed16, Packed24, Packed32, Point, PointFormat, Split, WordError};
+pub use point::{BitSplit, Packed, Packed16, Packed24, Packed32, Point, PointFormat, WordError};
 pub use pose::{Pose, PoseError};
 pub(crate) use records::{Records, write_body};
 pub use resend::ResendAo;

@@ -1,10 +1,13 @@
 //! Rigid transforms of instances.
 
-/// Largest |length^2 - 1| of a rotation that passes: far above `f32` rounding, far below a visible scale.
+use bytemuck::{Pod, Zeroable};
+
+/// Largest |length^2 - 1| of a valid rotation: far above `f32` rounding, far below a visible scale.
 const UNIT_TOLERANCE: f32 = 1e-3;
 
-/// Where an instance is: instance-local metres to world metres, `world = rotation * local + translation`.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// Placement of an instance, from instance-local metres to world metres: `world = rotation * local + translation`.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
 pub struct Pose {
     /// World position of the local origin, metres.
     pub translation: [f32; 3],
@@ -19,9 +22,9 @@ pub enum PoseError {
     /// The instance does not exist.
     #[error("pose of instance {instance}, the layout has {count}")]
     Instance {
-        /// The instance named.
+        /// The instance.
         instance: u32,
-        /// Instances there are.
+        /// Number of instances.
         count: u32,
     },
     /// The translation is infinite or not a number.
@@ -52,7 +55,7 @@ impl Pose {
     /// No translation, no rotation: the pose of every instance in an empty state.
     pub const IDENTITY: Pose = Pose { translation: [0.0; 3], rotation: [0.0, 0.0, 0.0, 1.0] };
 
-    /// Checks that the pose, of `instance`, is finite and its rotation within 0.001 of unit length squared.
+    /// Checks that the pose of `instance` is finite and the squared length of its rotation within 0.001 of 1.
     ///
     /// # Errors
     /// [`PoseError::Translation`] or [`PoseError::Rotation`].
@@ -69,18 +72,16 @@ impl Pose {
         Err(PoseError::Rotation { instance, rotation })
     }
 
-    /// The seven words on the wire: translation, then rotation, as bits of `f32`.
+    /// Returns the seven words on the wire: translation, then rotation, as bits of `f32`.
     pub(crate) fn to_words(self) -> [u32; 7] {
-        let [x, y, z] = self.translation.map(f32::to_bits);
-        let [i, j, k, w] = self.rotation.map(f32::to_bits);
-        [x, y, z, i, j, k, w]
+        bytemuck::must_cast(self)
     }
 
-    pub(crate) fn from_words([x, y, z, i, j, k, w]: [u32; 7]) -> Pose {
-        Pose { translation: [x, y, z].map(f32::from_bits), rotation: [i, j, k, w].map(f32::from_bits) }
+    pub(crate) fn from_words(words: [u32; 7]) -> Pose {
+        bytemuck::must_cast(words)
     }
 
-    /// The words that enter the state hash: those of the wire with the identity taken out by exclusive or, so that the
+    /// Returns the words for the state hash: the exclusive or of the wire words and those of the identity. So the
     /// identity counts as empty.
     pub(crate) fn hash_words(self) -> [u32; 7] {
         let mut words = self.to_words();

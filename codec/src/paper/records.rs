@@ -1,4 +1,4 @@
-//! Writes frame bodies: gathers records, compresses the sections, puts the header before them.
+//! Writes frame bodies: collects records, compresses the sections, and writes the header before them.
 
 use super::rules::record_bytes;
 use super::{Bucket, Cell, POINTS_PER_CELL, PointFormat, Pose};
@@ -9,7 +9,7 @@ use crate::envelope::{
 use crate::wire::{push_narrow_words, push_words};
 use crate::{StateHash, memory};
 
-/// The records of one frame, section by section, as they are before compression.
+/// The records of one frame, section by section, before compression.
 #[derive(Debug)]
 pub(crate) struct Records {
     format: PointFormat,
@@ -19,12 +19,12 @@ pub(crate) struct Records {
 }
 
 impl Records {
-    /// Bytes held.
-    pub(crate) fn held(&self) -> usize {
+    /// Returns the number of heap bytes in use.
+    pub(crate) fn heap_bytes(&self) -> usize {
         memory::list(&self.poses) + memory::list(&self.buckets) + memory::list(&self.cells)
     }
 
-    /// No records yet, of a stream whose points are packed like this.
+    /// Creates an empty list of records for points in this format.
     pub(crate) fn new(format: PointFormat) -> Records {
         Records { format, poses: Vec::new(), buckets: Vec::new(), cells: Vec::new() }
     }
@@ -45,13 +45,13 @@ impl Records {
         push_words(&mut self.buckets, &bucket.to_words());
     }
 
-    /// `changes` is the exclusive or of the new cell and the last sent one.
+    /// Adds a cell. `changes` is the exclusive or of the new cell and the cell sent last.
     pub(crate) fn push_cell(&mut self, offset: u32, changes: &[u32; POINTS_PER_CELL]) {
         push_words(&mut self.cells, &[offset]);
         push_narrow_words(&mut self.cells, changes, self.format.bytes());
     }
 
-    /// Everything of a state that is not empty, in index order.
+    /// Adds everything of a state that is not empty, in index order.
     pub(crate) fn push_all(
         &mut self,
         poses: impl Iterator<Item = Pose>,
@@ -84,7 +84,7 @@ impl Records {
     }
 }
 
-/// Writes a body of `kind` (whatever `meta.kind` says) with these records; `hash` is that of the state after.
+/// Writes a body of `kind`, whatever `meta.kind` is, with these records. `hash` is that of the state after the frame.
 pub(crate) fn write_body(
     meta: &FrameMeta,
     kind: FrameKind,

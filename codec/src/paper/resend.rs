@@ -1,31 +1,32 @@
-//! Which points are sent again: those that differ from the value last sent by enough.
+//! The resend rule: it sends a point again if it differs enough from the value sent last.
 //!
-//! The comparison is with the value that clients hold, as last sent and packed, never with the last frame's: a slow
-//! drift is sent as soon as it adds up, so a client is never off by the threshold or more (stream design, profile
-//! `paper`; paper, section 3.3), or by more than its packing must.
+//! The rule compares with the value that clients hold, as last sent and packed, and not with the last frame. So a slow
+//! drift is sent as soon as it adds up. A client is never off by the threshold or more (paper, section 3.3), unless
+//! its packing is coarser than that.
 
 use super::{Grid, PointFormat, PointSample};
 use crate::memory;
 
-/// Smallest cosine between the normal now and the one sent that still counts as the same.
+/// Smallest cosine between the current normal and the one sent that counts as unchanged.
 const SAME_NORMAL: f32 = 0.6;
-/// Positions may drift by this share of a cell's edge: 3 of the 31 steps of a packed position.
+/// Largest distance that counts as unchanged, in cell edges: 3 of the 31 steps of a packed position.
 const SAME_POSITION: f32 = 3.0 / 31.0;
 
-/// When the AO of a point is sent again.
+/// The rule by which the AO of a point is sent again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ResendAo {
-    /// From how many 255ths on, at least 1.
+    /// Smallest difference that is sent, in 255ths; at least 1.
     pub threshold: u8,
-    /// How points are packed.
+    /// Packing of the points.
     pub format: PointFormat,
 }
 
 impl ResendAo {
-    /// Whether the byte `now` differs by the threshold from the one that clients hold, and sending it would change that.
+    /// Returns whether the byte `now` differs from the byte of clients by the threshold, and sending it would change
+    /// that byte.
     ///
-    /// A packing with few bits may hold a byte that is off by the threshold and still the nearest there is. So a client
-    /// is off by less than the threshold, or by no more than [`PointFormat::max_ao_error`].
+    /// The nearest byte that a coarse packing has may be off by the threshold. So a client is off by less than the
+    /// threshold, or by at most [`PointFormat::max_ao_error`].
     #[inline]
     #[must_use]
     pub const fn is_due(&self, now: u8, held: u8) -> bool {
@@ -34,11 +35,20 @@ impl ResendAo {
 }
 
 /// Position and normal of a point, metres and unit length, instance-local.
-pub(super) type Place = ([f32; 3], [f32; 3]);
+pub(super) type PointPlace = ([f32; 3], [f32; 3]);
 
-/// Whether a point of a deforming instance moved or turned enough: farther than 3/31 of a cell, into another cell, or
-/// its normal by more than a cosine of 0.6.
-fn place_changed(grid: &Grid, now: Place, sent: Place) -> bool {
+/// Names a point in three ways.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct PointRef {
+    pub(super) id: u32,
+    pub(super) instance: usize,
+    /// Number of the point in its instance.
+    pub(super) number: usize,
+}
+
+/// Returns whether a point of a deforming instance moved or turned enough: farther than 3/31 of a cell edge, into
+/// another cell, or with a cosine of its normals below 0.6.
+fn place_changed(grid: &Grid, now: PointPlace, sent: PointPlace) -> bool {
     let limit = grid.edge() * SAME_POSITION;
     let moved: [f32; 3] = std::array::from_fn(|axis| now.0[axis] - sent.0[axis]);
     dot(moved, moved) > limit * limit
@@ -50,47 +60,48 @@ fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// What clients were sent last, and what the next frame sends.
+/// The values that clients were sent last, and the points that the next frame sends.
 #[derive(Debug)]
 pub(super) struct Resend {
     rule: ResendAo,
-    /// By point id: the byte that clients hold once the point is packed; nothing where it was never sent.
+    /// By point id: the byte of clients after packing; `None` if the point was never sent.
     ao: Vec<Option<u8>>,
-    /// Places of the points of deforming instances, by instance and number; those of others never change.
-    places: Vec<Vec<Place>>,
-    /// What the next frame sends.
+    /// Places of the points of deforming instances, by instance and number. Other places never change.
+    places: Vec<Vec<PointPlace>>,
+    /// Points that the next frame sends.
     due: Vec<(u32, PointSample)>,
 }
 
 impl Resend {
-    /// Nothing was sent yet. `counts` has the points of every instance and whether it deforms.
+    /// Creates the rule before anything was sent. `counts` has the number of points of every instance and whether it
+    /// deforms.
     pub(super) fn new(rule: ResendAo, counts: impl Iterator<Item = (u32, bool)>) -> Resend {
         let mut total = 0;
         let places = counts.map(|(points, deforms)| {
             total += points as usize;
-            // Compared with only where the point was sent, and known then.
-            vec![Place::default(); if deforms { points as usize } else { 0 }]
+            // Only compared after the point was sent, and known then.
+            vec![PointPlace::default(); if deforms { points as usize } else { 0 }]
         });
         let places = places.collect();
         Resend { rule, ao: vec![None; total], places, due: Vec::new() }
     }
 
-    /// Bytes held.
+    /// Returns the number of heap bytes in use.
     pub(super) fn heap_bytes(&self) -> usize {
         let places = memory::list(&self.places) + self.places.iter().map(memory::list).sum::<usize>();
         memory::list(&self.ao) + places + memory::list(&self.due)
     }
 
-    /// Whether clients are to be sent what a point, of this number in its instance, is now.
+    /// Returns whether clients are to be sent the current values of a point.
     pub(super) fn is_due(
         &self,
         grid: &Grid,
-        (point, instance, number): (u32, usize, usize),
+        PointRef { id, instance, number }: PointRef,
         now: &PointSample,
     ) -> bool {
         let sent_place = self.places[instance].get(number);
         let moved = || sent_place.is_some_and(|sent| place_changed(grid, (now.local, now.normal), *sent));
-        self.ao[point as usize].is_none_or(|sent| self.rule.is_due(now.ao, sent)) || moved()
+        self.ao[id as usize].is_none_or(|sent| self.rule.is_due(now.ao, sent)) || moved()
     }
 
     /// Sends a point with the next frame.
@@ -98,34 +109,34 @@ impl Resend {
         self.due.push((point, sample));
     }
 
-    /// What the next frame sends, by ascending point id.
+    /// Takes the points that the next frame sends, by ascending point id.
     pub(super) fn take_due(&mut self) -> Vec<(u32, PointSample)> {
         let mut due = std::mem::take(&mut self.due);
         due.sort_by_key(|(point, _)| *point);
         due
     }
 
-    /// Notes that a point, of this number in its instance, is being sent.
-    pub(super) fn note(&mut self, (point, instance, number): (u32, usize, usize), sample: &PointSample) {
-        self.ao[point as usize] = Some(self.rule.format.held_ao(sample.ao));
+    /// Records that a point is being sent.
+    pub(super) fn record(&mut self, PointRef { id, instance, number }: PointRef, sample: &PointSample) {
+        self.ao[id as usize] = Some(self.rule.format.held_ao(sample.ao));
         if let Some(place) = self.places[instance].get_mut(number) {
             *place = (sample.local, sample.normal);
         }
     }
 
-    /// Gives a buffer back.
+    /// Takes a buffer back for the next frame.
     pub(super) fn reuse(&mut self, mut due: Vec<(u32, PointSample)>) {
         due.clear();
         self.due = due;
     }
 
-    /// The AO byte of a point as clients hold it; nothing where it was never sent.
+    /// Returns the AO byte of a point as clients hold it; `None` if it was never sent.
     pub(super) fn ao(&self, point: u32) -> Option<u8> {
         self.ao.get(point as usize).copied().flatten()
     }
 
-    /// The place of a point of a deforming instance as last sent.
-    pub(super) fn place(&self, instance: usize, number: usize) -> Option<Place> {
+    /// Returns the place of a point of a deforming instance as last sent.
+    pub(super) fn place(&self, instance: usize, number: usize) -> Option<PointPlace> {
         self.places.get(instance)?.get(number).copied()
     }
 }

@@ -29,7 +29,7 @@ impl FrameRules for Rules {
     }
 }
 
-/// Bytes of one record of a section in a stream of this packing; `None` for sections of other profiles.
+/// Returns the length of one record of a section in bytes; `None` for sections of other profiles.
 pub(super) const fn record_bytes(section: SectionTag, format: PointFormat) -> Option<u32> {
     match section {
         SectionTag::POSES => Some(32),

@@ -1,15 +1,15 @@
-//! What a client holds; the server keeps the same as "last sent".
+//! The state of a client. The server keeps the same as "last sent".
 
 use std::sync::Arc;
 
 use super::{Bucket, Cell, Layout, Pose, bucket_of, cell_id};
 use crate::envelope::FrameIndex;
-use crate::hash::Kind;
+use crate::hash::RecordKind;
 use crate::{StateHash, memory};
 
 /// The state of a stream: buckets, cells and poses, and the hash over all of them.
 ///
-/// Only [`super::apply`] and the encoder change it, so hash and content always agree.
+/// Only [`super::apply`] and the encoder change it, so that hash and content always agree.
 #[derive(Debug, Clone, PartialEq)]
 pub struct State {
     layout: Arc<Layout>,
@@ -21,9 +21,9 @@ pub struct State {
 }
 
 impl State {
-    /// The empty state of a layout: no cells, identity poses, hash 0.
+    /// Creates the empty state of a layout: no cells, identity poses, hash 0.
     ///
-    /// It allocates 64 B a bucket, 28 B a cell and 28 B an instance; [`Layout::new`] has checked the sizes.
+    /// It allocates 64 B a bucket, 28 B a cell and 28 B an instance. [`Layout::new`] has checked the sizes.
     #[must_use]
     pub fn new(layout: Arc<Layout>) -> State {
         let buckets = vec![Bucket::default(); layout.bucket_total() as usize];
@@ -32,58 +32,58 @@ impl State {
         State { layout, buckets, cells, poses, hash: StateHash::default(), frame: None }
     }
 
-    /// Bytes held, the layout included.
-    pub(crate) fn held(&self) -> usize {
-        self.layout.held()
+    /// Returns the heap bytes in use, including the layout.
+    pub(crate) fn heap_bytes(&self) -> usize {
+        self.layout.heap_bytes()
             + memory::list(&self.buckets)
             + memory::list(&self.cells)
             + memory::list(&self.poses)
     }
 
-    /// The layout of the stream.
+    /// Returns the layout of the stream.
     #[must_use]
     pub fn layout(&self) -> &Arc<Layout> {
         &self.layout
     }
 
-    /// The hash of everything below; kept up by every frame.
+    /// Returns the hash of buckets, cells and poses. Every frame updates it.
     #[must_use]
     pub fn hash(&self) -> StateHash {
         self.hash
     }
 
-    /// The last frame applied; `None` before the first.
+    /// Returns the last frame applied; `None` before the first.
     #[must_use]
     pub fn frame(&self) -> Option<FrameIndex> {
         self.frame
     }
 
-    /// All cells, in index order. Those that no bucket names hold stale points.
+    /// Returns all cells, in index order. Those that no bucket names hold stale points.
     #[must_use]
     pub fn cells(&self) -> &[Cell] {
         &self.cells
     }
 
-    /// All buckets, instance after instance.
+    /// Returns all buckets, instance after instance.
     #[must_use]
     pub fn buckets(&self) -> &[Bucket] {
         &self.buckets
     }
 
-    /// The poses of all instances, in order.
+    /// Returns the poses of all instances, in order.
     #[must_use]
     pub fn poses(&self) -> &[Pose] {
         &self.poses
     }
 
-    /// The pose of one instance; `None` where there is no such instance.
+    /// Returns the pose of an instance; `None` if there is no such instance.
     #[must_use]
     pub fn pose(&self, instance: u32) -> Option<&Pose> {
         self.poses.get(instance as usize)
     }
 
-    /// The points of one cell of an instance (paper, section 3.5): hashes the cell, searches its bucket for
-    /// the raw id. `None` where there is no such instance, no such cell, or no point in it.
+    /// Returns the cell of an instance (paper, section 3.5): it hashes the cell and searches its bucket for the raw
+    /// id. `None` if there is no such instance or cell, or the cell has no point.
     #[inline]
     #[must_use]
     pub fn lookup(&self, instance: u32, cell: [u32; 3]) -> Option<&Cell> {
@@ -100,23 +100,23 @@ impl State {
         self.cells.get(entry.cell() as usize)
     }
 
-    /// The hash computed from scratch: the slow twin of [`State::hash`].
+    /// Computes the hash from scratch: the reference of [`State::hash`].
     #[must_use]
     pub fn full_hash(&self) -> StateHash {
         let mut hash = StateHash::default();
         for (index, pose) in (0_u32..).zip(&self.poses) {
-            hash = hash.insert(Kind::Pose, index, &pose.hash_words());
+            hash = hash.insert(RecordKind::Pose, index, &pose.hash_words());
         }
         for (index, bucket) in (0_u32..).zip(&self.buckets) {
-            hash = hash.insert(Kind::Bucket, index, &bucket.to_words());
+            hash = hash.insert(RecordKind::Bucket, index, &bucket.to_words());
         }
         for (index, cell) in (0_u32..).zip(&self.cells) {
-            hash = hash.insert(Kind::Cell, index, cell.words());
+            hash = hash.insert(RecordKind::Cell, index, cell.words());
         }
         hash
     }
 
-    /// Back to the empty state, in place.
+    /// Makes the state empty, in place.
     pub(crate) fn clear(&mut self) {
         self.buckets.fill(Bucket::default());
         self.cells.fill(Cell::default());

@@ -1,4 +1,4 @@
-//! The lossy stage: each quantiser states its rounding and how far it can be off.
+//! Quantisers, the lossy stage. Each states its rounding and its largest error.
 
 pub mod oct;
 pub mod position;

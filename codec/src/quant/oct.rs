@@ -1,31 +1,31 @@
 //! Unit vectors on an octahedron (paper, section 3.2: 4 + 4 bits; Cigolle et al. 2014, "A Survey of
 //! Efficient Representations for Independent Unit Vectors").
 //!
-//! A unit vector is divided by the sum of its absolute values, which puts it on an octahedron; the lower half
-//! (z < 0) is folded over the upper one's diagonals; what is left is a square, -1 to 1 on both axes, and each
-//! axis gets 2^`bits` levels of which the first is -1 and the last is 1. The low bits of the code are x.
+//! A unit vector is divided by the sum of its absolute values, which puts it on an octahedron. The lower half (z < 0)
+//! is folded over the diagonals of the upper half. The result is a square, -1 to 1 on both axes. Each axis gets
+//! 2^`bits` levels, of which the first is -1 and the last is 1. The low bits of the code are x.
 //!
-//! Two bits an axis are the exception: they get three levels, -1, 0 and 1, because four would miss all of the directions
-//! along the axes by 26.6 or 54.7 degrees. Code 3 of an axis is not written, and counts as 2.
+//! Two bits an axis are an exception: they have three levels, -1, 0 and 1. With four levels, all directions along the
+//! axes would be off by 26.6 or 54.7 degrees. Code 3 of an axis is not written; it decodes as 2.
 //!
-//! `bits` are those of one axis, 2 to 8 throughout; [`encode`], [`encode_plain`] and [`decode`] are the paper's 4.
+//! `bits` is the number of bits of one axis, 2 to 8. [`encode`], [`encode_plain`] and [`decode`] use the paper's 4.
 
 use std::sync::LazyLock;
 
 /// Bits of one axis in the paper.
 pub const BITS: u32 = 4;
 
-/// Encodes with 4 + 4 bits: [`encode_bits`].
+/// Encodes with 4 + 4 bits, see [`encode_bits`].
 #[must_use]
 pub fn encode(normal: [f32; 3]) -> u8 {
     encode_bits(BITS, normal) as u8
 }
 
-/// Encodes the direction of `normal` with the best of the four codes around it: the one whose decoded
-/// vector makes the smallest angle. Of equals the first in code order (y, then x) wins.
+/// Encodes the direction of `normal` with the best of the four codes around it: the one whose decoded vector makes the
+/// smallest angle. Of equal codes, the first in code order (y, then x) wins.
 ///
-/// The length of `normal` does not matter. A vector with no direction (zero, or not finite) gets the code
-/// of (0, 0, 1): callers that must not guess check first.
+/// The length of `normal` does not matter. A vector without a direction (zero, or not finite) gets the code of (0, 0,
+/// 1). A caller that must not guess checks first.
 #[inline]
 #[must_use]
 pub fn encode_bits(bits: u32, normal: [f32; 3]) -> u16 {
@@ -43,7 +43,8 @@ pub fn encode_bits(bits: u32, normal: [f32; 3]) -> u16 {
     if best.0 > f32::NEG_INFINITY { best.1 } else { round_axes(bits, normal) }
 }
 
-/// Encodes with 4 + 4 bits by rounding each axis to the nearest level, halves up: cheaper and worse than [`encode`].
+/// Encodes with 4 + 4 bits by rounding each axis to the nearest level, halves up. This is cheaper and less exact than
+/// [`encode`].
 #[must_use]
 pub fn encode_plain(normal: [f32; 3]) -> u8 {
     round_axes(BITS, normal) as u8
@@ -55,14 +56,14 @@ fn round_axes(bits: u32, normal: [f32; 3]) -> u16 {
     join(bits, u, v)
 }
 
-/// The unit vector that a code of 4 + 4 bits stands for.
+/// Returns the unit vector of a code of 4 + 4 bits.
 #[inline]
 #[must_use]
 pub fn decode(code: u8) -> [f32; 3] {
     FOUR[usize::from(code)]
 }
 
-/// The unit vector that a code of 2 times `bits` bits stands for; of larger codes the low bits count.
+/// Returns the unit vector of a code of 2 times `bits` bits. Higher bits are ignored.
 #[inline]
 #[must_use]
 pub fn decode_bits(bits: u32, code: u16) -> [f32; 3] {
@@ -74,7 +75,7 @@ pub fn decode_bits(bits: u32, code: u16) -> [f32; 3] {
     }
 }
 
-/// What every code stands for, where a packing has such codes: a look-up costs less than the division and the
+/// The direction of every code, for the widths that packings use. A look-up costs less than the division and the
 /// square root.
 static TWO: LazyLock<[[f32; 3]; 16]> =
     LazyLock::new(|| std::array::from_fn(|code| direction(2, code as u16)));
@@ -94,7 +95,7 @@ fn direction(bits: u32, code: u16) -> [f32; 3] {
     [x / length, y / length, z / length]
 }
 
-/// Largest angle between a vector and what [`encode_bits`] and [`decode_bits`] make of it, in degrees: the covering
+/// Returns the largest angle in degrees between a vector and its decoded code of [`encode_bits`]. It is the covering
 /// radius of the codes, rounded up, so no encoder can do better with this decoder. The means are 31.9, 11.3, 5.32,
 /// 2.58, 1.27, 0.63 and 0.31 for 2 to 8 bits.
 #[must_use]
@@ -110,14 +111,13 @@ pub fn max_error_degrees(bits: u32) -> f32 {
     }
 }
 
-/// Largest angle between a vector and what [`encode_plain`] and [`decode`] make of it, in degrees (the mean
-/// is 5.68).
+/// Returns the largest angle in degrees between a vector and its decoded code of [`encode_plain`] (the mean is 5.68).
 #[must_use]
 pub fn max_error_plain_degrees() -> f32 {
     15.8
 }
 
-/// Largest code of one axis.
+/// Returns the largest code of one axis.
 fn max_code(bits: u32) -> f32 {
     if bits == 2 { 2.0 } else { ((1_u32 << bits) - 1) as f32 }
 }
@@ -130,7 +130,7 @@ fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// The point of the folded square, -1 to 1 on both axes; (0, 0) for a vector with no direction.
+/// Returns the point of the folded square, -1 to 1 on both axes; (0, 0) for a vector without a direction.
 fn to_square([x, y, z]: [f32; 3]) -> [f32; 2] {
     let sum = x.abs() + y.abs() + z.abs();
     if !(sum > 0.0 && sum.is_finite()) {
@@ -143,7 +143,7 @@ fn to_square([x, y, z]: [f32; 3]) -> [f32; 2] {
     [(1.0 - v.abs()) * sign(u), (1.0 - u.abs()) * sign(v)]
 }
 
-/// 1 or -1; both zeros count as positive, so that -0 and 0 encode alike.
+/// Returns 1 or -1. Both zeros count as positive, so that -0 and 0 encode alike.
 fn sign(value: f32) -> f32 {
     if value >= 0.0 { 1.0 } else { -1.0 }
 }
@@ -161,7 +161,7 @@ mod tests {
         cosine.clamp(-1.0, 1.0).acos().to_degrees()
     }
 
-    /// Evenly spread directions: a spiral from pole to pole, turning by the golden angle.
+    /// Returns evenly distributed directions: a spiral from pole to pole that turns by the golden angle.
     fn directions(count: u32) -> impl Iterator<Item = [f32; 3]> {
         (0..count).map(move |at| {
             let z = 1.0 - (2.0 * f64::from(at) + 1.0) / f64::from(count);
@@ -171,7 +171,7 @@ mod tests {
         })
     }
 
-    /// The smallest angle that any code makes with `normal`.
+    /// Returns the smallest angle between `normal` and any code.
     fn brute_force(bits: u32, normal: [f32; 3]) -> f64 {
         let codes = 0..1_u32 << (2 * bits);
         codes.map(|code| angle(decode_bits(bits, code as u16), normal)).fold(f64::INFINITY, f64::min)

@@ -1,8 +1,8 @@
-//! Position in a cell: some bits an axis (paper, section 3.2: 5 bits, 15 a point).
+//! Quantiser of positions in a cell (paper, section 3.2: 5 bits an axis, 15 a point).
 //!
-//! `bits` is 1 to 8 throughout.
+//! `bits` is the number of bits of one axis, 1 to 8.
 
-/// Largest code of one axis. Code 0 is the cell's low face, this code its high face.
+/// Returns the largest code of one axis. Code 0 is the low face of the cell, this code its high face.
 #[inline]
 #[must_use]
 pub const fn max_code(bits: u32) -> u8 {
@@ -15,19 +15,19 @@ pub const fn max_code(bits: u32) -> u8 {
 #[inline]
 #[must_use]
 pub fn quantise(bits: u32, fraction: f32) -> u8 {
-    // The cast makes 0 of NaN, and truncates, which is the floor of what is not negative.
+    // The cast turns NaN into 0. It truncates, which is the floor of a value that is not negative.
     (fraction.clamp(0.0, 1.0) * f32::from(max_code(bits)) + 0.5) as u8
 }
 
-/// The fraction of the cell edge that a code stands for; of larger codes the low bits count.
+/// Returns the fraction of the cell edge of a code. Higher bits are ignored.
 #[inline]
 #[must_use]
 pub fn dequantise(bits: u32, code: u8) -> f32 {
     f32::from(code & max_code(bits)) / f32::from(max_code(bits))
 }
 
-/// Largest |fraction - dequantise(quantise(fraction))| for a fraction in 0 to 1: half a step and the
-/// rounding of `f32`, in cell edges. In space, an axis is off by at most this times the edge.
+/// Returns the largest |fraction - dequantise(quantise(fraction))| for a fraction in 0 to 1, in cell edges: half a
+/// step and the rounding of `f32`. In space, an axis is off by at most this times the edge.
 #[must_use]
 pub fn max_error(bits: u32) -> f32 {
     0.5 / f32::from(max_code(bits)) + 2.0 * f32::EPSILON

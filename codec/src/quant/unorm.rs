@@ -1,5 +1,5 @@
-//! Accessibility: a byte where it is worked out and compared (paper, section 3.2: 8 bits a point), fewer bits where
-//! a packing has no room for it.
+//! Quantiser of accessibility. It is a byte where it is computed and compared (paper, section 3.2: 8 bits a point),
+//! and fewer bits in packings without room for a byte.
 
 /// Quantises accessibility, 0 (closed) to 1 (open), to the nearest of 256 levels; halves round up.
 ///
@@ -10,21 +10,21 @@ pub fn quantise(ao: f32) -> u8 {
     (ao.clamp(0.0, 1.0) * 255.0 + 0.5) as u8
 }
 
-/// The accessibility that a byte stands for, 0 to 1.
+/// Returns the accessibility of a byte, 0 to 1.
 #[inline]
 #[must_use]
 pub fn dequantise(code: u8) -> f32 {
     f32::from(code) / 255.0
 }
 
-/// Largest |ao - dequantise(quantise(ao))| for `ao` in 0 to 1: half a step and the rounding of `f32`.
+/// Returns the largest |ao - dequantise(quantise(ao))| for `ao` in 0 to 1: half a step and the rounding of `f32`.
 #[must_use]
 pub fn max_error() -> f32 {
     0.5 / 255.0 + 2.0 * f32::EPSILON
 }
 
-/// The code of `bits` bits (1 to 8) whose level is nearest to a byte; halves round up. 0 and 255 become the first
-/// and the last code.
+/// Returns the code of `bits` bits (1 to 8) whose level is nearest to a byte; halves round up. 0 and 255 become the
+/// first and the last code.
 #[inline]
 #[must_use]
 pub const fn narrow(bits: u32, byte: u8) -> u8 {
@@ -35,8 +35,8 @@ pub const fn narrow(bits: u32, byte: u8) -> u8 {
     ((byte as u32 * 2 * max + 255) / 510) as u8
 }
 
-/// The byte nearest to the level of a code of `bits` bits (1 to 8): `code * 255 / (2^bits - 1)`, halves up. Of larger
-/// codes the low bits count.
+/// Returns the byte nearest to the level of a code of `bits` bits (1 to 8): `code * 255 / (2^bits - 1)`, halves up.
+/// Higher bits are ignored.
 #[inline]
 #[must_use]
 pub const fn widen(bits: u32, code: u8) -> u8 {
@@ -47,7 +47,7 @@ pub const fn widen(bits: u32, code: u8) -> u8 {
     (((code as u32 & max) * 510 + max) / (2 * max)) as u8
 }
 
-/// Largest difference between a byte and what [`narrow`] and [`widen`] make of it: half a step, in 255ths.
+/// Returns the largest difference between a byte and its value after [`narrow`] and [`widen`]: half a step, in 255ths.
 #[must_use]
 pub const fn max_narrow_error(bits: u32) -> u8 {
     (255 / (2 * ((1_u32 << bits) - 1))) as u8

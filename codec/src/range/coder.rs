@@ -1,31 +1,32 @@
-//! Binary range coder without carries: the interval is a pair of 32-bit bounds, bytes leave when both agree on them.
+//! A binary range coder without carries. The interval is a pair of 32-bit bounds; a byte leaves as soon as both agree
+//! on it.
 
-/// Where decisions go to, or come from.
-pub(crate) trait Bits {
-    /// Codes one decision. `one` is the probability of `true` in 65,536ths, 1 to 65,535. A writer codes `wanted` and
-    /// gives it back; a reader does not look at it.
-    fn bit(&mut self, one: u32, wanted: bool) -> bool;
+/// A coder of binary decisions: it writes or reads them.
+pub(crate) trait BinaryCoder {
+    /// Codes one decision. `one` is the probability of `true` in 65,536ths, 1 to 65,535. An encoder writes `source`
+    /// and returns it; a decoder ignores it.
+    fn bit(&mut self, one: u32, source: bool) -> bool;
 
-    /// What the decisions from here on are about; of use to who counts bits only.
+    /// Sets the class of the decisions that follow. Only coders that count bits need it.
     #[inline]
-    fn about(&mut self, _subject: Subject) {}
+    fn set_class(&mut self, _subject: SymbolClass) {}
 
-    /// Codes the low `count` bits of `wanted`, high bit first, each as likely as not.
-    fn plain(&mut self, count: u32, wanted: u32) -> u32 {
-        (0..count).rev().fold(0, |value, at| value << 1 | u32::from(self.bit(1 << 15, wanted >> at & 1 == 1)))
+    /// Codes the low `count` bits of `source`, high bit first, each with probability 1/2.
+    fn plain(&mut self, count: u32, source: u32) -> u32 {
+        (0..count).rev().fold(0, |value, at| value << 1 | u32::from(self.bit(1 << 15, source >> at & 1 == 1)))
     }
 }
 
-/// What a decision of a frame of changes is about.
+/// The class of a decision of a frame of changes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Subject {
-    /// The quantum, and which blocks have a change.
+pub(crate) enum SymbolClass {
+    /// The quantum, and the blocks that have a change.
     Blocks,
-    /// Which points of a block change.
+    /// The points of a block that change.
     Points,
-    /// Whether a point becomes darker.
-    Ways,
-    /// By how much.
+    /// The sign of a change.
+    Signs,
+    /// The size of a change.
     Sizes,
 }
 
@@ -38,17 +39,17 @@ pub(crate) struct RangeEncoder<'a> {
 }
 
 impl<'a> RangeEncoder<'a> {
-    /// A writer that appends to `out`.
+    /// Creates an encoder that appends to `out`.
     pub(crate) fn new(out: &'a mut Vec<u8>) -> RangeEncoder<'a> {
         RangeEncoder { low: 0, high: u32::MAX, out }
     }
 
-    /// Bytes in `out` so far.
+    /// Returns the number of bytes in `out` so far.
     pub(crate) fn len(&self) -> usize {
         self.out.len()
     }
 
-    /// Writes the shortest ending that, with zeros after it, lies in the interval.
+    /// Writes the shortest ending that lies in the interval when zeros follow it.
     pub(crate) fn finish(self) {
         for kept in 0..4 {
             // The smallest number at least `low` whose bytes after the first `kept` are zero.
@@ -63,18 +64,18 @@ impl<'a> RangeEncoder<'a> {
     }
 }
 
-/// Where an interval is cut in two: the lower part, up to and including the cut, means `true`.
+/// Returns where an interval is cut in two. The lower part, which includes the cut, means `true`.
 #[inline]
 fn cut(low: u32, high: u32, one: u32) -> u32 {
     debug_assert!((1..1 << 16).contains(&one), "probability {one}");
     low + ((u64::from(high - low) * u64::from(one)) >> 16) as u32
 }
 
-impl Bits for RangeEncoder<'_> {
+impl BinaryCoder for RangeEncoder<'_> {
     #[inline]
-    fn bit(&mut self, one: u32, wanted: bool) -> bool {
+    fn bit(&mut self, one: u32, source: bool) -> bool {
         let cut = cut(self.low, self.high, one);
-        if wanted {
+        if source {
             self.high = cut;
         } else {
             self.low = cut + 1;
@@ -84,30 +85,30 @@ impl Bits for RangeEncoder<'_> {
             self.low <<= 8;
             self.high = self.high << 8 | 0xFF;
         }
-        wanted
+        source
     }
 }
 
-/// Reads decisions. It never fails while reading: what is missing counts as zeros, and [`RangeDecoder::finish`]
-/// says afterwards whether the bytes were those of a writer.
+/// Reads decisions. Reading never fails: missing bytes count as zeros. [`RangeDecoder::finish`] then tells whether an
+/// encoder wrote the bytes.
 #[derive(Debug)]
 pub(crate) struct RangeDecoder<'a> {
     low: u32,
     high: u32,
     code: u32,
     bytes: &'a [u8],
-    /// Bytes taken, those beyond the end included.
+    /// Bytes read, including those beyond the end.
     taken: usize,
 }
 
-/// How the bytes of a block do not fit what was read from them.
+/// A block that is longer or shorter than its decisions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Misfit {
+pub(crate) enum LengthMismatch {
     /// The block ends too early.
     Short,
-    /// Bytes are left over.
+    /// Bytes remain.
     Long {
-        /// How many.
+        /// Their number.
         extra: usize,
     },
 }
@@ -128,23 +129,24 @@ impl<'a> RangeDecoder<'a> {
         self.code = self.code << 8 | u32::from(byte);
     }
 
-    /// Whether the block can end here: a writer's ending is at most four bytes shorter than what a reader takes.
-    pub(crate) fn finish(self) -> Result<(), Misfit> {
+    /// Checks that the block may end here. The ending of an encoder is at most four bytes shorter than what a decoder
+    /// reads.
+    pub(crate) fn finish(self) -> Result<(), LengthMismatch> {
         let length = self.bytes.len();
         if self.taken < length {
-            return Err(Misfit::Long { extra: length - self.taken });
+            return Err(LengthMismatch::Long { extra: length - self.taken });
         }
-        if self.taken > length + 4 { Err(Misfit::Short) } else { Ok(()) }
+        if self.taken > length + 4 { Err(LengthMismatch::Short) } else { Ok(()) }
     }
 
-    /// Whether more was read than any writer leaves out: nothing sensible follows.
+    /// Returns whether more was read than an encoder ever leaves out. Then nothing sensible follows.
     #[inline]
     pub(crate) fn is_exhausted(&self) -> bool {
         self.taken > self.bytes.len() + 4
     }
 }
 
-impl Bits for RangeDecoder<'_> {
+impl BinaryCoder for RangeDecoder<'_> {
     #[inline]
     fn bit(&mut self, one: u32, _: bool) -> bool {
         let cut = cut(self.low, self.high, one);
@@ -179,7 +181,7 @@ mod tests {
         out
     }
 
-    fn read(bytes: &[u8], decisions: &[(u32, bool)]) -> (Vec<bool>, Result<(), Misfit>) {
+    fn read(bytes: &[u8], decisions: &[(u32, bool)]) -> (Vec<bool>, Result<(), LengthMismatch>) {
         let mut decoder = RangeDecoder::new(bytes);
         let bits = decisions.iter().map(|(one, _)| decoder.bit(*one, false)).collect();
         (bits, decoder.finish())
@@ -189,7 +191,7 @@ mod tests {
     fn nothing_takes_nothing() {
         assert_eq!(write(&[]), []);
         assert_eq!(RangeDecoder::new(&[]).finish(), Ok(()));
-        assert_eq!(RangeDecoder::new(&[0; 5]).finish(), Err(Misfit::Long { extra: 1 }));
+        assert_eq!(RangeDecoder::new(&[0; 5]).finish(), Err(LengthMismatch::Long { extra: 1 }));
     }
 
     #[test]
@@ -223,7 +225,7 @@ mod tests {
             prop_assert_eq!(end, Ok(()));
             let mut long = bytes;
             long.extend_from_slice(&[0; 5]);
-            let refused = matches!(read(&long, &decisions).1, Err(Misfit::Long { .. }));
+            let refused = matches!(read(&long, &decisions).1, Err(LengthMismatch::Long { .. }));
             prop_assert!(refused);
         }
     }

@@ -1,44 +1,43 @@
-//! Several opinions on one decision, weighed by how right they were (logistic mixing; the PAQ
-//! family describe the principle: M. Mahoney, "Adaptive weighing of context models for lossless data compression",
-//! 2005).
+//! Logistic mixing: a decision has several inputs, each weighted by how well it predicted so far. The PAQ family of
+//! compressors introduced it (M. Mahoney, "Adaptive weighing of context models for lossless data compression", 2005).
 //!
 //! Probabilities are mixed in the logistic domain: `x = ln(p / (1 - p))`, here in 256ths, -2,047 to 2,047.
 
 use std::sync::LazyLock;
 
-use super::{Bits, Slot};
+use super::{BinaryCoder, BitModel};
 use crate::memory;
 
 /// The logistic function and its inverse as integer tables.
 pub(crate) struct Logistic {
     /// By probability in 4,096ths.
     stretch: [i16; 4096],
-    /// By logistic value and 2,048: what [`squash`] gives.
+    /// By logistic value plus 2,048: the results of [`squash`].
     squash: [u16; 4096],
 }
 
-/// 65,536 / (1 + exp(-x)) for x = -8, -7.5 .. 8, rounded; the last one is as far from the end as the first.
+/// 65,536 / (1 + exp(-x)) for x = -8, -7.5 .. 8, rounded. The first and last values are equally far from the ends.
 const SQUASH: [i32; 33] = [
     22, 36, 60, 98, 162, 267, 439, 720, 1179, 1921, 3108, 4971, 7812, 11_955, 17_625, 24_743, 32_768, 40_793,
     47_911, 53_581, 57_724, 60_565, 62_428, 63_615, 64_357, 64_816, 65_097, 65_269, 65_374, 65_438, 65_476,
     65_500, 65_514,
 ];
 
-/// The probability in 65,536ths of a logistic value in 256ths, interpolated between the knots of [`SQUASH`].
+/// Returns the probability in 65,536ths of a logistic value in 256ths, interpolated between the knots of [`SQUASH`].
 fn squash(x: i32) -> i32 {
     let x = x.clamp(-2047, 2047) + 2048;
     let (knot, part) = ((x >> 7) as usize, x & 127);
     (SQUASH[knot] * (128 - part) + SQUASH[knot + 1] * part + 64) >> 7
 }
 
-/// The tables, made once.
+/// Returns the tables, which are computed once.
 pub(crate) fn logistic() -> &'static Logistic {
     static TABLES: LazyLock<Logistic> = LazyLock::new(|| {
-        // For every probability the smallest logistic value that gives at least the middle of its step.
+        // For every probability: the smallest logistic value whose `squash` is at least the middle of its step.
         let mut x = -2047;
         let stretch = std::array::from_fn(|step| {
-            let wanted = 16 * step as i32 + 8;
-            while x < 2047 && squash(x) < wanted {
+            let source = 16 * step as i32 + 8;
+            while x < 2047 && squash(x) < source {
                 x += 1;
             }
             x as i16
@@ -49,10 +48,10 @@ pub(crate) fn logistic() -> &'static Logistic {
     &TABLES
 }
 
-/// Largest weight, either way.
+/// Largest absolute value of a weight.
 pub(crate) const MAX_WEIGHT: i32 = 1 << 20;
 
-/// Weights of `N` opinions, one set of weights for each of a few situations. Weights are in 65,536ths.
+/// Weights of `N` inputs in 65,536ths, one set for each situation.
 #[derive(Debug, PartialEq)]
 pub(crate) struct Mixer<const N: usize> {
     pub(crate) weights: Vec<[i32; N]>,
@@ -69,14 +68,14 @@ impl<const N: usize> Clone for Mixer<N> {
 }
 
 impl<const N: usize> Mixer<N> {
-    /// Equal weights, in every of `situations` situations, that add up to a little more than one: opinions are seldom
-    /// sure enough alone.
+    /// Creates equal weights for each of `situations` situations. They sum to slightly more than 1, because single
+    /// inputs tend to be under-confident.
     pub(crate) fn new(situations: usize) -> Mixer<N> {
         Mixer { weights: vec![[Self::FIRST_WEIGHT; N]; situations] }
     }
 
-    /// Bytes held.
-    pub(crate) fn held(&self) -> usize {
+    /// Returns the number of heap bytes in use.
+    pub(crate) fn heap_bytes(&self) -> usize {
         memory::list(&self.weights)
     }
 
@@ -87,45 +86,45 @@ impl<const N: usize> Mixer<N> {
         _ => 32_768,
     };
 
-    /// Codes a decision: the opinions of `slots` are weighed, and all learn from what it was.
+    /// Codes a decision that mixes the probabilities of `models`. The models and the weights learn from it.
     #[cfg(any(test, feature = "testing"))]
-    pub(crate) fn code<B: Bits>(
+    pub(crate) fn code<B: BinaryCoder>(
         &mut self,
         logistic: &Logistic,
-        bits: &mut B,
+        coder: &mut B,
         situation: usize,
-        slots: [&mut Slot; N],
-        wanted: bool,
+        models: [&mut BitModel; N],
+        source: bool,
     ) -> bool {
-        let opinions = std::array::from_fn(|n| logistic.stretch(*slots[n]));
-        let bit = self.code_opinions(logistic, bits, situation, opinions, wanted);
-        for slot in slots {
-            slot.learn(bit);
+        let inputs = std::array::from_fn(|n| logistic.stretch(*models[n]));
+        let bit = self.code_inputs(logistic, coder, situation, inputs, source);
+        for model in models {
+            model.learn(bit);
         }
         bit
     }
 
-    /// Codes a decision by opinions in the logistic domain; the weights learn.
+    /// Codes a decision from inputs in the logistic domain. The weights learn from it.
     #[inline]
-    pub(crate) fn code_opinions<B: Bits>(
+    pub(crate) fn code_inputs<B: BinaryCoder>(
         &mut self,
         logistic: &Logistic,
-        bits: &mut B,
+        coder: &mut B,
         situation: usize,
-        opinions: [i32; N],
-        wanted: bool,
+        inputs: [i32; N],
+        source: bool,
     ) -> bool {
         let weights = &mut self.weights[situation];
-        let sum: i64 = (0..N).map(|n| i64::from(weights[n]) * i64::from(opinions[n])).sum();
+        let sum: i64 = (0..N).map(|n| i64::from(weights[n]) * i64::from(inputs[n])).sum();
         let place = ((sum >> 16).clamp(-2047, 2047) + 2048) as usize;
         let mixed = i32::from(logistic.squash[place & 4095]);
         let one = mixed.clamp(32, 65_536 - 32);
-        let bit = bits.bit(one as u32, wanted);
+        let bit = coder.bit(one as u32, source);
         // Gradient of the coding cost, times 5/256: small enough to be steady, large enough to follow a scene.
         let miss = (i32::from(bit) << 16) - mixed;
-        for (weight, opinion) in weights.iter_mut().zip(opinions) {
+        for (weight, input) in weights.iter_mut().zip(inputs) {
             // Below 2^11 times 5 * 2^16.
-            let step = (opinion * (miss * 5) + 0x8000) >> 16;
+            let step = (input * (miss * 5) + 0x8000) >> 16;
             *weight = (*weight + step).clamp(-MAX_WEIGHT, MAX_WEIGHT);
         }
         bit
@@ -133,10 +132,10 @@ impl<const N: usize> Mixer<N> {
 }
 
 impl Logistic {
-    /// The opinion of a slot.
+    /// Returns the logistic value of a bit model.
     #[inline]
-    pub(crate) fn stretch(&self, slot: Slot) -> i32 {
-        i32::from(self.stretch[slot.in_4096()])
+    pub(crate) fn stretch(&self, model: BitModel) -> i32 {
+        i32::from(self.stretch[model.in_4096()])
     }
 }
 
@@ -163,7 +162,7 @@ mod tests {
 
     #[test]
     fn mixing_beats_each_opinion_and_reads_back() {
-        // Two clues, each right most of the time; together they nearly decide.
+        // Two clues, each usually right; together they almost decide.
         let history: Vec<[bool; 3]> = (0..8000_u32)
             .map(|n| {
                 let noise =
@@ -189,21 +188,21 @@ mod tests {
         assert_eq!(decoder.finish(), Ok(()));
     }
 
-    /// A slot for each answer of each clue.
+    /// A bit model for each answer of each clue.
     struct Clues {
         mixer: Mixer<2>,
-        slots: [[Slot; 2]; 2],
+        models: [[BitModel; 2]; 2],
     }
 
     impl Clues {
         fn new() -> Clues {
-            Clues { mixer: Mixer::new(1), slots: [[Slot::new(1 << 15); 2]; 2] }
+            Clues { mixer: Mixer::new(1), models: [[BitModel::new(1 << 15); 2]; 2] }
         }
 
-        fn code<B: Bits>(&mut self, bits: &mut B, step: &[bool; 3], wanted: bool) -> bool {
-            let [a, b] = &mut self.slots;
-            let slots = [&mut a[usize::from(step[1])], &mut b[usize::from(step[2])]];
-            self.mixer.code(logistic(), bits, 0, slots, wanted)
+        fn code<B: BinaryCoder>(&mut self, coder: &mut B, step: &[bool; 3], source: bool) -> bool {
+            let [a, b] = &mut self.models;
+            let models = [&mut a[usize::from(step[1])], &mut b[usize::from(step[2])]];
+            self.mixer.code(logistic(), coder, 0, models, source)
         }
     }
 }

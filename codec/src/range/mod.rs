@@ -1,15 +1,18 @@
-//! The adaptive range coder of profile `surface`: binary decisions, each with a probability that both sides learn.
+//! The adaptive range coder of profile `surface`: binary decisions, each with a probability that both ends learn.
 //!
-//! Everything is integer arithmetic, so encoder and decoder agree on any machine; `docs/spec/codec.md`, "Range
-//! coder", has the same words and the tables. A model walks its data once, in one function for both directions: it
-//! hands every decision to a [`Bits`], which writes it or reads it.
+//! Everything is integer arithmetic, so encoder and decoder agree on every machine. `docs/spec/codec.md`, "Range
+//! coder", uses the same words and has the tables.
+//!
+//! A model walks its data in one function for both directions. It passes every decision to a [`BinaryCoder`], which
+//! writes or reads it. In these functions `source` is the data that an encoder writes, and `coded` what both ends have
+//! afterwards. A decoder passes an empty `source`, which nobody reads.
 
+mod bit_model;
 mod coder;
 mod mixer;
 mod number;
-mod slot;
 
-pub(crate) use coder::{Bits, Misfit, RangeDecoder, RangeEncoder, Subject};
+pub(crate) use bit_model::BitModel;
+pub(crate) use coder::{BinaryCoder, LengthMismatch, RangeDecoder, RangeEncoder, SymbolClass};
 pub(crate) use mixer::{Logistic, MAX_WEIGHT, Mixer, logistic};
-pub(crate) use number::Number;
-pub(crate) use slot::Slot;
+pub(crate) use number::NumberModel;

@@ -1,40 +1,40 @@
-//! Whole numbers as decisions: how many bits, then the bits.
+//! Codes whole numbers as decisions: the number of significant bits, then the bits.
 
-use super::{Bits, Slot};
+use super::{BinaryCoder, BitModel};
 
-/// Codes numbers, small ones best: the count of significant bits in unary (each step its own slot), then the bits
-/// below the highest one, of which the first has a slot and the others are as likely as not.
+/// Codes numbers; small ones cost least. The number of significant bits is unary, with a bit model for each step. Of
+/// the bits below the highest one, the first has a bit model and the others have probability 1/2.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Number {
-    /// By count of bits so far.
-    more: [Slot; 32],
-    /// By count of bits: the one below the highest.
-    second: [Slot; 32],
+pub(crate) struct NumberModel {
+    /// By the number of bits so far: whether there are more.
+    more: [BitModel; 32],
+    /// By the number of bits: the one below the highest.
+    second: [BitModel; 32],
 }
 
-impl Number {
-    pub(crate) fn new() -> Number {
-        Number { more: [Slot::new(1 << 15); 32], second: [Slot::new(1 << 15); 32] }
+impl NumberModel {
+    pub(crate) fn new() -> NumberModel {
+        NumberModel { more: [BitModel::new(1 << 15); 32], second: [BitModel::new(1 << 15); 32] }
     }
 
-    /// All slots, in order.
-    pub(crate) fn slots(&self) -> impl Iterator<Item = &Slot> {
+    /// Returns all bit models, in order.
+    pub(crate) fn models(&self) -> impl Iterator<Item = &BitModel> {
         self.more.iter().chain(&self.second)
     }
 
-    /// All slots, in order.
-    pub(crate) fn slots_mut(&mut self) -> impl Iterator<Item = &mut Slot> {
+    /// Returns all bit models, in order.
+    pub(crate) fn models_mut(&mut self) -> impl Iterator<Item = &mut BitModel> {
         self.more.iter_mut().chain(&mut self.second)
     }
 
-    /// Codes `wanted`, which is below 2^31. A reader never returns more.
-    pub(crate) fn code<B: Bits>(&mut self, bits: &mut B, wanted: u32) -> u32 {
-        let significant = 32 - wanted.leading_zeros();
+    /// Codes `source`, which is below 2^31. A decoder never returns more.
+    pub(crate) fn code<B: BinaryCoder>(&mut self, coder: &mut B, source: u32) -> u32 {
+        let significant = 32 - source.leading_zeros();
         let mut count = 0_u32;
         while count < 31 {
-            let slot = &mut self.more[count as usize];
-            let more = bits.bit(slot.one(), count < significant);
-            slot.learn(more);
+            let model = &mut self.more[count as usize];
+            let more = coder.bit(model.one(), count < significant);
+            model.learn(more);
             if !more {
                 break;
             }
@@ -43,17 +43,17 @@ impl Number {
         if count < 2 {
             return count;
         }
-        let slot = &mut self.second[count as usize];
-        let second = bits.bit(slot.one(), wanted >> (count - 2) & 1 == 1);
-        slot.learn(second);
-        let low = bits.plain(count - 2, wanted & ((1 << (count - 2)) - 1));
+        let model = &mut self.second[count as usize];
+        let second = coder.bit(model.one(), source >> (count - 2) & 1 == 1);
+        model.learn(second);
+        let low = coder.plain(count - 2, source & ((1 << (count - 2)) - 1));
         (2 | u32::from(second)) << (count - 2) | low
     }
 
-    /// Codes a number with a sign: 0, -1, 1, -2 .. as 0, 1, 2, 3 ...
-    pub(crate) fn code_signed<B: Bits>(&mut self, bits: &mut B, wanted: i32) -> i32 {
-        let folded = ((wanted << 1) ^ (wanted >> 31)) as u32;
-        let folded = self.code(bits, folded);
+    /// Codes a signed number: 0, -1, 1, -2 .. as 0, 1, 2, 3 ..
+    pub(crate) fn code_signed<B: BinaryCoder>(&mut self, coder: &mut B, source: i32) -> i32 {
+        let folded = ((source << 1) ^ (source >> 31)) as u32;
+        let folded = self.code(coder, folded);
         (folded >> 1) as i32 ^ -((folded & 1) as i32)
     }
 }
@@ -73,12 +73,12 @@ mod tests {
         ) {
             let mut out = Vec::new();
             let mut encoder = RangeEncoder::new(&mut out);
-            let mut model = Number::new();
+            let mut model = NumberModel::new();
             numbers.iter().for_each(|n| { model.code(&mut encoder, *n); });
             signed.iter().for_each(|n| { model.code_signed(&mut encoder, *n); });
             encoder.finish();
             let mut decoder = RangeDecoder::new(&out);
-            let mut model = Number::new();
+            let mut model = NumberModel::new();
             for n in numbers {
                 prop_assert_eq!(model.code(&mut decoder, 0), n);
             }
@@ -91,7 +91,7 @@ mod tests {
         #[test]
         fn noise_reads_as_numbers_in_range(noise in prop::collection::vec(any::<u8>(), 0..64)) {
             let mut decoder = RangeDecoder::new(&noise);
-            let mut model = Number::new();
+            let mut model = NumberModel::new();
             for _ in 0..40 {
                 prop_assert!(model.code(&mut decoder, 0) < 1 << 31);
             }

@@ -1,10 +1,10 @@
-//! Slow, obvious twins of the fast paths, for tests and fuzzing. They search everything, rebuild everything
-//! and keep nothing that they could work out again.
+//! References: slow and plain implementations to check the fast ones against, in tests and fuzzing. They search
+//! everything, rebuild everything and store nothing that they can compute again.
 
-mod decode;
-mod encoder;
+mod paper_decoder;
+mod paper_encoder;
 mod surface;
 
-pub use decode::{Refused, apply};
-pub use encoder::NaiveEncoder;
-pub use surface::{NaiveSurfaceEncoder, apply_surface};
+pub use paper_decoder::{ReferenceError, apply};
+pub use paper_encoder::PaperReferenceEncoder;
+pub use surface::{SurfaceReferenceEncoder, apply_surface};

@@ -1,18 +1,18 @@
-//! Streams under a byte budget: what is stated of bytes, error and waiting, and what the order is worth.
+//! Tests of streams with a byte budget: the stated bounds of bytes, error and waiting, and the benefit of the order.
 
 use proptest::prelude::*;
 
-use super::tests::{CODERS, client, meta, offer, stream};
+use super::tests::{CODERS, client, meta, set_frame_ao, stream};
 use super::*;
 use crate::Limits;
 use crate::block::BlockCoder;
 use crate::envelope::{EncodedFrame, FrameKind, SectionTag};
-use crate::reference::NaiveSurfaceEncoder;
+use crate::reference::SurfaceReferenceEncoder;
 
 const KEY: FrameKind = FrameKind::Key;
 const DELTA: FrameKind = FrameKind::Delta;
 
-/// The encoder of the tests' stream with a budget.
+/// Returns the encoder of the tests' stream with a budget.
 fn budgeted(threshold: u8, bytes: u32, longest_age: u16) -> Encoder {
     let plain = stream(GeometrySource::Shared, threshold);
     let layout = std::sync::Arc::clone(plain.state().layout());
@@ -21,7 +21,7 @@ fn budgeted(threshold: u8, bytes: u32, longest_age: u16) -> Encoder {
     Encoder::new(layout, geometry, EncoderSettings { budget, ..*plain.settings() }).unwrap()
 }
 
-/// Numbers that look random, from a seed.
+/// Pseudo-random numbers from a seed.
 struct Dice(u32);
 
 impl Dice {
@@ -50,14 +50,14 @@ impl Walk {
         }
     }
 
-    fn offer(&self, encoder: &mut Encoder) {
+    fn set_ao(&self, encoder: &mut Encoder) {
         for (point, ao) in (0..).zip(&self.ao) {
             encoder.set_ao(point, *ao).unwrap();
         }
     }
 }
 
-/// AO that clients hold, in the order of point ids.
+/// Returns the AO of clients, in the order of point ids.
 fn held(state: &State) -> Vec<u8> {
     (0..state.layout().members().len() as u32).flat_map(|instance| state.values(instance)).copied().collect()
 }
@@ -78,10 +78,10 @@ proptest! {
         let mut state = client(&encoder);
         let mut decoder = Decoder::new();
         let mut walk = Walk::new(state.layout().points(), seed);
-        let mut offered: Vec<Vec<u8>> = Vec::new();
+        let mut latest: Vec<Vec<u8>> = Vec::new();
         for number in 0..30 {
-            encoder.weigh(walk.dice.roll(4), walk.dice.roll(5) as usize, walk.dice.roll(200) as u16);
-            walk.offer(&mut encoder);
+            encoder.set_weight(walk.dice.roll(4), walk.dice.roll(5) as usize, walk.dice.roll(200) as u16);
+            walk.set_ao(&mut encoder);
             let kind = if number == 0 { KEY } else { DELTA };
             let frame = encoder.finish(meta(kind, number), CODERS[coder]).unwrap();
             decoder.decode(&mut state, &frame.body, &Limits::default()).unwrap();
@@ -91,11 +91,11 @@ proptest! {
             prop_assert!(postponed.oldest <= longest_age);
             let kept = frame.body.len() <= bytes as usize;
             prop_assert!(kept || kind == KEY || changes(&frame) == postponed.forced as usize, "{postponed:?}");
-            offered.push(walk.ao.clone());
-            let late = offered.len().min(usize::from(longest_age) + 1);
-            let last = &offered[offered.len() - late..];
+            latest.push(walk.ao.clone());
+            let late = latest.len().min(usize::from(longest_age) + 1);
+            let last = &latest[latest.len() - late..];
             for (point, held) in held(&state).into_iter().enumerate() {
-                let near = last.iter().any(|offered| offered[point].abs_diff(held) < threshold);
+                let near = last.iter().any(|latest| latest[point].abs_diff(held) < threshold);
                 prop_assert!(near, "point {point} in frame {number}");
             }
             walk.step(jump);
@@ -130,7 +130,7 @@ proptest! {
         const BYTES: usize = 200;
         let mut encoder = budgeted(threshold, BYTES as u32, u16::MAX);
         let layout = std::sync::Arc::clone(encoder.state().layout());
-        let mut naive = NaiveSurfaceEncoder::new(std::sync::Arc::clone(&layout), *encoder.settings());
+        let mut reference = SurfaceReferenceEncoder::new(std::sync::Arc::clone(&layout), *encoder.settings());
         let mut walk = Walk::new(layout.points(), seed);
         let (mut due, mut longest) = (0, 0);
         let (mut least, mut largest) = (u64::MAX, 0);
@@ -138,16 +138,16 @@ proptest! {
         let (fixed, each) = (50 + 1 + layout.blocks().div_ceil(8), 8 + 2);
         let sent_at_least = (BYTES * 15 / 16 - fixed) / each - 1;
         for number in 0..200 {
-            walk.offer(&mut encoder);
+            walk.set_ao(&mut encoder);
             for (point, ao) in (0..).zip(&walk.ao) {
-                naive.set_ao(point, *ao);
+                reference.set_ao(point, *ao);
             }
             let kind = if number == 0 { KEY } else { DELTA };
-            let (mut ranked, _) = naive.ranked();
+            let (mut ranked, _) = reference.ranked();
             if kind == DELTA {
                 due = due.max(ranked.len());
                 for point in &ranked {
-                    let product = naive.priority(*point) / (naive.waited(*point) + 1);
+                    let product = reference.priority(*point) / (reference.waited(*point) + 1);
                     (least, largest) = (least.min(product), largest.max(product));
                 }
             }
@@ -156,13 +156,13 @@ proptest! {
             let postponed = *encoder.postponed().unwrap();
             prop_assert!(postponed.points == 0 || sent >= sent_at_least, "{sent} of {}", ranked.len());
             ranked.truncate(sent);
-            naive.finish(kind, &ranked);
+            reference.finish(kind, &ranked);
             longest = longest.max(usize::from(postponed.oldest));
             walk.step(jump);
         }
         let rounds = due.div_ceil(sent_at_least);
         let bound = (largest as f64 / least as f64 + 1.0) * rounds as f64;
-        // Where everything fits, there is nothing to see.
+        // If everything fits, the test shows nothing.
         prop_assume!(longest > 0);
         prop_assert!(longest as f64 <= bound, "{longest} frames, {bound} allowed");
     }
@@ -175,7 +175,7 @@ fn most_of_a_budget_is_used_while_points_wait() {
         let mut walk = Walk::new(encoder.state().layout().points(), 5);
         let mut waited = 0;
         for number in 0..40 {
-            walk.offer(&mut encoder);
+            walk.set_ao(&mut encoder);
             let frame = encoder.finish(meta(if number == 0 { KEY } else { DELTA }, number), coder).unwrap();
             let postponed = encoder.postponed().unwrap();
             if postponed.points > 0 && postponed.forced == 0 {
@@ -193,9 +193,9 @@ fn most_of_a_budget_is_used_while_points_wait() {
 fn a_keyframe_sends_what_waits() {
     let mut encoder = budgeted(4, 60, 30);
     let all = 0..encoder.state().layout().points();
-    offer(&mut encoder, 0, all.clone());
+    set_frame_ao(&mut encoder, 0, all.clone());
     encoder.finish(meta(KEY, 0), BlockCoder::Range).unwrap();
-    offer(&mut encoder, 7, all);
+    set_frame_ao(&mut encoder, 7, all);
     encoder.finish(meta(DELTA, 1), BlockCoder::Range).unwrap();
     assert!(encoder.postponed().unwrap().points > 100);
     let body = encoder.finish(meta(KEY, 2), BlockCoder::Range).unwrap().body;
@@ -204,9 +204,9 @@ fn a_keyframe_sends_what_waits() {
     let still = encoder.finish(meta(DELTA, 3), BlockCoder::Range).unwrap();
     assert_eq!((changes(&still), encoder.postponed().unwrap().points), (0, 0));
     for instance in 0..4 {
-        assert_eq!(encoder.offered(instance), encoder.state().values(instance));
+        assert_eq!(encoder.latest(instance), encoder.state().values(instance));
     }
-    assert!(encoder.offered(4).is_empty());
+    assert!(encoder.latest(4).is_empty());
 }
 
 #[test]
@@ -216,7 +216,7 @@ fn a_frame_that_fails_leaves_those_that_wait_as_they_were() {
         let points = encoder.state().layout().points();
         (0..12)
             .map(|number| {
-                offer(&mut encoder, 2 * number, 0..points);
+                set_frame_ao(&mut encoder, 2 * number, 0..points);
                 let kind = if number == 0 { KEY } else { DELTA };
                 if fails && number > 0 {
                     let none = BlockCoder::Zstd { level: 99 };
@@ -234,23 +234,23 @@ fn a_frame_that_fails_leaves_those_that_wait_as_they_were() {
 fn the_order_beats_that_of_age_alone() {
     let mut encoder = budgeted(4, 110, 200);
     let layout = std::sync::Arc::clone(encoder.state().layout());
-    let naive = || NaiveSurfaceEncoder::new(std::sync::Arc::clone(&layout), *encoder.settings());
-    let [mut by_product, mut by_age] = [naive(), naive()];
+    let reference = || SurfaceReferenceEncoder::new(std::sync::Arc::clone(&layout), *encoder.settings());
+    let [mut by_product, mut by_age] = [reference(), reference()];
     let mut walk = Walk::new(layout.points(), 77);
     let mut weights = Vec::new();
     for instance in 0..4 {
         for (block, _) in layout.blocks_of(instance).enumerate() {
             let weight = 1 << walk.dice.roll(10);
-            encoder.weigh(instance, block, weight);
-            by_product.weigh(instance, block, weight);
-            by_age.weigh(instance, block, weight);
+            encoder.set_weight(instance, block, weight);
+            by_product.set_weight(instance, block, weight);
+            by_age.set_weight(instance, block, weight);
             let points = layout.points_of(instance).len() - block * BLOCK_POINTS;
             weights.extend(std::iter::repeat_n(u64::from(weight), points.min(BLOCK_POINTS)));
         }
     }
     let mut off = [0_u64; 2];
     for number in 0..150 {
-        walk.offer(&mut encoder);
+        walk.set_ao(&mut encoder);
         for (point, ao) in (0..).zip(&walk.ao) {
             by_product.set_ao(point, *ao);
             by_age.set_ao(point, *ao);
@@ -263,9 +263,9 @@ fn the_order_beats_that_of_age_alone() {
         oldest.sort_by_key(|point| std::cmp::Reverse(by_age.waited(*point)));
         oldest.truncate(sent);
         by_age.finish(kind, &oldest);
-        for (naive, off) in [&by_product, &by_age].into_iter().zip(&mut off) {
+        for (reference, off) in [&by_product, &by_age].into_iter().zip(&mut off) {
             for ((point, ao), weight) in (0..).zip(&walk.ao).zip(&weights) {
-                *off += weight * u64::from(naive.held(point).unwrap().abs_diff(*ao));
+                *off += weight * u64::from(reference.held(point).unwrap().abs_diff(*ao));
             }
         }
         assert_eq!(

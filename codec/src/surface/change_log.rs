@@ -1,32 +1,32 @@
-//! Which point changed in which frame, so that a client that missed some can be told what it missed and nothing else.
+//! The change log tells which point changed in which frame, so that a patch holds only what a client missed.
 
 use std::sync::Arc;
 
 use super::{BLOCK_POINTS, Layout, State};
 use crate::envelope::FrameIndex;
 
-/// What a server remembers of the frames that it has sent, for all clients together: 5 B a point.
+/// The last frame in which each point changed, for all clients together: 5 B a point.
 ///
-/// Clients take the newest value of what they missed ([`super::patch`]), so however far one falls behind, it is owed no
-/// more than a value for every point.
+/// Clients take the newest value of what they missed ([`super::patch`]). So however far a client falls behind, it
+/// needs at most one value for every point.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ChangeLog {
     layout: Arc<Layout>,
-    /// The last frame seen; `None` before the first.
+    /// The last frame recorded; `None` before the first.
     frame: Option<FrameIndex>,
-    /// The last frame that brought blocks or geometry, or took them away; of earlier ones nothing is known.
+    /// The last frame in which blocks or geometry arrived or left. Nothing is known of earlier frames.
     since: FrameIndex,
     values: Vec<u8>,
     present: Vec<bool>,
     received: Vec<bool>,
-    /// By slot: the frame in which the point changed last, or 0.
+    /// By padded index: the frame in which the point changed last, or 0.
     changed: Vec<u32>,
-    /// By block: the newest of these.
+    /// By block: the newest of these frames.
     newest: Vec<u32>,
 }
 
 impl ChangeLog {
-    /// A change log that begins with `state`: of the frames before it knows nothing.
+    /// Creates a change log that begins with `state`. It knows nothing of earlier frames.
     #[must_use]
     pub fn new(state: &State) -> ChangeLog {
         ChangeLog {
@@ -41,10 +41,10 @@ impl ChangeLog {
         }
     }
 
-    /// Notes what the last frame changed; `state` is the one after it.
+    /// Records what the last frame changed; `state` is the state after it.
     ///
-    /// To be called after every frame: of a point that changes and changes back between two calls it sees nothing. A state
-    /// of another layout, or one that is not after the last, makes it begin anew.
+    /// Call it after every frame: it does not notice a point that changes and changes back between two calls. The log
+    /// starts anew for a state of another layout, or one that is older than the last.
     pub fn record(&mut self, state: &State) {
         let same_layout = Arc::ptr_eq(&self.layout, &state.layout) || self.layout == state.layout;
         if !same_layout || state.frame < self.frame {
@@ -73,21 +73,21 @@ impl ChangeLog {
         }
         self.frame = Some(frame);
         if again && differs {
-            // Clients of the same frame do not all hold the same: none of them can be told what it missed.
+            // Clients of this frame may hold different states: nothing is known of what they missed.
             *self = ChangeLog::new(state);
         }
     }
 
-    /// The last frame seen; `None` before the first.
+    /// Returns the last frame recorded; `None` before the first.
     #[must_use]
     pub fn frame(&self) -> Option<FrameIndex> {
         self.frame
     }
 
-    /// The points that changed after frame `base`, as blocks and their points, one bit each; blocks ascend.
+    /// Returns the points that changed after frame `base`: blocks, ascending, and the points of each, one bit each.
     ///
-    /// `None` when it cannot be said: blocks or geometry came or went after `base`, it is before the change log's beginning, or no
-    /// frame that it has seen. Only a keyframe helps a client of that frame.
+    /// Returns `None` if this is not known: blocks or geometry arrived or left after `base`, or the log has not
+    /// recorded that frame. Then only a keyframe helps.
     #[must_use]
     pub fn changed_since(&self, base: FrameIndex) -> Option<impl Iterator<Item = (u32, u64)> + '_> {
         if base < self.since || self.frame.is_none_or(|frame| base > frame) {

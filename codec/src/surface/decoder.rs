@@ -1,18 +1,18 @@
-//! Applies a frame body to a state: all of it, or nothing.
+//! The decoder of profile `surface`: it applies a frame body completely or not at all.
 //!
-//! Everything is decoded beside the state and checked, the hash that the state would have included; only then is the
-//! state changed.
+//! It decodes everything beside the state and checks it, including the hash of the resulting state. Only then does it
+//! change the state.
 
 use std::sync::Arc;
 
 use super::State;
-use super::encoder::arrived;
+use super::encoder::hash_with_arrivals;
 use super::model::change::ChangeModel;
 use super::model::context;
 use super::model::history::History;
 use super::model::patch::PatchModel;
-use super::section::changes::{ChangeProblem, Changes};
-use super::section::geometry::{self, GeometryProblem};
+use super::section::changes::{ChangeError, Changes};
+use super::section::geometry::{self, GeometrySectionError};
 use super::section::patch::Patch;
 use super::section::values::Values;
 use super::section::writer::FrameModels;
@@ -22,11 +22,11 @@ use crate::envelope::{
     FrameBody, FrameError, FrameInfo, FrameKind, HASH_OFFSET, Profile, SectionBlock, SectionInfo, SectionTag,
     check_follows,
 };
-use crate::hash::Kind;
-use crate::range::{Misfit, RangeDecoder};
+use crate::hash::RecordKind;
+use crate::range::{LengthMismatch, RangeDecoder};
 use crate::{Limits, StateHash};
 
-/// Applies frame bodies; keeps its buffers between them.
+/// Applies frame bodies. It keeps its buffers between frames.
 #[derive(Debug, Default)]
 pub struct Decoder {
     decompressor: Decompressor,
@@ -38,16 +38,16 @@ pub struct Decoder {
 }
 
 impl Decoder {
-    /// A decoder with nothing allocated yet.
+    /// Creates a decoder that has allocated nothing yet.
     #[must_use]
     pub fn new() -> Decoder {
         Decoder::default()
     }
 
-    /// Reads a frame body and applies it: [`FrameBody::parse`] and [`Decoder::apply`].
+    /// Parses a frame body and applies it: [`FrameBody::parse`], then [`Decoder::apply`].
     ///
     /// # Errors
-    /// As [`Decoder::apply`].
+    /// Those of [`Decoder::apply`].
     pub fn decode(
         &mut self,
         state: &mut State,
@@ -59,13 +59,14 @@ impl Decoder {
         Ok(body.into_info())
     }
 
-    /// Applies a frame body to `state`: checks all of it, the hash of the state after included, then writes.
+    /// Applies a frame body to `state`. It checks everything first, including the hash of the resulting state, and
+    /// then writes.
     ///
-    /// A frame of changes alone allocates nothing once the buffers have grown; they hold the largest section seen, never
-    /// more than `limits.max_block_bytes`.
+    /// A frame with only changes allocates nothing once the buffers have grown. They hold the largest section seen, at
+    /// most `limits.max_block_bytes`.
     ///
     /// # Errors
-    /// [`FrameError`] says what is wrong and where; `state` is then exactly as before.
+    /// [`FrameError`] tells what is wrong and where; `state` is then unchanged.
     pub fn apply(
         &mut self,
         state: &mut State,
@@ -92,7 +93,7 @@ impl Decoder {
         Ok(())
     }
 
-    /// The state that a keyframe makes, with the geometry that the client was given.
+    /// Returns the state of a keyframe. It keeps the geometry that the stream does not carry.
     pub(super) fn keyframe<'a>(
         &mut self,
         state: &State,
@@ -111,7 +112,7 @@ impl Decoder {
         Ok(next)
     }
 
-    /// Changes `state` by a delta; gives the hash after it.
+    /// Changes `state` by a delta and returns the hash after it.
     fn delta<'a>(
         &mut self,
         state: &mut State,
@@ -126,7 +127,7 @@ impl Decoder {
             let next = next.get_or_insert_with(|| state.clone());
             self.parcel(next, &block, models.get_or_insert_with(FrameModels::new), limits)?;
         }
-        let mut hash = next.as_ref().map_or(state.hash, |next| arrived(state, next));
+        let mut hash = next.as_ref().map_or(state.hash, |next| hash_with_arrivals(state, next));
         self.changes.clear();
         let mut learned = false;
         if let Some(block) = blocks.find(|block| block.section.tag == SectionTag::CHANGES) {
@@ -142,8 +143,8 @@ impl Decoder {
         }
         if let Some(next) = next {
             for block in (0..next.present.len()).filter(|block| !state.present[*block]) {
-                let slots = next.slots(block);
-                state.values[slots.clone()].copy_from_slice(&next.values[slots]);
+                let range = next.block_range(block);
+                state.values[range.clone()].copy_from_slice(&next.values[range]);
             }
             state.present = next.present;
             state.geometry = next.geometry;
@@ -152,7 +153,7 @@ impl Decoder {
         Ok(computed)
     }
 
-    /// Patches `state`; gives the hash after it.
+    /// Changes `state` by a patch and returns the hash after it.
     fn patch<'a>(
         &mut self,
         state: &mut State,
@@ -168,20 +169,20 @@ impl Decoder {
                 self.read_patch(state, info, &block, limits)?;
             }
         }
-        let hash = self.patch.iter().fold(state.hash, |hash, (slot, byte)| {
-            let (old, new) = (value_words(state.values[slot]), value_words(byte));
-            hash.replace(Kind::Value, slot as u32, &old, &new)
+        let hash = self.patch.iter().fold(state.hash, |hash, (index, byte)| {
+            let (old, new) = (value_words(state.values[index.0]), value_words(byte));
+            hash.replace(RecordKind::Value, index.0 as u32, &old, &new)
         });
         let computed = check_hash(hash, info)?;
-        for (slot, byte) in self.patch.iter() {
-            state.values[slot] = byte;
+        for (index, byte) in self.patch.iter() {
+            state.values[index.0] = byte;
         }
         (state.history, state.model) =
             learned.unwrap_or_else(|| (History::new(state.present.len()), ChangeModel::new()));
         Ok(computed)
     }
 
-    /// Reads a PATCH section into `self.patch` and checks that it suits the state.
+    /// Reads a PATCH section into `self.patch` and checks that it fits the state.
     fn read_patch(
         &mut self,
         state: &State,
@@ -196,21 +197,21 @@ impl Decoder {
             self.decompress(block, limits)?;
             self.patch.read_plain(&self.plain, blocks, records).map_err(refuse)?;
             check_base(self.patch.back, state, info, offset)?;
-            return self.patch.marks.check(state).map_err(refuse);
+            return self.patch.points.check(state).map_err(refuse);
         }
-        let mut bits = RangeDecoder::new(block.bytes);
+        let mut decoder = RangeDecoder::new(block.bytes);
         let mut model = PatchModel::new();
-        self.patch.back = model.back(&mut bits, 0);
+        self.patch.back = model.back(&mut decoder, 0);
         check_base(self.patch.back, state, info, offset)?;
         self.values.clone_from(&state.values);
         let known = (&*state.layout, state.present.as_slice());
         let (most, none) = (records as usize, Patch::default());
         let pair = (&none, &mut self.patch);
-        model.code(&mut bits, known, &mut self.values, pair, most, RangeDecoder::is_exhausted);
-        check_end(bits, block)?;
+        model.code(&mut decoder, known, &mut self.values, pair, most, RangeDecoder::is_exhausted);
+        check_end(decoder, block)?;
         let found = self.patch.bytes.len();
         if found != most {
-            return Err(refuse(ChangeProblem::Count { expected: records, found }));
+            return Err(refuse(ChangeError::Count { expected: records, found }));
         }
         check_plain(self.patch.plain_bytes(blocks), block)
     }
@@ -256,20 +257,20 @@ impl Decoder {
         let refuse = |problem| FrameError::Geometry { offset: block.offset, problem };
         let records = block.section.records;
         let sets = if block.section.coder == CoderId::RANGE {
-            let mut bits = RangeDecoder::new(block.bytes);
+            let mut decoder = RangeDecoder::new(block.bytes);
             let (model, numbers) = (&mut models.geometry, &mut models.sets);
             let none = geometry::Sets::new();
             let coded = geometry::code(
                 model,
                 numbers,
-                &mut bits,
+                &mut decoder,
                 &layout,
                 &none,
                 records,
                 RangeDecoder::is_exhausted,
             );
             let sets = coded.map_err(refuse)?;
-            check_end(bits, block)?;
+            check_end(decoder, block)?;
             check_plain(geometry::plain_bytes(&sets), block)?;
             sets
         } else {
@@ -279,7 +280,7 @@ impl Decoder {
         for (set, geometry) in sets {
             let at = set as usize;
             if std::mem::replace(&mut next.received[at], true) {
-                return Err(refuse(GeometryProblem::Set { set }));
+                return Err(refuse(GeometrySectionError::Set { set }));
             }
             next.geometry[at] = Some(geometry);
         }
@@ -298,15 +299,15 @@ impl Decoder {
         let SectionInfo { records, coder, .. } = block.section;
         let mut found = Values::default();
         if coder == CoderId::RANGE {
-            let mut bits = RangeDecoder::new(block.bytes);
+            let mut decoder = RangeDecoder::new(block.bytes);
             let known = (next.values.as_mut_slice(), next.present.as_mut_slice());
             let none = Values::default();
             let pair = (&none, &mut found);
             models
                 .values
-                .code(&mut bits, &layout, known, pair, records, RangeDecoder::is_exhausted)
+                .code(&mut decoder, &layout, known, pair, records, RangeDecoder::is_exhausted)
                 .map_err(refuse)?;
-            check_end(bits, block)?;
+            check_end(decoder, block)?;
             return check_plain(found.plain_bytes(), block);
         }
         self.decompress(block, limits)?;
@@ -315,7 +316,7 @@ impl Decoder {
         Ok(())
     }
 
-    /// Reads a CHANGES section; whether the model, of which `self.model` is then the next one, has learned from it.
+    /// Reads a CHANGES section. Returns whether the model has learned from it; then `self.model` is the next model.
     fn read_changes(
         &mut self,
         state: &State,
@@ -332,11 +333,11 @@ impl Decoder {
         }
         let model = self.model.get_or_insert_with(ChangeModel::new);
         model.clone_from(&state.model);
-        let mut bits = RangeDecoder::new(block.bytes);
+        let mut decoder = RangeDecoder::new(block.bytes);
         let none = Changes::default();
         model.code(
-            &mut bits,
-            state.known(),
+            &mut decoder,
+            state.view(),
             &none,
             &mut self.changes,
             records as usize,
@@ -344,9 +345,9 @@ impl Decoder {
         );
         let found = self.changes.levels.len();
         if found != records as usize {
-            return Err(refuse(ChangeProblem::Count { expected: records, found }));
+            return Err(refuse(ChangeError::Count { expected: records, found }));
         }
-        check_end(bits, block)?;
+        check_end(decoder, block)?;
         check_plain(self.changes.plain_bytes(blocks), block)?;
         Ok(true)
     }
@@ -359,7 +360,7 @@ impl Decoder {
     }
 }
 
-/// The empty state of the same stream, with the geometry that did not come with frames.
+/// Returns the empty state of the same stream, with the geometry that did not come with frames.
 fn empty(state: &State) -> State {
     let mut next = State::new(Arc::clone(&state.layout));
     for (set, geometry) in state.geometry.iter().enumerate() {
@@ -370,7 +371,7 @@ fn empty(state: &State) -> State {
     next
 }
 
-/// Checks that a section whose content is one whole says so.
+/// Checks that a section with one record has the record count 1.
 fn check_single(block: &SectionBlock<'_>) -> Result<(), FrameError> {
     let SectionInfo { tag, records, .. } = block.section;
     if records == 1 {
@@ -379,7 +380,7 @@ fn check_single(block: &SectionBlock<'_>) -> Result<(), FrameError> {
     Err(FrameError::TooManyRecords { offset: block.offset, section: tag, records, places: 1 })
 }
 
-/// Checks that a patch that reaches so far back from its frame suits the state, which is of an earlier one.
+/// Checks that a patch that reaches back `back` frames fits the state.
 fn check_base(back: u32, state: &State, info: &FrameInfo, offset: usize) -> Result<(), FrameError> {
     let last = state.frame.unwrap_or_default();
     match info.frame.0.checked_sub(back) {
@@ -396,25 +397,26 @@ fn check_hash(computed: StateHash, info: &FrameInfo) -> Result<StateHash, FrameE
     }
 }
 
-/// Checks that changes suit the state: blocks that are here, points that there are, levels that change something.
-fn check_changes(state: &State, changes: &Changes) -> Result<(), ChangeProblem> {
+/// Checks that changes fit the state: present blocks, existing points, and levels with an effect.
+fn check_changes(state: &State, changes: &Changes) -> Result<(), ChangeError> {
     if changes.quantum == 0 {
-        return Err(ChangeProblem::Quantum);
+        return Err(ChangeError::Quantum);
     }
-    changes.marks.check(state)?;
-    for (slot, level) in changes.iter() {
-        if level.unsigned_abs() > 255 || state.changed(slot, level, changes.quantum) == state.values[slot] {
-            return Err(ChangeProblem::Level { slot: slot as u32, level: level.into() });
+    changes.points.check(state)?;
+    for (index, level) in changes.iter() {
+        let old = state.values[index.0];
+        if level.unsigned_abs() > 255 || state.changed_value(index, level, changes.quantum) == old {
+            return Err(ChangeError::Level { padded_index: index.0 as u32, level: level.into() });
         }
     }
     Ok(())
 }
 
-fn check_end(bits: RangeDecoder<'_>, block: &SectionBlock<'_>) -> Result<(), FrameError> {
-    bits.finish().map_err(|misfit| {
-        let extra = match misfit {
-            Misfit::Short => None,
-            Misfit::Long { extra } => Some(extra),
+fn check_end(decoder: RangeDecoder<'_>, block: &SectionBlock<'_>) -> Result<(), FrameError> {
+    decoder.finish().map_err(|mismatch| {
+        let extra = match mismatch {
+            LengthMismatch::Short => None,
+            LengthMismatch::Long { extra } => Some(extra),
         };
         FrameError::RangeLength { offset: block.offset, section: block.section.tag, extra }
     })

@@ -1,59 +1,57 @@
-//! The server's side: which points are sent, and the frames that send them.
+//! The encoder of profile `surface`: it decides which points are sent, and writes the frames.
 
 use std::sync::Arc;
 
-use super::budget::{Budget, Postponed, Queue, Unfinished};
-use super::keyframe::Parcels;
+use super::budget::{Budget, BudgetQueue, PendingFrame, Postponed};
+use super::keyframe::ParcelWriter;
 use super::section::changes::Changes;
-use super::section::marks::SetBits;
+use super::section::point_mask::SetBits;
 use super::section::writer::SectionWriter;
 use super::state::{geometry_words, value_words};
-use super::{BLOCK_POINTS, Geometry, GeometryError, Layout, State};
+use super::{Geometry, GeometryError, Layout, PaddedIndex, State};
 use crate::block::BlockCoder;
 use crate::envelope::{EncodeError, EncodedFrame, FrameKind, FrameMeta, Packing, Profile, assemble};
-use crate::hash::Kind;
+use crate::hash::RecordKind;
 use crate::{StateHash, memory};
 
-/// How a stream is encoded.
+/// Settings of an encoder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct EncoderSettings {
-    /// A point is sent when its AO byte differs by at least this much from the one that clients hold, 1 to 255; 0 counts
-    /// as 1.
+    /// A point is sent if its AO byte differs by at least this much from that of clients, 1 to 255; 0 counts as 1.
     pub threshold: u8,
-    /// Whether clients are sent the geometry, or make it themselves from the scene.
+    /// Whether the stream carries the geometry, or clients make it from the scene.
     pub geometry: GeometrySource,
-    /// How many bytes deltas may take; without it every point is sent as soon as it differs by the threshold.
+    /// Byte budget of deltas. Without one, every point is sent as soon as it differs by the threshold.
     pub budget: Option<Budget>,
 }
 
-/// Where clients have the points from.
+/// Source of the clients' geometry.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum GeometrySource {
     /// Keyframes carry it.
     Sent,
-    /// Clients make it from the scene and give it to [`State::share_geometry`].
+    /// Clients make it from the scene and pass it to [`State::share_geometry`].
     Shared,
 }
 
 impl EncoderSettings {
-    /// The step of the lattice on which changes lie: half as much again as the threshold, rounded down. It is what the
-    /// byte that clients hold moves by, so that a slow drift is overtaken by a third of the step and then takes longer to
-    /// add up again.
+    /// Returns the quantum, the step in which AO bytes change: 1.5 times the threshold, rounded down. A change
+    /// overshoots a slow drift by a third of the step, so that the next change is needed later.
     #[must_use]
     pub fn quantum(&self) -> u8 {
         self.threshold.saturating_add(self.threshold / 2).max(1)
     }
 
-    /// Largest difference between a point's byte as last offered and the one that clients hold after the frame. Below the
-    /// threshold: what differs by that much is sent, and what is sent lands within half a [`quantum`](Self::quantum). With a
-    /// [`Budget`] it holds for the byte offered up to [`Budget::longest_age`] frames before.
+    /// Returns the largest difference between the AO byte last set and the one of clients after the frame. It is below
+    /// the threshold: a larger difference is sent, and then the result is within half a [`quantum`](Self::quantum).
+    /// With a [`Budget`] it holds for the byte set up to [`Budget::longest_age`] frames before.
     #[must_use]
     pub fn max_error(&self) -> u8 {
         self.threshold.saturating_sub(1)
     }
 }
 
-/// Keeps what clients hold, and writes what changed.
+/// Tracks the state of clients and writes the changes.
 ///
 /// All calls are deterministic: the same calls in the same order give the same bytes.
 #[derive(Debug)]
@@ -61,26 +59,26 @@ pub struct Encoder {
     sent: State,
     settings: EncoderSettings,
     geometry: Vec<Option<Arc<Geometry>>>,
-    /// Bytes as last offered, by slot.
-    offered: Vec<u8>,
+    /// AO bytes as last set, by padded index.
+    latest: Vec<u8>,
     /// Points of present blocks that differ by the threshold, by block.
     dirty: Vec<u64>,
-    /// Blocks that were offered and not sent yet, in the order of their first offers.
+    /// Blocks that were set but not sent yet, in the order in which they were first set.
     arriving: Vec<u32>,
     is_arriving: Vec<bool>,
-    /// Instance of the point last offered: the next one is of the same, mostly.
+    /// Instance of the point last set; the next one is mostly of the same.
     instance: usize,
     changes: Changes,
     writer: SectionWriter,
-    /// The points that wait, where there is a budget.
-    queue: Option<Box<Queue>>,
+    /// The points that wait, if there is a budget.
+    queue: Option<Box<BudgetQueue>>,
 }
 
 impl Encoder {
-    /// An encoder with nothing offered yet; one geometry a set, in their order.
+    /// Creates an encoder in which no AO was set yet. `geometry` has one geometry for each set, in order.
     ///
     /// # Errors
-    /// [`GeometryError`] where the geometries are not those of the layout.
+    /// [`GeometryError`] if the geometries are not those of the layout.
     pub fn new(
         layout: Arc<Layout>,
         geometry: Vec<Arc<Geometry>>,
@@ -101,7 +99,7 @@ impl Encoder {
             GeometrySource::Shared => check,
         };
         Ok(Encoder {
-            offered: vec![255; sent.values.len()],
+            latest: vec![255; sent.values.len()],
             dirty: vec![0; sent.present.len()],
             arriving: Vec::new(),
             is_arriving: vec![false; sent.present.len()],
@@ -109,56 +107,56 @@ impl Encoder {
             geometry: geometry.into_iter().map(carried).collect(),
             changes: Changes::default(),
             writer: SectionWriter::default(),
-            queue: settings.budget.map(|budget| Box::new(Queue::new(budget, sent.present.len()))),
+            queue: settings.budget.map(|budget| Box::new(BudgetQueue::new(budget, sent.present.len()))),
             settings,
             sent,
         })
     }
 
-    /// Bytes of memory held for the stream: what clients hold, points and layout included, what was offered, and buffers that
-    /// are kept between frames.
+    /// Returns the heap bytes in use for the stream: the state of clients with points and layout, the AO set, and
+    /// buffers kept between frames.
     #[must_use]
     pub fn heap_bytes(&self) -> usize {
-        let Encoder { sent, geometry, offered, dirty, arriving, is_arriving, changes, writer, queue, .. } =
+        let Encoder { sent, geometry, latest, dirty, arriving, is_arriving, changes, writer, queue, .. } =
             self;
         let carried = geometry.iter().zip(&sent.geometry).map(|(ours, theirs)| match (ours, theirs) {
             (Some(ours), Some(theirs)) if Arc::ptr_eq(ours, theirs) => 0,
-            (ours, _) => ours.as_ref().map_or(0, |geometry| geometry.held()),
+            (ours, _) => ours.as_ref().map_or(0, |geometry| geometry.heap_bytes()),
         });
-        let points = carried.sum::<usize>() + memory::list(geometry) + memory::list(offered);
+        let points = carried.sum::<usize>() + memory::list(geometry) + memory::list(latest);
         let blocks = memory::list(dirty) + memory::list(arriving) + memory::list(is_arriving);
-        let queue = queue.as_ref().map_or(0, |queue| queue.held());
-        sent.held() + points + blocks + changes.held() + writer.held() + queue
+        let queue = queue.as_ref().map_or(0, |queue| queue.heap_bytes());
+        sent.heap_bytes() + points + blocks + changes.heap_bytes() + writer.heap_bytes() + queue
     }
 
-    /// Says what a point's AO is now; `None` where there is no such point. Otherwise whether the next frame sends it: it
-    /// does when its block was never sent, or when it differs by the threshold from what clients hold; with a [`Budget`] it may
-    /// then have to wait.
+    /// Sets the AO of a point. Returns whether the next frame sends it, or `None` if there is no such point. It is
+    /// sent if its block was never sent, or if it differs from the clients' value by the threshold. With a [`Budget`]
+    /// it may then have to wait.
     ///
-    /// All points of a block go out together the first time, blocks in the order of their first offers; points of it
-    /// that were not offered go out as open.
+    /// All points of a block are sent together the first time, blocks in the order in which they were first set.
+    /// Points of it that were not set are sent as open.
     #[inline]
     pub fn set_ao(&mut self, point: u32, ao: u8) -> Option<bool> {
         let layout = &self.sent.layout;
         if !layout.points_of(self.instance as u32).contains(&(point as usize)) {
             self.instance = layout.instance_of(point)?;
         }
-        let slot = layout.slot_in(self.instance, point);
-        let (block, bit) = (slot / BLOCK_POINTS, 1_u64 << (slot % BLOCK_POINTS));
-        self.offered[slot] = ao;
+        let index = layout.padded_index_in(self.instance, point);
+        let (block, bit) = (index.block(), index.bit());
+        self.latest[index.0] = ao;
         if !self.sent.present[block] {
             if !std::mem::replace(&mut self.is_arriving[block], true) {
                 self.arriving.push(block as u32);
             }
             return Some(true);
         }
-        let differs = ao.abs_diff(self.sent.values[slot]) >= self.settings.threshold;
+        let differs = ao.abs_diff(self.sent.values[index.0]) >= self.settings.threshold;
         self.dirty[block] = if differs { self.dirty[block] | bit } else { self.dirty[block] & !bit };
         Some(differs)
     }
 
-    /// Returns how many points the next frame will send: those of blocks that were never sent, and those that differ by the
-    /// threshold. With a [`Budget`] some of them may have to wait.
+    /// Returns how many points the next frame will send: those of blocks that were never sent, and those that differ
+    /// by the threshold. With a [`Budget`] some of them may have to wait.
     #[must_use]
     pub fn pending_points(&self) -> u32 {
         let layout = &self.sent.layout;
@@ -167,10 +165,10 @@ impl Encoder {
         changed + arriving as u32
     }
 
-    /// Says how much the points of an instance's block `block` count when not all fit a [`Budget`]: with twice the weight a
-    /// difference counts twice. 1 until said otherwise; 0 counts as 1. Nothing comes of it where there is no such block, or no
-    /// budget.
-    pub fn weigh(&mut self, instance: u32, block: usize, weight: u16) {
+    /// Sets the weight of an instance's block `block`, which counts if not all points fit a [`Budget`]: with twice the
+    /// weight, a difference counts twice. Weights are 1 at first; 0 counts as 1. The call has no effect if there is no
+    /// such block, or no budget.
+    pub fn set_weight(&mut self, instance: u32, block: usize, weight: u16) {
         let blocks = self.sent.layout.blocks_of(instance);
         let weights = self.queue.as_mut().and_then(|queue| queue.weights_mut().get_mut(blocks));
         if let Some(found) = weights.and_then(|weights| weights.get_mut(block)) {
@@ -178,49 +176,50 @@ impl Encoder {
         }
     }
 
-    /// Weight of an instance's block, see [`Encoder::weigh`]; `None` where there is no such block, or no budget.
+    /// Returns the weight of an instance's block, see [`Encoder::set_weight`]. `None` if there is no such block, or no
+    /// budget.
     #[must_use]
     pub fn weight(&self, instance: u32, block: usize) -> Option<u16> {
         let blocks = self.sent.layout.blocks_of(instance);
         self.queue.as_ref()?.weights().get(blocks)?.get(block).copied()
     }
 
-    /// What the last finished frame left for later; `None` without a [`Budget`].
+    /// Returns what the last finished frame postponed; `None` without a [`Budget`].
     #[must_use]
     pub fn postponed(&self) -> Option<&Postponed> {
         self.queue.as_ref().map(|queue| queue.postponed())
     }
 
-    /// AO bytes of an instance's points as last offered, in the order of its set's geometry; 255 where none was. Clients hold
-    /// [`State::values`] of [`Encoder::state`].
+    /// Returns the AO bytes of an instance's points as last set, in the order of its set's geometry; 255 where none
+    /// was set. Clients hold [`State::values`] of [`Encoder::state`].
     #[must_use]
-    pub fn offered(&self, instance: u32) -> &[u8] {
+    pub fn latest(&self, instance: u32) -> &[u8] {
         if instance as usize >= self.sent.layout.members().len() {
             return &[];
         }
-        &self.offered[self.sent.layout.slots_of(instance as usize)]
+        &self.latest[self.sent.layout.padded_range(instance as usize)]
     }
 
-    /// What clients hold after the last finished frame.
+    /// Returns the state of clients after the last finished frame.
     #[must_use]
     pub fn state(&self) -> &State {
         &self.sent
     }
 
-    /// The settings given.
+    /// Returns the settings.
     #[must_use]
     pub fn settings(&self) -> &EncoderSettings {
         &self.settings
     }
 
     /// Writes the frame that brings clients from the last finished frame to now. A keyframe holds every block that was
-    /// ever offered, with the bytes last offered, and starts a group: what the coders learned is forgotten.
+    /// ever set, with the bytes last set. It starts a group: the coder context becomes fresh.
     ///
-    /// In a delta with a [`Budget`] points may be left for later frames. While any wait, `meta.changed_points` is not what the
-    /// frame has, and the header says how many points it has instead.
+    /// With a [`Budget`], a delta may postpone points. While points wait, the header has the number of points in the
+    /// frame instead of `meta.changed_points`.
     ///
     /// # Errors
-    /// [`EncodeError`]; the encoder is then as before.
+    /// [`EncodeError`]; the encoder is then unchanged.
     pub fn finish(&mut self, mut meta: FrameMeta, coder: BlockCoder) -> Result<EncodedFrame, EncodeError> {
         let (frame, last) = (meta.frame, self.sent.frame);
         if let Some(last) = last.filter(|last| *last >= frame) {
@@ -237,7 +236,7 @@ impl Encoder {
         let sections = std::mem::take(&mut self.writer.sections);
         let frame = assemble(&meta, ids, self.sent.hash, sections, &self.writer.blocks);
         if let Some(queue) = &mut self.queue {
-            queue.took(frame.body.len());
+            queue.set_used(frame.body.len());
         }
         Ok(frame)
     }
@@ -262,7 +261,7 @@ impl Encoder {
         Ok(())
     }
 
-    /// Writes the sections of a delta; how many points its header says that it changes.
+    /// Writes the sections of a delta. Returns the number of changed points for its header.
     fn finish_delta(&mut self, meta: FrameMeta, coder: BlockCoder) -> Result<u32, EncodeError> {
         let mut hash = self.sent.hash;
         let mut next = None;
@@ -270,21 +269,21 @@ impl Encoder {
             let arriving = self.arriving.clone();
             let mut with = self.sent.clone();
             self.write_parcels(&mut with, &arriving, coder)?;
-            hash = arrived(&self.sent, &with);
+            hash = hash_with_arrivals(&self.sent, &with);
             next = Some(with);
         }
         let changed_points = self.write_changes(meta, coder)?;
         // Nothing can fail from here on.
-        for (block, mask) in self.changes.marks.iter() {
+        for (block, mask) in self.changes.points.iter() {
             self.dirty[block as usize] &= !mask;
         }
         self.sent.hash = self.sent.hash_after(hash, &self.changes);
         self.sent.commit(&self.changes);
         if let Some(next) = next {
-            // Changes were of what was there before; what arrived comes on top.
+            // The changes are to blocks that were there before; now the arrivals are added.
             for block in self.arriving.drain(..) {
-                let slots = next.slots(block as usize);
-                self.sent.values[slots.clone()].copy_from_slice(&next.values[slots]);
+                let range = next.block_range(block as usize);
+                self.sent.values[range.clone()].copy_from_slice(&next.values[range]);
                 self.sent.present[block as usize] = true;
                 self.is_arriving[block as usize] = false;
             }
@@ -294,22 +293,22 @@ impl Encoder {
         Ok(changed_points)
     }
 
-    /// Writes what changed, or what of it fits the budget and is then left in `changes`; how many points the header says that
-    /// the frame changes.
+    /// Writes the changes, or those that fit the budget, which are then left in `changes`. Returns the number of
+    /// changed points for the header.
     fn write_changes(&mut self, meta: FrameMeta, coder: BlockCoder) -> Result<u32, EncodeError> {
-        self.gather();
-        let Encoder { sent, changes, writer, offered, queue, .. } = self;
+        self.collect_changes();
+        let Encoder { sent, changes, writer, latest, queue, .. } = self;
         if let Some(queue) = queue {
-            return queue.write(Unfinished { writer, sent, offered, meta, coder }, changes);
+            return queue.write(PendingFrame { writer, sent, latest, meta, coder }, changes);
         }
         if !changes.levels.is_empty() {
-            let (known, model) = sent.split();
+            let (known, model) = sent.view_and_model();
             writer.changes(known, model, changes, coder, usize::MAX)?;
         }
         Ok(meta.changed_points)
     }
 
-    /// Writes blocks and what they need, and brings `next` up to date but for its hash.
+    /// Writes blocks and the geometry they need, and updates `next` except for its hash.
     fn write_parcels(
         &mut self,
         next: &mut State,
@@ -317,14 +316,14 @@ impl Encoder {
         coder: BlockCoder,
     ) -> Result<(), EncodeError> {
         let layout = Arc::clone(&next.layout);
-        Parcels {
+        ParcelWriter {
             layout: &layout,
             geometry: &self.geometry,
             sent: &mut next.received,
             bytes: &mut next.values,
             present: &mut next.present,
         }
-        .write(&mut self.writer, order, &self.offered, coder)?;
+        .write(&mut self.writer, order, &self.latest, coder)?;
         let own = self.geometry.iter().zip(&next.received);
         for (held, (own, received)) in next.geometry.iter_mut().zip(own) {
             if *received {
@@ -335,33 +334,33 @@ impl Encoder {
     }
 
     /// Collects the changes of the points that differ by the threshold.
-    fn gather(&mut self) {
+    fn collect_changes(&mut self) {
         let quantum = i32::from(self.settings.quantum());
         self.changes.clear();
         self.changes.quantum = quantum as u8;
         for (block, dirty) in self.dirty.iter().enumerate() {
             for bit in SetBits(*dirty) {
-                let slot = block * BLOCK_POINTS + bit as usize;
-                let difference = i32::from(self.offered[slot]) - i32::from(self.sent.values[slot]);
-                // The nearest of the lattice, but not where it is.
+                let index = PaddedIndex::new(block, bit as usize);
+                let difference = i32::from(self.latest[index.0]) - i32::from(self.sent.values[index.0]);
+                // The nearest number of quanta, but at least one.
                 let size = ((difference.abs() + quantum / 2) / quantum).max(1);
-                self.changes.push(slot, (size * difference.signum()) as i16);
+                self.changes.push(index, (size * difference.signum()) as i16);
             }
         }
     }
 }
 
-/// The hash of `before` with what arrived in `after`.
-pub(super) fn arrived(before: &State, after: &State) -> StateHash {
+/// Returns the hash of `before` with the arrivals of `after`.
+pub(super) fn hash_with_arrivals(before: &State, after: &State) -> StateHash {
     let mut hash = before.hash;
     for (set, layout) in after.layout.sets().iter().enumerate() {
         if after.received[set] && !before.received[set] {
-            hash = hash.insert(Kind::Geometry, set as u32, &geometry_words(layout.digest));
+            hash = hash.insert(RecordKind::Geometry, set as u32, &geometry_words(layout.digest));
         }
     }
     for block in (0..after.present.len()).filter(|block| after.present[*block] && !before.present[*block]) {
-        for slot in after.slots(block) {
-            hash = hash.insert(Kind::Value, slot as u32, &value_words(after.values[slot]));
+        for index in after.block_range(block) {
+            hash = hash.insert(RecordKind::Value, index as u32, &value_words(after.values[index]));
         }
     }
     hash

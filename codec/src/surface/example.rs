@@ -1,4 +1,4 @@
-//! The examples of the specification: bodies that are written out there byte by byte, decision by decision.
+//! The examples of the specification: bodies that it writes out byte by byte, decision by decision.
 
 use std::sync::Arc;
 
@@ -9,11 +9,11 @@ use super::*;
 use crate::Limits;
 use crate::block::BlockCoder;
 use crate::envelope::{EncodedFrame, FrameIndex, FrameKind, FrameMeta, StreamTime};
-use crate::hash::{Kind, term};
+use crate::hash::{RecordKind, term};
 use crate::paper::example::{SPEC, dump, fenced, hex};
-use crate::range::{Bits, RangeEncoder, Slot, logistic};
+use crate::range::{BinaryCoder, BitModel, RangeEncoder, logistic};
 
-/// A floor of three points.
+/// Returns the encoder of a floor of three points.
 fn encoder() -> Encoder {
     let layout = SetLayout {
         origin: [0.0; 3],
@@ -32,7 +32,7 @@ fn encoder() -> Encoder {
     Encoder::new(Arc::new(layout), vec![geometry], settings).unwrap()
 }
 
-/// The keyframe and the delta after it.
+/// Returns the keyframe and the delta after it.
 fn frames(coder: BlockCoder) -> [EncodedFrame; 2] {
     let mut encoder = encoder();
     let meta = |kind, frame, changed_points| FrameMeta {
@@ -69,9 +69,9 @@ fn the_dumps_in_the_specification_are_what_the_code_writes() {
 fn the_hash_in_the_specification_is_what_the_code_computes() {
     let [key, _] = frames(BlockCoder::Stored);
     let digest = encoder().state().layout().sets()[0].digest;
-    let geometry = term(Kind::Geometry, 0, &state::geometry_words(digest));
+    let geometry = term(RecordKind::Geometry, 0, &state::geometry_words(digest));
     let values = [255, 200, 100].map(state::value_words);
-    let points = [0, 1, 2].map(|slot| term(Kind::Value, slot, &values[slot as usize]));
+    let points = [0, 1, 2].map(|padded| term(RecordKind::Value, padded, &values[padded as usize]));
     let sum = points.iter().fold(geometry, |sum, term| sum.wrapping_add(*term));
     assert_eq!(sum, key.info.hash.0);
     for value in [digest.0, geometry, points[0], points[1], points[2], sum] {
@@ -79,13 +79,13 @@ fn the_hash_in_the_specification_is_what_the_code_computes() {
     }
 }
 
-/// Notes every decision on its way.
-struct Noting<'a> {
+/// Logs every decision.
+struct DecisionLog<'a> {
     encoder: RangeEncoder<'a>,
     decisions: Vec<String>,
 }
 
-impl Bits for Noting<'_> {
+impl BinaryCoder for DecisionLog<'_> {
     fn bit(&mut self, one: u32, wanted: bool) -> bool {
         self.decisions.push(format!("{one} {}", if wanted { "yes" } else { "no" }));
         self.encoder.bit(one, wanted)
@@ -98,11 +98,11 @@ fn the_decisions_in_the_specification_are_those_of_the_code() {
     let mut state = State::new(Arc::clone(encoder().state().layout()));
     Decoder::new().decode(&mut state, &key.body, &Limits::default()).unwrap();
     let mut changes = Changes { quantum: 12, ..Changes::default() };
-    changes.push(1, -8);
+    changes.push(PaddedIndex(1), -8);
     let mut block = Vec::new();
-    let mut bits = Noting { encoder: RangeEncoder::new(&mut block), decisions: Vec::new() };
-    ChangeModel::new().code(&mut bits, state.known(), &changes, &mut Changes::default(), 1, |_| false);
-    let Noting { encoder, decisions } = bits;
+    let mut log = DecisionLog { encoder: RangeEncoder::new(&mut block), decisions: Vec::new() };
+    ChangeModel::new().code(&mut log, state.view(), &changes, &mut Changes::default(), 1, |_| false);
+    let DecisionLog { encoder, decisions } = log;
     encoder.finish();
     assert!(range.body.ends_with(&block));
     let told = fenced("decisions").lines().map(|line| line.split_once('|').unwrap().0.trim().to_owned());
@@ -114,7 +114,7 @@ fn the_figures_in_the_specification_are_those_of_the_code() {
     let flowing = SPEC.split_whitespace().collect::<Vec<_>>().join(" ");
     let words = ChangeModel::new().words().len();
     assert!(flowing.contains(&format!("{},{:03} words", words / 1000, words % 1000)), "{words} words");
-    let stretch = |step: u32| logistic().stretch(Slot::from_word(step << 20).unwrap());
+    let stretch = |step: u32| logistic().stretch(BitModel::from_word(step << 20).unwrap());
     let line = format!(
         "stretch[0] is {}, stretch[1024] is {} and stretch[4095] is {}",
         stretch(0),

@@ -1,4 +1,4 @@
-//! The points of a set at rest, rounded and in the order that the wire has them in.
+//! The points of a set at rest, rounded and in the order of the wire.
 
 use super::SetLayout;
 use super::model::curve;
@@ -6,38 +6,40 @@ use crate::hash::fold_words;
 use crate::memory;
 use crate::quant::oct;
 
-/// A point of a mesh at rest, before it is rounded.
+/// A point of a mesh at rest, before rounding.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RestPoint {
-    /// Metres, rest space.
+    /// Position, metres, rest space.
     pub position: [f32; 3],
-    /// Direction of the normal at rest, on the point's side; its length does not matter.
+    /// Direction of the normal at rest, towards the side of the point; its length does not matter.
     pub normal: [f32; 3],
 }
 
-/// Digest of a geometry: the same digest, the same points in the same order. Catches mistakes, not forgery.
+/// Digest of a geometry. Equal digests mean the same points in the same order. It detects mistakes, not forgery.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub struct GeometryDigest(pub u64);
 
-/// Why a geometry was not taken.
+/// Why a geometry was refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum GeometryError {
     /// There is no such set.
     #[error("the layout has no set {set}")]
     NoSet {
-        /// The set named.
+        /// The set.
         set: u32,
     },
-    /// Other points than those that the stream was made with.
-    #[error("set {set}: other points than the stream's; is this the scene that it was made from?")]
+    /// The points differ from those that the stream was made with.
+    #[error(
+        "set {set}: its points differ from the stream's; is this the scene that the stream was made from?"
+    )]
     Other {
         /// The set.
         set: u32,
     },
 }
 
-/// The rounded points of a set, in order: by their place on a space-filling curve, then by their normal's code.
+/// The rounded points of a set, ordered by their place on a space-filling curve and then by the code of their normal.
 ///
 /// Positions are rounded to the nearest node of the set's lattice, normals to the best of the four octahedral codes
 /// around them.
@@ -48,27 +50,27 @@ pub struct Geometry {
     pub(crate) normals: Vec<u16>,
 }
 
-/// What a [`Geometry`] is made of, and what was lost in making it.
+/// A [`Geometry`], the origin of its points, and what rounding lost.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Rounded {
-    /// The points.
+pub struct RoundedGeometry {
+    /// The rounded points.
     pub geometry: Geometry,
-    /// Which of the given points each one is.
+    /// For each rounded point: the index of the given point.
     pub order: Vec<u32>,
-    /// Points outside the lattice, which were moved onto its surface. NaN counts as outside.
+    /// Number of points outside the lattice, which were moved onto its surface. NaN counts as outside.
     pub outside: u32,
 }
 
 impl Geometry {
-    /// Bytes held, itself included.
-    pub(super) fn held(&self) -> usize {
+    /// Returns the bytes in use, including the geometry itself.
+    pub(super) fn heap_bytes(&self) -> usize {
         size_of::<Self>() + memory::list(&self.coords) + memory::list(&self.normals)
     }
 
-    /// Rounds points to the lattice of `layout` and orders them. The geometry's own [`layout`](Geometry::layout) has
-    /// their number and digest, whatever stood there.
+    /// Rounds points to the lattice of `layout` and orders them. The [`layout`](Geometry::layout) of the result has
+    /// their number and digest, whatever `layout` has.
     #[must_use]
-    pub fn round(layout: SetLayout, points: &[RestPoint]) -> Rounded {
+    pub fn round(layout: SetLayout, points: &[RestPoint]) -> RoundedGeometry {
         let mut outside = 0;
         let mut keyed: Vec<(u64, u16, u32, [u32; 3])> = Vec::with_capacity(points.len());
         for (point, index) in points.iter().zip(0..) {
@@ -85,10 +87,10 @@ impl Geometry {
         };
         geometry.layout.points = keyed.len() as u32;
         geometry.layout.digest = geometry.digest();
-        Rounded { geometry, order: keyed.iter().map(|key| key.2).collect(), outside }
+        RoundedGeometry { geometry, order: keyed.iter().map(|key| key.2).collect(), outside }
     }
 
-    /// Puts points, in any order, into theirs.
+    /// Creates a geometry from points in any order.
     pub(super) fn sorted(layout: SetLayout, points: &[([u32; 3], u16)]) -> Geometry {
         let mut keyed: Vec<(u64, u16, [u32; 3])> =
             points.iter().map(|(coord, normal)| (curve::place(*coord), *normal, *coord)).collect();
@@ -100,53 +102,53 @@ impl Geometry {
         }
     }
 
-    /// The set's layout.
+    /// Returns the layout of the set.
     #[must_use]
     pub fn layout(&self) -> &SetLayout {
         &self.layout
     }
 
-    /// Points.
+    /// Returns the number of points.
     #[must_use]
     pub fn len(&self) -> usize {
         self.coords.len()
     }
 
-    /// Whether it has no points.
+    /// Returns whether there are no points.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.coords.is_empty()
     }
 
-    /// Position of a point, metres, rest space.
+    /// Returns the position of a point, metres, rest space.
     #[inline]
     #[must_use]
     pub fn position(&self, point: usize) -> [f32; 3] {
         self.layout.position(self.coords[point])
     }
 
-    /// Lattice node of a point: its coordinates, 0 to the layout's extent.
+    /// Returns the lattice node of a point: its coordinates, 0 to the layout's extent.
     #[inline]
     #[must_use]
     pub fn node(&self, point: usize) -> [u32; 3] {
         self.coords[point]
     }
 
-    /// Octahedral code of a point's normal, twice the layout's `normal_bits` bits.
+    /// Returns the octahedral code of a point's normal, twice the layout's `normal_bits` bits.
     #[inline]
     #[must_use]
     pub fn normal_code(&self, point: usize) -> u16 {
         self.normals[point]
     }
 
-    /// Unit normal of a point, rest space.
+    /// Returns the unit normal of a point, rest space.
     #[inline]
     #[must_use]
     pub fn normal(&self, point: usize) -> [f32; 3] {
         oct::decode_bits(self.layout.normal_bits.into(), self.normals[point])
     }
 
-    /// What tells this geometry from others.
+    /// Computes the digest.
     #[must_use]
     pub fn digest(&self) -> GeometryDigest {
         let bits = [self.layout.normal_bits.into(), self.layout.step.to_bits(), self.len() as u32];
@@ -205,7 +207,7 @@ mod tests {
             let layout = SetLayout { origin: [0.0; 3], ..layout() };
             let points: Vec<RestPoint> =
                 positions.iter().map(|&position| RestPoint { position, normal: [0.0, 0.0, 1.0] }).collect();
-            let Rounded { geometry, order, outside } = Geometry::round(layout, &points);
+            let RoundedGeometry { geometry, order, outside } = Geometry::round(layout, &points);
             prop_assert_eq!(outside, 0);
             for (at, index) in order.iter().enumerate() {
                 prop_assert_eq!(geometry.coords[at], layout.nearest(positions[*index as usize]).0);

@@ -1,4 +1,4 @@
-//! Keyframes: the blocks of a state in parcels, what is wanted first before the rest.
+//! Writes keyframes: the blocks of a state in parcels, the most urgent first.
 
 use std::sync::Arc;
 
@@ -9,25 +9,25 @@ use super::{Geometry, Layout, State};
 use crate::block::BlockCoder;
 use crate::envelope::{EncodeError, FrameKind, FrameMeta, Packing, Profile, assemble};
 
-/// Fewest blocks of a parcel: a section costs some ten bytes.
-const PARCEL_BLOCKS: usize = 64;
-/// Most parcels, each of up to two sections: a frame has at most 255 sections.
-const PARCELS: usize = 100;
+/// Smallest number of blocks of a parcel: a section costs some ten bytes.
+const MIN_PARCEL_BLOCKS: usize = 64;
+/// Largest number of parcels, each of up to two sections: a frame has at most 255 sections.
+const MAX_PARCELS: usize = 100;
 
-/// Writes blocks in the given order, each parcel after the geometry of the sets that it needs.
-pub(super) struct Parcels<'a> {
+/// Writes blocks in the given order, each parcel after the geometry of its sets.
+pub(super) struct ParcelWriter<'a> {
     pub(super) layout: &'a Layout,
-    /// Geometry of the sets that clients are to be sent.
+    /// Geometry of the sets that the stream carries.
     pub(super) geometry: &'a [Option<Arc<Geometry>>],
-    /// By set, whether clients have it; brought up to date.
+    /// By set: whether clients have it. It is updated.
     pub(super) sent: &'a mut [bool],
-    /// Bytes of all slots and whether blocks came, as clients have them; brought up to date.
+    /// Bytes of all padded indices, and whether blocks were received, as clients have them. Both are updated.
     pub(super) bytes: &'a mut [u8],
     pub(super) present: &'a mut [bool],
 }
 
-impl Parcels<'_> {
-    /// Writes `blocks`, whose points are to get the bytes of `values`, by slot.
+impl ParcelWriter<'_> {
+    /// Writes `blocks` with the bytes of `values`, which is by padded index.
     pub(super) fn write(
         &mut self,
         writer: &mut SectionWriter,
@@ -39,7 +39,7 @@ impl Parcels<'_> {
             return Ok(());
         }
         let mut models = FrameModels::new();
-        let size = PARCEL_BLOCKS.max(blocks.len().div_ceil(PARCELS));
+        let size = MIN_PARCEL_BLOCKS.max(blocks.len().div_ceil(MAX_PARCELS));
         for parcel in blocks.chunks(size) {
             let sets = self.sets(parcel);
             writer.geometry(self.layout, &sets, &mut models, coder)?;
@@ -55,7 +55,7 @@ impl Parcels<'_> {
         Ok(())
     }
 
-    /// The sets that a parcel needs and clients have not, in the order in which it needs them.
+    /// Returns the sets that a parcel needs and clients do not have, in the order of need.
     fn sets(&mut self, parcel: &[u32]) -> Sets {
         let mut sets = Sets::new();
         for block in parcel {
@@ -70,14 +70,14 @@ impl Parcels<'_> {
     }
 }
 
-/// Writes the whole of `state` as a keyframe body; `meta.kind` is taken as key. A client that applies it has the same
-/// state and hash, so the deltas that follow `state` fit.
+/// Writes the whole of `state` as a keyframe body. A client that applies it has the same state and hash, so the deltas
+/// that follow `state` fit. `meta.kind` is taken as key.
 ///
-/// `first` names blocks that go before all others, as (instance, block of the instance): those in view, so that a
-/// client can show them while the rest is on its way ([`super::preview`]).
+/// `first` names the blocks that go first, as (instance, block of the instance): those in view, so that a client can
+/// show them before the rest arrives ([`super::preview`]).
 ///
 /// # Errors
-/// [`EncodeError::Block`] for a level that the coder does not have, or where it finds no memory.
+/// [`EncodeError::Block`] for a level that the coder does not have, or if it cannot allocate memory.
 pub fn keyframe(
     state: &State,
     meta: FrameMeta,
@@ -96,7 +96,7 @@ pub fn keyframe(
     let received = |set: usize| state.geometry[set].clone().filter(|_| state.received[set]);
     let geometry: Vec<_> = (0..state.geometry.len()).map(received).collect();
     let mut writer = SectionWriter::default();
-    Parcels {
+    ParcelWriter {
         layout,
         geometry: &geometry,
         sent: &mut vec![false; geometry.len()],

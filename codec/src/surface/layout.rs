@@ -1,21 +1,21 @@
-//! What both sides know of a stream before its first frame.
+//! The layout of a `surface` stream: what both ends know before its first frame.
 
-use super::{BLOCK_POINTS, RestPoint};
+use super::{BLOCK_POINTS, PaddedIndex, RestPoint};
 use crate::paper::MAX_GRID_DIM;
 use crate::{Limits, memory};
 
-/// The points of one mesh at rest: how many, and the lattice that their positions are rounded to.
+/// A point set: the number of points of a mesh at rest, and the lattice to which their positions are rounded.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SetLayout {
     /// Position of the lattice's first node, metres, rest space.
     pub origin: [f32; 3],
-    /// Distance of neighbouring nodes, metres.
+    /// Distance between neighbouring nodes, metres.
     pub step: f32,
     /// Largest coordinate along x, y and z, below [`MAX_GRID_DIM`].
     pub extent: [u32; 3],
     /// Bits of one axis of a normal's octahedral code, 2 to 8.
     pub normal_bits: u8,
-    /// Points of the set.
+    /// Number of points of the set.
     pub points: u32,
     /// Kernel radius r of the paper's Eq. 2, metres.
     pub kernel_radius: f32,
@@ -23,89 +23,89 @@ pub struct SetLayout {
     pub digest: super::GeometryDigest,
 }
 
-/// An instance: which set its points are of.
+/// An instance: the set of its points.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Member {
     /// Index of the set.
     pub set: u32,
 }
 
-/// Sets and instances of a stream. Point ids run through the instances in order, and through a set in the order
-/// of its [`Geometry`](super::Geometry).
+/// The sets and instances of a stream. Point ids run through the instances in order, and through a set in the order of
+/// its [`Geometry`](super::Geometry).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Layout {
     sets: Vec<SetLayout>,
     members: Vec<Member>,
     /// First point id of every instance, then the number of points.
-    firsts: Vec<u32>,
+    point_offsets: Vec<u32>,
     /// First block of every instance, then the number of blocks.
-    first_blocks: Vec<u32>,
+    block_offsets: Vec<u32>,
     /// Instance of every block.
     owners: Vec<u32>,
-    /// The instance before every instance that has the same set.
-    twins: Vec<Option<u32>>,
+    /// By instance: the previous instance of the same set.
+    previous_of_set: Vec<Option<u32>>,
 }
 
-/// Sets and instances that make no layout.
+/// Why sets and instances were refused.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum LayoutError {
-    /// More instances than agreed on.
+    /// More instances than agreed.
     #[error("{found} instances, the agreed limit is {limit}")]
     Instances {
         /// Found.
         found: usize,
-        /// Agreed on.
+        /// The agreed limit.
         limit: u32,
     },
-    /// More sets than instances are allowed to be.
+    /// More sets than the limit of instances.
     #[error("{found} point sets, the agreed limit is {limit}")]
     Sets {
         /// Found.
         found: usize,
-        /// Agreed on.
+        /// The agreed limit.
         limit: u32,
     },
-    /// More points than agreed on, of all instances or of all sets together.
+    /// More points than agreed, of all instances or of all sets together.
     #[error("{found} points, the agreed limit is {limit}")]
     Points {
         /// Found.
         found: u64,
-        /// Agreed on.
+        /// The agreed limit.
         limit: u32,
     },
-    /// An instance of a set that is not there.
-    #[error("instance {instance} has points of set {set}, there are {sets} sets")]
+    /// An instance names a set that does not exist.
+    #[error("instance {instance} names set {set}, but there are only {sets} sets")]
     NoSet {
         /// The instance.
         instance: u32,
-        /// The set it names.
+        /// The set.
         set: u32,
-        /// Sets there are.
+        /// Number of sets.
         sets: usize,
     },
-    /// A lattice, kernel or normal precision that makes no sense.
-    #[error("set {set}: {what} makes no sense")]
+    /// A lattice, kernel or normal precision is out of range.
+    #[error("set {set}: {what} is out of range")]
     Lattice {
         /// The set.
         set: u32,
-        /// Which value.
+        /// The value that is out of range.
         what: &'static str,
     },
 }
 
 impl Layout {
-    /// Bytes held.
-    pub(super) fn held(&self) -> usize {
-        let Layout { sets, members, firsts, first_blocks, owners, twins } = self;
-        let tables = memory::list(firsts) + memory::list(first_blocks) + memory::list(owners);
-        memory::list(sets) + memory::list(members) + tables + memory::list(twins)
+    /// Returns the number of heap bytes in use.
+    pub(super) fn heap_bytes(&self) -> usize {
+        let Layout { sets, members, point_offsets, block_offsets, owners, previous_of_set } = self;
+        let tables = memory::list(point_offsets) + memory::list(block_offsets) + memory::list(owners);
+        memory::list(sets) + memory::list(members) + tables + memory::list(previous_of_set)
     }
 
-    /// Checks sets and instances against each other and `limits`.
+    /// Creates a layout. It checks sets and instances against each other and `limits`.
     ///
     /// # Errors
-    /// [`LayoutError`] names the first thing that is wrong.
+    /// [`LayoutError`] names the first error.
     pub fn new(sets: Vec<SetLayout>, members: Vec<Member>, limits: &Limits) -> Result<Layout, LayoutError> {
         let limit = limits.max_instances;
         if members.len() > limit as usize {
@@ -121,124 +121,127 @@ impl Layout {
         for (set, index) in sets.iter().zip(0_u32..) {
             check_set(set).map_err(|what| LayoutError::Lattice { set: index, what })?;
         }
-        let mut firsts = Vec::with_capacity(members.len() + 1);
+        let mut point_offsets = Vec::with_capacity(members.len() + 1);
         let mut total = 0_u64;
         for (member, instance) in members.iter().zip(0_u32..) {
             let set = member.set;
             let Some(found) = sets.get(set as usize) else {
                 return Err(LayoutError::NoSet { instance, set, sets: sets.len() });
             };
-            firsts.push(total as u32);
+            point_offsets.push(total as u32);
             total += u64::from(found.points);
             if total > u64::from(limits.max_points) {
                 return Err(LayoutError::Points { found: total, limit: limits.max_points });
             }
         }
-        firsts.push(total as u32);
-        let mut first_blocks = vec![0];
+        point_offsets.push(total as u32);
+        let mut block_offsets = vec![0];
         let mut owners = Vec::new();
-        for (pair, instance) in firsts.windows(2).zip(0..) {
+        for (pair, instance) in point_offsets.windows(2).zip(0..) {
             let blocks = ((pair[1] - pair[0]) as usize).div_ceil(BLOCK_POINTS);
             owners.resize(owners.len() + blocks, instance);
-            first_blocks.push(owners.len() as u32);
+            block_offsets.push(owners.len() as u32);
         }
         let mut latest = vec![None; sets.len()];
-        let twins =
+        let previous_of_set =
             members.iter().zip(0_u32..).map(|(member, at)| latest[member.set as usize].replace(at)).collect();
-        Ok(Layout { sets, members, firsts, first_blocks, owners, twins })
+        Ok(Layout { sets, members, point_offsets, block_offsets, owners, previous_of_set })
     }
 
-    /// Blocks of all instances together: each has its points in runs of [`BLOCK_POINTS`], the last one may be shorter.
+    /// Returns the number of blocks over all instances. The points of an instance are in runs of [`BLOCK_POINTS`]; the
+    /// last run may be shorter.
     #[must_use]
     pub fn blocks(&self) -> usize {
         self.owners.len()
     }
 
-    /// Blocks of an instance; empty where there is no such instance.
+    /// Returns the blocks of an instance; empty if there is no such instance.
     #[must_use]
     pub fn blocks_of(&self, instance: u32) -> std::ops::Range<usize> {
         let at = instance as usize;
-        match self.first_blocks.get(at..at + 2) {
+        match self.block_offsets.get(at..at + 2) {
             Some(&[first, end]) => first as usize..end as usize,
             _ => 0..0,
         }
     }
 
-    /// The instance that a block is of. `block` is below [`Layout::blocks`].
+    /// Returns the instance of a block. `block` is below [`Layout::blocks`].
     pub(crate) fn owner(&self, block: usize) -> usize {
         self.owners[block] as usize
     }
 
-    /// The last instance before this one that has the same set.
-    pub(crate) fn twin(&self, instance: usize) -> Option<u32> {
-        self.twins[instance]
+    /// Returns the previous instance of the same set.
+    pub(crate) fn previous_of_set(&self, instance: usize) -> Option<u32> {
+        self.previous_of_set[instance]
     }
 
-    /// Slots of an instance: its points, counted from 64 times its first block.
-    pub(crate) fn slots_of(&self, instance: usize) -> std::ops::Range<usize> {
-        let first = self.first_blocks[instance] as usize * BLOCK_POINTS;
-        first..first + (self.firsts[instance + 1] - self.firsts[instance]) as usize
+    /// Returns the padded indices of an instance's points.
+    pub(crate) fn padded_range(&self, instance: usize) -> std::ops::Range<usize> {
+        let first = self.block_offsets[instance] as usize * BLOCK_POINTS;
+        first..first + (self.point_offsets[instance + 1] - self.point_offsets[instance]) as usize
     }
 
-    /// Points of a block.
+    /// Returns the number of points of a block.
     pub(crate) fn block_len(&self, block: usize) -> usize {
-        let end = self.slots_of(self.owner(block)).end;
+        let end = self.padded_range(self.owner(block)).end;
         (end - block * BLOCK_POINTS).min(BLOCK_POINTS)
     }
 
-    /// The instance of a point; `None` where there is no such point.
+    /// Returns the instance of a point; `None` if there is no such point.
     pub(crate) fn instance_of(&self, point: u32) -> Option<usize> {
-        (point < self.points()).then(|| self.firsts.partition_point(|first| *first <= point) - 1)
+        (point < self.points()).then(|| self.point_offsets.partition_point(|first| *first <= point) - 1)
     }
 
-    /// The slot of a point of an instance.
+    /// Returns the padded index of a point of an instance.
     #[inline]
-    pub(crate) fn slot_in(&self, instance: usize, point: u32) -> usize {
-        self.first_blocks[instance] as usize * BLOCK_POINTS + (point - self.firsts[instance]) as usize
+    pub(crate) fn padded_index_in(&self, instance: usize, point: u32) -> PaddedIndex {
+        let place = (point - self.point_offsets[instance]) as usize;
+        PaddedIndex::new(self.block_offsets[instance] as usize, place)
     }
 
-    /// The slot of a point; `None` where there is no such point.
-    pub(crate) fn slot(&self, point: u32) -> Option<usize> {
-        Some(self.slot_in(self.instance_of(point)?, point))
+    /// Returns the padded index of a point; `None` if there is no such point.
+    pub(crate) fn padded_index(&self, point: u32) -> Option<PaddedIndex> {
+        Some(self.padded_index_in(self.instance_of(point)?, point))
     }
 
-    /// Returns the instance of a block and its points, counted from the instance's first. `None` where there is no such block.
+    /// Returns the instance of a block and its points, counted from the first point of the instance. `None` if there
+    /// is no such block.
     #[must_use]
     pub fn points_of_block(&self, block: usize) -> Option<(u32, std::ops::Range<u32>)> {
         let instance = *self.owners.get(block)?;
-        let first = ((block - self.first_blocks[instance as usize] as usize) * BLOCK_POINTS) as u32;
+        let first = ((block - self.block_offsets[instance as usize] as usize) * BLOCK_POINTS) as u32;
         Some((instance, first..first + self.block_len(block) as u32))
     }
 
-    /// The sets.
+    /// Returns the sets.
     #[must_use]
     pub fn sets(&self) -> &[SetLayout] {
         &self.sets
     }
 
-    /// The instances.
+    /// Returns the instances.
     #[must_use]
     pub fn members(&self) -> &[Member] {
         &self.members
     }
 
-    /// First point id of every instance in order, then the number of all points.
+    /// Returns the first point id of every instance in order, then the number of all points.
     #[must_use]
-    pub fn firsts(&self) -> &[u32] {
-        &self.firsts
+    pub fn point_offsets(&self) -> &[u32] {
+        &self.point_offsets
     }
 
-    /// Points of all instances together.
+    /// Returns the number of points of all instances.
     #[must_use]
     pub fn points(&self) -> u32 {
-        self.firsts.last().copied().unwrap_or(0)
+        self.point_offsets.last().copied().unwrap_or(0)
     }
 
-    /// Point ids of an instance; empty where there is no such instance.
+    /// Returns the point ids of an instance; empty if there is no such instance.
     #[must_use]
     pub fn points_of(&self, instance: u32) -> std::ops::Range<usize> {
         let at = instance as usize;
-        match self.firsts.get(at..at + 2) {
+        match self.point_offsets.get(at..at + 2) {
             Some(&[first, end]) => first as usize..end as usize,
             _ => 0..0,
         }
@@ -246,9 +249,9 @@ impl Layout {
 }
 
 impl SetLayout {
-    /// Returns the layout of a lattice that covers these points: with this step, or the finest that a lattice can have where
-    /// the points are too far apart for it. Without points it has one node. Number and digest of the points are filled in
-    /// by [`Geometry::round`](super::Geometry::round).
+    /// Returns the layout of a lattice that covers these points with this step, or with the finest possible one if
+    /// they are too far apart. Without points it has one node. [`Geometry::round`](super::Geometry::round) fills in
+    /// the number and digest of the points.
     #[must_use]
     pub fn covering(points: &[RestPoint], step: f32, normal_bits: u8, kernel_radius: f32) -> SetLayout {
         let axis = |axis: usize| points.iter().map(move |point| point.position[axis]);
@@ -272,28 +275,28 @@ impl SetLayout {
         }
     }
 
-    /// The position of a lattice node, metres, rest space.
+    /// Returns the position of a lattice node, metres, rest space.
     #[inline]
     #[must_use]
     pub fn position(&self, coord: [u32; 3]) -> [f32; 3] {
         std::array::from_fn(|axis| self.origin[axis] + coord[axis] as f32 * self.step)
     }
 
-    /// The lattice node nearest to a position, and whether the position is inside the lattice; NaN is not.
+    /// Returns the lattice node nearest to a position, and whether the position is inside the lattice; NaN is outside.
     pub(super) fn nearest(&self, position: [f32; 3]) -> ([u32; 3], bool) {
         let mut inside = true;
         let coord = std::array::from_fn(|axis| {
             let at = (position[axis] - self.origin[axis]) / self.step;
             let last = self.extent[axis] as f32;
             inside &= at >= -0.5 && at <= last + 0.5;
-            // The cast makes 0 of NaN and truncates.
+            // The cast turns NaN into 0 and truncates.
             ((at.max(0.0) + 0.5) as u32).min(self.extent[axis])
         });
         (coord, inside)
     }
 
-    /// Largest error of one axis of a position that lies inside the lattice, metres: half a step and the rounding
-    /// of `f32`.
+    /// Returns the largest error of one axis of a position inside the lattice, metres: half a step and the rounding of
+    /// `f32`.
     #[must_use]
     pub fn max_position_error(&self) -> f32 {
         let far = (0..3).map(|axis| self.origin[axis].abs() + self.extent[axis] as f32 * self.step);

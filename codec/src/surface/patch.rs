@@ -1,27 +1,27 @@
-//! Patches: deltas that bring clients which missed frames to the newest state.
+//! Writes patches: deltas that bring clients that missed frames to the newest state.
 
 use super::section::patch::Patch;
 use super::section::writer::SectionWriter;
-use super::{BLOCK_POINTS, ChangeLog, State};
+use super::{ChangeLog, PaddedIndex, State};
 use crate::block::BlockCoder;
 use crate::envelope::{EncodeError, FrameIndex, FrameKind, FrameMeta, Packing, Profile, assemble};
 
-/// Furthest that a patch reaches back, in frames: what the range coder has numbers for.
+/// Largest number of frames that a patch reaches back: the largest number that the range coder can code.
 const FURTHEST: u32 = (1 << 31) - 1;
 
-/// Writes the body of a delta with which every client whose last frame is `base` or a later one before `meta.frame` holds
-/// what `state` holds; `meta.frame` is that of `state`, `meta.kind` is taken as delta. It has the newest value of the points
-/// that changed after `base` and depends on nothing that was coded before.
+/// Writes the body of a delta that brings every client to `state` whose last frame is `base` or a later one before
+/// `meta.frame`. `meta.frame` is the frame of `state`, and `meta.kind` is taken as delta. The patch has the newest
+/// value of every point that changed after `base`. It depends on nothing that was coded before.
 ///
-/// A client that applies it has forgotten what the coders learned. With `context` it is told what `state` knows, which takes
-/// as much as in a [`super::keyframe`] and lets it read the updates that follow; without, it reads patches and keyframes
-/// only.
+/// The coder context of a client becomes fresh when it applies a patch. With `context` the patch carries the context
+/// of `state`, at the same cost as in a [`super::keyframe`]; then the client can decode the updates that follow.
+/// Without it, the client can decode only patches and keyframes.
 ///
-/// `None` when only a keyframe helps: `change log` has not followed `state`, or does not know what a client of frame `base`
-/// missed ([`ChangeLog::changed_since`]), or there is no point yet.
+/// Returns `None` if only a keyframe helps: `log` has not recorded `state`, it does not know what a client of frame
+/// `base` missed ([`ChangeLog::changed_since`]), or there is no point yet.
 ///
 /// # Errors
-/// [`EncodeError::Block`] for a level that the coder does not have, or where it finds no memory.
+/// [`EncodeError::Block`] for a level that the coder does not have, or if it cannot allocate memory.
 pub fn patch(
     state: &State,
     log: &ChangeLog,
@@ -37,15 +37,15 @@ pub fn patch(
     };
     let mut patch = Patch { back, ..Patch::default() };
     for (block, mask) in missed {
-        patch.marks.blocks.push(block);
-        patch.marks.masks.push(mask);
+        patch.points.blocks.push(block);
+        patch.points.masks.push(mask);
     }
-    if patch.marks.blocks.is_empty() {
-        // A section has a point at least: any does.
+    if patch.points.blocks.is_empty() {
+        // A section has at least one point: any point will do.
         let Some(block) = state.present.iter().position(|here| *here) else { return Ok(None) };
-        patch.marks.push(block * BLOCK_POINTS);
+        patch.points.push(PaddedIndex::new(block, 0));
     }
-    patch.bytes = patch.marks.slots().map(|slot| state.values[slot]).collect();
+    patch.bytes = patch.points.padded_indices().map(|index| state.values[index.0]).collect();
     let mut writer = SectionWriter::default();
     if context {
         writer.context(state, coder)?;

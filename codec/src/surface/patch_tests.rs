@@ -1,4 +1,4 @@
-//! Ledgers and patches of made-up streams.
+//! Tests of change logs and patches of synthetic streams.
 
 use proptest::prelude::*;
 
@@ -11,10 +11,10 @@ use crate::envelope::{
 use crate::testing::reseal;
 use crate::{self as of_either, Limits};
 
-/// What one frame of a story does: points and what is said of them.
-type Offers = Vec<(u32, u8)>;
+/// One frame of a story: points and the AO that is set.
+type AoValues = Vec<(u32, u8)>;
 
-/// A stream and everything there ever was of it.
+/// A stream and all its frames.
 struct Story {
     encoder: Encoder,
     log: ChangeLog,
@@ -30,9 +30,9 @@ impl Story {
         Story { encoder, log, states: Vec::new(), bodies: Vec::new() }
     }
 
-    /// Writes a frame with a number of its own: they need not follow one another.
-    fn frame(&mut self, kind: FrameKind, coder: BlockCoder, offers: &Offers) {
-        for (point, ao) in offers {
+    /// Writes a frame with a given index: indices need not be consecutive.
+    fn frame(&mut self, kind: FrameKind, coder: BlockCoder, values: &AoValues) {
+        for (point, ao) in values {
             self.encoder.set_ao(*point, *ao);
         }
         let number = 3 + 2 * self.states.len() as u32;
@@ -50,7 +50,7 @@ impl Story {
         patch(self.encoder.state(), &self.log, base, meta, coder, context).unwrap()
     }
 
-    /// The twin of [`ChangeLog::changed_since`]: looks at all states after `base`.
+    /// The reference of [`ChangeLog::changed_since`]: it looks at all states after `base`.
     fn missed(&self, base: usize) -> Option<Vec<(u32, u64)>> {
         let states = &self.states[base..];
         let same = |state: &State| {
@@ -62,22 +62,22 @@ impl Story {
         }
         let mut masks = vec![0; states[0].present.len()];
         for pair in states.windows(2) {
-            for slot in
-                (0..pair[0].values.len()).filter(|slot| pair[0].values[*slot] != pair[1].values[*slot])
+            for index in
+                (0..pair[0].values.len()).filter(|index| pair[0].values[*index] != pair[1].values[*index])
             {
-                masks[slot / BLOCK_POINTS] |= 1 << (slot % BLOCK_POINTS);
+                masks[index / BLOCK_POINTS] |= 1 << (index % BLOCK_POINTS);
             }
         }
         Some((0..).zip(masks).filter(|(_, mask)| *mask != 0).collect())
     }
 }
 
-/// Offers of all points at a time but for the last ball.
-fn shadow(time: u32) -> Offers {
+/// Returns values of all points at a given time except those of the last ball.
+fn shadow(time: u32) -> AoValues {
     (0..430).map(|point| (point, ao(point, time))).collect()
 }
 
-/// A keyframe and five deltas.
+/// Returns a keyframe and five deltas.
 fn short(coder: BlockCoder) -> Story {
     let mut story = Story::new(GeometrySource::Sent);
     for time in 0..6 {
@@ -104,10 +104,10 @@ fn what_the_bits_of_a_patch_are_spent_on_adds_up_to_the_block() {
     let story = short(BlockCoder::Range);
     let body = story.patch(story.states[1].frame.unwrap(), BlockCoder::Range, false).unwrap();
     let bits = 8.0 * f64::from(inspect(&body, &Limits::default()).unwrap().sections[0].wire_bytes);
-    let Spent { blocks, points, ways, sizes } =
-        spent(&story.states[2], &body, &Limits::default()).unwrap().unwrap();
-    assert!([blocks, points, ways, sizes].iter().all(|part| *part > 0.0));
-    assert!((blocks + points + ways + sizes - bits).abs() < 12.0, "{bits}");
+    let BitBreakdown { blocks, points, signs, sizes } =
+        bit_breakdown(&story.states[2], &body, &Limits::default()).unwrap().unwrap();
+    assert!([blocks, points, signs, sizes].iter().all(|part| *part > 0.0));
+    assert!((blocks + points + signs + sizes - bits).abs() < 12.0, "{bits}");
 }
 
 #[test]
@@ -271,8 +271,8 @@ fn patches_that_do_not_suit_are_refused_by_name() {
     for time in 0..2 {
         let kind = if time == 0 { FrameKind::Key } else { FrameKind::Delta };
         // The second ball is blocks 8 and 9, or it would be if it came.
-        let offers = shadow(time).into_iter().filter(|(point, _)| *point < 300);
-        story.frame(kind, BlockCoder::Stored, &offers.collect());
+        let values = shadow(time).into_iter().filter(|(point, _)| *point < 300);
+        story.frame(kind, BlockCoder::Stored, &values.collect());
     }
     let state = story.last();
     let blocks = state.present.len();
@@ -300,24 +300,24 @@ fn patches_that_do_not_suit_are_refused_by_name() {
         other => unreachable!("{other}"),
     };
     let (block, mask) = (4, 1 << 63);
-    assert_eq!(problem(refused(1, &plain(9, 4, mask))), ChangeProblem::Mask { block, mask });
-    assert_eq!(problem(refused(1, &plain(9, 4, 0))), ChangeProblem::Mask { block, mask: 0 });
-    assert_eq!(problem(refused(1, &plain(9, 6, 1))), ChangeProblem::Absent { block: 6 });
-    let count = ChangeProblem::Count { expected: 2, found: 1 };
+    assert_eq!(problem(refused(1, &plain(9, 4, mask))), ChangeError::Mask { block, mask });
+    assert_eq!(problem(refused(1, &plain(9, 4, 0))), ChangeError::Mask { block, mask: 0 });
+    assert_eq!(problem(refused(1, &plain(9, 6, 1))), ChangeError::Absent { block: 6 });
+    let count = ChangeError::Count { expected: 2, found: 1 };
     assert_eq!(problem(refused(2, &plain(9, 0, 1))), count);
     let mut raw = plain(9, 0, 3);
     let offset = raw.len() - 2;
-    assert_eq!(problem(refused(2, &raw[..=offset])), ChangeProblem::Ends { field: "the values", offset });
+    assert_eq!(problem(refused(2, &raw[..=offset])), ChangeError::Ends { field: "the values", offset });
     raw.push(0);
     let (offset, extra) = (offset + 2, 1);
-    assert_eq!(problem(refused(2, &raw)), ChangeProblem::Trailing { offset, extra });
+    assert_eq!(problem(refused(2, &raw)), ChangeError::Trailing { offset, extra });
     let hash = refused(2, &raw[..offset]);
     assert!(matches!(hash, FrameError::Hash { .. }), "{hash}");
 }
 
-fn story() -> impl Strategy<Value = Vec<(u8, Offers)>> {
-    let offers = prop::collection::vec((0_u32..560, any::<u8>()), 0..60);
-    prop::collection::vec((any::<u8>(), offers), 2..10)
+fn story() -> impl Strategy<Value = Vec<(u8, AoValues)>> {
+    let values = prop::collection::vec((0_u32..560, any::<u8>()), 0..60);
+    prop::collection::vec((any::<u8>(), values), 2..10)
 }
 
 proptest! {
@@ -329,10 +329,10 @@ proptest! {
     ) {
         let source = if source { GeometrySource::Sent } else { GeometrySource::Shared };
         let mut story = Story::new(source);
-        for (at, (kind, offers)) in frames.iter().enumerate() {
+        for (at, (kind, values)) in frames.iter().enumerate() {
             let key = at == 0 || kind % 16 == 0;
             let kind = if key { FrameKind::Key } else { FrameKind::Delta };
-            story.frame(kind, CODERS[coder], offers);
+            story.frame(kind, CODERS[coder], values);
         }
         let last = story.last().clone();
         let mut readers = Vec::new();
@@ -371,8 +371,8 @@ proptest! {
             }
         }
         // With what was learned, clients read the updates that all others read.
-        for (_, offers) in &more {
-            story.frame(FrameKind::Delta, CODERS[coder], offers);
+        for (_, values) in &more {
+            story.frame(FrameKind::Delta, CODERS[coder], values);
             for reader in readers.iter_mut().take(3) {
                 Decoder::new().decode(reader, story.bodies.last().unwrap(), &Limits::default()).unwrap();
                 prop_assert_eq!(&*reader, story.last());

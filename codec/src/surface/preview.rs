@@ -1,25 +1,25 @@
-//! What can be shown of a keyframe before all of it is here.
+//! Previews of keyframes that have not arrived completely.
 
 use super::{Decoder, State};
 use crate::Limits;
 use crate::envelope::{FrameError, FrameKind, Profile, check_follows, read_header, whole_blocks};
 
-/// What can be shown of a keyframe of which only the first bytes are here.
+/// The part of a keyframe that is complete in its first bytes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Preview {
-    /// What the whole sections among the bytes make. Nothing vouches for it: checksum and state hash need the rest.
+    /// The state of the complete sections. Nothing vouches for it: checksum and state hash need the rest.
     pub state: State,
-    /// Sections that are whole.
+    /// Number of complete sections.
     pub sections: usize,
-    /// Sections of the keyframe.
+    /// Number of sections of the keyframe.
     pub of: usize,
 }
 
-/// Reads the first bytes of a keyframe for a stream whose state so far is `state`; `None` while the header is not whole,
-/// or when it is no keyframe.
+/// Reads the first bytes of a keyframe for a stream with state `state`. Returns `None` while the header is incomplete,
+/// or if the frame is not a keyframe.
 ///
 /// # Errors
-/// [`FrameError`] where the bytes are no beginning of a keyframe.
+/// [`FrameError`] if the bytes are not the start of a keyframe.
 pub fn preview(state: &State, bytes: &[u8], limits: &Limits) -> Result<Option<Preview>, FrameError> {
     let info = match read_header(bytes, limits) {
         Err(FrameError::Truncated { .. }) => return Ok(None),

@@ -33,19 +33,19 @@ impl FrameRules for Rules {
         }
     }
 
-    /// Changes and patches suit deltas only.
+    /// Changes and patches are only in deltas.
     fn may_be_in(&self, section: SectionTag, kind: FrameKind) -> bool {
         kind == FrameKind::Delta || !matches!(section, SectionTag::CHANGES | SectionTag::PATCH)
     }
 
-    /// Tags ascend; geometry and values alone may take turns.
-    fn is_order(&self, previous: SectionTag, next: SectionTag) -> bool {
+    /// Tags ascend, except that geometry and values may alternate.
+    fn is_ordered(&self, previous: SectionTag, next: SectionTag) -> bool {
         let parcel = |tag| matches!(tag, SectionTag::GEOMETRY | SectionTag::VALUES);
         previous < next || parcel(previous) && parcel(next)
     }
 
-    /// A patch is all that its delta does; what was learned may go before it.
-    fn may_be_beside(&self, previous: SectionTag, next: SectionTag, kind: FrameKind) -> bool {
+    /// A delta with a patch has nothing else, except a context before it.
+    fn may_follow(&self, previous: SectionTag, next: SectionTag, kind: FrameKind) -> bool {
         match next {
             SectionTag::CONTEXT => kind == FrameKind::Key,
             SectionTag::PATCH => previous == SectionTag::CONTEXT,
@@ -53,7 +53,7 @@ impl FrameRules for Rules {
         }
     }
 
-    /// What was learned is in a delta only before a patch.
+    /// A delta has a context only before a patch.
     fn may_be_last(&self, section: SectionTag, kind: FrameKind) -> bool {
         kind == FrameKind::Key || section != SectionTag::CONTEXT
     }

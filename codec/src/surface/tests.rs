@@ -15,7 +15,7 @@ use crate::testing::reseal;
 pub(super) const CODERS: [BlockCoder; 4] =
     [BlockCoder::Range, BlockCoder::Stored, BlockCoder::Lz4, BlockCoder::Zstd { level: 15 }];
 
-/// A floor and a ball, with points by a Fibonacci lattice; nothing random.
+/// Returns a floor and a ball, with points on a Fibonacci lattice; nothing is random.
 fn geometries() -> Vec<Arc<Geometry>> {
     let layout = |extent| SetLayout {
         origin: [-1.0, -1.0, -1.0],
@@ -42,7 +42,7 @@ fn geometries() -> Vec<Arc<Geometry>> {
     vec![round(floor.collect()), round(ball.collect())]
 }
 
-/// The floor, two balls and nothing.
+/// Returns a stream of the floor, two balls and an empty instance.
 pub(super) fn stream(source: GeometrySource, threshold: u8) -> Encoder {
     let geometry = geometries();
     let empty = Geometry::round(*geometry[0].layout(), &[]).geometry;
@@ -53,7 +53,7 @@ pub(super) fn stream(source: GeometrySource, threshold: u8) -> Encoder {
     Encoder::new(layout, geometry, EncoderSettings { threshold, geometry: source, budget: None }).unwrap()
 }
 
-/// A client of the stream with nothing received.
+/// Returns a client that has received nothing.
 pub(super) fn client(encoder: &Encoder) -> State {
     let mut state = State::new(Arc::clone(encoder.state().layout()));
     if encoder.settings().geometry == GeometrySource::Shared {
@@ -68,25 +68,25 @@ pub(super) fn meta(kind: FrameKind, frame: u32) -> FrameMeta {
     FrameMeta { kind, frame: FrameIndex(frame), time: StreamTime(u64::from(frame) * 1000), changed_points: 0 }
 }
 
-/// AO of a point at a time: a shadow that passes over open ground, and a little noise.
+/// Returns the AO of a point at a given time: a shadow passes over open ground, with a little noise.
 pub(super) fn ao(point: u32, frame: u32) -> u8 {
     let distance = (f64::from(point % 130) - 5.0 * f64::from(frame)).abs();
     let noise = (point.wrapping_mul(0x9E37_79B9).wrapping_add(frame * 77) >> 20) % 5;
     (255.0 - 160.0 * (-distance * distance / 300.0).exp()) as u8 - noise as u8
 }
 
-pub(super) fn offer(encoder: &mut Encoder, frame: u32, points: std::ops::Range<u32>) {
+pub(super) fn set_frame_ao(encoder: &mut Encoder, frame: u32, points: std::ops::Range<u32>) {
     for point in points {
         encoder.set_ao(point, ao(point, frame)).unwrap();
     }
 }
 
-/// The frames of a short stream in which a ball comes late.
+/// Returns the frames of a short stream in which a ball arrives late.
 fn frames(encoder: &mut Encoder, coder: BlockCoder, count: u32) -> Vec<EncodedFrame> {
     let all = encoder.state().layout().points();
     let frame = |encoder: &mut Encoder, frame: u32| {
         let late = if frame < 2 { all - 130 } else { all };
-        offer(encoder, frame, 0..late);
+        set_frame_ao(encoder, frame, 0..late);
         let kind = if frame == 0 { FrameKind::Key } else { FrameKind::Delta };
         encoder.finish(meta(kind, frame), coder).unwrap()
     };
@@ -114,7 +114,7 @@ fn clients_hold_what_the_server_says_with_every_coder() {
 
 fn frames_next(encoder: &mut Encoder, coder: BlockCoder, number: u32) -> EncodedFrame {
     let all = encoder.state().layout().points();
-    offer(encoder, number, 0..if number < 2 { all - 130 } else { all });
+    set_frame_ao(encoder, number, 0..if number < 2 { all - 130 } else { all });
     let kind = if number.is_multiple_of(9) { FrameKind::Key } else { FrameKind::Delta };
     encoder.finish(meta(kind, number), coder).unwrap()
 }
@@ -148,7 +148,7 @@ fn a_keyframe_in_the_middle_of_a_group_lets_a_client_read_on() {
         decoder.decode(&mut late, &body, &Limits::default()).unwrap();
         assert_eq!(&late, encoder.state());
         for number in 6..9 {
-            offer(&mut encoder, number, 0..100);
+            set_frame_ao(&mut encoder, number, 0..100);
             let frame = encoder.finish(meta(FrameKind::Delta, number), coder).unwrap();
             decoder.decode(&mut late, &frame.body, &Limits::default()).unwrap();
             assert_eq!(&late, encoder.state());
@@ -161,18 +161,18 @@ fn what_the_bits_are_spent_on_adds_up_to_the_block() {
     let mut encoder = stream(GeometrySource::Sent, 2);
     frames(&mut encoder, BlockCoder::Range, 3);
     let before = encoder.state().clone();
-    offer(&mut encoder, 8, 0..before.layout().points());
+    set_frame_ao(&mut encoder, 8, 0..before.layout().points());
     let frame = encoder.finish(meta(FrameKind::Delta, 8), BlockCoder::Range).unwrap();
     let bits = 8.0 * f64::from(frame.info.sections[0].wire_bytes);
-    let Spent { blocks, points, ways, sizes } =
-        spent(&before, &frame.body, &Limits::default()).unwrap().unwrap();
-    assert!([blocks, points, ways, sizes].iter().all(|part| *part > 0.0));
+    let BitBreakdown { blocks, points, signs, sizes } =
+        bit_breakdown(&before, &frame.body, &Limits::default()).unwrap().unwrap();
+    assert!([blocks, points, signs, sizes].iter().all(|part| *part > 0.0));
     assert!(
-        (blocks + points + ways + sizes - bits).abs() < 12.0,
-        "{blocks} {points} {ways} {sizes} of {bits}"
+        (blocks + points + signs + sizes - bits).abs() < 12.0,
+        "{blocks} {points} {signs} {sizes} of {bits}"
     );
     let still = encoder.finish(meta(FrameKind::Delta, 9), BlockCoder::Range).unwrap();
-    assert_eq!(spent(encoder.state(), &still.body, &Limits::default()), Ok(None));
+    assert_eq!(bit_breakdown(encoder.state(), &still.body, &Limits::default()), Ok(None));
 }
 
 #[test]
@@ -190,8 +190,8 @@ fn a_context_is_one_record() {
     let forged = crate::envelope::assemble(&meta, ids, info.hash, info.sections, blocks).body;
     let error = refuse(&mut Decoder::new(), &client(&encoder), &forged, &Limits::default());
     assert!(matches!(error, FrameError::TooManyRecords { records: 2, places: 1, .. }), "{error}");
-    let twin = crate::reference::apply_surface(&client(&encoder), &forged, &Limits::default());
-    assert!(twin.is_err());
+    let expected = crate::reference::apply_surface(&client(&encoder), &forged, &Limits::default());
+    assert!(expected.is_err());
 }
 
 #[test]
@@ -219,7 +219,7 @@ pub(super) fn refuse(decoder: &mut Decoder, state: &State, body: &[u8], limits: 
     error
 }
 
-/// A state and the frame that follows it, for a keyframe, a delta with arrivals and one without.
+/// Returns states and the frames that follow them: a keyframe, a delta with arrivals and one without.
 fn samples(coder: BlockCoder) -> Vec<(State, EncodedFrame, State)> {
     let mut encoder = stream(GeometrySource::Sent, 8);
     let mut state = client(&encoder);
@@ -307,7 +307,7 @@ fn limits_are_kept() {
     let layout = state.layout();
     let error = Layout::new(layout.sets().to_vec(), layout.members().to_vec(), &limits);
     assert!(matches!(error, Err(LayoutError::Points { limit: 10, .. })));
-    // Sets that no instance has count as well: a frame could bring them.
+    // Sets without an instance count too: a frame could bring them.
     let error = Layout::new(layout.sets().to_vec(), Vec::new(), &limits);
     assert_eq!(error, Err(LayoutError::Points { found: 430, limit: 10 }));
 }
@@ -348,7 +348,7 @@ fn a_set_comes_once_and_with_points() {
             let meta = meta(FrameKind::Key, 0);
             let body = crate::envelope::assemble(&meta, ids, crate::StateHash(7), vec![section], &bits).body;
             let error = refuse(&mut Decoder::new(), &state, &body, &Limits::default());
-            let expected = GeometryProblem::Set { set };
+            let expected = GeometrySectionError::Set { set };
             assert!(
                 matches!(error, FrameError::Geometry { problem, .. } if problem == expected),
                 "{coder:?}: {error}"
@@ -370,7 +370,7 @@ fn shared_geometry_must_be_the_stream_s() {
 
 #[test]
 fn a_set_without_points_cannot_come_for_ever() {
-    // Set 2 has no points, so the count of points says nothing about how often it comes.
+    // Set 2 has no points, so the number of points does not tell how often it comes.
     let encoder = stream(GeometrySource::Sent, 8);
     let state = client(&encoder);
     let floor = encoder.state().layout().sets()[0].points;
@@ -387,7 +387,7 @@ fn a_set_without_points_cannot_come_for_ever() {
     let body = crate::envelope::assemble(&meta(FrameKind::Key, 0), ids, hash, vec![section], &raw).body;
     let error = refuse(&mut Decoder::new(), &state, &body, &Limits::default());
     assert!(
-        matches!(error, FrameError::Geometry { problem: GeometryProblem::Set { set: 2 }, .. }),
+        matches!(error, FrameError::Geometry { problem: GeometrySectionError::Set { set: 2 }, .. }),
         "{error}"
     );
 }
@@ -414,8 +414,8 @@ proptest! {
             decoder.decode(&mut state, &frame.body, &Limits::default()).unwrap();
             prop_assert_eq!(&state, encoder.state());
             for (point, ao) in now.iter().enumerate() {
-                let (Some(ao), Some(slot)) = (ao, state.layout.slot(point as u32)) else { continue };
-                let error = state.values[slot].abs_diff(*ao);
+                let (Some(ao), Some(index)) = (ao, state.layout.padded_index(point as u32)) else { continue };
+                let error = state.values[index.0].abs_diff(*ao);
                 prop_assert!(error <= encoder.settings().max_error(), "{point}: off by {error} of {threshold}");
             }
         }

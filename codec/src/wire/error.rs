@@ -1,13 +1,13 @@
-//! Why bytes could not be read as what they should be.
+//! Errors of the wire reader.
 
-use super::VarintProblem;
+use super::VarintError;
 
-/// A field that could not be read. What reads a body or a section makes its own error of it.
+/// A field that could not be read. The readers of bodies and sections turn it into their own errors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct WireError {
     /// The field.
     pub(crate) field: &'static str,
-    /// Where the field starts, in bytes from the start of what is read.
+    /// Start of the field, in bytes from the start of the input.
     pub(crate) offset: usize,
     /// What is wrong.
     pub(crate) kind: WireErrorKind,
@@ -16,10 +16,10 @@ pub(crate) struct WireError {
 /// What is wrong with a field.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum WireErrorKind {
-    /// The bytes end inside it; so many are missing at least.
+    /// The input ends inside the field; at least `missing` bytes are missing.
     Ends { missing: usize },
-    /// It is no canonical varint.
-    Varint(VarintProblem),
-    /// Bytes follow where it should have been the end.
+    /// The field is not a canonical varint.
+    Varint(VarintError),
+    /// `extra` bytes follow the expected end.
     Trailing { extra: usize },
 }

@@ -1,26 +1,25 @@
-//! Primitives of the wire: little-endian words, varints, a reader that knows where it is. No messages.
+//! Primitives of the wire: little-endian words, varints, ids, and a reader that tracks its offset. Messages are not
+//! here.
 
 mod error;
+mod ids;
 mod reader;
 mod varint;
 
 pub(crate) use error::{WireError, WireErrorKind};
+pub(crate) use ids::wire_enum;
 pub(crate) use reader::Reader;
-pub use varint::VarintProblem;
-pub(crate) use varint::{VarintFault, read_varint, varint_bytes, write_varint};
+pub use varint::VarintError;
+pub(crate) use varint::{ReadVarintError, read_varint, varint_bytes, write_varint};
 
-/// Splits little-endian bytes into words. `bytes` holds at least `4 * N` bytes; further ones are ignored.
+/// Splits little-endian bytes into words. `bytes` holds at least `4 * N` bytes; the rest is ignored.
 #[inline]
 pub(crate) fn words<const N: usize>(bytes: &[u8]) -> [u32; N] {
-    let mut out = [0; N];
-    for (word, four) in out.iter_mut().zip(bytes.chunks_exact(4)) {
-        *word = u32::from_le_bytes([four[0], four[1], four[2], four[3]]);
-    }
-    out
+    bytemuck::pod_read_unaligned::<[u32; N]>(&bytes[..4 * N]).map(u32::from_le)
 }
 
-/// Splits little-endian bytes into words of `width` bytes, 2 to 4, and widens them. `bytes` holds at least
-/// `width * N` bytes; further ones are ignored.
+/// Splits little-endian bytes into words of `width` bytes, 2 to 4, and widens them. `bytes` holds at least `width * N`
+/// bytes; the rest is ignored.
 #[inline]
 pub(crate) fn narrow_words<const N: usize>(bytes: &[u8], width: usize) -> [u32; N] {
     if width == 4 {
@@ -36,7 +35,7 @@ pub(crate) fn narrow_words<const N: usize>(bytes: &[u8], width: usize) -> [u32; 
 
 /// Appends the low `width` bytes, 2 to 4, of words in little-endian order.
 #[inline]
-pub(crate) fn push_narrow_words(out: &mut Vec<u8>, words: &[u32], width: usize) {
+pub(crate) fn push_narrow_words<const N: usize>(out: &mut Vec<u8>, words: &[u32; N], width: usize) {
     if width == 4 {
         return push_words(out, words);
     }
@@ -47,8 +46,6 @@ pub(crate) fn push_narrow_words(out: &mut Vec<u8>, words: &[u32], width: usize) 
 
 /// Appends words in little-endian order.
 #[inline]
-pub(crate) fn push_words(out: &mut Vec<u8>, words: &[u32]) {
-    for word in words {
-        out.extend_from_slice(&word.to_le_bytes());
-    }
+pub(crate) fn push_words<const N: usize>(out: &mut Vec<u8>, words: &[u32; N]) {
+    out.extend_from_slice(bytemuck::bytes_of(&words.map(u32::to_le)));
 }

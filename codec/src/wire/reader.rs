@@ -1,6 +1,6 @@
-//! A reader that is a shrinking slice and remembers its offset, so errors can say where.
+//! A reader of bytes that tracks its offset, so that errors can tell where.
 
-use super::{VarintFault, WireError, WireErrorKind, read_varint};
+use super::{ReadVarintError, WireError, WireErrorKind, read_varint};
 
 /// Reads a frame body or a section from front to back.
 pub(crate) struct Reader<'a> {
@@ -13,17 +13,17 @@ impl<'a> Reader<'a> {
         Reader { rest: bytes, offset: 0 }
     }
 
-    /// Bytes read so far.
+    /// Returns the number of bytes read so far.
     pub(crate) fn offset(&self) -> usize {
         self.offset
     }
 
-    /// Bytes not read yet.
+    /// Returns the number of bytes not read yet.
     pub(crate) fn remaining(&self) -> usize {
         self.rest.len()
     }
 
-    /// Takes the next `count` bytes; `field` names them in the error.
+    /// Reads the next `count` bytes; `field` names them in the error.
     pub(crate) fn take(&mut self, field: &'static str, count: usize) -> Result<&'a [u8], WireError> {
         let Some((taken, rest)) = self.rest.split_at_checked(count) else {
             let missing = count - self.rest.len();
@@ -58,12 +58,14 @@ impl<'a> Reader<'a> {
                 self.take(field, length)?;
                 Ok(value)
             }
-            Err(VarintFault::Ends) => Err(self.error(field, WireErrorKind::Ends { missing: 1 })),
-            Err(VarintFault::Malformed(problem)) => Err(self.error(field, WireErrorKind::Varint(problem))),
+            Err(ReadVarintError::Ends) => Err(self.error(field, WireErrorKind::Ends { missing: 1 })),
+            Err(ReadVarintError::Malformed(problem)) => {
+                Err(self.error(field, WireErrorKind::Varint(problem)))
+            }
         }
     }
 
-    /// Checks that nothing is left.
+    /// Checks that all bytes were read.
     pub(crate) fn end(&self) -> Result<(), WireError> {
         match self.rest.len() {
             0 => Ok(()),

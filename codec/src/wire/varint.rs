@@ -1,11 +1,11 @@
-//! Canonical LEB128: seven bits a byte, low bits first, the shortest form only.
+//! Canonical LEB128: seven bits a byte, low bits first, only the shortest form.
 
-/// Most bytes of a 32-bit varint.
+/// Largest length of a 32-bit varint, bytes.
 const MAX_BYTES: usize = 5;
 
 /// Why a varint was refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-pub enum VarintProblem {
+pub enum VarintError {
     /// The last byte carries no bits, so a shorter form exists.
     #[error("it is not in its shortest form")]
     NotShortest,
@@ -16,32 +16,32 @@ pub enum VarintProblem {
 
 /// Why a varint could not be read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum VarintFault {
+pub(crate) enum ReadVarintError {
     /// The bytes ended before the varint did.
     Ends,
     /// The varint is malformed.
-    Malformed(VarintProblem),
+    Malformed(VarintError),
 }
 
-/// Reads one varint at the start of `bytes`: the value and the number of bytes it took (1 to 5).
-pub(crate) fn read_varint(bytes: &[u8]) -> Result<(u32, usize), VarintFault> {
+/// Reads the varint at the start of `bytes`. Returns its value and its length in bytes, 1 to 5.
+pub(crate) fn read_varint(bytes: &[u8]) -> Result<(u32, usize), ReadVarintError> {
     let mut value: u64 = 0;
     for (place, byte) in bytes.iter().take(MAX_BYTES).enumerate() {
         value |= u64::from(byte & 0x7F) << (7 * place);
         if byte & 0x80 == 0 {
             if *byte == 0 && place > 0 {
-                return Err(VarintFault::Malformed(VarintProblem::NotShortest));
+                return Err(ReadVarintError::Malformed(VarintError::NotShortest));
             }
             return match u32::try_from(value) {
                 Ok(value) => Ok((value, place + 1)),
-                Err(_) => Err(VarintFault::Malformed(VarintProblem::TooLarge)),
+                Err(_) => Err(ReadVarintError::Malformed(VarintError::TooLarge)),
             };
         }
     }
     if bytes.len() < MAX_BYTES {
-        Err(VarintFault::Ends)
+        Err(ReadVarintError::Ends)
     } else {
-        Err(VarintFault::Malformed(VarintProblem::TooLarge))
+        Err(ReadVarintError::Malformed(VarintError::TooLarge))
     }
 }
 
@@ -54,7 +54,7 @@ pub(crate) fn write_varint(out: &mut Vec<u8>, mut value: u32) {
     out.push(value as u8);
 }
 
-/// Bytes that [`write_varint`] appends.
+/// Returns the number of bytes that [`write_varint`] appends.
 pub(crate) fn varint_bytes(value: u32) -> usize {
     (32 - (value | 1).leading_zeros()).div_ceil(7) as usize
 }
@@ -84,8 +84,8 @@ mod tests {
 
     #[test]
     fn malformed_ones_are_refused() {
-        let not_shortest = Err(VarintFault::Malformed(VarintProblem::NotShortest));
-        let too_large = Err(VarintFault::Malformed(VarintProblem::TooLarge));
+        let not_shortest = Err(ReadVarintError::Malformed(VarintError::NotShortest));
+        let too_large = Err(ReadVarintError::Malformed(VarintError::TooLarge));
         assert_eq!(read_varint(&[0x80, 0]), not_shortest);
         assert_eq!(read_varint(&[0xFF, 0x80, 0x80, 0x80, 0]), not_shortest);
         assert_eq!(read_varint(&[0xFF, 0xFF, 0xFF, 0xFF, 0x1F]), too_large);
@@ -101,7 +101,7 @@ mod tests {
             out.push(0xAA);
             prop_assert_eq!(read_varint(&out), Ok((value >> shift, length)));
             for end in 0..length {
-                prop_assert_eq!(read_varint(&out[..end]), Err(VarintFault::Ends));
+                prop_assert_eq!(read_varint(&out[..end]), Err(ReadVarintError::Ends));
             }
         }
 

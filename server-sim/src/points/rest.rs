@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use psao_codec::surface::{Geometry, GeometryError, RestPoint, Rounded, SetLayout, State};
+use psao_codec::surface::{Geometry, GeometryError, RestPoint, RoundedGeometry, SetLayout, State};
 use psao_proto::SceneInfo;
 use rayon::prelude::*;
 use thiserror::Error;
@@ -56,7 +56,7 @@ pub fn order_at_rest(
     precision: GeometryPrecision,
     kernel: f32,
 ) -> Vec<Arc<Geometry>> {
-    let made: Vec<Rounded> = (0..points.sets().len())
+    let made: Vec<RoundedGeometry> = (0..points.sets().len())
         .into_par_iter()
         .map(|set| {
             let at_rest = rest_points(scene, points, set);

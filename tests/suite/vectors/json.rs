@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use psao_codec::envelope::{FrameError, FrameInfo};
 use psao_codec::paper::State;
-use psao_codec::surface::{self, ValueProblem};
+use psao_codec::surface::{self, ValueError};
 
 use super::Vector;
 use super::scenes::Stream;
@@ -248,7 +248,7 @@ pub(super) fn reason(error: &FrameError) -> &'static str {
         FrameError::Cell { .. } => "cell",
         FrameError::Geometry { .. } => "geometry",
         // Only the range coder's reader calls the field so: it stops as soon as the block cannot be whole.
-        FrameError::Values { problem: ValueProblem::Ends { field: "the values", .. }, .. } => "range",
+        FrameError::Values { problem: ValueError::Ends { field: "the values", .. }, .. } => "range",
         FrameError::Values { .. } => "values",
         FrameError::Changes { .. } => "changes",
         FrameError::Context { .. } => "context",

@@ -130,7 +130,7 @@ fn at_rest(server: &Server, settings: &ServerSettings, values: &[Vec<u8>]) -> su
         };
         surface::Geometry::round(layout, &points)
     });
-    let sets: Vec<surface::Rounded> = sets.collect();
+    let sets: Vec<surface::RoundedGeometry> = sets.collect();
     let members = scene.instances().iter().map(|of| surface::Member { set: of.rest().index() as u32 });
     let layouts = sets.iter().map(|rounded| *rounded.geometry.layout()).collect();
     let layout = surface::Layout::new(layouts, members.collect(), &Limits::default()).unwrap();

@@ -28,7 +28,7 @@ const CHUNK: usize = 1024;
 /// ```
 /// # use std::sync::Arc;
 /// # use psao_codec::Limits;
-/// # use psao_codec::surface::{Geometry, GeometryDigest, Layout, Member, RestPoint, Rounded, SetLayout, State};
+/// # use psao_codec::surface::{Geometry, GeometryDigest, Layout, Member, RestPoint, RoundedGeometry, SetLayout, State};
 /// use psao_reconstruct::AoSampler;
 ///
 /// # let set = SetLayout {
@@ -38,7 +38,7 @@ const CHUNK: usize = 1024;
 /// # let points: Vec<_> = (0..16_u8)
 /// #     .map(|point| RestPoint { position: [(f32::from(point) + 0.5) / 16.0, 0.0, 0.0], normal: [0.0, 1.0, 0.0] })
 /// #     .collect();
-/// # let Rounded { geometry, order, .. } = Geometry::round(set, &points);
+/// # let RoundedGeometry { geometry, order, .. } = Geometry::round(set, &points);
 /// # let values: Vec<u8> = order.iter().map(|&point| if point < 8 { 51 } else { 255 }).collect();
 /// # let layout = Layout::new(vec![*geometry.layout()], vec![Member { set: 0 }], &Limits::default())?;
 /// # let state = State::from_parts(Arc::new(layout), vec![Arc::new(geometry)], &values);

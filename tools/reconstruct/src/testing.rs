@@ -10,7 +10,7 @@ use psao_codec::envelope::{FrameIndex, FrameKind, FrameMeta, StreamTime};
 use psao_codec::paper::PointFormat;
 use psao_codec::paper::{self, Grid, InstanceLayout, Layout, PointSample};
 use psao_codec::paper::{Pose, State, apply};
-use psao_codec::surface::{self, Geometry, GeometryDigest, Member, RestPoint, Rounded, SetLayout};
+use psao_codec::surface::{self, Geometry, GeometryDigest, Member, RestPoint, RoundedGeometry, SetLayout};
 
 /// An instance for [`state`].
 pub(crate) struct TestInstance {
@@ -80,7 +80,7 @@ pub(crate) fn surface_state(
             digest: GeometryDigest::default(),
         })
         .collect();
-    let rounded: Vec<Rounded> =
+    let rounded: Vec<RoundedGeometry> =
         layouts.iter().zip(sets).map(|(layout, points)| round(*layout, points)).collect();
     let orders: Vec<Vec<u32>> = rounded.iter().map(|rounded| rounded.order.clone()).collect();
     let geometry: Vec<Arc<Geometry>> =
@@ -95,7 +95,7 @@ pub(crate) fn surface_state(
     surface::State::from_parts(layout.clone(), geometry, &values.collect::<Vec<_>>())
 }
 
-fn round(layout: SetLayout, points: &Points) -> Rounded {
+fn round(layout: SetLayout, points: &Points) -> RoundedGeometry {
     let rest = points
         .iter()
         .map(|(position, normal)| RestPoint { position: position.to_array(), normal: normal.to_array() });

@@ -1,5 +1,7 @@
 //! Hash buckets: eight entries of 8 B (paper, section 3.2).
 
+use bytemuck::{Pod, Zeroable};
+
 use crate::paper::POINTS_PER_CELL;
 
 /// Entries of one bucket.
@@ -12,42 +14,43 @@ const POINTS_MASK: u32 = 31;
 const COUNT_SHIFT: u32 = 27;
 const COUNT_MASK: u32 = 15;
 
-/// One entry of a bucket: the raw id of a cell, and where the cell is.
+/// An entry of a bucket: the raw id of a cell, and the index of the cell.
 ///
-/// The first word is the raw id of Eq. 1. The second, from its low end: 22 bits cell index, 5 bits points in
-/// the cell, 4 bits entries in use in this bucket (in the first entry only, 0 in the others), 1 bit 0. An
-/// entry is in use when its cell has points; an unused one is all zero.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+/// The first word is the raw id of Eq. 1. From its low end, the second has 22 bits cell index, 5 bits points in the
+/// cell, 4 bits entries in use in the bucket (only in the first entry, 0 in the others), and a 0. An entry is in use
+/// if its cell has points; an unused entry is all zero.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable)]
+#[repr(C)]
 pub struct Entry {
     id: u32,
     word: u32,
 }
 
 impl Entry {
-    /// An entry in use: `points` is 1 to 7 and `cell` at most [`MAX_CELL_INDEX`].
+    /// Creates an entry in use: `points` is 1 to 7, and `cell` is at most [`MAX_CELL_INDEX`].
     pub(crate) fn new(id: u32, cell: u32, points: u8) -> Entry {
         Entry { id, word: cell | (u32::from(points) << POINTS_SHIFT) }
     }
 
-    /// The raw id of the cell (Eq. 1).
+    /// Returns the raw id of the cell (Eq. 1).
     #[must_use]
     pub fn id(self) -> u32 {
         self.id
     }
 
-    /// Index of the cell among the cells of the state.
+    /// Returns the index of the cell among the cells of the state.
     #[must_use]
     pub fn cell(self) -> u32 {
         self.word & MAX_CELL_INDEX
     }
 
-    /// Points in the cell; 0 marks an unused entry.
+    /// Returns the number of points in the cell; 0 marks an unused entry.
     #[must_use]
     pub fn points(self) -> u8 {
         ((self.word >> POINTS_SHIFT) & POINTS_MASK) as u8
     }
 
-    /// Whether the entry names a cell.
+    /// Returns whether the entry names a cell.
     #[must_use]
     pub fn is_used(self) -> bool {
         self.points() > 0
@@ -66,15 +69,16 @@ impl Entry {
     }
 }
 
-/// A bucket: eight entries, those in use first. 64 B on the wire, 16 words: each entry's id, then its
-/// second word.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+/// A bucket: eight entries, those in use first. On the wire it has 64 B or 16 words: the id and then the second word
+/// of each entry.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable)]
+#[repr(transparent)]
 pub struct Bucket([Entry; ENTRIES_PER_BUCKET]);
 
-/// Why the content of a bucket was refused.
+/// Why a bucket was refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
-pub enum BucketProblem {
+pub enum BucketError {
     /// An unused entry has bits set, or is followed by one in use.
     #[error("entry {entry} is unused but not empty, or an entry in use follows it")]
     NotCompact {
@@ -86,7 +90,7 @@ pub enum BucketProblem {
     Points {
         /// Index of the entry, 0 to 7.
         entry: usize,
-        /// Points claimed.
+        /// Claimed number of points.
         points: u8,
     },
     /// An entry names a cell that does not exist.
@@ -94,13 +98,13 @@ pub enum BucketProblem {
     Cell {
         /// Index of the entry, 0 to 7.
         entry: usize,
-        /// The cell named.
+        /// The cell.
         cell: u32,
-        /// Cells there are.
+        /// Number of cells.
         capacity: u32,
     },
-    /// The number of entries in use is wrong, or stands in an entry that is not the first, or the top bit
-    /// of an entry is set.
+    /// The number of entries in use is wrong, or is in another entry than the first, or the top bit of an entry is
+    /// set.
     #[error("entry {entry} has wrong bits above its point count")]
     Count {
         /// Index of the entry, 0 to 7.
@@ -109,7 +113,7 @@ pub enum BucketProblem {
 }
 
 impl Bucket {
-    /// All eight entries, those in use first.
+    /// Returns all eight entries, those in use first.
     #[must_use]
     pub fn entries(&self) -> &[Entry; ENTRIES_PER_BUCKET] {
         &self.0
@@ -119,24 +123,19 @@ impl Bucket {
         &mut self.0
     }
 
-    /// The 16 words of the bucket, as on the wire.
+    /// Returns the 16 words of the bucket, as on the wire.
     #[must_use]
     pub fn to_words(&self) -> [u32; 2 * ENTRIES_PER_BUCKET] {
-        let mut words = [0; 2 * ENTRIES_PER_BUCKET];
-        for (pair, entry) in words.chunks_exact_mut(2).zip(&self.0) {
-            pair[0] = entry.id;
-            pair[1] = entry.word;
-        }
-        words
+        bytemuck::must_cast(*self)
     }
 
     pub(crate) fn from_words(words: &[u32; 2 * ENTRIES_PER_BUCKET]) -> Bucket {
-        Bucket(std::array::from_fn(|at| Entry { id: words[2 * at], word: words[2 * at + 1] }))
+        bytemuck::must_cast(*words)
     }
 
-    /// Puts the entries in use first (paper, section 3.4) and writes their number into the first.
+    /// Moves the entries in use to the front (paper, section 3.4) and writes their number into the first.
     ///
-    /// Each hole is filled with the last entry in use, which moves as few entries as can be.
+    /// The last entry in use fills each hole, which moves as few entries as possible.
     pub(crate) fn compact(&mut self) {
         let mut end = ENTRIES_PER_BUCKET;
         let mut at = 0;
@@ -152,25 +151,25 @@ impl Bucket {
         self.0[0].set_count(at);
     }
 
-    /// Whether this is what [`Bucket::compact`] makes, with cells below `capacity`.
-    pub(crate) fn check(&self, capacity: u32) -> Result<(), BucketProblem> {
+    /// Checks that this is a result of [`Bucket::compact`] with cells below `capacity`.
+    pub(crate) fn check(&self, capacity: u32) -> Result<(), BucketError> {
         let used = self.0.iter().take_while(|entry| entry.is_used()).count();
         for (at, entry) in self.0.iter().enumerate() {
             if at >= used {
                 if *entry != Entry::default() {
-                    return Err(BucketProblem::NotCompact { entry: at });
+                    return Err(BucketError::NotCompact { entry: at });
                 }
                 continue;
             }
             if usize::from(entry.points()) > POINTS_PER_CELL {
-                return Err(BucketProblem::Points { entry: at, points: entry.points() });
+                return Err(BucketError::Points { entry: at, points: entry.points() });
             }
             if entry.cell() >= capacity {
-                return Err(BucketProblem::Cell { entry: at, cell: entry.cell(), capacity });
+                return Err(BucketError::Cell { entry: at, cell: entry.cell(), capacity });
             }
             let count = if at == 0 { used } else { 0 };
             if entry.count() != count || entry.word >> 31 != 0 {
-                return Err(BucketProblem::Count { entry: at });
+                return Err(BucketError::Count { entry: at });
             }
         }
         Ok(())
@@ -198,7 +197,7 @@ mod tests {
         assert_eq!(bucket.check(0x2A_AAAB), Ok(()));
         assert_eq!(
             bucket.check(0x2A_AAAA),
-            Err(BucketProblem::Cell { entry: 1, cell: 0x2A_AAAA, capacity: 0x2A_AAAA })
+            Err(BucketError::Cell { entry: 1, cell: 0x2A_AAAA, capacity: 0x2A_AAAA })
         );
     }
 
@@ -219,7 +218,7 @@ mod tests {
         for word in 6..16 {
             let mut words = bucket.to_words();
             words[word] ^= 1;
-            let expected = Err(BucketProblem::NotCompact { entry: word / 2 });
+            let expected = Err(BucketError::NotCompact { entry: word / 2 });
             assert_eq!(Bucket::from_words(&words).check(16), expected, "word {word}");
         }
     }

@@ -1,28 +1,31 @@
 //! Cells: seven points (paper, section 3.2).
 
+use bytemuck::{Pod, Zeroable};
+
 use crate::paper::{Point, PointFormat};
 
-/// Points of one cell.
+/// Number of points in a cell.
 pub const POINTS_PER_CELL: usize = 7;
 
-/// A cell: seven points, empty slots last. Each is a word, whatever its packing; a narrow point is in the low bits.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+/// A cell: seven points, empty slots last. Each point is a word in every packing; a narrow point is in the low bits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable)]
+#[repr(transparent)]
 pub struct Cell([u32; POINTS_PER_CELL]);
 
 impl Cell {
-    /// The points, in slot order; `format` is that of the layout.
+    /// Returns the points, in slot order; `format` is that of the layout.
     #[inline]
     pub fn points(&self, format: PointFormat) -> impl Iterator<Item = Point> + '_ {
         self.packed(format).map(move |word| format.unpack(word))
     }
 
-    /// The points as they are packed, in slot order; `format` is that of the layout.
+    /// Returns the packed points, in slot order; `format` is that of the layout.
     #[inline]
     pub fn packed(&self, format: PointFormat) -> impl Iterator<Item = u32> + '_ {
         self.0.iter().copied().take_while(move |word| format.is_valid(*word))
     }
 
-    /// The seven slots as they are stored.
+    /// Returns the words of the seven slots.
     #[must_use]
     pub fn words(&self) -> &[u32; POINTS_PER_CELL] {
         &self.0
@@ -32,17 +35,17 @@ impl Cell {
         Cell(words)
     }
 
-    /// What turns this cell into `other`, and `other` into this: their words, combined by exclusive or.
+    /// Returns the exclusive or of this cell's words and `other`. It turns either into the other.
     #[inline]
     pub(crate) fn xor(&self, other: &[u32; POINTS_PER_CELL]) -> [u32; POINTS_PER_CELL] {
         std::array::from_fn(|slot| self.0[slot] ^ other[slot])
     }
 
-    /// The first slot that breaks the rule "points first, then words of zero"; `None` when none does.
-    /// Points are of `WIDTH` bytes.
+    /// Returns the first slot that breaks the rule "points first, then zero words"; `None` if there is none. Points
+    /// have `WIDTH` bytes.
     #[inline]
     pub(crate) fn first_fault<const WIDTH: usize>(words: &[u32; POINTS_PER_CELL]) -> Option<usize> {
-        // The valid bit is the highest; none of the words has bits above it.
+        // The valid bit is the highest; no word has bits above it.
         let used = words.iter().take_while(|word| **word >> (8 * WIDTH - 1) == 1).count();
         (used..POINTS_PER_CELL).find(|slot| words[*slot] != 0)
     }

@@ -2,7 +2,7 @@
 
 use crate::paper::GridError;
 
-/// Most cells along one axis: 2^21. Beyond, `f32` cannot say where in its cell a position is.
+/// Largest number of cells along one axis: 2^21. Beyond, `f32` cannot resolve a position in its cell.
 pub const MAX_GRID_DIM: u32 = 1 << 21;
 
 /// A grid of cubic cells over the metric local space of an instance.
@@ -13,24 +13,24 @@ pub struct Grid {
     dims: [u32; 3],
 }
 
-/// Where a position is in a [`Grid`].
+/// Cell of a position in a [`Grid`], and the place in that cell.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Located {
+pub struct GridLocation {
     /// The cell, each coordinate below the grid's dimension.
     pub cell: [u32; 3],
-    /// Where in the cell, 0 to 1 an axis.
+    /// Place in the cell, 0 to 1 an axis.
     pub frac: [f32; 3],
-    /// Whether the position is outside the grid: `cell` and `frac` are then the nearest inside.
+    /// Whether the position is outside the grid. Then `cell` and `frac` are those of the nearest position inside.
     pub outside: bool,
 }
 
 impl Grid {
-    /// A grid with its low corner at `origin` (metres, instance-local), cubic cells of `edge` metres and
+    /// Creates a grid with its low corner at `origin` (metres, instance-local), cubic cells of `edge` metres, and
     /// `dims` cells along x, y and z.
     ///
     /// # Errors
-    /// An origin that is not finite, an edge that is not finite and above 0, a dimension outside 1 to
-    /// [`MAX_GRID_DIM`], or a far corner that is not finite.
+    /// [`GridError`] if the origin or the far corner is not finite, the edge is not finite and above 0, or a dimension
+    /// is outside 1 to [`MAX_GRID_DIM`].
     pub fn new(origin: [f32; 3], edge: f32, dims: [u32; 3]) -> Result<Grid, GridError> {
         if !origin.iter().all(|axis| axis.is_finite()) {
             return Err(GridError::Origin { origin });
@@ -48,37 +48,37 @@ impl Grid {
         Ok(grid)
     }
 
-    /// The low corner, metres, instance-local.
+    /// Returns the low corner, metres, instance-local.
     #[must_use]
     pub fn origin(&self) -> [f32; 3] {
         self.origin
     }
 
-    /// The edge of a cell, metres.
+    /// Returns the edge of a cell, metres.
     #[must_use]
     pub fn edge(&self) -> f32 {
         self.edge
     }
 
-    /// Cells along x, y and z.
+    /// Returns the number of cells along x, y and z.
     #[must_use]
     pub fn dims(&self) -> [u32; 3] {
         self.dims
     }
 
-    /// The cell of a position (metres, instance-local) and where in the cell it is.
+    /// Returns the cell of a position (metres, instance-local) and the place in it.
     ///
-    /// A position outside is moved to the nearest one inside, axis by axis, and marked; NaN counts as
-    /// outside, below. A position on the far face belongs to the last cell and is inside.
+    /// A position outside moves to the nearest one inside, axis by axis, and is marked. NaN counts as outside, below.
+    /// A position on the far face is inside and belongs to the last cell.
     #[must_use]
-    pub fn locate(&self, position: [f32; 3]) -> Located {
-        let mut located = Located { cell: [0; 3], frac: [0.0; 3], outside: false };
+    pub fn locate(&self, position: [f32; 3]) -> GridLocation {
+        let mut located = GridLocation { cell: [0; 3], frac: [0.0; 3], outside: false };
         for (axis, along) in position.into_iter().enumerate() {
             let at = (along - self.origin[axis]) / self.edge;
             let far = self.dims[axis] as f32;
             located.outside |= !(at >= 0.0 && at <= far);
             let inside = at.max(0.0).min(far);
-            // The cast truncates; the far face itself goes to the last cell.
+            // The cast truncates; the far face belongs to the last cell.
             let cell = (inside as u32).min(self.dims[axis] - 1);
             located.cell[axis] = cell;
             located.frac[axis] = inside - cell as f32;
@@ -86,17 +86,17 @@ impl Grid {
         located
     }
 
-    /// The low corner of a cell, metres, instance-local.
+    /// Returns the low corner of a cell, metres, instance-local.
     #[must_use]
     pub fn corner(&self, cell: [u32; 3]) -> [f32; 3] {
         std::array::from_fn(|axis| self.origin[axis] + cell[axis] as f32 * self.edge)
     }
 }
 
-/// Eq. 1: `x + y * Dx * 17 + z * Dx * Dy * 31`, the raw id of a cell in a grid of `dims` cells.
+/// Returns the raw id of a cell in a grid of `dims` cells (Eq. 1): `x + y * Dx * 17 + z * Dx * Dy * 31`.
 ///
-/// All arithmetic wraps at 2^32. Below the wrap, different cells have different ids; above it (grids of more
-/// than some 10^8 cells) two cells can share one.
+/// All arithmetic wraps at 2^32. Below the wrap, different cells have different ids. In larger grids (more than some
+/// 10^8 cells) two cells can share an id.
 #[inline]
 #[must_use]
 pub fn cell_id(cell: [u32; 3], dims: [u32; 3]) -> u32 {
@@ -105,7 +105,8 @@ pub fn cell_id(cell: [u32; 3], dims: [u32; 3]) -> u32 {
     cell[0].wrapping_add(cell[1].wrapping_mul(row)).wrapping_add(cell[2].wrapping_mul(slab))
 }
 
-/// The bucket of a raw id, counted from the instance's first: `id` modulo `bucket_count`, a power of two.
+/// Returns the bucket of a raw id, counted from the first bucket of the instance: `id` modulo `bucket_count`, a power
+/// of two.
 #[inline]
 #[must_use]
 pub fn bucket_of(id: u32, bucket_count: u32) -> u32 {
@@ -119,7 +120,7 @@ mod tests {
     use super::*;
     use crate::paper::{ENTRIES_PER_BUCKET, bucket_count};
 
-    /// Per cent of the cells that find no entry in a table of buckets, by Eq. 1.
+    /// Returns the percentage of cells that find no entry in a table of buckets, by Eq. 1.
     fn lost(cells: impl Iterator<Item = [u32; 3]>, dims: [u32; 3], buckets: u32) -> f64 {
         let mut used = vec![0_usize; buckets as usize];
         let mut total = 0;
@@ -131,7 +132,7 @@ mod tests {
         100.0 * (1.0 - stored as f64 / f64::from(total))
     }
 
-    /// All cells of a plane x = 3, in a table of four slots per cell, and of eight.
+    /// Returns that percentage for all cells of the plane x = 3, with four and with eight slots for each cell.
     fn lost_on_a_plane(dims: [u32; 3]) -> [f64; 2] {
         let plane = || (0..dims[2]).flat_map(move |z| (0..dims[1]).map(move |y| [3, y, z]));
         let area = (dims[1] * dims[2]) as f32;
@@ -159,11 +160,11 @@ mod tests {
     fn positions_on_faces_and_outside() {
         let grid = Grid::new([1.0, 2.0, 3.0], 0.5, [2, 3, 4]).unwrap();
         let far = grid.locate([2.0, 3.5, 5.0]);
-        assert_eq!(far, Located { cell: [1, 2, 3], frac: [1.0; 3], outside: false });
+        assert_eq!(far, GridLocation { cell: [1, 2, 3], frac: [1.0; 3], outside: false });
         let beyond = grid.locate([2.1, 3.5, 9.0]);
-        assert_eq!(beyond, Located { cell: [1, 2, 3], frac: [1.0; 3], outside: true });
+        assert_eq!(beyond, GridLocation { cell: [1, 2, 3], frac: [1.0; 3], outside: true });
         let before = grid.locate([0.0, 2.0, f32::NAN]);
-        assert_eq!(before, Located { cell: [0; 3], frac: [0.0; 3], outside: true });
+        assert_eq!(before, GridLocation { cell: [0; 3], frac: [0.0; 3], outside: true });
     }
 
     #[test]

@@ -5,10 +5,10 @@ mod bucket;
 mod cell;
 mod grid;
 mod occupancy;
-mod slots;
+mod tables;
 
-pub use bucket::{Bucket, BucketProblem, ENTRIES_PER_BUCKET, Entry, MAX_CELL_INDEX};
+pub use bucket::{Bucket, BucketError, ENTRIES_PER_BUCKET, Entry, MAX_CELL_INDEX};
 pub use cell::{Cell, POINTS_PER_CELL};
-pub use grid::{Grid, Located, MAX_GRID_DIM, bucket_of, cell_id};
-pub use occupancy::{Occupancy, Placed, Placement};
-pub(super) use slots::{DirtySet, Site, Tables};
+pub use grid::{Grid, GridLocation, MAX_GRID_DIM, bucket_of, cell_id};
+pub use occupancy::{Occupancy, Placement, PutOutcome};
+pub(super) use tables::{CellAddress, DirtySet, Tables};

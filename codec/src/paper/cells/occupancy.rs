@@ -1,35 +1,35 @@
-//! What became of points: placed, or without a slot and counted.
+//! Results of placing points, and how full the tables are.
 
-/// What became of a point.
+/// Result of placing a point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Placement {
-    /// It has a slot.
+    /// The point has a slot.
     Stored,
-    /// Its bucket's eight entries name other cells.
+    /// The eight entries of its bucket name other cells.
     BucketFull,
     /// Its cell holds seven other points.
     CellFull,
     /// All cells of the layout are in use.
     NoCell,
-    /// Another cell of the instance has the same raw id, so the client could not tell the two apart.
+    /// Another cell of the instance has the same raw id, so that clients could not tell the two apart.
     IdCollision,
 }
 
-/// What became of a point, and whether it was inside its grid.
+/// Result of putting a point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Placed {
-    /// Whether it has a slot, and if not, why.
+pub struct PutOutcome {
+    /// Whether the point has a slot, and if not, why.
     pub placement: Placement,
-    /// Whether it was outside its instance's grid and moved to the nearest position inside.
+    /// Whether the point was outside its instance's grid and moved to the nearest position inside.
     pub outside: bool,
 }
 
-/// How full the tables are, and what did not fit. Points count once, wherever they are now.
+/// How full the tables are, and what did not fit. Every point counts once, by its last placement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Occupancy {
     /// Cells in use.
     pub cells: u32,
-    /// Points that have a slot.
+    /// Points with a slot.
     pub points_stored: u32,
     /// Points without a slot because their bucket is full.
     pub bucket_full: u32,
@@ -37,9 +37,9 @@ pub struct Occupancy {
     pub cell_full: u32,
     /// Points without a slot because no cell is free.
     pub no_cell: u32,
-    /// Points, with a slot or without, that were outside their grid.
+    /// Points that were outside their grid, with or without a slot.
     pub outside_grid: u32,
-    /// Points without a slot because another cell has the raw id of theirs.
+    /// Points without a slot because another cell has the raw id of their cell.
     pub id_collisions: u32,
 }
 
@@ -54,7 +54,7 @@ impl Occupancy {
         }
     }
 
-    /// Points that have no slot, for whatever reason.
+    /// Returns the number of points without a slot.
     #[must_use]
     pub fn unplaced(&self) -> u32 {
         self.bucket_full + self.cell_full + self.no_cell + self.id_collisions

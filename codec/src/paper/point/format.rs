@@ -1,12 +1,12 @@
-//! Which packing a stream uses, chosen when it starts.
+//! The packing of a stream, chosen when it starts.
 
 use crate::envelope::Packing;
 use crate::paper::{Packed16, Packed24, Packed32, Point};
 use crate::quant::{oct, position, unorm};
 
-/// The packing of all points of a stream. Part of its [`Layout`](crate::paper::Layout).
+/// The packing of all points of a stream. It is part of the [`Layout`](crate::paper::Layout).
 ///
-/// A packed point is a word whose bits above those of the point are 0.
+/// A packed point is a word. The bits above those of the point are 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum PointFormat {
     /// [`Packed32`], the paper's.
@@ -18,9 +18,9 @@ pub enum PointFormat {
     Bits16,
 }
 
-/// How a packing splits the bits of a point; one more says that it is one.
+/// Split of the bits of a point. One more bit tells that the word is a point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Split {
+pub struct BitSplit {
     /// Bits of one axis of the position.
     pub position: u32,
     /// Bits of one of the two axes of the normal.
@@ -29,7 +29,7 @@ pub struct Split {
     pub ao: u32,
 }
 
-/// A word that is no point of a packing.
+/// The word is not a point of the packing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("{word:#010x} has bits above the {bits} of a point: is it of a wider packing?")]
 pub struct WordError {
@@ -43,19 +43,19 @@ impl PointFormat {
     /// All packings, widest first.
     pub const ALL: [PointFormat; 3] = [PointFormat::Bits32, PointFormat::Bits24, PointFormat::Bits16];
 
-    /// The packing with points of `bits` bits; `None` unless they are 32, 24 or 16.
+    /// Returns the packing with points of `bits` bits; `None` unless `bits` is 32, 24 or 16.
     #[must_use]
     pub fn from_bits(bits: u8) -> Option<PointFormat> {
         PointFormat::ALL.into_iter().find(|format| format.bits() == u32::from(bits))
     }
 
-    /// The packing of a frame header's id; `None` for an unknown one.
+    /// Returns the packing of an id in a frame header; `None` if it is unknown.
     #[must_use]
     pub fn from_packing(packing: Packing) -> Option<PointFormat> {
         PointFormat::ALL.into_iter().find(|format| format.packing() == packing)
     }
 
-    /// Its id in frame headers.
+    /// Returns its id in frame headers.
     #[must_use]
     pub const fn packing(self) -> Packing {
         match self {
@@ -65,7 +65,7 @@ impl PointFormat {
         }
     }
 
-    /// Bits of a point: 32, 24 or 16.
+    /// Returns the number of bits of a point: 32, 24 or 16.
     #[must_use]
     pub const fn bits(self) -> u32 {
         match self {
@@ -75,16 +75,16 @@ impl PointFormat {
         }
     }
 
-    /// Bytes of a point on the wire: 4, 3 or 2.
+    /// Returns the number of bytes of a point on the wire: 4, 3 or 2.
     #[inline]
     #[must_use]
     pub const fn bytes(self) -> usize {
         self.bits() as usize / 8
     }
 
-    /// How the bits are split.
+    /// Returns the split of the bits.
     #[must_use]
-    pub const fn split(self) -> Split {
+    pub const fn split(self) -> BitSplit {
         match self {
             PointFormat::Bits32 => Packed32::SPLIT,
             PointFormat::Bits24 => Packed24::SPLIT,
@@ -92,7 +92,7 @@ impl PointFormat {
         }
     }
 
-    /// Packs a point: [`Packed::pack`](super::Packed::pack).
+    /// Packs a point, see [`Packed::pack`](super::Packed::pack).
     #[must_use]
     pub fn pack(self, frac: [f32; 3], normal: [f32; 3], ao: u8) -> u32 {
         match self {
@@ -102,14 +102,15 @@ impl PointFormat {
         }
     }
 
-    /// Whether a word is a point and not an empty slot.
+    /// Returns whether a word is a point and not an empty slot.
     #[inline]
     #[must_use]
     pub const fn is_valid(self, word: u32) -> bool {
         word >> (self.bits() - 1) & 1 == 1
     }
 
-    /// The point in the low bits of a word; every pattern of them means something, see [`PointFormat::is_valid`].
+    /// Returns the point in the low bits of a word. Every pattern of them has a meaning, see
+    /// [`PointFormat::is_valid`].
     #[inline]
     #[must_use]
     pub fn unpack(self, word: u32) -> Point {
@@ -120,7 +121,7 @@ impl PointFormat {
         }
     }
 
-    /// The accessibility byte that a client holds when `ao` was packed; off by at most
+    /// Returns the accessibility byte of clients when `ao` was packed. It is off by at most
     /// [`PointFormat::max_ao_error`].
     #[inline]
     #[must_use]
@@ -129,19 +130,19 @@ impl PointFormat {
         unorm::widen(bits, unorm::narrow(bits, ao))
     }
 
-    /// Largest error of one axis of a position that lies in its grid, in cell edges.
+    /// Returns the largest error of one axis of a position inside its grid, in cell edges.
     #[must_use]
     pub fn max_position_error(self) -> f32 {
         position::max_error(self.split().position)
     }
 
-    /// Largest error of a normal, degrees.
+    /// Returns the largest error of a normal, degrees.
     #[must_use]
     pub fn max_normal_error_degrees(self) -> f32 {
         oct::max_error_degrees(self.split().normal)
     }
 
-    /// Largest error of an accessibility byte, 255ths.
+    /// Returns the largest error of an accessibility byte, 255ths.
     #[must_use]
     pub const fn max_ao_error(self) -> u8 {
         unorm::max_narrow_error(self.split().ao)

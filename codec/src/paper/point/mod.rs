@@ -1,4 +1,4 @@
-//! The packings of one point: what it is in memory, and how it becomes 32, 24 or 16 bits.
+//! A point in memory, and its packings into 32, 24 and 16 bits.
 
 mod format;
 mod packed;
@@ -6,7 +6,7 @@ mod packed16;
 mod packed24;
 mod packed32;
 
-pub use format::{PointFormat, Split, WordError};
+pub use format::{BitSplit, PointFormat, WordError};
 pub use packed::Packed;
 pub use packed16::Packed16;
 pub use packed24::Packed24;
@@ -14,19 +14,19 @@ pub use packed32::Packed32;
 
 use crate::quant::unorm;
 
-/// A point as a client uses it.
+/// An unpacked point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Point {
     /// Position as a fraction of the cell edge, 0 to 1 an axis.
     pub frac: [f32; 3],
     /// Normal, of unit length.
     pub normal: [f32; 3],
-    /// Accessibility byte; 255 = open.
+    /// Accessibility byte; 255 is open.
     pub ao: u8,
 }
 
 impl Point {
-    /// The accessibility, 0 (closed) to 1 (open).
+    /// Returns the accessibility, 0 (closed) to 1 (open).
     #[inline]
     #[must_use]
     pub fn accessibility(&self) -> f32 {

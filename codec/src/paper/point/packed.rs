@@ -1,13 +1,13 @@
-//! One point in a word, whatever the split of its bits.
+//! A point packed into a word, for any split of its bits.
 
-use crate::paper::{Point, Split, WordError};
+use crate::paper::{BitSplit, Point, WordError};
 use crate::quant::{oct, position, unorm};
 
 /// One point of a cell: a valid flag, a position in its cell, a normal and an accessibility, in
 /// `1 + 3 * POSITION + 2 * NORMAL + AO` bits, at most 32.
 ///
-/// From the lowest bit on: accessibility, normal (first axis, then second), position (x, y, z), valid. The bits above are
-/// 0, and so are all bits of an empty slot.
+/// From the lowest bit on: accessibility, normal (first axis, then second), position (x, y, z), valid. The bits above
+/// are 0. All bits of an empty slot are 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub struct Packed<const POSITION: u32, const NORMAL: u32, const AO: u32>(u32);
 
@@ -15,16 +15,16 @@ impl<const POSITION: u32, const NORMAL: u32, const AO: u32> Packed<POSITION, NOR
     /// An empty slot.
     pub const EMPTY: Self = Self(0);
     /// Bits of the fields.
-    pub const SPLIT: Split = Split { position: POSITION, normal: NORMAL, ao: AO };
-    /// Bits of a point.
+    pub const SPLIT: BitSplit = BitSplit { position: POSITION, normal: NORMAL, ao: AO };
+    /// Number of bits of a point.
     pub const BITS: u32 = 1 + 3 * POSITION + 2 * NORMAL + AO;
 
     const NORMAL_SHIFT: u32 = AO;
     const POSITION_SHIFT: u32 = AO + 2 * NORMAL;
     const VALID: u32 = 1 << (Self::BITS - 1);
 
-    /// Packs a point: its fraction of the cell (0 to 1 an axis, clamped), the direction of its normal (any
-    /// length; see [`oct::encode_bits`]) and its accessibility byte (255 = open).
+    /// Packs a point: its fraction of the cell (0 to 1 an axis, clamped), the direction of its normal (any length, see
+    /// [`oct::encode_bits`]) and its accessibility byte (255 is open).
     #[must_use]
     pub fn pack(frac: [f32; 3], normal: [f32; 3], ao: u8) -> Self {
         let [x, y, z] = frac.map(|axis| u32::from(position::quantise(POSITION, axis)));
@@ -34,10 +34,10 @@ impl<const POSITION: u32, const NORMAL: u32, const AO: u32> Packed<POSITION, NOR
         Self(Self::VALID | (position << Self::POSITION_SHIFT) | (normal << Self::NORMAL_SHIFT) | ao)
     }
 
-    /// The point of a word; every pattern of its bits means something, see [`Packed::is_valid`].
+    /// Returns the point of a word. Every pattern of its bits has a meaning, see [`Packed::is_valid`].
     ///
     /// # Errors
-    /// A word with a bit above the point's.
+    /// [`WordError`] for a word with a bit above the point's.
     pub fn from_bits(word: u32) -> Result<Self, WordError> {
         let bits = Self::BITS;
         if word.leading_zeros() < u32::BITS - bits {
@@ -46,24 +46,24 @@ impl<const POSITION: u32, const NORMAL: u32, const AO: u32> Packed<POSITION, NOR
         Ok(Self(word))
     }
 
-    /// The point in the low bits of a word.
+    /// Returns the point in the low bits of a word.
     pub(crate) const fn of_word(word: u32) -> Self {
         Self(word)
     }
 
-    /// The word of this point.
+    /// Returns the word of this point.
     #[must_use]
     pub const fn to_bits(self) -> u32 {
         self.0
     }
 
-    /// Whether this is a point and not an empty slot.
+    /// Returns whether this is a point and not an empty slot.
     #[must_use]
     pub const fn is_valid(self) -> bool {
         self.0 & Self::VALID != 0
     }
 
-    /// The position as quantised, 0 to `2^POSITION - 1` an axis.
+    /// Returns the quantised position, 0 to `2^POSITION - 1` an axis.
     #[must_use]
     pub fn position_codes(self) -> [u8; 3] {
         [0, 1, 2].map(|axis| {
@@ -71,32 +71,32 @@ impl<const POSITION: u32, const NORMAL: u32, const AO: u32> Packed<POSITION, NOR
         })
     }
 
-    /// The position as a fraction of the cell edge, 0 to 1 an axis.
+    /// Returns the position as a fraction of the cell edge, 0 to 1 an axis.
     #[must_use]
     pub fn frac(self) -> [f32; 3] {
         self.position_codes().map(|code| position::dequantise(POSITION, code))
     }
 
-    /// The normal, of unit length.
+    /// Returns the normal, of unit length.
     #[must_use]
     pub fn normal(self) -> [f32; 3] {
         let mask = (1 << (2 * NORMAL)) - 1;
         oct::decode_bits(NORMAL, ((self.0 >> Self::NORMAL_SHIFT) & mask) as u16)
     }
 
-    /// The accessibility byte; 255 = open.
+    /// Returns the accessibility byte; 255 is open.
     #[must_use]
     pub const fn ao(self) -> u8 {
         unorm::widen(AO, self.0 as u8)
     }
 
-    /// The accessibility, 0 (closed) to 1 (open).
+    /// Returns the accessibility, 0 (closed) to 1 (open).
     #[must_use]
     pub fn accessibility(self) -> f32 {
         unorm::dequantise(self.ao())
     }
 
-    /// All fields.
+    /// Returns all fields.
     #[inline]
     #[must_use]
     pub fn unpack(self) -> Point {
@@ -110,14 +110,14 @@ pub(crate) mod tests {
 
     use super::*;
 
-    /// The angle between two vectors, degrees.
+    /// Returns the angle between two vectors, degrees.
     fn angle(a: [f32; 3], b: [f32; 3]) -> f64 {
         let [a, b] = [a, b].map(|v| v.map(f64::from));
         let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
         (dot(a, b) / (dot(a, a) * dot(b, b)).sqrt()).clamp(-1.0, 1.0).acos().to_degrees()
     }
 
-    /// What every packing promises of every point.
+    /// Checks what every packing promises of every point.
     pub(in crate::paper::point) fn check<const P: u32, const N: u32, const A: u32>(
         frac: [f32; 3],
         normal: [f32; 3],
@@ -134,7 +134,7 @@ pub(crate) mod tests {
         prop_assert!(off <= f64::from(oct::max_error_degrees(N)), "{:?}: {} degrees", back, off);
         prop_assert!(back.ao.abs_diff(ao) <= unorm::max_narrow_error(A), "{:?}", back);
         prop_assert_eq!(back.accessibility(), point.accessibility());
-        // What was packed once stays as it is, but for normals that two codes stand for.
+        // A point that was packed before stays as it is, except for normals with two codes.
         let again = Packed::<P, N, A>::pack(back.frac, back.normal, back.ao).unpack();
         prop_assert_eq!((again.frac, again.ao), (back.frac, back.ao));
         prop_assert!(angle(again.normal, back.normal) < 4e-2);
@@ -148,7 +148,7 @@ pub(crate) mod tests {
         (prop::array::uniform3(0.0_f32..=1.0), direction, any::<u8>())
     }
 
-    /// What every packing promises of its ends, and of words that are none of its own.
+    /// Checks what every packing promises of its extremes, and of words that are not its own.
     pub(in crate::paper::point) fn check_ends<const P: u32, const N: u32, const A: u32>(bits: u32) {
         type Point<const P: u32, const N: u32, const A: u32> = Packed<P, N, A>;
         assert_eq!(Point::<P, N, A>::BITS, bits);

@@ -14,8 +14,8 @@ use crate::paper::Packed;
 /// | 5 to 6 | normal, first axis |
 /// | 0 to 4 | accessibility ([`unorm`](crate::quant::unorm)) |
 ///
-/// Why this split: it is the best of those tried. PSNR in dB and, below it, mean error in 255ths against 512 rays a
-/// pixel, 512 points per m²:
+/// This split is the best of those tried. PSNR in dB and, below it, mean error in 255ths against 512 rays a pixel,
+/// with 512 points per m²:
 ///
 /// | bits of position, normal, accessibility | `colonnade` | `asteroids` | the paper's `arcade` |
 /// |---|---|---|---|
@@ -25,10 +25,10 @@ use crate::paper::Packed;
 /// | 3x2, 3+2, 4 | 22.98 <br> 6.06 | 32.28 <br> 0.77 | 27.87 <br> 3.66 |
 /// | 3x2, 3+3, 3 | 23.23 <br> 6.37 | 32.30 <br> 0.82 | 27.29 <br> 4.65 |
 ///
-/// With three levels an axis the normals are the six directions along the axes, which are exact where things are built at
-/// right angles. The worst error, 54.7 degrees between three of them, still lets all points of a flat surface count: Eq. 3
-/// asks for less than 84.2 degrees between the normals of point and fragment, and for a point's normal that is less than
-/// 56.7 degrees off the surface's.
+/// With three levels an axis the normals are the six directions along the axes, which are exact where things are built
+/// at right angles. The worst error is 54.7 degrees, between three of them. It still lets all points of a flat surface
+/// count. Eq. 3 asks for less than 84.2 degrees between the normals of point and fragment. A point's normal fulfils
+/// that if it is less than 56.7 degrees off the surface's.
 pub type Packed16 = Packed<2, 2, 5>;
 
 #[cfg(test)]

@@ -14,8 +14,8 @@ use crate::paper::Packed;
 /// | 6 to 9 | normal, first axis |
 /// | 0 to 5 | accessibility ([`unorm`](crate::quant::unorm)) |
 ///
-/// Why this split: it is the best of those tried. PSNR in dB and, below it, mean error in 255ths against 512 rays a
-/// pixel, 512 points per m²:
+/// This split is the best of those tried. PSNR in dB and, below it, mean error in 255ths against 512 rays a pixel,
+/// with 512 points per m²:
 ///
 /// | bits of position, normal, accessibility | `colonnade` | `asteroids` | the paper's `arcade` |
 /// |---|---|---|---|
@@ -25,8 +25,9 @@ use crate::paper::Packed;
 /// | 3x4, 3+3, 5 | 23.71 <br> 5.43 | 33.39 <br> 0.63 | 28.47 <br> 3.03 |
 /// | 3x4, 2+2, 7 | 23.21 <br> 5.61 | 33.44 <br> 0.61 | 28.50 <br> 2.84 |
 ///
-/// Positions can be coarse: a point is blended over a kernel of 2.5 Poisson-disk radii, and half a step of 1/7 of a cell
-/// of 4 radii is 0.29 of them. Normals tell the points of one surface from those of the next (Eq. 3), and lose more.
+/// Positions can be coarse: a point is blended over a kernel of 2.5 Poisson-disk radii. Half a step of 1/7 of a cell
+/// of 4 radii is only 0.29 radii. Normals tell the points of one surface from those of the next (Eq. 3), so coarse
+/// normals cost more.
 pub type Packed24 = Packed<3, 4, 6>;
 
 #[cfg(test)]

@@ -1,67 +1,71 @@
-//! Which points a delta changes and by how much.
+//! CHANGES sections: which points a delta changes, and by how much.
 
-use super::{Block, Bytes, Refused, Spot, index, rule, significant, varint_bytes};
-use crate::range::{Bits, RangeDecoder, Slot, logistic};
-use crate::surface::{BLOCK_POINTS, ChangeModel, History, NEVER, Opinions, State};
+use super::{Block, BlockInfo, ByteReader, ReferenceError, index, rule, significant, varint_bytes};
+use crate::range::{BinaryCoder, BitModel, RangeDecoder, logistic};
+use crate::surface::{BLOCK_POINTS, ChangeModel, ContextMixer, History, NEVER, State};
 
 /// Changes of one frame.
 pub(super) struct Changes {
     quantum: i32,
-    /// By slot; 0 where nothing changes.
+    /// By padded index; 0 where nothing changes.
     levels: Vec<i32>,
     model: ChangeModel,
 }
 
-/// Reads a CHANGES section: changes of `state`.
-pub(super) fn read(state: &State, block: Block<'_>) -> Result<Changes, Refused> {
-    let changes = match block.bits() {
-        Some(bits) => {
-            let (changes, bits) = decode(state, bits);
-            block.end(bits, changes.plain_bytes(state))?;
+/// Reads a CHANGES section for `state`.
+pub(super) fn read(state: &State, block: Block<'_>) -> Result<Changes, ReferenceError> {
+    let changes = match block.decoder() {
+        Some(decoder) => {
+            let (changes, decoder) = decode(state, decoder);
+            block.end(decoder, changes.plain_bytes(state))?;
             changes
         }
         None => read_plain(state, &block.raw()?)?,
     };
     let found = changes.levels.iter().filter(|level| **level != 0).count();
     rule(found == block.section.records as usize && changes.quantum > 0)?;
-    let spots = Spot::all(state.layout());
-    for (slot, level) in changes.levels.iter().enumerate().filter(|(_, level)| **level != 0) {
-        let (block, place) = (slot / BLOCK_POINTS, slot % BLOCK_POINTS);
-        rule(state.present[block] && place < spots[block].points)?;
-        rule(level.abs() <= 255 && changes.byte(state, slot) != state.values[slot])?;
+    let blocks_info = BlockInfo::all(state.layout());
+    for (padded, level) in changes.levels.iter().enumerate().filter(|(_, level)| **level != 0) {
+        let (block, place) = (padded / BLOCK_POINTS, padded % BLOCK_POINTS);
+        rule(state.present[block] && place < blocks_info[block].points)?;
+        rule(level.abs() <= 255 && changes.byte(state, padded) != state.values[padded])?;
     }
     Ok(changes)
 }
 
-fn read_plain(state: &State, raw: &[u8]) -> Result<Changes, Refused> {
+fn read_plain(state: &State, raw: &[u8]) -> Result<Changes, ReferenceError> {
     let mut changes = Changes::none(state);
-    let mut bytes = Bytes(raw);
+    let mut bytes = ByteReader(raw);
     changes.quantum = bytes.take(1)?[0].into();
-    let changed = read_marks(&mut bytes, state.present.len())?;
-    for slot in changed {
+    let changed = read_point_mask(&mut bytes, state.present.len())?;
+    for padded in changed {
         let folded = bytes.varint()? as i32;
         let level = if folded % 2 == 0 { folded / 2 } else { -(folded / 2) - 1 };
         rule((-255..=255).contains(&level) && level != 0)?;
-        changes.levels[slot] = level;
+        changes.levels[padded] = level;
     }
     bytes.end()?;
     Ok(changes)
 }
 
-/// Reads a bit for every block, and one for every point of those that have theirs set: the slots of these points.
-pub(super) fn read_marks(bytes: &mut Bytes<'_>, blocks: usize) -> Result<Vec<usize>, Refused> {
+/// Reads a bit for every block, and one for every point of the blocks whose bit is set. Returns the padded indices of
+/// the points whose bit is set.
+pub(super) fn read_point_mask(
+    bytes: &mut ByteReader<'_>,
+    blocks: usize,
+) -> Result<Vec<usize>, ReferenceError> {
     let bitmap = bytes.take(blocks.div_ceil(8))?;
     let named: Vec<usize> =
         (0..8 * bitmap.len()).filter(|block| bitmap[block / 8] >> (block % 8) & 1 == 1).collect();
-    let mut slots = Vec::new();
+    let mut padded = Vec::new();
     for block in named {
         let mask = bytes.take(8)?;
         let points = (0..BLOCK_POINTS).filter(|point| mask[point / 8] >> (point % 8) & 1 == 1);
-        let before = slots.len();
-        slots.extend(points.map(|point| block * BLOCK_POINTS + point));
-        rule(block < blocks && slots.len() > before)?;
+        let before = padded.len();
+        padded.extend(points.map(|point| block * BLOCK_POINTS + point));
+        rule(block < blocks && padded.len() > before)?;
     }
-    Ok(slots)
+    Ok(padded)
 }
 
 impl Changes {
@@ -69,12 +73,12 @@ impl Changes {
         Changes { quantum: 0, levels: vec![0; state.values.len()], model: state.model.clone() }
     }
 
-    /// The byte of a point after the frame.
-    fn byte(&self, state: &State, slot: usize) -> u8 {
-        (i32::from(state.values[slot]) + self.levels[slot] * self.quantum).clamp(0, 255) as u8
+    /// Returns the byte of a point after the frame.
+    fn byte(&self, state: &State, padded: usize) -> u8 {
+        (i32::from(state.values[padded]) + self.levels[padded] * self.quantum).clamp(0, 255) as u8
     }
 
-    /// Bytes of the plain layout.
+    /// Returns the length of the plain layout in bytes.
     fn plain_bytes(&self, state: &State) -> usize {
         let blocks = self.levels.chunks(BLOCK_POINTS).filter(|block| block.iter().any(|level| *level != 0));
         let folded = |level: &i32| if *level < 0 { -2 * level - 1 } else { 2 * level };
@@ -82,88 +86,95 @@ impl Changes {
         1 + state.present.len().div_ceil(8) + 8 * blocks.count() + levels.map(varint_bytes).sum::<usize>()
     }
 
-    /// Makes the changes of `state` in `next`, where other things may have come already.
+    /// Makes the changes of `state` in `next`, which may have arrivals already.
     pub(super) fn make(self, state: &State, next: &mut State) {
         let (mut age, mut period) = (Vec::new(), Vec::new());
-        let (mut last, mut lively) = (Vec::new(), Vec::new());
-        for (slot, &level) in self.levels.iter().enumerate() {
-            let past = Past::of(state, slot);
+        let (mut last, mut activity) = (Vec::new(), Vec::new());
+        for (padded, &level) in self.levels.iter().enumerate() {
+            let past = Past::of(state, padded);
             if level == 0 {
                 age.push(past.age.saturating_add(1));
                 period.push(past.period);
                 last.push(past.last as i8);
-                lively.push(state.history.lively[slot]);
+                activity.push(state.history.activity[padded]);
             } else {
-                next.values[slot] = self.byte(state, slot);
-                // An age that would not be told from a longer one is none.
+                next.values[padded] = self.byte(state, padded);
+                // An age that cannot be told from a longer one counts as never.
                 let waited = if past.age < NEVER - 1 { past.age } else { NEVER };
-                let left = faded(state.history.lively[slot], waited);
+                let left = faded(state.history.activity[padded], waited);
                 age.push(0);
                 period.push(waited);
                 last.push(level.clamp(-127, 127) as i8);
-                lively.push(((3 * left + (32 * level.unsigned_abs()).min(255) + 2) / 4) as u8);
+                activity.push(((3 * left + (32 * level.unsigned_abs()).min(255) + 2) / 4) as u8);
             }
         }
-        next.history = History::of(age, period, last, lively);
+        next.history = History::from_parts(age, period, last, activity);
         next.model = self.model;
     }
 }
 
-/// What is left of liveliness after so many frames without a change: three quarters of it a frame, for nineteen frames.
-fn faded(lively: u8, frames: u8) -> u32 {
+/// Returns the activity left after a number of frames without a change. Three quarters are left after each frame, for
+/// nineteen frames.
+fn faded(activity: u8, frames: u8) -> u32 {
     if frames >= 20 {
         return 0;
     }
     // 256 times (3/4)^frames, rounded.
     let (three, four) = (3_u64.pow(frames.into()), 4_u64.pow(frames.into()));
     let share = (2 * 256 * three + four) / (2 * four);
-    (u32::from(lively) * share as u32) / 256
+    (u32::from(activity) * share as u32) / 256
 }
 
-/// What is remembered of a point.
+/// The history of a point.
 struct Past {
     age: u8,
     period: u8,
     last: i32,
-    liveliness: u32,
+    activity: u32,
 }
 
 impl Past {
-    fn of(state: &State, slot: usize) -> Past {
+    fn of(state: &State, padded: usize) -> Past {
         let history = &state.history;
-        let age = history.age[slot];
-        let liveliness = faded(history.lively[slot], age);
-        Past { age, period: history.period[slot], last: history.last[slot].into(), liveliness }
+        let age = history.age[padded];
+        let activity = faded(history.activity[padded], age);
+        Past { age, period: history.period[padded], last: history.last[padded].into(), activity }
     }
 
-    /// The level of the last frame; 0 for none.
+    /// Returns the level of the last frame; 0 for none.
     fn recent(&self) -> i32 {
         if self.age == 0 { self.last } else { 0 }
     }
 }
 
-/// The changes that the range coder wrote, and the decoder after them. Says nothing about whether they make sense.
-fn decode<'a>(state: &State, bits: RangeDecoder<'a>) -> (Changes, RangeDecoder<'a>) {
-    let spots = Spot::all(state.layout());
-    let mut walk =
-        Walk { state, spots, bits, changes: Changes::none(state), stretch: Vec::new(), point: None };
-    walk.changes.quantum = walk.bits.plain(8, 0) as i32;
+/// Decodes the changes of the range coder. Returns the decoder too. It does not check whether the changes are valid.
+fn decode<'a>(state: &State, decoder: RangeDecoder<'a>) -> (Changes, RangeDecoder<'a>) {
+    let blocks_info = BlockInfo::all(state.layout());
+    let mut walk = ChangeDecoder {
+        state,
+        blocks_info,
+        decoder,
+        changes: Changes::none(state),
+        stretch: Vec::new(),
+        point: None,
+    };
+    walk.changes.quantum = walk.decoder.plain(8, 0) as i32;
     let blocks: Vec<usize> = (0..state.present.len()).collect();
     let mut before = false;
     for group in blocks.chunks(16) {
         before = walk.group(group, before);
     }
-    (walk.changes, walk.bits)
+    (walk.changes, walk.decoder)
 }
 
-struct Walk<'a, 'b> {
+struct ChangeDecoder<'a, 'b> {
     state: &'a State,
-    spots: Vec<Spot>,
-    bits: RangeDecoder<'b>,
+    blocks_info: Vec<BlockInfo>,
+    decoder: RangeDecoder<'b>,
     changes: Changes,
-    /// Levels of the points before the one at hand, as far back as they count.
+    /// Levels of the points before the current one, as far back as they count.
     stretch: Vec<i32>,
-    /// The point at hand.
+    /// The current point.
     point: Option<Situation>,
 }
 
@@ -172,42 +183,43 @@ struct Situation {
     instance: usize,
     value: usize,
     past: Past,
-    /// Points that changed and that darkened: of the eight before, in this frame; of the eight around, in the last.
+    /// Number of points that changed and that darkened: among the eight before, in this frame; among the eight around,
+    /// in the last frame.
     now: usize,
     now_darker: usize,
     recent: usize,
     recent_darker: usize,
     /// Levels of the eight before, the nearest first.
     before: Vec<i32>,
-    /// Whether it is its instance's first.
+    /// Whether it is the first point of its instance.
     first: bool,
     around: u32,
 }
 
-impl Walk<'_, '_> {
-    /// Points of a block that changed in the last frame.
+impl ChangeDecoder<'_, '_> {
+    /// Returns the number of points of a block that changed in the last frame.
     fn recent(&self, block: usize) -> usize {
         let ages = self.state.history.age.chunks(BLOCK_POINTS).nth(block).unwrap_or_default();
         ages.iter().filter(|age| **age == 0).count()
     }
 
-    /// Reads a run of blocks; whether anything in it changes.
+    /// Reads a group of blocks and returns whether any of them changed.
     fn group(&mut self, group: &[usize], before: bool) -> bool {
         if group.iter().all(|block| !self.state.present[*block]) {
             return false;
         }
         let active = group.iter().filter(|block| self.recent(**block) > 0).count();
-        let slot = &mut self.changes.model.groups
+        let model = &mut self.changes.model.groups
             [index([(significant(active as u64), 6), (usize::from(before), 2)])];
-        let stirs = self.bits.bit(slot.one(), false);
-        slot.learn(stirs);
+        let any_changed = self.decoder.bit(model.one(), false);
+        model.learn(any_changed);
         self.stretch.clear();
-        for block in group.iter().filter(|_| stirs) {
+        for block in group.iter().filter(|_| any_changed) {
             if self.state.present[*block] {
                 self.block(*block);
             }
         }
-        stirs
+        any_changed
     }
 
     fn block(&mut self, block: usize) {
@@ -224,98 +236,99 @@ impl Walk<'_, '_> {
             index([(class(own), 8), (class(before), 8), (class(self.recent(block + 1)), 8)]),
             index([(own, 65), (usize::from(before > 0), 2)]),
         ];
-        if !decide(&mut self.changes.model.block, &mut self.bits, class(own), at) {
+        if !decide(&mut self.changes.model.block, &mut self.decoder, class(own), at) {
             self.stretch.clear();
             return;
         }
-        let Spot { number, points, .. } = self.spots[block];
+        let BlockInfo { number, points, .. } = self.blocks_info[block];
         if number == 0 {
             self.stretch.clear();
         }
-        for slot in block * BLOCK_POINTS..block * BLOCK_POINTS + points {
-            self.point = Some(self.situation(slot));
+        for padded in block * BLOCK_POINTS..block * BLOCK_POINTS + points {
+            self.point = Some(self.situation(padded));
             let level = self.level();
-            self.changes.levels[slot] = level;
+            self.changes.levels[padded] = level;
             self.stretch.push(level);
         }
     }
 
-    fn situation(&self, slot: usize) -> Situation {
-        let (state, spots) = (self.state, &self.spots);
-        let Spot { instance, number, .. } = spots[slot / BLOCK_POINTS];
-        let of_instance =
-            |slot: &usize| spots.get(slot / BLOCK_POINTS).map(|spot| spot.instance) == Some(instance);
-        let is_point = |slot: &usize| slot % BLOCK_POINTS < spots[slot / BLOCK_POINTS].points;
-        let others = (slot.saturating_sub(4)..=slot + 4).filter(|other| *other != slot);
+    fn situation(&self, padded: usize) -> Situation {
+        let (state, blocks_info) = (self.state, &self.blocks_info);
+        let BlockInfo { instance, number, .. } = blocks_info[padded / BLOCK_POINTS];
+        let of_instance = |padded: &usize| {
+            blocks_info.get(padded / BLOCK_POINTS).map(|info| info.instance) == Some(instance)
+        };
+        let is_point = |padded: &usize| padded % BLOCK_POINTS < blocks_info[padded / BLOCK_POINTS].points;
+        let others = (padded.saturating_sub(4)..=padded + 4).filter(|other| *other != padded);
         let around: Vec<usize> = others.filter(of_instance).collect();
-        let changed = |slot: &&usize| state.history.age[**slot] == 0;
+        let changed = |padded: &&usize| state.history.age[**padded] == 0;
         let before: Vec<i32> = self.stretch.iter().rev().take(8).copied().collect();
         Situation {
             instance,
-            value: state.values[slot].into(),
-            past: Past::of(state, slot),
+            value: state.values[padded].into(),
+            past: Past::of(state, padded),
             now: before.iter().filter(|level| **level != 0).count(),
             now_darker: before.iter().filter(|level| **level < 0).count(),
             recent: around.iter().filter(changed).count(),
             recent_darker: around
                 .iter()
                 .filter(changed)
-                .filter(|slot| state.history.last[**slot] < 0)
+                .filter(|padded| state.history.last[**padded] < 0)
                 .count(),
             before,
-            first: number == 0 && slot.is_multiple_of(BLOCK_POINTS),
+            first: number == 0 && padded.is_multiple_of(BLOCK_POINTS),
             around: around
                 .iter()
-                .filter(|slot| is_point(slot))
-                .map(|slot| Past::of(state, *slot).liveliness)
+                .filter(|padded| is_point(padded))
+                .map(|padded| Past::of(state, *padded).activity)
                 .sum(),
         }
     }
 
-    /// Reads the level of the point at hand; 0 when it does not change.
+    /// Reads the level of the current point; 0 if it does not change.
     fn level(&mut self) -> i32 {
         let Some(at) = &self.point else { return 0 };
         let model = &mut self.changes.model;
         let few = [0, 1, 2, 3, 4, 4, 5, 5, 5][at.now];
         let situation = index([(few, 6), (age_class(at.past.age), 6)]);
-        if !decide(&mut model.point, &mut self.bits, situation, at.changes(few)) {
+        if !decide(&mut model.point, &mut self.decoder, situation, at.changes(few)) {
             return 0;
         }
         let darkens = match at.value {
             255 => true,
             0 => false,
-            _ => decide(&mut model.sign, &mut self.bits, 0, at.way()),
+            _ => decide(&mut model.sign, &mut self.decoder, 0, at.sign()),
         };
         let mut size = 1;
-        while size <= 12 && decide(&mut model.size, &mut self.bits, size - 1, at.size(size - 1, darkens)) {
+        while size <= 12 && decide(&mut model.size, &mut self.decoder, size - 1, at.size(size - 1, darkens)) {
             size += 1;
         }
         if size > 12 {
-            size += model.large.code(&mut self.bits, 0).min(255) as usize;
+            size += model.large.code(&mut self.decoder, 0).min(255) as usize;
         }
         if darkens { -(size as i32) } else { size as i32 }
     }
 }
 
 impl Situation {
-    /// Contexts of whether it changes.
+    /// Returns the contexts of whether it changes.
     fn changes(&self, few: usize) -> [usize; 4] {
         let nearest = match self.before.first() {
             _ if self.first => 2,
             Some(level) if *level != 0 => 1,
             _ => 0,
         };
-        let own = half_octave(self.past.liveliness);
+        let own = half_octave(self.past.activity);
         [
-            index([(self.now, 9), (self.recent, 9), (rhythm(self.past.age, self.past.period), 16)]),
+            index([(self.now, 9), (self.recent, 9), (phase(self.past.age, self.past.period), 16)]),
             index([(self.value, 256), (nearest, 3)]),
             index([(own, 16), (half_octave(self.around / 8), 16), (self.now, 9)]),
             index([(self.instance % 256, 256), (few, 6), (usize::from(self.past.age == 0), 2)]),
         ]
     }
 
-    /// Contexts of which way.
-    fn way(&self) -> [usize; 4] {
+    /// Returns the contexts of its sign.
+    fn sign(&self) -> [usize; 4] {
         let balance = 8 + self.now - 2 * self.now_darker;
         let trend = 8 + self.recent - 2 * self.recent_darker;
         let last = (1 + self.past.last.signum()) as usize;
@@ -328,7 +341,7 @@ impl Situation {
         ]
     }
 
-    /// Contexts of whether it changes by more than `step` and one.
+    /// Returns the contexts of whether its size is above `step` + 1.
     fn size(&self, step: usize, darkens: bool) -> [usize; 4] {
         let sizes: u32 = self.before.iter().map(|level| level.unsigned_abs()).sum();
         let usual = (2 * sizes as usize).checked_div(self.now).unwrap_or(0);
@@ -337,27 +350,27 @@ impl Situation {
         let recent = (self.past.recent().unsigned_abs() as usize).min(11);
         [
             index([(usual, 12), (step, 12), (last, 12)]),
-            index([(usual, 12), (step, 12), (significant(self.past.liveliness.into()), 9)]),
+            index([(usual, 12), (step, 12), (significant(self.past.activity.into()), 9)]),
             index([(step, 12), (recent, 12)]),
             index([(self.value, 256), (usize::from(darkens), 2), (step, 12)]),
         ]
     }
 }
 
-/// Reads one decision by opinions.
+/// Reads one mixed decision.
 fn decide<const N: usize>(
-    opinions: &mut Opinions<N>,
-    bits: &mut RangeDecoder<'_>,
+    mixer: &mut ContextMixer<N>,
+    decoder: &mut RangeDecoder<'_>,
     situation: usize,
     at: [usize; N],
 ) -> bool {
     let mut at = at.into_iter();
-    let slots: [&mut Slot; N] =
-        opinions.tables.each_mut().map(|table| &mut table[at.next().unwrap_or_default()]);
-    opinions.mixer.code(logistic(), bits, situation, slots, false)
+    let models: [&mut BitModel; N] =
+        mixer.tables.each_mut().map(|table| &mut table[at.next().unwrap_or_default()]);
+    mixer.mixer.code(logistic(), decoder, situation, models, false)
 }
 
-/// Classes 0, 1, 2, 3, 4-5, 6-7, 8-11, 12-15, 16-23 ...
+/// Returns the class of a number: 0, 1, 2, 3, 4-5, 6-7, 8-11, 12-15, 16-23 ..
 fn half_octave(value: u32) -> usize {
     let mut starts = vec![1, 2, 3];
     starts.extend((2..8).flat_map(|octave| [4_u32 << (octave - 2), 6 << (octave - 2)]));
@@ -368,8 +381,8 @@ fn age_class(age: u8) -> usize {
     [1, 2, 4, 8, 21].iter().filter(|start| age >= **start).count()
 }
 
-/// Quarters of the last period that have passed.
-fn rhythm(age: u8, period: u8) -> usize {
+/// Returns the phase: the quarters of the last period that have passed.
+fn phase(age: u8, period: u8) -> usize {
     if period == NEVER {
         return 15;
     }

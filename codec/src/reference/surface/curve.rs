@@ -1,8 +1,8 @@
-//! The curve that orders the points of a set, as it is defined: a cube is eight octants, passed through in an order in
-//! which neighbours follow one another, and in each of them the curve is the same, turned and mirrored.
+//! The curve that orders the points of a set, by its definition. A cube has eight octants. The curve passes through
+//! them in an order in which neighbours follow one another. In each octant the curve is the same, turned and mirrored.
 
-/// An octant: which half it is along x, y and z; and how its own curve lies in it, by the axis that becomes x, y and z,
-/// and whether it is mirrored along it.
+/// An octant: which half it is along x, y and z, and how its own curve lies in it. `axes` has the axes that become x,
+/// y and z; `mirrored` tells along which of them the curve is mirrored.
 struct Octant {
     halves: [u32; 3],
     axes: [usize; 3],
@@ -25,7 +25,7 @@ const OCTANTS: [Octant; 8] = [
     octant([1, 0, 0], [2, 0, 1], [true, true, false]),
 ];
 
-/// Place of a node of a cube of 2^`levels` nodes along each axis.
+/// Returns the place of a node in a cube of 2^`levels` nodes along each axis.
 pub(super) fn place(node: [u32; 3], levels: u32) -> u64 {
     if levels == 0 {
         return 0;

@@ -1,10 +1,10 @@
-//! Points of sets that come.
+//! GEOMETRY sections: points of sets that arrive.
 
 use std::sync::Arc;
 
 use super::curve::place;
-use super::geometry_coder::Coder;
-use super::{Block, Bytes, Refused, rule};
+use super::geometry_coder::GeometryDecoder;
+use super::{Block, ByteReader, ReferenceError, rule};
 use crate::surface::{Geometry, SetLayout, State};
 use crate::wire::words;
 
@@ -12,23 +12,27 @@ use crate::wire::words;
 pub(super) type Point = ([u32; 3], u16);
 
 /// Reads a GEOMETRY section into `next`.
-pub(super) fn read(next: &mut State, block: Block<'_>, coder: &mut Coder) -> Result<(), Refused> {
+pub(super) fn read(
+    next: &mut State,
+    block: Block<'_>,
+    models: &mut GeometryDecoder,
+) -> Result<(), ReferenceError> {
     let mut left = block.section.records;
     let mut plain_bytes = 0;
-    if let Some(mut bits) = block.bits() {
+    if let Some(mut decoder) = block.decoder() {
         let mut set = 0_i64;
-        for _ in 0..coder.numbers.code(&mut bits, 0) {
-            set += i64::from(coder.numbers.code_signed(&mut bits, 0));
+        for _ in 0..models.numbers.code(&mut decoder, 0) {
+            set += i64::from(models.numbers.code_signed(&mut decoder, 0));
             let layout = announce(next, set, &mut left)?;
-            let points = coder.points(&mut bits, &layout).ok_or(Refused::Rule)?;
+            let points = models.points(&mut decoder, &layout).ok_or(ReferenceError::Rule)?;
             plain_bytes += 4 + 11 * points.len();
             arrive(next, set, layout, points)?;
             set += 1;
         }
-        block.end(bits, plain_bytes)?;
+        block.end(decoder, plain_bytes)?;
     } else {
         let raw = block.raw()?;
-        let mut bytes = Bytes(&raw);
+        let mut bytes = ByteReader(&raw);
         while bytes.end().is_err() {
             let [set] = words(bytes.take(4)?);
             let layout = announce(next, set.into(), &mut left)?;
@@ -40,16 +44,21 @@ pub(super) fn read(next: &mut State, block: Block<'_>, coder: &mut Coder) -> Res
     rule(left == 0)
 }
 
-/// A set is about to come, which must not be here yet and not have more points than are `left`.
-fn announce(next: &mut State, set: i64, left: &mut u32) -> Result<SetLayout, Refused> {
-    let set = usize::try_from(set).map_err(|_| Refused::Rule)?;
-    let layout = *next.layout().sets().get(set).ok_or(Refused::Rule)?;
+/// Announces a set. It must not be here yet, and must have at most `left` points.
+fn announce(next: &mut State, set: i64, left: &mut u32) -> Result<SetLayout, ReferenceError> {
+    let set = usize::try_from(set).map_err(|_| ReferenceError::Rule)?;
+    let layout = *next.layout().sets().get(set).ok_or(ReferenceError::Rule)?;
     rule(layout.points > 0 && !next.received[set])?;
-    *left = left.checked_sub(layout.points).ok_or(Refused::Rule)?;
+    *left = left.checked_sub(layout.points).ok_or(ReferenceError::Rule)?;
     Ok(layout)
 }
 
-fn arrive(next: &mut State, set: i64, layout: SetLayout, mut points: Vec<Point>) -> Result<(), Refused> {
+fn arrive(
+    next: &mut State,
+    set: i64,
+    layout: SetLayout,
+    mut points: Vec<Point>,
+) -> Result<(), ReferenceError> {
     points.sort_by_key(|(coord, normal)| (place(*coord, 21), *normal));
     let (coords, normals) = points.into_iter().unzip();
     let geometry = Geometry { layout, coords, normals };
@@ -60,7 +69,7 @@ fn arrive(next: &mut State, set: i64, layout: SetLayout, mut points: Vec<Point>)
 }
 
 /// Reads one set of the plain layout: nine planes of coordinates, two of normals.
-fn read_plain(bytes: &mut Bytes<'_>, layout: &SetLayout) -> Result<Vec<Point>, Refused> {
+fn read_plain(bytes: &mut ByteReader<'_>, layout: &SetLayout) -> Result<Vec<Point>, ReferenceError> {
     let count = layout.points as usize;
     let mut planes = Vec::new();
     for _ in 0..11 {

@@ -1,13 +1,13 @@
-//! Points by halving boxes.
+//! Decodes points by halving boxes.
 
 use std::collections::BTreeMap;
 
 use super::geometry::Point;
 use super::significant;
-use crate::range::{Bits, Number, RangeDecoder, Slot};
+use crate::range::{BinaryCoder, BitModel, NumberModel, RangeDecoder};
 use crate::surface::SetLayout;
 
-/// What a decision is about.
+/// The question that a decision answers.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Question {
     LowerEmpty,
@@ -19,16 +19,16 @@ enum Question {
 }
 
 /// What the range coder learns of the points of one frame.
-pub(super) struct Coder {
-    pub(super) numbers: Number,
-    slots: BTreeMap<(Question, [usize; 3]), Slot>,
-    turn: [Number; 2],
+pub(super) struct GeometryDecoder {
+    pub(super) numbers: NumberModel,
+    models: BTreeMap<(Question, [usize; 3]), BitModel>,
+    turn: [NumberModel; 2],
     /// Whether the last point's normal was the one expected.
     was_same: bool,
 }
 
 /// A decoded point and its normal, not of unit length.
-struct Found {
+struct DecodedPoint {
     point: Point,
     direction: [i64; 3],
 }
@@ -40,42 +40,42 @@ struct Cuboid {
     size: [u32; 3],
 }
 
-impl Coder {
-    pub(super) fn new() -> Coder {
-        let turn = [Number::new(), Number::new()];
-        Coder { numbers: Number::new(), slots: BTreeMap::new(), turn, was_same: true }
+impl GeometryDecoder {
+    pub(super) fn new() -> GeometryDecoder {
+        let turn = [NumberModel::new(), NumberModel::new()];
+        GeometryDecoder { numbers: NumberModel::new(), models: BTreeMap::new(), turn, was_same: true }
     }
 
-    fn ask(&mut self, bits: &mut RangeDecoder<'_>, question: Question, context: [usize; 3]) -> bool {
-        let slot = self.slots.entry((question, context)).or_insert(Slot::new(1 << 15));
-        let bit = bits.bit(slot.one(), false);
-        slot.learn(bit);
+    fn ask(&mut self, decoder: &mut RangeDecoder<'_>, question: Question, context: [usize; 3]) -> bool {
+        let model = self.models.entry((question, context)).or_insert(BitModel::new(1 << 15));
+        let bit = decoder.bit(model.one(), false);
+        model.learn(bit);
         bit
     }
 
-    /// The points of a set, in the order of the boxes; `None` where they break a rule.
-    pub(super) fn points(&mut self, bits: &mut RangeDecoder<'_>, set: &SetLayout) -> Option<Vec<Point>> {
+    /// Returns the points of a set, in the order of the boxes; `None` if they break a rule.
+    pub(super) fn points(&mut self, decoder: &mut RangeDecoder<'_>, set: &SetLayout) -> Option<Vec<Point>> {
         let size = set.extent.map(|extent| significant(extent.into()) as u32);
         let mut found = Vec::new();
-        self.cuboid(bits, set, Cuboid { low: [0; 3], size }, set.points as usize, &mut found)?;
+        self.cuboid(decoder, set, Cuboid { low: [0; 3], size }, set.points as usize, &mut found)?;
         Some(found.into_iter().map(|found| found.point).collect())
     }
 
     fn cuboid(
         &mut self,
-        bits: &mut RangeDecoder<'_>,
+        decoder: &mut RangeDecoder<'_>,
         set: &SetLayout,
         cuboid: Cuboid,
         count: usize,
-        found: &mut Vec<Found>,
+        found: &mut Vec<DecodedPoint>,
     ) -> Option<()> {
-        if bits.is_exhausted() {
+        if decoder.is_exhausted() {
             return None;
         }
         if count == 1 || cuboid.size == [0; 3] {
             for _ in 0..count {
-                let point = self.point(bits, set, cuboid, found)?;
-                found.push(Found { point, direction: direction(set.normal_bits, point.1) });
+                let point = self.point(decoder, set, cuboid, found)?;
+                found.push(DecodedPoint { point, direction: direction(set.normal_bits, point.1) });
             }
             return Some(());
         }
@@ -89,27 +89,27 @@ impl Coder {
         halves[1].low[axis] += 1 << halves[1].size[axis];
         let across = found.last().is_some_and(|last| steepest(&last.direction) == axis);
         let context = [count.min(16), usize::from(across), cuboid.size[axis].min(7) as usize];
-        let lower = if self.ask(bits, Question::LowerEmpty, context) {
+        let lower = if self.ask(decoder, Question::LowerEmpty, context) {
             0
-        } else if self.ask(bits, Question::UpperEmpty, context) {
+        } else if self.ask(decoder, Question::UpperEmpty, context) {
             count
         } else {
-            self.share(bits, count)?
+            self.share(decoder, count)?
         };
-        self.cuboid(bits, set, halves[0], lower, found)?;
-        self.cuboid(bits, set, halves[1], count - lower, found)
+        self.cuboid(decoder, set, halves[0], lower, found)?;
+        self.cuboid(decoder, set, halves[1], count - lower, found)
     }
 
-    /// How many of `count` points are in the lower half, when some are in both.
-    fn share(&mut self, bits: &mut RangeDecoder<'_>, count: usize) -> Option<usize> {
+    /// Reads how many of `count` points are in the lower half, if some are in both.
+    fn share(&mut self, decoder: &mut RangeDecoder<'_>, count: usize) -> Option<usize> {
         let width = significant(count as u64 - 2);
         let mut less_one = 0;
         let mut node = 1;
         for bit in 0..width {
             let one = if bit < 3 {
-                self.ask(bits, Question::Share, [width.min(31), node, 0])
+                self.ask(decoder, Question::Share, [width.min(31), node, 0])
             } else {
-                bits.plain(1, 0) == 1
+                decoder.plain(1, 0) == 1
             };
             node = 2 * node + usize::from(one);
             less_one = 2 * less_one + usize::from(one);
@@ -119,27 +119,28 @@ impl Coder {
 
     fn point(
         &mut self,
-        bits: &mut RangeDecoder<'_>,
+        decoder: &mut RangeDecoder<'_>,
         set: &SetLayout,
         Cuboid { low, size }: Cuboid,
-        found: &[Found],
+        found: &[DecodedPoint],
     ) -> Option<Point> {
         let window = &found[found.len().saturating_sub(16)..];
         let centre: [i64; 3] = std::array::from_fn(|axis| i64::from(low[axis]) + (1_i64 << size[axis]) / 2);
-        // Of equals the one found first.
+        // The first one wins among equals.
         let near = window.iter().min_by_key(|found| distance(&found.point.0, &centre));
         let steep = near.map_or(0, |near| steepest(&near.direction));
         let mut coord = low;
         for axis in [(steep + 1) % 3, (steep + 2) % 3] {
-            coord[axis] += bits.plain(size[axis], 0);
+            coord[axis] += decoder.plain(size[axis], 0);
         }
         let plane = near.map_or(centre[steep], |near| near.plane_at(steep, &coord));
         for half in (0..size[steep]).rev() {
-            // Halves of the box are 2^half nodes; the plane is so many quarters of one above its middle, rounded.
+            // Halves of the box are 2^half nodes. `quarters` is the height of the plane above the middle, in quarters
+            // of a half, rounded.
             let middle = i64::from(coord[steep]) + (1 << half);
             let quarters = (8 * (plane - middle) + 4).div_euclid(2 << half).clamp(-8, 8);
             let context = [(quarters + 8) as usize, half.min(7) as usize, 0];
-            if self.ask(bits, Question::Above, context) {
+            if self.ask(decoder, Question::Above, context) {
                 coord[steep] += 1 << half;
             }
         }
@@ -147,53 +148,54 @@ impl Coder {
         if !inside {
             return None;
         }
-        Some((coord, self.normal(bits, set, &coord, window)?))
+        Some((coord, self.normal(decoder, set, &coord, window)?))
     }
 
     fn normal(
         &mut self,
-        bits: &mut RangeDecoder<'_>,
+        decoder: &mut RangeDecoder<'_>,
         set: &SetLayout,
         coord: &[u32; 3],
-        window: &[Found],
+        window: &[DecodedPoint],
     ) -> Option<u16> {
-        // The best first; of equals the one found last.
+        // The best first; among equals the last one decoded.
         let mut candidates: Vec<(u64, u64, u16)> = window
             .iter()
             .rev()
             .map(|found| {
-                let misfit = found.misfit(coord);
-                let cost = distance(&found.point.0, &coord.map(i64::from)) + 4 * misfit;
-                (cost, misfit, found.point.1)
+                let plane_distance = found.plane_distance(coord);
+                let cost = distance(&found.point.0, &coord.map(i64::from)) + 4 * plane_distance;
+                (cost, plane_distance, found.point.1)
             })
             .collect();
         candidates.sort_by_key(|candidate| candidate.0);
         let first = candidates.first().copied();
         let second = first.and_then(|first| candidates.iter().find(|other| other.2 != first.2).copied());
-        let class = |misfit: u64| significant(misfit).min(3);
-        if let Some((_, misfit, normal)) = first {
-            let context = [usize::from(self.was_same), class(misfit), 0];
-            self.was_same = self.ask(bits, Question::SameAsFirst, context);
+        let class = |plane_distance: u64| significant(plane_distance).min(3);
+        if let Some((_, plane_distance, normal)) = first {
+            let context = [usize::from(self.was_same), class(plane_distance), 0];
+            self.was_same = self.ask(decoder, Question::SameAsFirst, context);
             if self.was_same {
                 return Some(normal);
             }
         }
-        if let Some((_, misfit, normal)) = second
-            && self.ask(bits, Question::SameAsSecond, [class(misfit), 0, 0])
+        if let Some((_, plane_distance, normal)) = second
+            && self.ask(decoder, Question::SameAsSecond, [class(plane_distance), 0, 0])
         {
             return Some(normal);
         }
         let levels = 1 << set.normal_bits;
         let base = first.map_or(0, |first| i64::from(first.2));
-        let u = base % levels + i64::from(self.turn[0].code_signed(bits, 0));
-        let v = base / levels + i64::from(self.turn[1].code_signed(bits, 0));
+        let u = base % levels + i64::from(self.turn[0].code_signed(decoder, 0));
+        let v = base / levels + i64::from(self.turn[1].code_signed(decoder, 0));
         let sound = (0..levels).contains(&u) && (0..levels).contains(&v);
         sound.then_some((u + v * levels) as u16)
     }
 }
 
-impl Found {
-    /// Where this point's plane is along an axis, at a place of which the other two coordinates count; at most 2^24 away.
+impl DecodedPoint {
+    /// Returns where this point's plane is along an axis, at a place given by its other two coordinates; at most 2^24
+    /// away.
     fn plane_at(&self, axis: usize, coord: &[u32; 3]) -> i64 {
         let own = self.point.0.map(i64::from);
         let mut fall = 0;
@@ -204,8 +206,8 @@ impl Found {
         own[axis] - down.clamp(-(1 << 24), 1 << 24)
     }
 
-    /// How far a place is from this point's plane.
-    fn misfit(&self, coord: &[u32; 3]) -> u64 {
+    /// Returns the distance of a place from this point's plane.
+    fn plane_distance(&self, coord: &[u32; 3]) -> u64 {
         let axis = steepest(&self.direction);
         self.plane_at(axis, coord).abs_diff(coord[axis].into())
     }
@@ -215,7 +217,7 @@ fn distance(a: &[u32; 3], b: &[i64; 3]) -> u64 {
     (0..3).map(|axis| i64::from(a[axis]).abs_diff(b[axis])).max().unwrap_or(0)
 }
 
-/// The first of the axes along which a box is longest.
+/// Returns the first of the axes along which a box is longest.
 fn first_longest(size: [u32; 3]) -> usize {
     (0..3).find(|axis| size.iter().all(|other| size[*axis] >= *other)).unwrap_or(0)
 }
@@ -224,7 +226,7 @@ fn steepest(direction: &[i64; 3]) -> usize {
     first_longest(direction.map(|axis| axis.unsigned_abs() as u32))
 }
 
-/// The direction of an octahedral code, not of unit length.
+/// Returns the direction of an octahedral code, not of unit length.
 fn direction(normal_bits: u8, code: u16) -> [i64; 3] {
     let levels = 1 << normal_bits;
     let u = 2 * (i64::from(code) % levels) - (levels - 1);

@@ -1,5 +1,6 @@
-//! The twin of [`crate::surface::Decoder`]: the whole state after a frame, built from what the format says and nothing
-//! else. Of the fast path it shares the range coder's primitives, the readers of the wire and the block coders.
+//! The reference of [`crate::surface::Decoder`]. It builds the whole state after a frame from the definition of the
+//! format alone. With the fast path it shares only the primitives of the range coder, the readers of the wire and the
+//! block coders.
 
 mod changes;
 mod context;
@@ -12,29 +13,29 @@ mod values;
 
 use std::sync::Arc;
 
-pub use encoder::NaiveSurfaceEncoder;
+pub use encoder::SurfaceReferenceEncoder;
 
-use super::Refused;
+use super::ReferenceError;
 use crate::block::{CoderId, decompress};
 use crate::envelope::{FrameInfo, FrameKind, Profile, SectionInfo, SectionTag, inspect};
-use crate::hash::{Kind, term};
+use crate::hash::{RecordKind, term};
 use crate::range::RangeDecoder;
 use crate::surface::{BLOCK_POINTS, Layout, State};
 use crate::wire::read_varint;
 use crate::{Limits, StateHash};
 
-/// The state after a frame body of profile `surface`, from scratch.
+/// Returns the state after a frame body of profile `surface`, computed from scratch.
 ///
 /// # Errors
 /// Refuses exactly what [`crate::surface::Decoder::apply`] refuses.
-pub fn apply_surface(state: &State, body: &[u8], limits: &Limits) -> Result<State, Refused> {
+pub fn apply_surface(state: &State, body: &[u8], limits: &Limits) -> Result<State, ReferenceError> {
     let info = inspect(body, limits)?;
     let follows = match (info.kind, state.frame()) {
         (FrameKind::Key, _) => true,
         (FrameKind::Delta, last) => last.is_some_and(|last| info.frame > last),
     };
     if info.profile != Profile::SURFACE || !follows {
-        return Err(Refused::Rule);
+        return Err(ReferenceError::Rule);
     }
     let mut next = match info.kind {
         FrameKind::Key => blank(state),
@@ -43,23 +44,23 @@ pub fn apply_surface(state: &State, body: &[u8], limits: &Limits) -> Result<Stat
     read_sections(state, &mut next, &info, body, limits)?;
     next.hash = full_hash(&next);
     next.frame = Some(info.frame);
-    if next.hash == info.hash { Ok(next) } else { Err(Refused::Hash) }
+    if next.hash == info.hash { Ok(next) } else { Err(ReferenceError::Hash) }
 }
 
-/// Brings `next` up to date, but for its hash.
+/// Updates `next` except for its hash.
 fn read_sections(
     state: &State,
     next: &mut State,
     info: &FrameInfo,
     body: &[u8],
     limits: &Limits,
-) -> Result<(), Refused> {
-    let mut values = values::Coder::new();
-    let mut geometry = geometry_coder::Coder::new();
+) -> Result<(), ReferenceError> {
+    let mut values = values::ValueDecoder::new();
+    let mut geometry = geometry_coder::GeometryDecoder::new();
     let mut changes = changes::Changes::none(state);
     let is_patch = info.sections.iter().any(|section| section.tag == SectionTag::PATCH);
     if is_patch {
-        // What was learned before is forgotten, unless a context says it.
+        // A patch makes the coder context fresh, unless it carries one.
         let State { history, model, .. } = blank(state);
         (next.history, next.model) = (history, model);
     }
@@ -94,51 +95,51 @@ struct Block<'a> {
 }
 
 impl<'a> Block<'a> {
-    /// The plain layout, of a block that the range coder did not write.
-    fn raw(&self) -> Result<Vec<u8>, Refused> {
+    /// Returns the plain layout of a block that the range coder did not write.
+    fn raw(&self) -> Result<Vec<u8>, ReferenceError> {
         let SectionInfo { coder, raw_bytes, .. } = *self.section;
         Ok(decompress(self.stored, coder, raw_bytes, self.limits.max_block_bytes)?)
     }
 
-    /// The decisions, of one that it did.
-    fn bits(&self) -> Option<RangeDecoder<'a>> {
+    /// Returns the decoder of a block that the range coder wrote.
+    fn decoder(&self) -> Option<RangeDecoder<'a>> {
         (self.section.coder == CoderId::RANGE).then(|| RangeDecoder::new(self.stored))
     }
 
-    /// After the last decision: the block must end there, and its plain layout be as long as announced.
-    fn end(&self, bits: RangeDecoder<'_>, plain_bytes: usize) -> Result<(), Refused> {
-        rule(bits.finish().is_ok() && plain_bytes == self.section.raw_bytes as usize)
+    /// Checks after the last decision that the block ends there and its plain layout has the announced length.
+    fn end(&self, decoder: RangeDecoder<'_>, plain_bytes: usize) -> Result<(), ReferenceError> {
+        rule(decoder.finish().is_ok() && plain_bytes == self.section.raw_bytes as usize)
     }
 }
 
-fn rule(kept: bool) -> Result<(), Refused> {
-    if kept { Ok(()) } else { Err(Refused::Rule) }
+fn rule(kept: bool) -> Result<(), ReferenceError> {
+    if kept { Ok(()) } else { Err(ReferenceError::Rule) }
 }
 
-/// A block of points: 64 slots of an instance, of which the first `points` have one.
+/// A point block: 64 padded indices of an instance, of which the first `points` have a point.
 #[derive(Clone, Copy, PartialEq)]
-struct Spot {
+struct BlockInfo {
     instance: usize,
-    /// Which block of its instance it is.
+    /// Number of the block in its instance.
     number: usize,
     points: usize,
 }
 
-impl Spot {
-    /// The spots of all blocks of a stream, in order.
-    fn all(layout: &Layout) -> Vec<Spot> {
-        let mut spots = Vec::new();
+impl BlockInfo {
+    /// Returns all blocks of a stream, in order.
+    fn all(layout: &Layout) -> Vec<BlockInfo> {
+        let mut blocks_info = Vec::new();
         for (instance, member) in layout.members().iter().enumerate() {
             let points: Vec<u32> = (0..layout.sets()[member.set as usize].points).collect();
             for (number, block) in points.chunks(BLOCK_POINTS).enumerate() {
-                spots.push(Spot { instance, number, points: block.len() });
+                blocks_info.push(BlockInfo { instance, number, points: block.len() });
             }
         }
-        spots
+        blocks_info
     }
 }
 
-/// The empty state of the same stream, with the geometry that no frame brought.
+/// Returns the empty state of the same stream, with the geometry that no frame brought.
 fn blank(state: &State) -> State {
     let mut next = State::new(Arc::clone(state.layout()));
     for set in 0..state.geometry.len() {
@@ -149,59 +150,59 @@ fn blank(state: &State) -> State {
     next
 }
 
-/// The sum of the terms of all that came.
+/// Returns the sum of the terms of everything received.
 fn full_hash(state: &State) -> StateHash {
     let mut sum = 0_u64;
     for (set, layout) in state.layout().sets().iter().enumerate() {
         if state.received[set] {
             let digest = layout.digest.0;
             let words = [digest as u32, (digest >> 32) as u32, 1];
-            sum = sum.wrapping_add(term(Kind::Geometry, set as u32, &words));
+            sum = sum.wrapping_add(term(RecordKind::Geometry, set as u32, &words));
         }
     }
-    for (block, spot) in Spot::all(state.layout()).into_iter().enumerate() {
-        for slot in block * BLOCK_POINTS..block * BLOCK_POINTS + spot.points {
+    for (block, info) in BlockInfo::all(state.layout()).into_iter().enumerate() {
+        for padded in block * BLOCK_POINTS..block * BLOCK_POINTS + info.points {
             if state.present[block] {
-                let words = [u32::from(state.values[slot]) + 1];
-                sum = sum.wrapping_add(term(Kind::Value, slot as u32, &words));
+                let words = [u32::from(state.values[padded]) + 1];
+                sum = sum.wrapping_add(term(RecordKind::Value, padded as u32, &words));
             }
         }
     }
     StateHash(sum)
 }
 
-/// Bytes that are taken from the front.
-struct Bytes<'a>(&'a [u8]);
+/// Reads bytes from front to back.
+struct ByteReader<'a>(&'a [u8]);
 
-impl<'a> Bytes<'a> {
-    fn take(&mut self, count: usize) -> Result<&'a [u8], Refused> {
-        let (taken, rest) = self.0.split_at_checked(count).ok_or(Refused::Rule)?;
+impl<'a> ByteReader<'a> {
+    fn take(&mut self, count: usize) -> Result<&'a [u8], ReferenceError> {
+        let (taken, rest) = self.0.split_at_checked(count).ok_or(ReferenceError::Rule)?;
         self.0 = rest;
         Ok(taken)
     }
 
-    fn varint(&mut self) -> Result<u32, Refused> {
-        let (value, length) = read_varint(self.0).map_err(|_| Refused::Rule)?;
+    fn varint(&mut self) -> Result<u32, ReferenceError> {
+        let (value, length) = read_varint(self.0).map_err(|_| ReferenceError::Rule)?;
         self.take(length)?;
         Ok(value)
     }
 
-    fn end(&self) -> Result<(), Refused> {
+    fn end(&self) -> Result<(), ReferenceError> {
         rule(self.0.is_empty())
     }
 }
 
-/// Bytes of a number as a varint.
+/// Returns the length of a number as a varint, bytes.
 fn varint_bytes(value: u32) -> usize {
-    1 + [7, 14, 21, 28].into_iter().filter(|bits| value >> bits > 0).count()
+    1 + [7, 14, 21, 28].into_iter().filter(|decoder| value >> decoder > 0).count()
 }
 
-/// Significant bits of a number.
+/// Returns the number of significant bits.
 fn significant(value: u64) -> usize {
-    (0..64).filter(|bits| value >> bits > 0).count()
+    (0..64).filter(|decoder| value >> decoder > 0).count()
 }
 
-/// Where a context is in its table: a number of digits, each with its radix.
+/// Returns the index of a context in its table, from digits with a radix each.
 fn index<const N: usize>(digits: [(usize, usize); N]) -> usize {
     let mut index = 0;
     for (digit, radix) in digits {

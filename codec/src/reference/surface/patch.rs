@@ -1,9 +1,9 @@
-//! The newest AO of points, for who missed frames.
+//! PATCH sections: the newest AO of points, for clients that missed frames.
 
-use super::changes::read_marks;
-use super::{Block, Bytes, Refused, Spot, index, rule, significant, varint_bytes};
+use super::changes::read_point_mask;
+use super::{Block, BlockInfo, ByteReader, ReferenceError, index, rule, significant, varint_bytes};
 use crate::envelope::FrameIndex;
-use crate::range::{Bits, Mixer, Number, RangeDecoder, Slot, logistic};
+use crate::range::{BinaryCoder, BitModel, Mixer, NumberModel, RangeDecoder, logistic};
 use crate::surface::{BLOCK_POINTS, State};
 
 /// Reads a PATCH section of frame `frame` into `next`, which holds what `state` does.
@@ -12,55 +12,58 @@ pub(super) fn read(
     next: &mut State,
     frame: FrameIndex,
     block: Block<'_>,
-) -> Result<(), Refused> {
+) -> Result<(), ReferenceError> {
     let last = state.frame().map_or(0, |last| u64::from(last.0));
     let reaches = |back: u32| back <= frame.0 && last + u64::from(back) >= u64::from(frame.0);
-    let spots = Spot::all(state.layout());
+    let blocks_info = BlockInfo::all(state.layout());
     let expected = block.section.records as usize;
-    let Some(bits) = block.bits() else {
+    let Some(decoder) = block.decoder() else {
         let raw = block.raw()?;
-        let mut bytes = Bytes(&raw);
+        let mut bytes = ByteReader(&raw);
         rule(reaches(bytes.varint()?))?;
-        let slots = read_marks(&mut bytes, state.present.len())?;
-        rule(slots.len() == expected)?;
-        for slot in slots {
-            rule(state.present[slot / BLOCK_POINTS] && is_point(&spots, slot))?;
-            next.values[slot] = bytes.take(1)?[0];
+        let named = read_point_mask(&mut bytes, state.present.len())?;
+        rule(named.len() == expected)?;
+        for padded in named {
+            rule(state.present[padded / BLOCK_POINTS] && is_point(&blocks_info, padded))?;
+            next.values[padded] = bytes.take(1)?[0];
         }
         return bytes.end();
     };
-    let mut coder = Coder::new(bits);
-    let back = Number::new().code(&mut coder.bits, 0);
+    let mut patch = PatchDecoder::new(decoder);
+    let back = NumberModel::new().code(&mut patch.decoder, 0);
     rule(reaches(back))?;
-    coder.marks(state, &spots);
-    let slots: Vec<usize> = (0..coder.marked.len()).filter(|slot| coder.marked[*slot]).collect();
-    rule(slots.len() == expected)?;
-    // The points whose bytes both sides know.
-    let mut known: Vec<bool> = (0..coder.marked.len())
-        .map(|slot| state.present[slot / BLOCK_POINTS] && is_point(&spots, slot) && !coder.marked[slot])
+    patch.points(state, &blocks_info);
+    let named: Vec<usize> = (0..patch.named.len()).filter(|padded| patch.named[*padded]).collect();
+    rule(named.len() == expected)?;
+    // The points whose bytes both ends know.
+    let mut known: Vec<bool> = (0..patch.named.len())
+        .map(|padded| {
+            state.present[padded / BLOCK_POINTS] && is_point(&blocks_info, padded) && !patch.named[padded]
+        })
         .collect();
     let mut blocks = 0;
-    for (at, slot) in slots.iter().enumerate() {
-        blocks += usize::from(at == 0 || slots[at - 1] / BLOCK_POINTS < slot / BLOCK_POINTS);
-        next.values[*slot] = coder.byte(around(next, &spots, &known, *slot));
-        known[*slot] = true;
+    for (at, padded) in named.iter().enumerate() {
+        blocks += usize::from(at == 0 || named[at - 1] / BLOCK_POINTS < padded / BLOCK_POINTS);
+        next.values[*padded] = patch.byte(around(next, &blocks_info, &known, *padded));
+        known[*padded] = true;
     }
-    let bytes = varint_bytes(back) + state.present.len().div_ceil(8) + 8 * blocks + slots.len();
-    block.end(coder.bits, bytes)
+    let bytes = varint_bytes(back) + state.present.len().div_ceil(8) + 8 * blocks + named.len();
+    block.end(patch.decoder, bytes)
 }
 
-fn is_point(spots: &[Spot], slot: usize) -> bool {
-    slot % BLOCK_POINTS < spots[slot / BLOCK_POINTS].points
+fn is_point(blocks_info: &[BlockInfo], padded: usize) -> bool {
+    padded % BLOCK_POINTS < blocks_info[padded / BLOCK_POINTS].points
 }
 
-/// Guess and spread: the bytes known of three points to either side, nothing to the right of the block.
-fn around(next: &State, spots: &[Spot], known: &[bool], slot: usize) -> (u8, u8) {
-    let block = slot / BLOCK_POINTS;
+/// Returns guess and spread: of the known bytes of three points to either side, but none beyond the end of the block.
+fn around(next: &State, blocks_info: &[BlockInfo], known: &[bool], padded: usize) -> (u8, u8) {
+    let block = padded / BLOCK_POINTS;
     let mut seen = Vec::new();
     for (distance, weight) in [(1, 6), (2, 3), (3, 2)] {
-        let before = slot.checked_sub(distance);
-        let before = before.filter(|other| spots[other / BLOCK_POINTS].instance == spots[block].instance);
-        let after = Some(slot + distance).filter(|other| other / BLOCK_POINTS == block);
+        let before = padded.checked_sub(distance);
+        let before =
+            before.filter(|other| blocks_info[other / BLOCK_POINTS].instance == blocks_info[block].instance);
+        let after = Some(padded + distance).filter(|other| other / BLOCK_POINTS == block);
         for other in before.into_iter().chain(after).filter(|other| known[*other]) {
             seen.push((u32::from(next.values[other]), weight));
         }
@@ -71,74 +74,75 @@ fn around(next: &State, spots: &[Spot], known: &[bool], slot: usize) -> (u8, u8)
     (((2 * sum + weights) / (2 * weights)) as u8, (high - low) as u8)
 }
 
-struct Coder<'a> {
-    bits: RangeDecoder<'a>,
-    groups: Vec<Slot>,
-    blocks: Vec<Slot>,
-    points: ([Vec<Slot>; 2], Mixer<2>),
-    sizes: ([Vec<Slot>; 4], Mixer<4>),
-    signs: ([Vec<Slot>; 4], Mixer<4>),
-    seconds: Vec<Slot>,
-    /// By slot, whether it comes.
-    marked: Vec<bool>,
-    /// The bytes so far, how many significant bits their differences have, and the ways of those that differ.
+struct PatchDecoder<'a> {
+    decoder: RangeDecoder<'a>,
+    groups: Vec<BitModel>,
+    blocks: Vec<BitModel>,
+    points: ([Vec<BitModel>; 2], Mixer<2>),
+    sizes: ([Vec<BitModel>; 4], Mixer<4>),
+    signs: ([Vec<BitModel>; 4], Mixer<4>),
+    seconds: Vec<BitModel>,
+    /// By padded index: whether the patch names the point.
+    named: Vec<bool>,
+    /// The bytes so far, the classes of their differences, and the signs of the differences that are not 0.
     coded: Vec<u8>,
     classes: Vec<usize>,
-    ways: Vec<bool>,
+    coded_signs: Vec<bool>,
 }
 
-impl<'a> Coder<'a> {
-    fn new(bits: RangeDecoder<'a>) -> Coder<'a> {
-        let half = |count| vec![Slot::new(1 << 15); count];
-        let rare = |count| vec![Slot::new(1 << 14); count];
-        Coder {
-            bits,
+impl<'a> PatchDecoder<'a> {
+    fn new(decoder: RangeDecoder<'a>) -> PatchDecoder<'a> {
+        let half = |count| vec![BitModel::new(1 << 15); count];
+        let rare = |count| vec![BitModel::new(1 << 14); count];
+        PatchDecoder {
+            decoder,
             groups: half(2),
             blocks: half(8),
             points: ([rare(256), rare(9)], Mixer::new(1)),
             sizes: ([half(72), half(648), half(256), half(264)], Mixer::new(8)),
             signs: ([half(32), half(32), half(66), half(64)], Mixer::new(8)),
             seconds: half(9),
-            marked: Vec::new(),
+            named: Vec::new(),
             coded: Vec::new(),
             classes: Vec::new(),
-            ways: Vec::new(),
+            coded_signs: Vec::new(),
         }
     }
 
-    /// Reads which points come.
-    fn marks(&mut self, state: &State, spots: &[Spot]) {
-        self.marked = vec![false; state.values.len()];
+    /// Reads which points the patch names.
+    fn points(&mut self, state: &State, blocks_info: &[BlockInfo]) {
+        self.named = vec![false; state.values.len()];
         let mut before = false;
-        let blocks: Vec<usize> = (0..spots.len()).collect();
+        let blocks: Vec<usize> = (0..blocks_info.len()).collect();
         for group in blocks.chunks(16) {
             let here: Vec<usize> = group.iter().copied().filter(|block| state.present[*block]).collect();
             if here.is_empty() {
                 continue;
             }
-            before = decide_plainly(&mut self.bits, &mut self.groups[usize::from(before)]);
+            before = decide_plainly(&mut self.decoder, &mut self.groups[usize::from(before)]);
             for block in here.into_iter().filter(|_| before) {
-                self.block(block, spots[block].points);
+                self.block(block, blocks_info[block].points);
             }
         }
     }
 
     fn block(&mut self, block: usize, points: usize) {
         let first = block * BLOCK_POINTS;
-        let prior = self.marked[first.saturating_sub(BLOCK_POINTS)..first].iter().filter(|marked| **marked);
+        let prior = self.named[first.saturating_sub(BLOCK_POINTS)..first].iter().filter(|named| **named);
         let class = significant(prior.count() as u64);
-        if !decide_plainly(&mut self.bits, &mut self.blocks[class]) {
+        if !decide_plainly(&mut self.decoder, &mut self.blocks[class]) {
             return;
         }
-        for slot in first..first + points {
+        for padded in first..first + points {
             // The eight points before: the nearest is worth 1, the next 2, and so on.
-            let before: Vec<bool> =
-                (1..=8).map(|back| slot.checked_sub(back).is_some_and(|slot| self.marked[slot])).collect();
+            let before: Vec<bool> = (1..=8)
+                .map(|back| padded.checked_sub(back).is_some_and(|padded| self.named[padded]))
+                .collect();
             let pattern = (0..8).map(|at| usize::from(before[at]) << at).sum::<usize>();
-            let count = before.iter().filter(|marked| **marked).count();
+            let count = before.iter().filter(|named| **named).count();
             let ([a, b], mixer) = &mut self.points;
-            let slots = [&mut a[pattern], &mut b[count]];
-            self.marked[slot] = mixer.code(logistic(), &mut self.bits, 0, slots, false);
+            let inputs = [&mut a[pattern], &mut b[count]];
+            self.named[padded] = mixer.code(logistic(), &mut self.decoder, 0, inputs, false);
         }
     }
 
@@ -157,13 +161,13 @@ impl<'a> Coder<'a> {
             };
             let mut size = 1_u8;
             if class > 1 {
-                size = 2 + u8::from(decide_plainly(&mut self.bits, &mut self.seconds[class]));
+                size = 2 + u8::from(decide_plainly(&mut self.decoder, &mut self.seconds[class]));
                 for _ in 2..class {
-                    size = 2 * size + self.bits.plain(1, 0) as u8;
+                    size = 2 * size + self.decoder.plain(1, 0) as u8;
                 }
             }
             byte = if darker { guess.wrapping_sub(size) } else { guess.wrapping_add(size) };
-            self.ways.push(darker);
+            self.coded_signs.push(darker);
         }
         self.classes.push(class);
         self.coded.push(byte);
@@ -181,7 +185,7 @@ impl<'a> Coder<'a> {
                 index([(usize::from(guess) / 8, 32), (class, 8)]),
                 index([(lean, 33), (class, 8)]),
             ];
-            if !decide_mixed(&mut self.bits, &mut self.sizes, class, at) {
+            if !decide_mixed(&mut self.decoder, &mut self.sizes, class, at) {
                 break;
             }
             class += 1;
@@ -190,34 +194,34 @@ impl<'a> Coder<'a> {
     }
 
     fn darker(&mut self, guess: u8, class: usize, lean: usize) -> bool {
-        let way = |back: usize| self.ways.iter().rev().nth(back).is_some_and(|darker| *darker);
-        let past = |count: usize| (0..count).map(|back| usize::from(way(back)) << back).sum::<usize>();
+        let sign = |back: usize| self.coded_signs.iter().rev().nth(back).is_some_and(|darker| *darker);
+        let past = |count: usize| (0..count).map(|back| usize::from(sign(back)) << back).sum::<usize>();
         let at = [
             index([(usize::from(guess) / 8, 32)]),
             index([(class - 1, 8), (past(2), 4)]),
             index([(lean, 33), (past(1), 2)]),
             index([(past(6), 64)]),
         ];
-        decide_mixed(&mut self.bits, &mut self.signs, class - 1, at)
+        decide_mixed(&mut self.decoder, &mut self.signs, class - 1, at)
     }
 }
 
-fn decide_plainly(bits: &mut RangeDecoder<'_>, slot: &mut Slot) -> bool {
-    let yes = bits.bit(slot.one(), false);
-    slot.learn(yes);
+fn decide_plainly(decoder: &mut RangeDecoder<'_>, model: &mut BitModel) -> bool {
+    let yes = decoder.bit(model.one(), false);
+    model.learn(yes);
     yes
 }
 
 fn decide_mixed(
-    bits: &mut RangeDecoder<'_>,
-    (tables, mixer): &mut ([Vec<Slot>; 4], Mixer<4>),
+    decoder: &mut RangeDecoder<'_>,
+    (tables, mixer): &mut ([Vec<BitModel>; 4], Mixer<4>),
     situation: usize,
     at: [usize; 4],
 ) -> bool {
     let [a, b, c, d] = tables;
     mixer.code(
         logistic(),
-        bits,
+        decoder,
         situation,
         [&mut a[at[0]], &mut b[at[1]], &mut c[at[2]], &mut d[at[3]]],
         false,

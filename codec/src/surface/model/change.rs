@@ -1,39 +1,40 @@
-//! Changes by the range coder: which blocks, which points, which way and how far, each decision with a context of what
-//! the neighbours along the curve and the point itself did, now and in the frames before.
+//! Model of changes for the range coder: which point blocks, which points, their signs and sizes. The contexts of a
+//! decision are what the neighbours along the curve and the point itself did, in this frame and in earlier ones.
 //!
-//! The contexts are those that paid when each was taken out alone on traces of four scenes; neighbours found in space
-//! instead of along the curve would save 4 to 13 % more, but then AO could not be decoded without geometry.
+//! Each context paid on traces of four scenes when it alone was removed. Neighbours in space instead of along the
+//! curve would save 4 to 13 % more, but then AO could not be decoded without geometry.
 
 use super::history::{History, NEVER};
 use crate::memory;
-use crate::range::{Bits, Logistic, MAX_WEIGHT, Mixer, Number, Slot, Subject, logistic};
+use crate::range::{BinaryCoder, BitModel, Logistic, MAX_WEIGHT, Mixer, NumberModel, SymbolClass, logistic};
 use crate::surface::section::changes::{Changes, MAX_LEVEL};
-use crate::surface::{BLOCK_POINTS, Layout};
+use crate::surface::{BLOCK_POINTS, Layout, PaddedIndex};
 
-/// Blocks that one decision can pass over.
+/// Number of blocks that one decision can skip.
 const GROUP: usize = 16;
 /// Levels beyond this one are coded as a number.
 const STEPS: usize = 12;
 
-/// What the coder has learned of a stream's changes.
+/// What the coder has learned of the changes of a stream.
 #[derive(Debug, PartialEq)]
 pub(crate) struct ChangeModel {
-    pub(crate) groups: Vec<Slot>,
-    pub(crate) block: Opinions<2>,
-    pub(crate) point: Opinions<4>,
-    pub(crate) sign: Opinions<4>,
-    pub(crate) size: Opinions<4>,
-    pub(crate) large: Number,
+    pub(crate) groups: Vec<BitModel>,
+    pub(crate) block: ContextMixer<2>,
+    pub(crate) point: ContextMixer<4>,
+    pub(crate) sign: ContextMixer<4>,
+    pub(crate) size: ContextMixer<4>,
+    pub(crate) large: NumberModel,
 }
 
-/// `N` tables of slots and the mixer that weighs them.
+/// `N` tables of bit models, and the mixer that weighs one input from each.
 #[derive(Debug, PartialEq)]
-pub(crate) struct Opinions<const N: usize> {
-    pub(crate) tables: [Vec<Slot>; N],
+pub(crate) struct ContextMixer<const N: usize> {
+    pub(crate) tables: [Vec<BitModel>; N],
     pub(crate) mixer: Mixer<N>,
 }
 
-/// By hand, as for [`Opinions`] and [`Mixer`]: a decoder copies the model for every frame, into memory that it has.
+/// Implemented by hand so that `clone_from` reuses allocations: a decoder copies the model once a frame.
+/// [`ContextMixer`] and [`Mixer`] do the same.
 impl Clone for ChangeModel {
     fn clone(&self) -> ChangeModel {
         let ChangeModel { groups, block, point, sign, size, large } = self;
@@ -58,34 +59,37 @@ impl Clone for ChangeModel {
     }
 }
 
-impl<const N: usize> Clone for Opinions<N> {
-    fn clone(&self) -> Opinions<N> {
-        Opinions { tables: self.tables.clone(), mixer: self.mixer.clone() }
+impl<const N: usize> Clone for ContextMixer<N> {
+    fn clone(&self) -> ContextMixer<N> {
+        ContextMixer { tables: self.tables.clone(), mixer: self.mixer.clone() }
     }
 
-    fn clone_from(&mut self, other: &Opinions<N>) {
+    fn clone_from(&mut self, other: &ContextMixer<N>) {
         self.tables.clone_from(&other.tables);
         self.mixer.clone_from(&other.mixer);
     }
 }
 
-impl<const N: usize> Opinions<N> {
-    pub(crate) fn new(sizes: [usize; N], situations: usize, one: u32) -> Opinions<N> {
-        Opinions { tables: sizes.map(|size| vec![Slot::new(one); size]), mixer: Mixer::new(situations) }
+impl<const N: usize> ContextMixer<N> {
+    pub(crate) fn new(sizes: [usize; N], situations: usize, one: u32) -> ContextMixer<N> {
+        ContextMixer {
+            tables: sizes.map(|size| vec![BitModel::new(one); size]),
+            mixer: Mixer::new(situations),
+        }
     }
 
-    /// Bytes held.
-    fn held(&self) -> usize {
-        self.tables.iter().map(memory::list).sum::<usize>() + self.mixer.held()
+    /// Returns the number of heap bytes in use.
+    fn heap_bytes(&self) -> usize {
+        self.tables.iter().map(memory::list).sum::<usize>() + self.mixer.heap_bytes()
     }
 
     fn push_words(&self, words: &mut Vec<u32>) {
-        words.extend(self.tables.iter().flatten().map(|slot| slot.0));
+        words.extend(self.tables.iter().flatten().map(|model| model.0));
         words.extend(self.mixer.weights.iter().flatten().map(|weight| *weight as u32));
     }
 
     fn take_words(&mut self, words: &mut impl Iterator<Item = (usize, u32)>) -> Result<(), (usize, u32)> {
-        take_slots(self.tables.iter_mut().flatten(), words)?;
+        take_models(self.tables.iter_mut().flatten(), words)?;
         for (weight, (at, word)) in self.mixer.weights.iter_mut().flatten().zip(words) {
             *weight = word as i32;
             if weight.unsigned_abs() > MAX_WEIGHT.unsigned_abs() {
@@ -96,16 +100,16 @@ impl<const N: usize> Opinions<N> {
     }
 
     #[inline]
-    pub(crate) fn code<B: Bits>(
+    pub(crate) fn code<B: BinaryCoder>(
         &mut self,
         logistic: &Logistic,
-        bits: &mut B,
+        coder: &mut B,
         situation: usize,
         at: [usize; N],
-        wanted: bool,
+        source: bool,
     ) -> bool {
-        let opinions = std::array::from_fn(|n| logistic.stretch(self.tables[n][at[n]]));
-        let bit = self.mixer.code_opinions(logistic, bits, situation, opinions, wanted);
+        let inputs = std::array::from_fn(|n| logistic.stretch(self.tables[n][at[n]]));
+        let bit = self.mixer.code_inputs(logistic, coder, situation, inputs, source);
         for (table, at) in self.tables.iter_mut().zip(at) {
             table[at].learn(bit);
         }
@@ -113,121 +117,132 @@ impl<const N: usize> Opinions<N> {
     }
 }
 
-fn take_slots<'a>(
-    slots: impl IntoIterator<Item = &'a mut Slot>,
+fn take_models<'a>(
+    models: impl IntoIterator<Item = &'a mut BitModel>,
     words: &mut impl Iterator<Item = (usize, u32)>,
 ) -> Result<(), (usize, u32)> {
-    for (slot, (at, word)) in slots.into_iter().zip(words) {
-        *slot = Slot::from_word(word).ok_or((at, word))?;
+    for (model, (at, word)) in models.into_iter().zip(words) {
+        *model = BitModel::from_word(word).ok_or((at, word))?;
     }
     Ok(())
 }
 
-/// What both sides know when a frame is coded: the state before it.
+/// The part of the state before a frame that the models may look at.
 #[derive(Clone, Copy)]
-pub(crate) struct Known<'a> {
+pub(crate) struct StateView<'a> {
     pub(crate) layout: &'a Layout,
-    /// AO bytes by slot.
+    /// AO bytes, by padded index.
     pub(crate) values: &'a [u8],
-    /// By block, whether it came.
+    /// By block: whether its values were received.
     pub(crate) present: &'a [bool],
     pub(crate) history: &'a History,
 }
 
 impl ChangeModel {
-    /// Bytes held.
-    pub(crate) fn held(&self) -> usize {
+    /// Returns the number of heap bytes in use.
+    pub(crate) fn heap_bytes(&self) -> usize {
         let ChangeModel { groups, block, point, sign, size, .. } = self;
-        memory::list(groups) + block.held() + point.held() + sign.held() + size.held()
+        memory::list(groups) + block.heap_bytes() + point.heap_bytes() + sign.heap_bytes() + size.heap_bytes()
     }
 
-    /// A model that has seen nothing.
+    /// Creates a fresh model.
     pub(crate) fn new() -> ChangeModel {
         ChangeModel {
-            groups: vec![Slot::new(1 << 13); 12],
-            block: Opinions::new([8 * 8 * 8, 65 * 2], 8, 1 << 13),
-            point: Opinions::new([9 * 9 * 16, 256 * 3, 16 * 16 * 9, 256 * 12], 36, 13_107),
-            sign: Opinions::new([17 * 9, 17 * 17, 256 * 3, 17 * 3], 1, 1 << 15),
-            size: Opinions::new([12 * STEPS * 12, 12 * STEPS * 9, 12 * STEPS, 512 * STEPS], STEPS, 26_214),
-            large: Number::new(),
+            groups: vec![BitModel::new(1 << 13); 12],
+            block: ContextMixer::new([8 * 8 * 8, 65 * 2], 8, 1 << 13),
+            point: ContextMixer::new([9 * 9 * 16, 256 * 3, 16 * 16 * 9, 256 * 12], 36, 13_107),
+            sign: ContextMixer::new([17 * 9, 17 * 17, 256 * 3, 17 * 3], 1, 1 << 15),
+            size: ContextMixer::new(
+                [12 * STEPS * 12, 12 * STEPS * 9, 12 * STEPS, 512 * STEPS],
+                STEPS,
+                26_214,
+            ),
+            large: NumberModel::new(),
         }
     }
 
-    /// Everything learned, as words: slots of the groups; for blocks, points, signs and sizes the slots of their tables,
-    /// then the weights, situation by situation; the slots of large sizes.
+    /// Returns everything learned, as words: the bit models of the groups; for blocks, points, signs and sizes the bit
+    /// models of the tables and then the weights, situation after situation; the bit models of large sizes.
     pub(crate) fn words(&self) -> Vec<u32> {
         let mut words = Vec::new();
-        words.extend(self.groups.iter().map(|slot| slot.0));
+        words.extend(self.groups.iter().map(|model| model.0));
         self.block.push_words(&mut words);
         self.point.push_words(&mut words);
         self.sign.push_words(&mut words);
         self.size.push_words(&mut words);
-        words.extend(self.large.slots().map(|slot| slot.0));
+        words.extend(self.large.models().map(|model| model.0));
         words
     }
 
-    /// Takes back what [`ChangeModel::words`] gave, of which there are as many. The error has the word that cannot be.
+    /// Sets everything learned from the words of [`ChangeModel::words`], of which there are as many. The error has the
+    /// index and value of an impossible word.
     pub(crate) fn set_words(&mut self, words: impl Iterator<Item = u32>) -> Result<(), (usize, u32)> {
         let mut words = words.enumerate();
-        take_slots(&mut self.groups, &mut words)?;
+        take_models(&mut self.groups, &mut words)?;
         self.block.take_words(&mut words)?;
         self.point.take_words(&mut words)?;
         self.sign.take_words(&mut words)?;
         self.size.take_words(&mut words)?;
-        take_slots(self.large.slots_mut(), &mut words)
+        take_models(self.large.models_mut(), &mut words)
     }
 
-    /// Codes the changes of a frame. A writer gives them in `wanted`; both sides find them in `found` afterwards. A reader
-    /// stops after more than `most` changes, or when `stop` says that nothing sensible follows.
-    pub(crate) fn code<B: Bits>(
+    /// Codes the changes of a frame. A decoder stops after more than `most` changes, or when `stop` returns true
+    /// because nothing sensible follows.
+    pub(crate) fn code<B: BinaryCoder>(
         &mut self,
-        bits: &mut B,
-        known: Known<'_>,
-        wanted: &Changes,
-        found: &mut Changes,
+        coder: &mut B,
+        view: StateView<'_>,
+        source: &Changes,
+        coded: &mut Changes,
         most: usize,
         stop: impl Fn(&B) -> bool,
     ) {
-        found.clear();
-        found.quantum = bits.plain(8, wanted.quantum.into()) as u8;
-        let mut walk =
-            Walk { logistic: logistic(), model: self, bits, known, wanted: Wanted::new(wanted), found };
-        let blocks = known.present.len();
+        coded.clear();
+        coded.quantum = coder.plain(8, source.quantum.into()) as u8;
+        let mut coding = ChangeCoder {
+            logistic: logistic(),
+            model: self,
+            coder,
+            view,
+            source: ChangeCursor::new(source),
+            coded,
+        };
+        let blocks = view.present.len();
         let mut before = false;
         for first in (0..blocks).step_by(GROUP) {
             let group = first..blocks.min(first + GROUP);
-            before = walk.group(group, before);
-            if walk.found.levels.len() > most || stop(walk.bits) {
+            before = coding.group(group, before);
+            if coding.coded.levels.len() > most || stop(coding.coder) {
                 return;
             }
         }
     }
 }
 
-/// The writer's changes, passed over in order. A reader's are empty.
-struct Wanted<'a> {
+/// Reads the changes of an encoder in order. Those of a decoder are empty.
+struct ChangeCursor<'a> {
     changes: &'a Changes,
     block: usize,
     level: usize,
 }
 
-impl<'a> Wanted<'a> {
-    fn new(changes: &'a Changes) -> Wanted<'a> {
-        Wanted { changes, block: 0, level: 0 }
+impl<'a> ChangeCursor<'a> {
+    fn new(changes: &'a Changes) -> ChangeCursor<'a> {
+        ChangeCursor { changes, block: 0, level: 0 }
     }
 
-    /// Whether a block from the next one on, before `end`, changes.
+    /// Returns whether a block from the next one on, before `end`, changes.
     fn any_before(&self, end: usize) -> bool {
-        self.changes.marks.blocks.get(self.block).is_some_and(|block| (*block as usize) < end)
+        self.changes.points.blocks.get(self.block).is_some_and(|block| (*block as usize) < end)
     }
 
-    /// The points of this block that change.
+    /// Returns the points of this block that change.
     fn mask(&mut self, block: usize) -> u64 {
-        if self.changes.marks.blocks.get(self.block) != Some(&(block as u32)) {
+        if self.changes.points.blocks.get(self.block) != Some(&(block as u32)) {
             return 0;
         }
         self.block += 1;
-        self.changes.marks.masks[self.block - 1]
+        self.changes.points.masks[self.block - 1]
     }
 
     fn level(&mut self) -> i16 {
@@ -236,14 +251,14 @@ impl<'a> Wanted<'a> {
     }
 }
 
-/// The eight points before the one at hand, in this frame.
+/// The past: the eight points coded before, in this frame.
 #[derive(Clone, Copy, Default)]
 struct Past {
-    /// Which changed, the nearest in the lowest bit.
+    /// Points that changed; the nearest is the lowest bit.
     changed: u8,
-    /// Which of them became darker.
+    /// Points among them that became darker.
     darker: u8,
-    /// Sizes of the changes, a byte each, the nearest in the lowest.
+    /// Sizes of the changes, a byte each; the nearest is the lowest.
     sizes: u64,
 }
 
@@ -256,148 +271,150 @@ impl Past {
     }
 }
 
-/// What is known around the points of one block, from the frames before.
-struct Around {
-    /// Points that changed in the last frame: bit 4 is the block's first, bits 0 to 3 those before it.
+/// What earlier frames tell about the points of a block and those next to it.
+struct BlockNeighbours {
+    /// Points that changed in the last frame: bit 4 is the first of the block, bits 0 to 3 are those before it.
     recent: u128,
     darker: u128,
-    /// Liveliness, from four points before the block's first on.
-    lively: [u8; BLOCK_POINTS + 8],
-    /// Sums of liveliness of all points before.
+    /// Faded activity, from four points before the first of the block on.
+    activity: [u8; BLOCK_POINTS + 8],
+    /// Sums of the faded activity of all points before.
     sums: [u16; BLOCK_POINTS + 9],
 }
 
-struct Walk<'a, B: Bits> {
+struct ChangeCoder<'a, B: BinaryCoder> {
     logistic: &'static Logistic,
     model: &'a mut ChangeModel,
-    bits: &'a mut B,
-    known: Known<'a>,
-    wanted: Wanted<'a>,
-    found: &'a mut Changes,
+    coder: &'a mut B,
+    view: StateView<'a>,
+    source: ChangeCursor<'a>,
+    coded: &'a mut Changes,
 }
 
-impl<B: Bits> Walk<'_, B> {
-    /// Codes a run of blocks; whether anything in it changes. `before`: whether anything in the run before did.
+impl<B: BinaryCoder> ChangeCoder<'_, B> {
+    /// Codes a group of blocks and returns whether any of them changed. `before` is that result for the previous
+    /// group.
     fn group(&mut self, group: std::ops::Range<usize>, before: bool) -> bool {
-        let known = self.known;
-        if !known.present[group.clone()].contains(&true) {
+        let view = self.view;
+        if !view.present[group.clone()].contains(&true) {
             return false;
         }
-        let active = known.history.recent[group.clone()].iter().filter(|mask| **mask != 0).count();
-        self.bits.about(Subject::Blocks);
-        let slot = &mut self.model.groups[significant(active) * 2 + usize::from(before)];
-        let stirs = self.bits.bit(slot.one(), self.wanted.any_before(group.end));
-        slot.learn(stirs);
-        if stirs {
+        let active = view.history.recent[group.clone()].iter().filter(|mask| **mask != 0).count();
+        self.coder.set_class(SymbolClass::Blocks);
+        let model = &mut self.model.groups[significant(active) * 2 + usize::from(before)];
+        let any_changed = self.coder.bit(model.one(), self.source.any_before(group.end));
+        model.learn(any_changed);
+        if any_changed {
             let mut past = Past::default();
             for block in group {
-                if known.present[block] {
+                if view.present[block] {
                     past = self.block(block, past);
                 }
             }
         }
-        stirs
+        any_changed
     }
 
-    /// Codes a block; `past` is that of the block before, if it is of the same instance and group.
+    /// Codes a block and returns the past after it. `past` is that of the block before, if it is of the same instance
+    /// and group.
     fn block(&mut self, block: usize, past: Past) -> Past {
-        let recent = &self.known.history.recent;
+        let recent = &self.view.history.recent;
         let count = |mask: u64| significant(mask.count_ones() as usize);
         let own = recent[block].count_ones() as usize;
         let next = recent.get(block + 1).map_or(0, |mask| count(*mask));
-        let found = self.found.marks.blocks.last().zip(self.found.marks.masks.last());
-        let before = match found {
+        let coded = self.coded.points.blocks.last().zip(self.coded.points.masks.last());
+        let before = match coded {
             Some((last, mask)) if *last as usize + 1 == block => count(*mask),
             _ => 0,
         };
         let at = [(significant(own) * 8 + before) * 8 + next, own * 2 + usize::from(before > 0)];
-        let mask = self.wanted.mask(block);
-        self.bits.about(Subject::Blocks);
-        let stirs = self.model.block.code(self.logistic, self.bits, significant(own), at, mask != 0);
-        if !stirs {
+        let mask = self.source.mask(block);
+        self.coder.set_class(SymbolClass::Blocks);
+        let any_changed = self.model.block.code(self.logistic, self.coder, significant(own), at, mask != 0);
+        if !any_changed {
             return Past::default();
         }
         let first = block * BLOCK_POINTS;
-        let instance = self.known.layout.owner(block);
-        let slots = self.known.layout.slots_of(instance);
-        let around = self.around(block, &slots);
-        let mut past = if first == slots.start { Past::default() } else { past };
-        for slot in first..slots.end.min(first + BLOCK_POINTS) {
-            let changes = mask >> (slot - first) & 1 == 1;
-            let level = self.point(slot, first, instance, slot == slots.start, &around, past, changes);
+        let instance = self.view.layout.owner(block);
+        let range = self.view.layout.padded_range(instance);
+        let neighbours = self.neighbours(block, &range);
+        let mut past = if first == range.start { Past::default() } else { past };
+        for index in first..range.end.min(first + BLOCK_POINTS) {
+            let changes = mask >> (index - first) & 1 == 1;
+            let level =
+                self.point(PaddedIndex(index), instance, index == range.start, &neighbours, past, changes);
             if level != 0 {
-                self.found.push(slot, level);
+                self.coded.push(PaddedIndex(index), level);
             }
             past.push(level);
         }
         past
     }
 
-    fn around(&self, block: usize, slots: &std::ops::Range<usize>) -> Around {
-        let history = self.known.history;
+    fn neighbours(&self, block: usize, range: &std::ops::Range<usize>) -> BlockNeighbours {
+        let history = self.view.history;
         let first = block * BLOCK_POINTS;
         let window = |masks: &[u64]| {
-            let before = if first > slots.start { masks[block - 1] >> 60 } else { 0 };
-            let after = if first + BLOCK_POINTS < slots.end { masks[block + 1] & 15 } else { 0 };
+            let before = if first > range.start { masks[block - 1] >> 60 } else { 0 };
+            let after = if first + BLOCK_POINTS < range.end { masks[block + 1] & 15 } else { 0 };
             u128::from(before) | u128::from(masks[block]) << 4 | u128::from(after) << 68
         };
-        let mut lively = [0; BLOCK_POINTS + 8];
-        for (at, lively) in lively.iter_mut().enumerate() {
-            let slot = first + at;
-            if slot >= slots.start + 4 && slot < slots.end + 4 {
-                *lively = history.liveliness(slot - 4);
+        let mut activity = [0; BLOCK_POINTS + 8];
+        for (at, activity) in activity.iter_mut().enumerate() {
+            let index = first + at;
+            if index >= range.start + 4 && index < range.end + 4 {
+                *activity = history.faded_activity(PaddedIndex(index - 4));
             }
         }
         let mut sums = [0; BLOCK_POINTS + 9];
-        for (at, lively) in lively.iter().enumerate() {
-            sums[at + 1] = sums[at] + u16::from(*lively);
+        for (at, activity) in activity.iter().enumerate() {
+            sums[at + 1] = sums[at] + u16::from(*activity);
         }
-        Around { recent: window(&history.recent), darker: window(&history.darker), lively, sums }
+        BlockNeighbours { recent: window(&history.recent), darker: window(&history.darker), activity, sums }
     }
 
-    /// Codes one point; its level, 0 when it does not change.
-    #[expect(clippy::too_many_arguments, reason = "the innermost loop: what it needs is spread on purpose")]
+    /// Codes a point and returns its level, 0 if it does not change. `alone` tells whether it is the first of its
+    /// instance.
     #[inline]
     fn point(
         &mut self,
-        slot: usize,
-        first: usize,
+        index: PaddedIndex,
         instance: usize,
         alone: bool,
-        around: &Around,
+        neighbours: &BlockNeighbours,
         past: Past,
-        wanted: bool,
+        source: bool,
     ) -> i16 {
-        let history = self.known.history;
-        let place = slot - first;
-        // Four points to either side, without the one between.
+        let history = self.view.history;
+        let place = index.0 % BLOCK_POINTS;
+        // Four points to either side, without the point itself.
         let side = |window: u128| ((window >> place) as u32 & 0b1_1110_1111).count_ones() as usize;
-        let recent = side(around.recent);
-        let darker = side(around.darker);
+        let recent = side(neighbours.recent);
+        let darker = side(neighbours.darker);
         let now = past.changed.count_ones() as usize;
         let few = [0, 1, 2, 3, 4, 4, 5, 5, 5][now];
-        let value = usize::from(self.known.values[slot]);
-        let (age, last) = (history.age[slot], history.last[slot]);
-        let rhythm = rhythm(age, history.period[slot]);
-        let own = around.lively[place + 4];
-        let near = u32::from(around.sums[place + 9] - around.sums[place] - u16::from(own)) / 8;
+        let value = usize::from(self.view.values[index.0]);
+        let (age, last) = (history.age[index.0], history.last[index.0]);
+        let phase = phase(age, history.period[index.0]);
+        let own = neighbours.activity[place + 4];
+        let near = u32::from(neighbours.sums[place + 9] - neighbours.sums[place] - u16::from(own)) / 8;
         let nearest = if alone { 2 } else { usize::from(past.changed & 1) };
         let at = [
-            (now * 9 + recent) * 16 + rhythm,
+            (now * 9 + recent) * 16 + phase,
             value * 3 + nearest,
             (half_octave(own.into()) * 16 + half_octave(near)) * 9 + now,
             (instance & 255) * 12 + few * 2 + usize::from(age == 0),
         ];
         let situation = few * 6 + age_class(age);
-        self.bits.about(Subject::Points);
-        if !self.model.point.code(self.logistic, self.bits, situation, at, wanted) {
+        self.coder.set_class(SymbolClass::Points);
+        if !self.model.point.code(self.logistic, self.coder, situation, at, source) {
             return 0;
         }
-        let level = if wanted { self.wanted.level() } else { 0 };
+        let level = if source { self.source.level() } else { 0 };
         let balance = 8 + now - 2 * past.darker.count_ones() as usize;
         let trend = 8 + recent - 2 * darker;
-        let last_way = (i32::from(last.signum()) + 1) as usize;
-        let near_way = match (past.changed & 1, past.darker & 1) {
+        let last_sign = (i32::from(last.signum()) + 1) as usize;
+        let near_sign = match (past.changed & 1, past.darker & 1) {
             (0, _) => 1,
             (_, 1) => 0,
             _ => 2,
@@ -407,13 +424,13 @@ impl<B: Bits> Walk<'_, B> {
             0 => false,
             _ => {
                 let at = [
-                    balance * 9 + last_way * 3 + near_way,
+                    balance * 9 + last_sign * 3 + near_sign,
                     balance * 17 + trend,
-                    value * 3 + last_way,
-                    trend * 3 + last_way,
+                    value * 3 + last_sign,
+                    trend * 3 + last_sign,
                 ];
-                self.bits.about(Subject::Ways);
-                self.model.sign.code(self.logistic, self.bits, 0, at, level < 0)
+                self.coder.set_class(SymbolClass::Signs);
+                self.model.sign.code(self.logistic, self.coder, 0, at, level < 0)
             }
         };
         let sizes: usize = past.sizes.to_le_bytes().iter().map(|size| usize::from(*size)).sum();
@@ -422,7 +439,7 @@ impl<B: Bits> Walk<'_, B> {
             [
                 (usual * STEPS + step) * 12 + significant(usize::from(last.unsigned_abs())),
                 (usual * STEPS + step) * 9 + significant(own.into()),
-                step * 12 + usize::from(history.recent(slot).unsigned_abs()).min(11),
+                step * 12 + usize::from(history.recent_level(index).unsigned_abs()).min(11),
                 (value * 2 + usize::from(darkens)) * STEPS + step,
             ]
         };
@@ -430,30 +447,30 @@ impl<B: Bits> Walk<'_, B> {
         if darkens { -1 - size } else { 1 + size }
     }
 
-    /// Codes the size of a change, less one.
+    /// Codes the size of a change minus 1.
     #[inline]
-    fn size(&mut self, at: impl Fn(usize) -> [usize; 4], wanted: u32) -> u32 {
-        self.bits.about(Subject::Sizes);
+    fn size(&mut self, at: impl Fn(usize) -> [usize; 4], source: u32) -> u32 {
+        self.coder.set_class(SymbolClass::Sizes);
         for step in 0..STEPS {
-            let more = (step as u32) < wanted;
-            if !self.model.size.code(self.logistic, self.bits, step, at(step), more) {
+            let more = (step as u32) < source;
+            if !self.model.size.code(self.logistic, self.coder, step, at(step), more) {
                 return step as u32;
             }
         }
-        let beyond = wanted.saturating_sub(STEPS as u32);
-        let beyond = self.model.large.code(self.bits, beyond);
-        // A level that is too large stays too large, and is refused with the others.
+        let beyond = source.saturating_sub(STEPS as u32);
+        let beyond = self.model.large.code(self.coder, beyond);
+        // A level that is too large stays too large. It is refused with the others.
         beyond.min(MAX_LEVEL as u32) + STEPS as u32
     }
 }
 
-/// Significant bits of a number: 0, 1, 2, 2, 3 ..
+/// Returns the number of significant bits: 0, 1, 2, 2, 3 ..
 #[inline]
 fn significant(value: usize) -> usize {
     (usize::BITS - value.leading_zeros()) as usize
 }
 
-/// Two classes an octave, 16 for bytes: 0, 1, 2, 3, 4-5, 6-7, 8-11, 12-15 ...
+/// Returns a class of a number, two an octave and 16 for bytes: 0, 1, 2, 3, 4-5, 6-7, 8-11, 12-15 ..
 #[inline]
 fn half_octave(value: u32) -> usize {
     if value < 4 {
@@ -463,7 +480,7 @@ fn half_octave(value: u32) -> usize {
     (2 * high + (value >> (high - 1) & 1)) as usize
 }
 
-/// How long ago a point changed, in six classes.
+/// Returns the class of an age, of six.
 #[inline]
 fn age_class(age: u8) -> usize {
     match age {
@@ -476,10 +493,10 @@ fn age_class(age: u8) -> usize {
     }
 }
 
-/// Where a point is between its changes, if they come at regular times: quarters of its last period that have passed,
-/// 13 for more; 14 when the last change is too long ago, 15 when there was only one.
+/// Returns the phase of a point between regular changes: the quarters of its last period that have passed, at most 13.
+/// It is 14 if the last change is too long ago, and 15 if there was at most one.
 #[inline]
-fn rhythm(age: u8, period: u8) -> usize {
+fn phase(age: u8, period: u8) -> usize {
     match (age, period) {
         (_, NEVER) => 15,
         (NEVER, _) => 14,

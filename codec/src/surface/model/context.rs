@@ -1,73 +1,73 @@
-//! CONTEXT sections: history and model, for a keyframe made in the middle of a group. With them a client that joins there
-//! reads the updates that follow as all others do.
+//! CONTEXT sections: history and change model, for a keyframe in the middle of a group. A client that joins with it
+//! can decode the same updates as all others.
 //!
-//! The plain layout is: four bytes a slot in four planes, age, period, last (signed) and liveliness; then every slot
-//! and weight of the change model as u32, in the order of [`ChangeModel::words`], exclusive or with those of a model
-//! that has seen nothing.
+//! The plain layout has four planes of one byte for every padded index: age, period, last (signed) and activity. Then
+//! follows every bit model and weight of the change model as u32, in the order of [`ChangeModel::words`]. Each is the
+//! exclusive or with that of a fresh model.
 
 use super::change::ChangeModel;
 use super::history::History;
 use crate::wire::{push_words, words};
 
-/// What is wrong with a context.
+/// Why a context was refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
-pub enum ContextProblem {
-    /// It has another length than the layout makes.
-    #[error("it has {found} B, the layout makes {expected} B")]
+pub enum ContextError {
+    /// Its length differs from that of the layout.
+    #[error("it has {found} B, the layout asks for {expected} B")]
     Length {
-        /// Bytes that the layout makes.
+        /// Length by the layout, bytes.
         expected: usize,
-        /// Bytes found.
+        /// Found, bytes.
         found: usize,
     },
-    /// A point changed last by less than -127 quanta.
-    #[error("slot {slot} changed last by -128 quanta")]
+    /// The last level of a point is -128, outside -127 to 127.
+    #[error("the last level at padded index {padded_index} is -128; the lowest is -127")]
     Last {
-        /// The slot.
-        slot: usize,
+        /// The padded index of the point.
+        padded_index: usize,
     },
-    /// A number that no model learns.
-    #[error("word {word} of the model is {found:#010x}")]
+    /// A word that no model has.
+    #[error("word {word} of the model is {found:#010x}, which no model has")]
     Model {
         /// Index of the word.
         word: usize,
-        /// What it is.
+        /// Found.
         found: u32,
     },
 }
 
-/// Bytes of the plain layout for so many slots.
-pub(crate) fn plain_bytes(slots: usize) -> usize {
-    4 * slots + 4 * ChangeModel::new().words().len()
+/// Returns the length of the plain layout for `padded_count` padded indices, in bytes.
+pub(crate) fn plain_bytes(padded_count: usize) -> usize {
+    4 * padded_count + 4 * ChangeModel::new().words().len()
 }
 
-/// Appends the plain layout.
+/// Appends the plain layout to `out`.
 pub(crate) fn write(history: &History, model: &ChangeModel, out: &mut Vec<u8>) {
     out.extend_from_slice(&history.age);
     out.extend_from_slice(&history.period);
     out.extend(history.last.iter().map(|last| *last as u8));
-    out.extend_from_slice(&history.lively);
+    out.extend_from_slice(&history.activity);
     for (word, fresh) in model.words().into_iter().zip(ChangeModel::new().words()) {
         push_words(out, &[word ^ fresh]);
     }
 }
 
-/// Reads the plain layout. `history` and `model` are overwritten, and are unsaid after an error.
-pub(crate) fn read(raw: &[u8], history: &mut History, model: &mut ChangeModel) -> Result<(), ContextProblem> {
-    let slots = history.age.len();
-    let (expected, found) = (plain_bytes(slots), raw.len());
+/// Reads the plain layout into `history` and `model`. Their content is unspecified after an error.
+pub(crate) fn read(raw: &[u8], history: &mut History, model: &mut ChangeModel) -> Result<(), ContextError> {
+    let padded_count = history.age.len();
+    let (expected, found) = (plain_bytes(padded_count), raw.len());
     if expected != found {
-        return Err(ContextProblem::Length { expected, found });
+        return Err(ContextError::Length { expected, found });
     }
-    let plane = |number: usize| &raw[number * slots..(number + 1) * slots];
-    if let Some(slot) = plane(2).iter().position(|last| *last == 0x80) {
-        return Err(ContextProblem::Last { slot });
+    let plane = |number: usize| &raw[number * padded_count..(number + 1) * padded_count];
+    if let Some(padded_index) = plane(2).iter().position(|last| *last == 0x80) {
+        return Err(ContextError::Last { padded_index });
     }
     let last = plane(2).iter().map(|last| *last as i8).collect();
-    *history = History::of(plane(0).to_vec(), plane(1).to_vec(), last, plane(3).to_vec());
+    *history = History::from_parts(plane(0).to_vec(), plane(1).to_vec(), last, plane(3).to_vec());
     let fresh = ChangeModel::new().words();
     let learned =
-        raw[4 * slots..].chunks_exact(4).zip(fresh).map(|(bytes, fresh)| words::<1>(bytes)[0] ^ fresh);
-    model.set_words(learned).map_err(|(word, found)| ContextProblem::Model { word, found })
+        raw[4 * padded_count..].chunks_exact(4).zip(fresh).map(|(bytes, fresh)| words::<1>(bytes)[0] ^ fresh);
+    model.set_words(learned).map_err(|(word, found)| ContextError::Model { word, found })
 }

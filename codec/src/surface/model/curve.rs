@@ -1,16 +1,16 @@
-//! The space-filling curve that orders the points of a set: neighbours on it are neighbours on the surface, mostly.
+//! The space-filling curve that orders the points of a set. Neighbours on it are mostly neighbours on the surface.
 
-/// Bits of an axis that the curve can tell apart.
+/// Number of bits of an axis that the curve can tell apart.
 pub(crate) const BITS: u32 = 21;
 
-/// Place of a lattice node, each coordinate below 2^21, on the three-dimensional Hilbert curve, by the transposed form
-/// of J. Skilling, "Programming the Hilbert curve", AIP Conference Proceedings 707, 2004.
+/// Returns the place of a lattice node, each coordinate below 2^21, on the three-dimensional Hilbert curve. It uses
+/// the transposed form of J. Skilling, "Programming the Hilbert curve", AIP Conference Proceedings 707, 2004.
 pub(crate) fn place(coord: [u32; 3]) -> u64 {
     let [mut x, mut y, mut z] = coord;
     let mut bit = 1 << (BITS - 1);
     while bit > 1 {
         let below = bit - 1;
-        // Undo the turns of each level: invert the low bits of x, or exchange them with the axis's.
+        // Undo the turns of each level: invert the low bits of x, or swap them with those of the axis.
         if x & bit != 0 {
             x ^= below;
         }
@@ -27,7 +27,7 @@ pub(crate) fn place(coord: [u32; 3]) -> u64 {
     }
     y ^= x;
     z ^= y;
-    // Gray decoding: every set bit of z below which an odd number of bits follows turns all lower ones.
+    // Gray decoding: every set bit of z inverts all lower bits.
     let mut turned = 0;
     let mut bit = 1 << (BITS - 1);
     while bit > 1 {
@@ -39,7 +39,7 @@ pub(crate) fn place(coord: [u32; 3]) -> u64 {
     spread(x ^ turned) << 2 | spread(y ^ turned) << 1 | spread(z ^ turned)
 }
 
-/// The low 21 bits with two zeros before each.
+/// Returns the low 21 bits with two zeros before each.
 fn spread(value: u32) -> u64 {
     let value = u64::from(value) & 0x1F_FFFF;
     let value = (value | value << 32) & 0x001F_0000_0000_FFFF;

@@ -1,29 +1,30 @@
-//! Geometry by the range coder: a box is halved again and again, and how many points are in the lower half is coded
-//! (P.-M. Gandoin and O. Devillers, "Progressive lossless compression of arbitrary simplicial complexes", 2002). That
-//! takes no bits for the order of the points. A point that is alone in its box is where the plane of a point near it
-//! says, mostly, and has that point's normal.
+//! Model of geometry for the range coder. It halves a box again and again and codes how many points are in the lower
+//! half (P.-M. Gandoin and O. Devillers, "Progressive lossless compression of arbitrary simplicial complexes", 2002).
+//! So the order of the points costs no bits. A point alone in its box is predicted to lie in the plane of a point near
+//! it, and to have its normal.
 
-use crate::range::{Bits, Number, Slot};
+use crate::range::{BinaryCoder, BitModel, NumberModel};
 use crate::surface::geometry::Geometry;
-use crate::surface::{GeometryProblem, SetLayout};
+use crate::surface::{GeometrySectionError, SetLayout};
 
-/// Points last coded that the next one is predicted from.
+/// Size of the window: the points coded last, from which the next one is predicted.
 const WINDOW: usize = 16;
-/// Counts in a box that have contexts of their own.
+/// Number of counts in a box with contexts of their own.
 const COUNTS: usize = 17;
 
-/// What the coder has learned; it starts afresh with every frame.
+/// What the coder has learned. Every frame starts a fresh model.
 pub(crate) struct GeometryModel {
-    /// By count, direction of the cut and size of the box: whether the lower half is empty, whether the upper one is.
-    empty: [Vec<Slot>; 2],
-    /// By class of the count: the share of the lower half, its first bits.
-    share: Vec<Slot>,
+    /// By count, direction of the cut and size of the box: whether the lower half is empty, and whether the upper half
+    /// is.
+    empty: [Vec<BitModel>; 2],
+    /// By class of the count: the first bits of the share of the lower half.
+    share: Vec<BitModel>,
     /// By place of the predicted plane and size of the box: whether the point is in the upper half.
-    plane: Vec<Slot>,
-    /// Whether the normal is that of the first candidate, of the second.
-    same: [Vec<Slot>; 2],
-    /// Differences of normals otherwise.
-    turn: [Number; 2],
+    plane: Vec<BitModel>,
+    /// Whether the normal is that of the first candidate, and of the second.
+    same: [Vec<BitModel>; 2],
+    /// Differences of other normals.
+    turn: [NumberModel; 2],
     recent: Vec<Point>,
     was_same: bool,
 }
@@ -33,22 +34,22 @@ pub(crate) struct GeometryModel {
 struct Point {
     coord: [u32; 3],
     normal: u16,
-    /// Its normal, not of unit length, with whole numbers.
+    /// Its normal in whole numbers, not of unit length.
     direction: [i64; 3],
 }
 
-/// A box of the lattice: `size[axis]` is the logarithm of its edge.
+/// A box of the lattice. `size[axis]` is the logarithm of its edge.
 #[derive(Debug, Clone, Copy)]
 struct Cuboid {
     low: [u32; 3],
     size: [u32; 3],
     count: usize,
-    /// First of its points in the writer's list.
+    /// Index of its first point in the encoder's list.
     first: usize,
 }
 
 impl Cuboid {
-    /// The axis along which it is cut: its longest, of equals the first.
+    /// Returns the axis along which it is cut: the longest, and the first of equal ones.
     fn axis(&self) -> usize {
         let longest = self.size.into_iter().max().unwrap_or(0);
         self.size.iter().position(|size| *size == longest).unwrap_or(0)
@@ -57,132 +58,132 @@ impl Cuboid {
 
 impl GeometryModel {
     pub(crate) fn new() -> GeometryModel {
-        let half = Slot::new(1 << 15);
+        let half = BitModel::new(1 << 15);
         GeometryModel {
             empty: [vec![half; COUNTS * 2 * 8], vec![half; COUNTS * 2 * 8]],
             share: vec![half; 32 * 8],
             plane: vec![half; 17 * 8],
-            same: [vec![Slot::new(1 << 15); 2 * 4], vec![half; 4]],
-            turn: [Number::new(), Number::new()],
+            same: [vec![BitModel::new(1 << 15); 2 * 4], vec![half; 4]],
+            turn: [NumberModel::new(), NumberModel::new()],
             recent: Vec::with_capacity(WINDOW),
             was_same: true,
         }
     }
 
-    /// Codes the points of a set. A writer gives them in `wanted`, a reader `None`.
-    pub(crate) fn code<B: Bits>(
+    /// Codes the points of a set. A decoder passes `None` as `source`.
+    pub(crate) fn code<B: BinaryCoder>(
         &mut self,
-        bits: &mut B,
+        coder: &mut B,
         layout: &SetLayout,
-        wanted: Option<&Geometry>,
+        source: Option<&Geometry>,
         stop: impl Fn(&B) -> bool,
-    ) -> Result<Geometry, GeometryProblem> {
+    ) -> Result<Geometry, GeometrySectionError> {
         let size = layout.extent.map(|extent| 32 - extent.leading_zeros());
-        let list = wanted.map(|geometry| in_cutting_order(geometry, size)).unwrap_or_default();
-        let mut found = Vec::with_capacity(list.len());
+        let list = source.map(|geometry| in_cutting_order(geometry, size)).unwrap_or_default();
+        let mut coded = Vec::with_capacity(list.len());
         self.recent.clear();
         let root = Cuboid { low: [0; 3], size, count: layout.points as usize, first: 0 };
         let mut boxes = vec![root];
         while let Some(cuboid) = boxes.pop() {
-            if stop(bits) {
-                return Err(GeometryProblem::Ends { points: found.len() });
+            if stop(coder) {
+                return Err(GeometrySectionError::Ends { points: coded.len() });
             }
             match (cuboid.count, cuboid.size) {
                 (0, _) => {}
                 (1, _) | (_, [0, 0, 0]) => {
                     for at in cuboid.first..cuboid.first + cuboid.count {
-                        found.push(self.point(bits, layout, &cuboid, list.get(at).copied())?);
+                        coded.push(self.point(coder, layout, &cuboid, list.get(at).copied())?);
                     }
                 }
                 _ => {
-                    let (lower, upper) = self.cut(bits, &cuboid, &list)?;
+                    let (lower, upper) = self.cut(coder, &cuboid, &list)?;
                     boxes.push(upper);
                     boxes.push(lower);
                 }
             }
         }
-        Ok(Geometry::sorted(*layout, &found))
+        Ok(Geometry::sorted(*layout, &coded))
     }
 
-    /// Cuts a box in two.
-    fn cut<B: Bits>(
+    /// Cuts a box in two halves.
+    fn cut<B: BinaryCoder>(
         &mut self,
-        bits: &mut B,
+        coder: &mut B,
         cuboid: &Cuboid,
         list: &[([u32; 3], u16)],
-    ) -> Result<(Cuboid, Cuboid), GeometryProblem> {
+    ) -> Result<(Cuboid, Cuboid), GeometrySectionError> {
         let axis = cuboid.axis();
         let mut lower = *cuboid;
         lower.size[axis] -= 1;
         let mut upper = lower;
         upper.low[axis] += 1 << lower.size[axis];
         let points = list.get(cuboid.first..cuboid.first + cuboid.count).unwrap_or_default();
-        let wanted = points.partition_point(|(coord, _)| coord[axis] < upper.low[axis]);
-        lower.count = self.lower_count(bits, cuboid, axis, wanted)?;
+        let source = points.partition_point(|(coord, _)| coord[axis] < upper.low[axis]);
+        lower.count = self.lower_count(coder, cuboid, axis, source)?;
         upper.count = cuboid.count - lower.count;
         upper.first = cuboid.first + lower.count;
         Ok((lower, upper))
     }
 
-    /// Codes how many points of a box are in its lower half.
-    fn lower_count<B: Bits>(
+    /// Codes the number of points in the lower half of a box.
+    fn lower_count<B: BinaryCoder>(
         &mut self,
-        bits: &mut B,
+        coder: &mut B,
         cuboid: &Cuboid,
         axis: usize,
-        wanted: usize,
-    ) -> Result<usize, GeometryProblem> {
+        source: usize,
+    ) -> Result<usize, GeometrySectionError> {
         let count = cuboid.count;
         let across = self.recent.last().is_some_and(|point| steepest(&point.direction) == axis);
         let class = count.min(COUNTS - 1);
         let at = (class * 2 + usize::from(across)) * 8 + cuboid.size[axis].min(7) as usize;
         for (empty, all) in [(0, 0), (1, count)] {
-            let slot = &mut self.empty[empty][at];
-            let is = bits.bit(slot.one(), wanted == all);
-            slot.learn(is);
+            let model = &mut self.empty[empty][at];
+            let is = coder.bit(model.one(), source == all);
+            model.learn(is);
             if is {
                 return Ok(all);
             }
         }
-        // One to count - 1 remain.
+        // 1 to count - 1 remain.
         let width = usize::BITS - (count - 2).leading_zeros();
-        let rest = wanted.wrapping_sub(1);
+        let rest = source.wrapping_sub(1);
         let mut node = 1;
         let first = width.min(3);
         for bit in (width - first..width).rev() {
-            let slot = &mut self.share[(width.min(31) as usize) * 8 + node];
-            let is = bits.bit(slot.one(), rest >> bit & 1 == 1);
-            slot.learn(is);
+            let model = &mut self.share[(width.min(31) as usize) * 8 + node];
+            let is = coder.bit(model.one(), rest >> bit & 1 == 1);
+            model.learn(is);
             node = node << 1 | usize::from(is);
         }
-        let low = bits.plain(width - first, (rest & ((1 << (width - first)) - 1)) as u32) as usize;
+        let low = coder.plain(width - first, (rest & ((1 << (width - first)) - 1)) as u32) as usize;
         let share = (node - (1 << first)) << (width - first) | low;
-        if share + 1 < count { Ok(share + 1) } else { Err(GeometryProblem::Share { share, count }) }
+        if share + 1 < count { Ok(share + 1) } else { Err(GeometrySectionError::Share { share, count }) }
     }
 
     /// Codes a point that is alone in its box, or in a box of one node.
-    fn point<B: Bits>(
+    fn point<B: BinaryCoder>(
         &mut self,
-        bits: &mut B,
+        coder: &mut B,
         layout: &SetLayout,
         cuboid: &Cuboid,
-        wanted: Option<([u32; 3], u16)>,
-    ) -> Result<([u32; 3], u16), GeometryProblem> {
-        let (wanted_coord, wanted_normal) = wanted.unwrap_or_default();
+        source: Option<([u32; 3], u16)>,
+    ) -> Result<([u32; 3], u16), GeometrySectionError> {
+        let (source_coord, source_normal) = source.unwrap_or_default();
         let Cuboid { low, size, .. } = *cuboid;
         let centre: [i64; 3] = std::array::from_fn(|a| i64::from(low[a]) + (1_i64 << size[a]) / 2);
         let near = self.recent.iter().copied().min_by_key(|point| distance(&point.coord, &centre));
         let steep = near.map_or(0, |point| steepest(&point.direction));
         let mut coord = low;
         for axis in [(steep + 1) % 3, (steep + 2) % 3] {
-            coord[axis] += bits.plain(size[axis], wanted_coord[axis].wrapping_sub(low[axis]));
+            coord[axis] += coder.plain(size[axis], source_coord[axis].wrapping_sub(low[axis]));
         }
         let plane = near.map_or(centre[steep], |point| point.plane_at(steep, &coord));
-        coord[steep] = self.height(bits, low[steep], size[steep], plane, wanted_coord[steep]);
+        coord[steep] = self.height(coder, low[steep], size[steep], plane, source_coord[steep]);
         if (0..3).any(|axis| coord[axis] > layout.extent[axis]) {
-            return Err(GeometryProblem::Outside { coord });
+            return Err(GeometrySectionError::Outside { coord });
         }
-        let normal = self.normal(bits, layout, &coord, wanted_normal)?;
+        let normal = self.normal(coder, layout, &coord, source_normal)?;
         if self.recent.len() == WINDOW {
             self.recent.remove(0);
         }
@@ -190,16 +191,16 @@ impl GeometryModel {
         Ok((coord, normal))
     }
 
-    /// Codes one coordinate in `low .. low + 2^size`, which is expected to be near `plane`.
-    fn height<B: Bits>(&mut self, bits: &mut B, low: u32, size: u32, plane: i64, wanted: u32) -> u32 {
+    /// Codes one coordinate in `low .. low + 2^size`, which is probably near `plane`.
+    fn height<B: BinaryCoder>(&mut self, coder: &mut B, low: u32, size: u32, plane: i64, source: u32) -> u32 {
         let mut low = low;
         for size in (0..size).rev() {
             let middle = low + (1 << size);
-            // How far above the middle the plane is, in quarters of half the box.
+            // Height of the plane above the middle, in quarters of half the box.
             let above = ((plane - i64::from(middle)) * 8 + 4).div_euclid(2 << size).clamp(-8, 8) + 8;
-            let slot = &mut self.plane[above as usize * 8 + size.min(7) as usize];
-            let upper = bits.bit(slot.one(), wanted >= middle);
-            slot.learn(upper);
+            let model = &mut self.plane[above as usize * 8 + size.min(7) as usize];
+            let upper = coder.bit(model.one(), source >= middle);
+            model.learn(upper);
             if upper {
                 low = middle;
             }
@@ -207,29 +208,29 @@ impl GeometryModel {
         low
     }
 
-    fn normal<B: Bits>(
+    fn normal<B: BinaryCoder>(
         &mut self,
-        bits: &mut B,
+        coder: &mut B,
         layout: &SetLayout,
         coord: &[u32; 3],
-        wanted: u16,
-    ) -> Result<u16, GeometryProblem> {
+        source: u16,
+    ) -> Result<u16, GeometrySectionError> {
         let [first, second] = self.candidates(coord);
-        let same = |bits: &mut B, slot: &mut Slot, candidate: u16| {
-            let is = bits.bit(slot.one(), wanted == candidate);
-            slot.learn(is);
+        let same = |coder: &mut B, model: &mut BitModel, candidate: u16| {
+            let is = coder.bit(model.one(), source == candidate);
+            model.learn(is);
             is
         };
-        if let Some((candidate, misfit)) = first {
-            let at = usize::from(self.was_same) * 4 + (64 - misfit.leading_zeros()).min(3) as usize;
-            self.was_same = same(bits, &mut self.same[0][at], candidate);
+        if let Some((candidate, plane_distance)) = first {
+            let at = usize::from(self.was_same) * 4 + (64 - plane_distance.leading_zeros()).min(3) as usize;
+            self.was_same = same(coder, &mut self.same[0][at], candidate);
             if self.was_same {
                 return Ok(candidate);
             }
         }
-        if let Some((candidate, misfit)) = second {
-            let at = (64 - misfit.leading_zeros()).min(3) as usize;
-            if same(bits, &mut self.same[1][at], candidate) {
+        if let Some((candidate, plane_distance)) = second {
+            let at = (64 - plane_distance.leading_zeros()).min(3) as usize;
+            if same(coder, &mut self.same[1][at], candidate) {
                 return Ok(candidate);
             }
         }
@@ -239,39 +240,39 @@ impl GeometryModel {
         let mut axes = [0_i32; 2];
         for (axis, shift) in [(0, 0), (1, width)] {
             let from = i32::from(base >> shift & mask);
-            let to = i32::from(wanted >> shift & mask);
-            axes[axis] = from.wrapping_add(self.turn[axis].code_signed(bits, to - from));
+            let to = i32::from(source >> shift & mask);
+            axes[axis] = from.wrapping_add(self.turn[axis].code_signed(coder, to - from));
         }
         if axes.iter().any(|axis| !(0..=i32::from(mask)).contains(axis)) {
-            return Err(GeometryProblem::Normal { axes });
+            return Err(GeometrySectionError::Normal { axes });
         }
         Ok((axes[0] | axes[1] << width) as u16)
     }
 
-    /// The normals of the two points, with different normals, that suit a place best: near it, and it in their plane. The
-    /// second number says how badly it lies in the plane, in nodes.
+    /// Returns the normals of the two points, with different normals, that fit a place best: near it, and with it in
+    /// their plane. The second number is the distance of the place from the plane, in nodes.
     fn candidates(&self, coord: &[u32; 3]) -> [Option<(u16, u64)>; 2] {
         let at = coord.map(i64::from);
         let cost = |point: &Point| {
             let axis = steepest(&point.direction);
-            let misfit = (point.plane_at(axis, coord) - at[axis]).unsigned_abs();
-            (distance(&point.coord, &at).saturating_add(misfit.saturating_mul(4)), misfit)
+            let plane_distance = (point.plane_at(axis, coord) - at[axis]).unsigned_abs();
+            (distance(&point.coord, &at).saturating_add(plane_distance.saturating_mul(4)), plane_distance)
         };
-        // Of equals the one coded last.
+        // The last one coded wins among equals.
         let best = |left_out: Option<u16>| {
             let points = self.recent.iter().rev().filter(|point| Some(point.normal) != left_out);
             points.map(|point| (cost(point), point.normal)).min_by_key(|((cost, _), _)| *cost)
         };
         let first = best(None);
         let second = first.and_then(|(_, normal)| best(Some(normal)));
-        [first, second].map(|found| found.map(|((_, misfit), normal)| (normal, misfit)))
+        [first, second].map(|found| found.map(|((_, plane_distance), normal)| (normal, plane_distance)))
     }
 }
 
 impl Point {
-    /// Where the plane through this point is along `axis`, at a place of which the other two coordinates count. Planes that
-    /// are nearly parallel to the axis have no place to speak of: the result is kept within 2^24 of the point. `axis` is the
-    /// steepest of this point's direction, along which it is never zero.
+    /// Returns where the plane through this point is along `axis`, at a place given by its other two coordinates. The
+    /// result is kept within 2^24 of the point, since a plane nearly parallel to the axis may be far away. `axis` is
+    /// the steepest axis of the direction, which is never 0 along it.
     fn plane_at(&self, axis: usize, coord: &[u32; 3]) -> i64 {
         let own = i64::from(self.coord[axis]);
         let steepness = self.direction[axis];
@@ -283,18 +284,18 @@ impl Point {
     }
 }
 
-/// Largest difference of a coordinate.
+/// Returns the largest difference of a coordinate.
 fn distance(a: &[u32; 3], b: &[i64; 3]) -> u64 {
     (0..3).map(|axis| (i64::from(a[axis]) - b[axis]).unsigned_abs()).max().unwrap_or(0)
 }
 
-/// The axis along which a direction is longest, of equals the first.
+/// Returns the axis along which a direction is longest, and the first of equal ones.
 fn steepest(direction: &[i64; 3]) -> usize {
     let longest = direction.iter().map(|axis| axis.abs()).max().unwrap_or(0);
     direction.iter().position(|axis| axis.abs() == longest).unwrap_or(0)
 }
 
-/// The direction of an octahedral code with whole numbers, see [`crate::quant::oct`]: not of unit length.
+/// Returns the direction of an octahedral code in whole numbers, not of unit length; see [`crate::quant::oct`].
 fn direction(bits: u8, code: u16) -> [i64; 3] {
     let top = (1_i64 << bits) - 1;
     let [u, v] = [code & top as u16, code >> bits].map(|axis| 2 * i64::from(axis) - top);
@@ -304,7 +305,7 @@ fn direction(bits: u8, code: u16) -> [i64; 3] {
     [folded(u), folded(v), z]
 }
 
-/// The points in the order in which boxes of one point come up.
+/// Returns the points in the order in which they become alone in their boxes.
 fn in_cutting_order(geometry: &Geometry, size: [u32; 3]) -> Vec<([u32; 3], u16)> {
     let key = |coord: &[u32; 3]| {
         let mut key = 0_u64;

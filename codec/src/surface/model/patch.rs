@@ -1,160 +1,162 @@
-//! Patches by the range coder: which blocks, which points, then their bytes, each as its difference from what the points
-//! around it have: those to the left, and those to the right that the patch leaves alone. Both sides know these, whichever
-//! frame a client is at; what the points had before, they do not.
+//! Model of patches for the range coder: which blocks, which points, then their bytes. Each byte is coded as a
+//! difference from its neighbours: those to the left, and those to the right that the patch does not name. Both ends
+//! know these bytes whatever the client's last frame is. They do not share the earlier bytes of named points.
 //!
-//! The contexts are those that paid on traces of two scenes. More opinions on which points change gained nothing.
+//! Each context paid on traces of two scenes. More inputs for which points change gained nothing.
 
 use std::ops::Range;
 
-use super::change::Opinions;
-use crate::range::{Bits, Number, Slot, Subject, logistic};
-use crate::surface::section::marks::{Marks, SetBits};
+use super::change::ContextMixer;
+use crate::range::{BinaryCoder, BitModel, NumberModel, SymbolClass, logistic};
 use crate::surface::section::patch::Patch;
-use crate::surface::{BLOCK_POINTS, Layout};
+use crate::surface::section::point_mask::{PointMask, SetBits};
+use crate::surface::{BLOCK_POINTS, Layout, PaddedIndex};
 
-/// Blocks that one decision can pass over.
+/// Number of blocks that one decision can skip.
 const GROUP: usize = 16;
-/// Points to either side that a byte is guessed from, and how much each counts, the nearest first.
+/// Weights of the neighbours to either side from which a byte is guessed, the nearest first.
 const WEIGHTS: [u32; 3] = [6, 3, 2];
-/// Classes of a difference of bytes: how many significant bits it has.
+/// Number of classes of a difference of bytes. The class is the number of significant bits.
 const CLASSES: usize = 9;
-/// Classes of how far the byte coded before is from the guess, in eighths: -16 to 16.
+/// Number of classes of the distance between the byte coded before and the guess, in eighths: -16 to 16.
 const LEANS: usize = 33;
 
-/// What the range coder learns of one patch. It starts afresh with every one.
+/// What the range coder learns of a patch. Every patch starts a fresh model.
 pub(crate) struct PatchModel {
-    numbers: Number,
-    groups: [Slot; 2],
-    blocks: [Slot; 8],
-    points: Opinions<2>,
+    numbers: NumberModel,
+    groups: [BitModel; 2],
+    blocks: [BitModel; 8],
+    points: ContextMixer<2>,
     bytes: ByteModel,
 }
 
-/// What it learns of the bytes, and what the last ones were.
+/// What it learns of the bytes, and the last ones.
 struct ByteModel {
-    sizes: Opinions<4>,
-    signs: Opinions<4>,
-    seconds: [Slot; CLASSES],
+    sizes: ContextMixer<4>,
+    signs: ContextMixer<4>,
+    seconds: [BitModel; CLASSES],
     /// The last byte; 255 before the first.
     last: u8,
     /// Classes of the last two differences, the latest first.
     classes: [usize; 2],
-    /// Whether the last bytes that were not as guessed were darker, the latest in the lowest bit.
-    ways: usize,
+    /// Signs before: whether the last bytes that differed from their guess were below it. The latest is the lowest
+    /// bit.
+    signs_before: usize,
 }
 
 impl PatchModel {
     pub(crate) fn new() -> PatchModel {
         let half = 1 << 15;
         PatchModel {
-            numbers: Number::new(),
-            groups: [Slot::new(half); 2],
-            blocks: [Slot::new(half); 8],
-            points: Opinions::new([256, 9], 1, 1 << 14),
+            numbers: NumberModel::new(),
+            groups: [BitModel::new(half); 2],
+            blocks: [BitModel::new(half); 8],
+            points: ContextMixer::new([256, 9], 1, 1 << 14),
             bytes: ByteModel {
-                sizes: Opinions::new([CLASSES * 8, CLASSES * CLASSES * 8, 32 * 8, LEANS * 8], 8, half),
-                signs: Opinions::new([32, 8 * 4, LEANS * 2, 64], 8, half),
-                seconds: [Slot::new(half); CLASSES],
+                sizes: ContextMixer::new([CLASSES * 8, CLASSES * CLASSES * 8, 32 * 8, LEANS * 8], 8, half),
+                signs: ContextMixer::new([32, 8 * 4, LEANS * 2, 64], 8, half),
+                seconds: [BitModel::new(half); CLASSES],
                 last: 255,
                 classes: [0; 2],
-                ways: 0,
+                signs_before: 0,
             },
         }
     }
 
-    /// Codes how far a patch reaches back; it goes before all else.
-    pub(crate) fn back<B: Bits>(&mut self, bits: &mut B, wanted: u32) -> u32 {
-        self.numbers.code(bits, wanted)
+    /// Codes the number of frames that a patch reaches back. It comes before all else.
+    pub(crate) fn back<B: BinaryCoder>(&mut self, coder: &mut B, source: u32) -> u32 {
+        self.numbers.code(coder, source)
     }
 
-    /// Codes the points of a patch. A writer gives it in `wanted`; both sides find it in `found`. `values` has the bytes of
-    /// all slots, and is brought up to date; those of slots that change are not looked at before. A reader stops after more
-    /// than `most` points, or when `stop` says that nothing sensible follows.
-    pub(crate) fn code<B: Bits>(
+    /// Codes the points of a patch. `values` has the bytes of all padded indices and is updated; the old bytes of
+    /// named points are not used. A decoder stops after more than `most` points, or when `stop` returns true because
+    /// nothing sensible follows.
+    pub(crate) fn code<B: BinaryCoder>(
         &mut self,
-        bits: &mut B,
+        coder: &mut B,
         (layout, present): (&Layout, &[bool]),
         values: &mut [u8],
-        (wanted, found): (&Patch, &mut Patch),
+        (source, coded): (&Patch, &mut Patch),
         most: usize,
         stop: impl Fn(&B) -> bool,
     ) {
-        found.clear();
-        self.marks(bits, (layout, present), (&wanted.marks, &mut found.marks), most, &stop);
-        let mut given = wanted.bytes.iter();
-        for (block, mask) in found.marks.iter() {
-            if stop(bits) {
+        coded.clear();
+        self.points(coder, (layout, present), (&source.points, &mut coded.points), most, &stop);
+        let mut given = source.bytes.iter();
+        for (block, mask) in coded.points.iter() {
+            if stop(coder) {
                 return;
             }
             let block = block as usize;
-            let instance = layout.slots_of(layout.owner(block));
+            let instance = layout.padded_range(layout.owner(block));
             let first = block * BLOCK_POINTS;
-            let goes_on = first > instance.start && present[block - 1];
-            let slots = if goes_on { instance } else { first..instance.end };
+            let continues = first > instance.start && present[block - 1];
+            let range = if continues { instance } else { first..instance.end };
             for at in SetBits(mask) {
-                let slot = first + at as usize;
+                let index = PaddedIndex::new(block, at as usize);
                 let given = given.next().copied().unwrap_or(0);
-                let byte = self.bytes.code(bits, &Around::of(values, &slots, slot, mask), given);
-                values[slot] = byte;
-                found.bytes.push(byte);
+                let byte = self.bytes.code(coder, &Neighbours::of(values, &range, index, mask), given);
+                values[index.0] = byte;
+                coded.bytes.push(byte);
             }
         }
     }
 
-    /// Codes which points.
-    fn marks<B: Bits>(
+    /// Codes which points the patch names.
+    fn points<B: BinaryCoder>(
         &mut self,
-        bits: &mut B,
+        coder: &mut B,
         (layout, present): (&Layout, &[bool]),
-        (wanted, found): (&Marks, &mut Marks),
+        (source, coded): (&PointMask, &mut PointMask),
         most: usize,
         stop: impl Fn(&B) -> bool,
     ) {
-        let mut given = wanted.iter().peekable();
+        let mut given = source.iter().peekable();
         let (mut count, mut before) = (0, false);
         for first in (0..present.len()).step_by(GROUP) {
             let group = first..present.len().min(first + GROUP);
             if !present[group.clone()].contains(&true) {
                 continue;
             }
-            bits.about(Subject::Blocks);
-            let slot = &mut self.groups[usize::from(before)];
+            coder.set_class(SymbolClass::Blocks);
+            let model = &mut self.groups[usize::from(before)];
             before =
-                bits.bit(slot.one(), given.peek().is_some_and(|(block, _)| (*block as usize) < group.end));
-            slot.learn(before);
+                coder.bit(model.one(), given.peek().is_some_and(|(block, _)| (*block as usize) < group.end));
+            model.learn(before);
             for block in group.filter(|block| before && present[*block]) {
                 let given = given.next_if(|(given, _)| *given as usize == block).map_or(0, |(_, mask)| mask);
-                let prior = found.iter().next_back().filter(|(last, _)| *last as usize + 1 == block);
-                let mask = self.mask(bits, layout.block_len(block), prior.map_or(0, |(_, mask)| mask), given);
+                let prior = coded.iter().next_back().filter(|(last, _)| *last as usize + 1 == block);
+                let mask =
+                    self.mask(coder, layout.block_len(block), prior.map_or(0, |(_, mask)| mask), given);
                 if mask != 0 {
-                    found.blocks.push(block as u32);
-                    found.masks.push(mask);
+                    coded.blocks.push(block as u32);
+                    coded.masks.push(mask);
                     count += mask.count_ones() as usize;
                 }
             }
-            if count > most || stop(bits) {
+            if count > most || stop(coder) {
                 return;
             }
         }
     }
 
-    /// Codes which of the `points` of a block; `prior` are those of the block numbered one lower.
-    fn mask<B: Bits>(&mut self, bits: &mut B, points: usize, prior: u64, wanted: u64) -> u64 {
-        bits.about(Subject::Blocks);
-        let slot = &mut self.blocks[significant(prior.count_ones())];
-        let any = bits.bit(slot.one(), wanted != 0);
-        slot.learn(any);
+    /// Codes which of the `points` points of a block are named. `prior` has those of the block numbered one lower.
+    fn mask<B: BinaryCoder>(&mut self, coder: &mut B, points: usize, prior: u64, source: u64) -> u64 {
+        coder.set_class(SymbolClass::Blocks);
+        let model = &mut self.blocks[significant(prior.count_ones())];
+        let any = coder.bit(model.one(), source != 0);
+        model.learn(any);
         if !any {
             return 0;
         }
-        bits.about(Subject::Points);
-        // The nearest in the lowest bit.
+        coder.set_class(SymbolClass::Points);
+        // The nearest is the lowest bit.
         let mut past = (prior >> 56) as u8;
         past = past.reverse_bits();
         let mut mask = 0;
         for at in 0..points {
-            let opinions = [usize::from(past), past.count_ones() as usize];
-            let bit = self.points.code(logistic(), bits, 0, opinions, wanted >> at & 1 == 1);
+            let inputs = [usize::from(past), past.count_ones() as usize];
+            let bit = self.points.code(logistic(), coder, 0, inputs, source >> at & 1 == 1);
             mask |= u64::from(bit) << at;
             past = past << 1 | u8::from(bit);
         }
@@ -164,80 +166,94 @@ impl PatchModel {
 
 impl ByteModel {
     /// Codes one byte.
-    fn code<B: Bits>(&mut self, bits: &mut B, around: &Around, wanted: u8) -> u8 {
-        let guess = around.guess;
-        let difference = i32::from(wanted) - i32::from(guess);
+    fn code<B: BinaryCoder>(&mut self, coder: &mut B, neighbours: &Neighbours, source: u8) -> u8 {
+        let guess = neighbours.guess;
+        let difference = i32::from(source) - i32::from(guess);
         let lean = (16 + (i32::from(self.last) - i32::from(guess)) / 8).clamp(0, 32) as usize;
-        bits.about(Subject::Sizes);
-        let class = self.class(bits, around, lean, significant(difference.unsigned_abs()));
+        coder.set_class(SymbolClass::Sizes);
+        let class = self.class(coder, neighbours, lean, significant(difference.unsigned_abs()));
         self.classes = [class, self.classes[0]];
         self.last = guess;
         if class > 0 {
-            bits.about(Subject::Ways);
-            let darker = self.darker(bits, guess, class, lean, difference < 0);
-            bits.about(Subject::Sizes);
-            let size = self.rest(bits, class, difference.unsigned_abs()) as u8;
-            self.ways = self.ways << 1 & 63 | usize::from(darker);
+            coder.set_class(SymbolClass::Signs);
+            let darker = self.darker(coder, guess, class, lean, difference < 0);
+            coder.set_class(SymbolClass::Sizes);
+            let size = self.rest(coder, class, difference.unsigned_abs()) as u8;
+            self.signs_before = self.signs_before << 1 & 63 | usize::from(darker);
             self.last = if darker { guess.wrapping_sub(size) } else { guess.wrapping_add(size) };
         }
         self.last
     }
 
-    /// Codes how many significant bits a difference has, 0 to 8.
-    fn class<B: Bits>(&mut self, bits: &mut B, around: &Around, lean: usize, wanted: usize) -> usize {
+    /// Codes the class of a difference: its number of significant bits, 0 to 8.
+    fn class<B: BinaryCoder>(
+        &mut self,
+        coder: &mut B,
+        neighbours: &Neighbours,
+        lean: usize,
+        source: usize,
+    ) -> usize {
         let [last, before] = self.classes;
         for class in 0..CLASSES - 1 {
             let at = [
-                significant(around.spread.into()) * 8 + class,
+                significant(neighbours.spread.into()) * 8 + class,
                 (last * CLASSES + before) * 8 + class,
-                usize::from(around.guess / 8) * 8 + class,
+                usize::from(neighbours.guess / 8) * 8 + class,
                 lean * 8 + class,
             ];
-            if !self.sizes.code(logistic(), bits, class, at, class < wanted) {
+            if !self.sizes.code(logistic(), coder, class, at, class < source) {
                 return class;
             }
         }
         CLASSES - 1
     }
 
-    /// Codes whether a byte is below the guess.
-    fn darker<B: Bits>(&mut self, bits: &mut B, guess: u8, class: usize, lean: usize, wanted: bool) -> bool {
+    /// Codes the sign of a difference: whether a byte is below its guess.
+    fn darker<B: BinaryCoder>(
+        &mut self,
+        coder: &mut B,
+        guess: u8,
+        class: usize,
+        lean: usize,
+        source: bool,
+    ) -> bool {
         let at = [
             usize::from(guess / 8),
-            (class - 1) * 4 + (self.ways & 3),
-            lean * 2 + (self.ways & 1),
-            self.ways,
+            (class - 1) * 4 + (self.signs_before & 3),
+            lean * 2 + (self.signs_before & 1),
+            self.signs_before,
         ];
         match guess {
             255 => true,
             0 => false,
-            _ => self.signs.code(logistic(), bits, class - 1, at, wanted),
+            _ => self.signs.code(logistic(), coder, class - 1, at, source),
         }
     }
 
-    /// Codes a difference of which the significant bits are counted.
-    fn rest<B: Bits>(&mut self, bits: &mut B, class: usize, wanted: u32) -> u32 {
+    /// Codes the size of a difference of a known class.
+    fn rest<B: BinaryCoder>(&mut self, coder: &mut B, class: usize, source: u32) -> u32 {
         let Some(below) = (class as u32).checked_sub(2) else { return 1 };
-        let slot = &mut self.seconds[class];
-        let second = bits.bit(slot.one(), wanted >> below & 1 == 1);
-        slot.learn(second);
-        (2 | u32::from(second)) << below | bits.plain(below, wanted & ((1 << below) - 1))
+        let model = &mut self.seconds[class];
+        let second = coder.bit(model.one(), source >> below & 1 == 1);
+        model.learn(second);
+        (2 | u32::from(second)) << below | coder.plain(below, source & ((1 << below) - 1))
     }
 }
 
-/// What is known around a point.
-struct Around {
-    /// The weighted mean of the bytes there; 255 if there are none.
+/// What the neighbours of a point tell.
+struct Neighbours {
+    /// Weighted mean of their bytes; 255 if there are none.
     guess: u8,
-    /// How far they are apart.
+    /// Difference of their largest and smallest byte; 255 if there are none.
     spread: u8,
 }
 
-impl Around {
-    /// What is known around a slot, in whose block the points of `mask` come; of other `slots` nothing is looked at.
-    fn of(values: &[u8], slots: &Range<usize>, slot: usize, mask: u64) -> Around {
-        let at = slot % BLOCK_POINTS;
-        let end = slots.end.min(slot - at + BLOCK_POINTS);
+impl Neighbours {
+    /// Returns the neighbours of a point of whose block the patch names `mask`. Only neighbours in `range` count.
+    fn of(values: &[u8], range: &Range<usize>, index: PaddedIndex, mask: u64) -> Neighbours {
+        let PaddedIndex(index) = index;
+        let at = index % BLOCK_POINTS;
+        let end = range.end.min(index - at + BLOCK_POINTS);
         let (mut sum, mut weights) = (0, 0);
         let (mut low, mut high) = (255, 0);
         let mut note = |byte: u8, weight: u32| {
@@ -246,21 +262,21 @@ impl Around {
             (low, high) = (low.min(byte), high.max(byte));
         };
         for (distance, weight) in (1..).zip(WEIGHTS) {
-            if slot >= slots.start + distance {
-                note(values[slot - distance], weight);
+            if index >= range.start + distance {
+                note(values[index - distance], weight);
             }
-            if slot + distance < end && mask >> (at + distance) & 1 == 0 {
-                note(values[slot + distance], weight);
+            if index + distance < end && mask >> (at + distance) & 1 == 0 {
+                note(values[index + distance], weight);
             }
         }
         if weights == 0 {
-            return Around { guess: 255, spread: 255 };
+            return Neighbours { guess: 255, spread: 255 };
         }
-        Around { guess: ((sum + weights / 2) / weights) as u8, spread: high - low }
+        Neighbours { guess: ((sum + weights / 2) / weights) as u8, spread: high - low }
     }
 }
 
-/// Significant bits of a number: 0, 1, 2, 2, 3 ..
+/// Returns the number of significant bits: 0, 1, 2, 2, 3 ..
 fn significant(value: u32) -> usize {
     (u32::BITS - value.leading_zeros()) as usize
 }

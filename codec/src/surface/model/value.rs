@@ -1,93 +1,93 @@
-//! The range coder's model of AO that comes for the first time, or again with a keyframe.
+//! Model of values for the range coder: AO that arrives for the first time, or again with a keyframe.
 //!
-//! Each byte is eight decisions, high bit first, with what came before along the curve and what the instance before it of the
-//! same set has at the same place as opinions.
+//! Each byte is eight decisions, high bit first. Their inputs are the values before it along the curve, and the value
+//! at the same place of the previous instance of the same set.
 
-use crate::range::{Bits, Number, logistic};
-use crate::surface::model::change::Opinions;
-use crate::surface::section::values::{Arrivals, ValueProblem, Values};
+use crate::range::{BinaryCoder, NumberModel, logistic};
+use crate::surface::model::change::ContextMixer;
+use crate::surface::section::values::{ArrivalCheck, ValueError, Values};
 use crate::surface::{BLOCK_POINTS, Layout};
 
-/// What the range coder learns of one frame's values, section after section. It starts afresh with every frame.
+/// What the range coder learns of the values of one frame, section after section. Every frame starts a fresh model.
 pub(crate) struct ValueModel {
-    numbers: Number,
-    bytes: Opinions<4>,
+    numbers: NumberModel,
+    bytes: ContextMixer<4>,
 }
 
-/// Points before the one at hand that are looked at.
+/// Number of earlier points that are looked at.
 const PAST: usize = 8;
-/// Weights of those in the mean, the nearest first.
+/// Their weights in the mean, the nearest first.
 const WEIGHTS: [u32; 3] = [2, 1, 1];
-/// Where no value is known.
+/// Stands for an unknown value.
 const UNKNOWN: u8 = 255;
 
 impl ValueModel {
     pub(crate) fn new() -> ValueModel {
         let half = 1 << 15;
         ValueModel {
-            numbers: Number::new(),
-            bytes: Opinions::new([64 * 256, 64 * 256, 129 * 4 * 256, 16 * 256], 8 * 4, half),
+            numbers: NumberModel::new(),
+            bytes: ContextMixer::new([64 * 256, 64 * 256, 129 * 4 * 256, 16 * 256], 8 * 4, half),
         }
     }
 
-    /// Codes values. A writer gives them in `wanted`, and `records` is their number; both sides find them in `found`.
-    /// `values` has the bytes of all slots, `present` the blocks that were there before; both are brought up to date.
-    pub(crate) fn code<B: Bits>(
+    /// Codes values; `records` is their number. `values` has the bytes of all padded indices, and `present` tells
+    /// which blocks were there before. Both are updated.
+    pub(crate) fn code<B: BinaryCoder>(
         &mut self,
-        bits: &mut B,
+        coder: &mut B,
         layout: &Layout,
         (values, present): (&mut [u8], &mut [bool]),
-        (wanted, found): (&Values, &mut Values),
+        (source, coded): (&Values, &mut Values),
         records: u32,
         stop: impl Fn(&B) -> bool,
-    ) -> Result<(), ValueProblem> {
-        found.clear();
-        let count = self.numbers.code(bits, wanted.runs.len() as u32);
+    ) -> Result<(), ValueError> {
+        coded.clear();
+        let count = self.numbers.code(coder, source.runs.len() as u32);
         let before = present.to_vec();
-        let mut arrivals = Arrivals::new(layout, present, records);
+        let mut arrivals = ArrivalCheck::new(layout, present, records);
         let mut end = 0_u32;
         for run in 0..count as usize {
-            let (first, count) = wanted.runs.get(run).copied().unwrap_or((0, 0));
-            let gap = self.numbers.code_signed(bits, first.wrapping_sub(end) as i32);
+            let (first, count) = source.runs.get(run).copied().unwrap_or((0, 0));
+            let gap = self.numbers.code_signed(coder, first.wrapping_sub(end) as i32);
             let first = end.wrapping_add_signed(gap);
-            let count = self.numbers.code(bits, count);
+            let count = self.numbers.code(coder, count);
             arrivals.add((first, count))?;
             end = first + count;
-            found.runs.push((first, count));
+            coded.runs.push((first, count));
         }
         arrivals.end()?;
         let mut known = before;
         let mut taken = 0;
-        for (first, count) in found.runs.clone() {
+        for (first, count) in coded.runs.clone() {
             for block in first as usize..(first + count) as usize {
                 self.block(
-                    bits,
+                    coder,
                     layout,
                     values,
                     &known,
                     block,
-                    wanted.bytes.get(taken..).unwrap_or_default(),
+                    source.bytes.get(taken..).unwrap_or_default(),
                 );
-                let slots = block * BLOCK_POINTS..block * BLOCK_POINTS + layout.block_len(block);
-                taken += slots.len();
-                found.bytes.extend_from_slice(&values[slots]);
+                let range = block * BLOCK_POINTS..block * BLOCK_POINTS + layout.block_len(block);
+                taken += range.len();
+                coded.bytes.extend_from_slice(&values[range]);
                 known[block] = true;
-                if stop(bits) {
-                    return Err(ValueProblem::Ends { field: "the values", offset: found.bytes.len() });
+                if stop(coder) {
+                    return Err(ValueError::Ends { field: "the values", offset: coded.bytes.len() });
                 }
             }
         }
         Ok(())
     }
 
-    fn block<B: Bits>(
+    fn block<B: BinaryCoder>(
         &mut self,
-        bits: &mut B,
+        coder: &mut B,
         layout: &Layout,
         values: &mut [u8],
         known: &[bool],
         block: usize,
-        wanted: &[u8],
+        source: &[u8],
     ) {
         let instance = layout.owner(block);
         let first = block * BLOCK_POINTS;
@@ -96,44 +96,46 @@ impl ValueModel {
         if block > blocks.start && known[block - 1] {
             past = std::array::from_fn(|n| values[first - 1 - n]);
         }
-        let twin = layout.twin(instance).map(|twin| layout.blocks_of(twin).start + block - blocks.start);
-        let twin = twin.filter(|twin| known[*twin]).map(|twin| twin * BLOCK_POINTS);
-        // How many of the last values were those of the twin.
+        let sibling = layout
+            .previous_of_set(instance)
+            .map(|sibling| layout.blocks_of(sibling).start + block - blocks.start);
+        let sibling = sibling.filter(|sibling| known[*sibling]).map(|sibling| sibling * BLOCK_POINTS);
+        // How many of the last values were equal to those of the sibling.
         let mut alike = 0;
         for at in 0..layout.block_len(block) {
-            let twin = twin.map(|twin| values[twin + at]);
-            let wanted = wanted.get(at).copied().unwrap_or(0);
-            let value = self.byte(bits, &past, twin, alike, wanted);
+            let sibling = sibling.map(|sibling| values[sibling + at]);
+            let source = source.get(at).copied().unwrap_or(0);
+            let value = self.byte(coder, &past, sibling, alike, source);
             values[first + at] = value;
             past.copy_within(0..PAST - 1, 1);
             past[0] = value;
-            alike = if twin == Some(value) { (alike + 1).min(3) } else { 0 };
+            alike = if sibling == Some(value) { (alike + 1).min(3) } else { 0 };
         }
     }
 
-    fn byte<B: Bits>(
+    fn byte<B: BinaryCoder>(
         &mut self,
-        bits: &mut B,
+        coder: &mut B,
         past: &[u8; PAST],
-        twin: Option<u8>,
+        sibling: Option<u8>,
         alike: usize,
-        wanted: u8,
+        source: u8,
     ) -> u8 {
         let mean: u32 = past.iter().zip(WEIGHTS).map(|(value, weight)| u32::from(*value) * weight).sum();
         let rough: u32 = past.windows(2).take(4).map(|pair| u32::from(pair[0].abs_diff(pair[1]))).sum();
         let rough = (32 - rough.leading_zeros()) as usize;
-        let twin = twin.map_or(128, |twin| usize::from(twin / 2));
+        let sibling = sibling.map_or(128, |sibling| usize::from(sibling / 2));
         let open = usize::from(past[0] == 255) * 2 + usize::from(past[1] == 255);
         let mut node = 1;
         for depth in 0..8 {
             let at = [
                 (mean / 16) as usize * 256 + node,
                 usize::from(past[0] / 4) * 256 + node,
-                (twin * 4 + alike) * 256 + node,
+                (sibling * 4 + alike) * 256 + node,
                 rough * 256 + node,
             ];
-            let bit = wanted >> (7 - depth) & 1 == 1;
-            let bit = self.bytes.code(logistic(), bits, depth * 4 + open, at, bit);
+            let bit = source >> (7 - depth) & 1 == 1;
+            let bit = self.bytes.code(logistic(), coder, depth * 4 + open, at, bit);
             node = node << 1 | usize::from(bit);
         }
         node as u8

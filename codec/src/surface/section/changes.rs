@@ -1,7 +1,7 @@
-//! Which points a frame changes and by how much, and how that looks before compression.
+//! CHANGES sections: which points a frame changes, and by how much.
 //!
-//! A change is a number of *quanta*: the client adds `level * quantum` to the AO byte that it holds and keeps the
-//! result within 0 to 255. The plain layout of a CHANGES section is
+//! A change is a number of *quanta*. The client adds `level * quantum` to its AO byte and keeps the result within 0 to
+//! 255. The plain layout is
 //!
 //! | bytes | field |
 //! |---|---|
@@ -10,141 +10,137 @@
 //! | 8 for each such block | one bit a point, lowest first |
 //! | 1 or 2 for each such point | the level as a varint: 0, -1, 1, -2 .. as 0, 1, 2, 3 ..; never 0 |
 
-use super::marks::Marks;
+use super::point_mask::PointMask;
 use crate::memory;
+use crate::surface::PaddedIndex;
 use crate::wire::{Reader, WireError, WireErrorKind, write_varint};
 
-/// Changes of one frame, in the order of the points.
+/// The changes of one frame, in the order of the points.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub(crate) struct Changes {
-    /// By how much one level changes a byte.
+    /// Difference of one level in a byte.
     pub(crate) quantum: u8,
-    /// Which points change.
-    pub(crate) marks: Marks,
-    /// By how many quanta, point by point.
+    /// The points that change.
+    pub(crate) points: PointMask,
+    /// Their levels, point by point.
     pub(crate) levels: Vec<i16>,
 }
 
-/// Largest level either way: with a quantum of 1, from one end of the range to the other.
+/// Largest absolute level: with a quantum of 1, from one end of the range to the other.
 pub(crate) const MAX_LEVEL: i16 = 255;
 
-/// What is wrong with changes; an offset counts bytes of the plain layout.
+/// Why changes were refused. An offset counts bytes of the plain layout.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
-pub enum ChangeProblem {
-    /// It ends inside a field.
+pub enum ChangeError {
+    /// The section ends inside a field.
     #[error("it ends inside {field}, which starts at its byte {offset}")]
     Ends {
         /// The field.
         field: &'static str,
-        /// Where the field starts.
+        /// Start of the field.
         offset: usize,
     },
-    /// Bytes are left over.
-    #[error("{extra} B are left over after its byte {offset}")]
+    /// Bytes remain after the section.
+    #[error("{extra} B remain after its byte {offset}")]
     Trailing {
-        /// Where they start.
+        /// Start of these bytes.
         offset: usize,
-        /// How many.
+        /// Their number.
         extra: usize,
     },
-    /// A quantum of zero.
+    /// The quantum is 0.
     #[error("its quantum is 0")]
     Quantum,
-    /// A block that the layout has not, or that has not come yet.
-    #[error("block {block} has not come yet, or is none of the stream's")]
+    /// A block is not part of the layout, or its values have not been received yet.
+    #[error("block {block} is not part of the stream, or its values have not been received yet")]
     Absent {
         /// Number of the block.
         block: u32,
     },
-    /// A block that is named without a change in it, or with points that it has not.
-    #[error("block {block} names the points {mask:#018x}")]
+    /// A block is named without a change in it, or with points that it does not have.
+    #[error("block {block} names the points {mask:#018x}: none, or some that it does not have")]
     Mask {
         /// Number of the block.
         block: u32,
         /// Its points, one bit each.
         mask: u64,
     },
-    /// A level that is none, too large, or changes nothing because the byte is at its end already.
-    #[error("point {slot} cannot change by {level} quanta")]
+    /// The level is zero, out of range, or has no effect because the value is already 0 or 255.
+    #[error("the point of padded index {padded_index} cannot change by {level} quanta")]
     Level {
-        /// Slot of the point: its block times 64 and its place there.
-        slot: u32,
+        /// Padded index of the point: 64 times its block plus its place there.
+        padded_index: u32,
         /// The level.
         level: i32,
     },
-    /// A level outside -255 to 255.
-    #[error("the level at its byte {offset} is {found} when folded, at most 510 is possible")]
+    /// A level is outside -255 to 255.
+    #[error("the level at its byte {offset} is {found} when folded; at most 510 is possible")]
     LevelRange {
-        /// Where it is.
+        /// Start of the level.
         offset: usize,
-        /// What is there: 0, -1, 1, -2 .. as 0, 1, 2, 3 ...
+        /// Found, folded: 0, -1, 1, -2 .. as 0, 1, 2, 3 ..
         found: u32,
     },
-    /// Another number of changed points than the section table says.
+    /// The number of changed points differs from the section table.
     #[error("{found} points change, the section table says {expected}")]
     Count {
-        /// By the section table.
+        /// Number by the section table.
         expected: u32,
-        /// In the section.
+        /// Number in the section.
         found: usize,
     },
 }
 
 impl Changes {
-    /// Bytes held.
-    pub(crate) fn held(&self) -> usize {
-        self.marks.held() + memory::list(&self.levels)
+    /// Returns the number of heap bytes in use.
+    pub(crate) fn heap_bytes(&self) -> usize {
+        self.points.heap_bytes() + memory::list(&self.levels)
     }
 
-    /// No changes, with buffers kept.
+    /// Removes all changes and keeps the buffers.
     pub(crate) fn clear(&mut self) {
-        self.marks.clear();
+        self.points.clear();
         self.levels.clear();
     }
 
-    /// Adds a change; `slot` is above that of the one before.
-    pub(crate) fn push(&mut self, slot: usize, level: i16) {
-        self.marks.push(slot);
+    /// Adds a change. `index` is above that of the change before.
+    pub(crate) fn push(&mut self, index: PaddedIndex, level: i16) {
+        self.points.push(index);
         self.levels.push(level);
     }
 
-    /// Every change with its slot.
+    /// Returns every change with its padded index.
     #[inline]
-    pub(crate) fn iter(&self) -> impl Iterator<Item = (usize, i16)> + '_ {
-        self.marks.slots().zip(self.levels.iter().copied())
+    pub(crate) fn iter(&self) -> impl Iterator<Item = (PaddedIndex, i16)> + '_ {
+        self.points.padded_indices().zip(self.levels.iter().copied())
     }
 
-    /// Bytes of the plain layout for a stream of `blocks` blocks.
+    /// Returns the length of the plain layout, for a stream of `blocks` blocks, in bytes.
     pub(crate) fn plain_bytes(&self, blocks: usize) -> usize {
         let long = self.levels.iter().filter(|level| fold(**level) > 127).count();
-        1 + self.marks.plain_bytes(blocks) + self.levels.len() + long
+        1 + self.points.plain_bytes(blocks) + self.levels.len() + long
     }
 
-    /// Appends the plain layout.
+    /// Appends the plain layout to `out`.
     pub(crate) fn write_plain(&self, blocks: usize, out: &mut Vec<u8>) {
         out.push(self.quantum);
-        self.marks.write_plain(blocks, out);
+        self.points.write_plain(blocks, out);
         for level in &self.levels {
             write_varint(out, fold(*level));
         }
     }
 
-    /// Reads the plain layout, `records` changes of a stream of `blocks` blocks. Says nothing about whether the changes
-    /// suit a state.
-    pub(crate) fn read_plain(
-        &mut self,
-        raw: &[u8],
-        blocks: usize,
-        records: u32,
-    ) -> Result<(), ChangeProblem> {
+    /// Reads the plain layout: `records` changes of a stream of `blocks` blocks. It does not check whether the changes
+    /// fit a state.
+    pub(crate) fn read_plain(&mut self, raw: &[u8], blocks: usize, records: u32) -> Result<(), ChangeError> {
         self.clear();
         let mut reader = Reader::new(raw);
         self.quantum = reader.take("the quantum", 1)?[0];
         if self.quantum == 0 {
-            return Err(ChangeProblem::Quantum);
+            return Err(ChangeError::Quantum);
         }
-        self.marks.read_plain(&mut reader, blocks, records)?;
+        self.points.read_plain(&mut reader, blocks, records)?;
         for _ in 0..records {
             self.levels.push(level(&mut reader)?);
         }
@@ -152,26 +148,26 @@ impl Changes {
     }
 }
 
-impl From<WireError> for ChangeProblem {
-    fn from(WireError { field, offset, kind }: WireError) -> ChangeProblem {
+impl From<WireError> for ChangeError {
+    fn from(WireError { field, offset, kind }: WireError) -> ChangeError {
         match kind {
-            WireErrorKind::Ends { .. } | WireErrorKind::Varint(_) => ChangeProblem::Ends { field, offset },
-            WireErrorKind::Trailing { extra } => ChangeProblem::Trailing { offset, extra },
+            WireErrorKind::Ends { .. } | WireErrorKind::Varint(_) => ChangeError::Ends { field, offset },
+            WireErrorKind::Trailing { extra } => ChangeError::Trailing { offset, extra },
         }
     }
 }
 
-/// A signed level as a number: 0, -1, 1, -2 .. as 0, 1, 2, 3 ...
+/// Folds a signed level into a number: 0, -1, 1, -2 .. become 0, 1, 2, 3 ..
 fn fold(level: i16) -> u32 {
     ((i32::from(level) << 1) ^ (i32::from(level) >> 31)) as u32
 }
 
-/// Reads the level that comes next.
-fn level(reader: &mut Reader<'_>) -> Result<i16, ChangeProblem> {
+/// Reads the next level.
+fn level(reader: &mut Reader<'_>) -> Result<i16, ChangeError> {
     let (field, offset) = ("a level", reader.offset());
     match reader.varint(field)? {
         folded if folded <= fold(MAX_LEVEL) => Ok(((folded >> 1) as i32 ^ -((folded & 1) as i32)) as i16),
-        found => Err(ChangeProblem::LevelRange { offset, found }),
+        found => Err(ChangeError::LevelRange { offset, found }),
     }
 }
 
@@ -185,7 +181,7 @@ mod tests {
         let some = prop::collection::btree_map(0_usize..700, prop_oneof![-255_i16..0, 1_i16..256], 1..80);
         (some, 1_u8..=255).prop_map(|(some, quantum)| {
             let mut changes = Changes { quantum, ..Changes::default() };
-            some.into_iter().for_each(|(slot, level)| changes.push(slot, level));
+            some.into_iter().for_each(|(index, level)| changes.push(PaddedIndex(index), level));
             changes
         })
     }
@@ -205,9 +201,9 @@ mod tests {
                 prop_assert!(found.read_plain(&raw[..end], 11, records).is_err());
             }
             raw.push(0);
-            let trailing = matches!(found.read_plain(&raw, 11, records), Err(ChangeProblem::Trailing { .. }));
+            let trailing = matches!(found.read_plain(&raw, 11, records), Err(ChangeError::Trailing { .. }));
             prop_assert!(trailing);
-            let count = matches!(found.read_plain(&raw, 11, records + 1), Err(ChangeProblem::Count { .. }));
+            let count = matches!(found.read_plain(&raw, 11, records + 1), Err(ChangeError::Count { .. }));
             prop_assert!(count);
         }
 

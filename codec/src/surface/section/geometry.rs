@@ -1,12 +1,13 @@
 //! GEOMETRY sections: sets and their points.
 //!
-//! The plain layout is, set after set: u32 set; for x, y and z in turn, the differences of the points' coordinates from
-//! those of the point before (the first one's from 0) as 24-bit numbers that wrap, in three planes of bytes, low bytes
-//! first; the codes of the normals in two planes of bytes, low bytes first. How many points a set has is in the layout.
+//! The plain layout is, set after set: u32 set; for x, y and z in turn, the differences of the coordinates from those
+//! of the point before (for the first point, from 0) as 24-bit numbers that wrap, in three planes of bytes, low bytes
+//! first; then the codes of the normals in two planes of bytes, low bytes first. The layout has the number of points
+//! of a set.
 
 use std::sync::Arc;
 
-use crate::range::{Bits, Number};
+use crate::range::{BinaryCoder, NumberModel};
 use crate::surface::geometry::Geometry;
 use crate::surface::model::curve;
 use crate::surface::model::geometry::GeometryModel;
@@ -16,23 +17,23 @@ use crate::wire::Reader;
 /// Sets and their points.
 pub(crate) type Sets = Vec<(u32, Arc<Geometry>)>;
 
-/// What is wrong with the points of a set.
+/// Why a GEOMETRY section was refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
-pub enum GeometryProblem {
-    /// It ends early.
+pub enum GeometrySectionError {
+    /// The section ends early.
     #[error("it ends after {points} points of a set")]
     Ends {
-        /// Points read.
+        /// Number of points read.
         points: usize,
     },
-    /// A set that the layout has not, one without points, or one that came already.
-    #[error("set {set} is none of the stream's, has no points, or is here already")]
+    /// A set is not in the layout, has no points, or was already received.
+    #[error("set {set} is not part of the stream, has no points, or was already received")]
     Set {
         /// The set.
         set: u32,
     },
-    /// A coordinate beyond the lattice of the set.
+    /// A coordinate is outside the lattice of the set.
     #[error("a point at node {coord:?} is outside its lattice")]
     Outside {
         /// Its coordinates.
@@ -44,45 +45,45 @@ pub enum GeometryProblem {
         /// The point.
         point: usize,
     },
-    /// A normal's code has too many bits.
+    /// The code of a normal has too many bits.
     #[error("a normal has the code {axes:?}")]
     Normal {
-        /// Along both axes.
+        /// The codes of both axes.
         axes: [i32; 2],
     },
-    /// More points in a half than in the whole.
-    #[error("{share} more points than one are in half of a box of {count}")]
+    /// More points are in a half than in the whole.
+    #[error("half of a box claims {share} + 1 points, but the box holds only {count}")]
     Share {
-        /// Points in the half, less one.
+        /// Number of points in the half minus 1.
         share: usize,
-        /// Points in the box.
+        /// Number of points in the box.
         count: usize,
     },
-    /// Other points than those that the layout names.
-    #[error("set {set}: the digest of the points is not the stream's")]
+    /// The points differ from those that the layout names.
+    #[error("set {set}: the digest of the points differs from the stream's")]
     Digest {
         /// The set.
         set: u32,
     },
-    /// Another number of points than the section table says.
+    /// The number of points differs from the section table.
     #[error("{found} points, the section table says {expected}")]
     Count {
-        /// By the section table.
+        /// Number by the section table.
         expected: u32,
-        /// In the section.
+        /// Number in the section.
         found: u64,
     },
 }
 
-/// Bytes of a point in the plain layout.
+/// Length of a point in the plain layout, bytes.
 const POINT_BYTES: usize = 11;
 
-/// Bytes of the plain layout.
+/// Returns the length of the plain layout in bytes.
 pub(crate) fn plain_bytes(sets: &Sets) -> usize {
     sets.iter().map(|(_, geometry)| 4 + POINT_BYTES * geometry.len()).sum()
 }
 
-/// Appends the plain layout.
+/// Appends the plain layout to `out`.
 pub(crate) fn write_plain(sets: &Sets, out: &mut Vec<u8>) {
     for (set, geometry) in sets {
         out.extend_from_slice(&set.to_le_bytes());
@@ -104,69 +105,73 @@ pub(crate) fn write_plain(sets: &Sets, out: &mut Vec<u8>) {
     }
 }
 
-/// Checks sets as they come.
-struct Incoming<'a> {
+/// Checks sets in the order in which they arrive.
+struct SetCheck<'a> {
     layout: &'a Layout,
     expected: u32,
     points: u64,
-    /// By set, whether it was announced: one that came again and again would take memory without end.
+    /// By set: whether it was announced. A set that came again and again would take memory without limit.
     announced: Vec<bool>,
     sets: Sets,
 }
 
-impl<'a> Incoming<'a> {
-    fn new(layout: &'a Layout, expected: u32) -> Incoming<'a> {
+impl<'a> SetCheck<'a> {
+    fn new(layout: &'a Layout, expected: u32) -> SetCheck<'a> {
         let announced = vec![false; layout.sets().len()];
-        Incoming { layout, expected, points: 0, announced, sets: Sets::new() }
+        SetCheck { layout, expected, points: 0, announced, sets: Sets::new() }
     }
 
-    /// A set is about to come: its layout, counted.
-    fn announce(&mut self, set: u32) -> Result<&'a SetLayout, GeometryProblem> {
+    /// Announces a set and counts its points. Returns its layout.
+    fn announce(&mut self, set: u32) -> Result<&'a SetLayout, GeometrySectionError> {
         let layout = self.layout.sets().get(set as usize).filter(|layout| layout.points > 0);
-        let layout = layout.ok_or(GeometryProblem::Set { set })?;
+        let layout = layout.ok_or(GeometrySectionError::Set { set })?;
         if std::mem::replace(&mut self.announced[set as usize], true) {
-            return Err(GeometryProblem::Set { set });
+            return Err(GeometrySectionError::Set { set });
         }
         self.points += u64::from(layout.points);
         let (expected, found) = (self.expected, self.points);
-        if found > u64::from(expected) { Err(GeometryProblem::Count { expected, found }) } else { Ok(layout) }
+        if found > u64::from(expected) {
+            Err(GeometrySectionError::Count { expected, found })
+        } else {
+            Ok(layout)
+        }
     }
 
-    fn add(&mut self, set: u32, geometry: Geometry) -> Result<(), GeometryProblem> {
+    fn add(&mut self, set: u32, geometry: Geometry) -> Result<(), GeometrySectionError> {
         if geometry.digest() != geometry.layout().digest {
-            return Err(GeometryProblem::Digest { set });
+            return Err(GeometrySectionError::Digest { set });
         }
         self.sets.push((set, Arc::new(geometry)));
         Ok(())
     }
 
-    fn end(self) -> Result<Sets, GeometryProblem> {
+    fn end(self) -> Result<Sets, GeometrySectionError> {
         let (expected, found) = (self.expected, self.points);
         if found == u64::from(expected) {
             Ok(self.sets)
         } else {
-            Err(GeometryProblem::Count { expected, found })
+            Err(GeometrySectionError::Count { expected, found })
         }
     }
 }
 
 /// Reads the plain layout: sets with `records` points in all.
-pub(crate) fn read_plain(raw: &[u8], layout: &Layout, records: u32) -> Result<Sets, GeometryProblem> {
-    let mut incoming = Incoming::new(layout, records);
+pub(crate) fn read_plain(raw: &[u8], layout: &Layout, records: u32) -> Result<Sets, GeometrySectionError> {
+    let mut incoming = SetCheck::new(layout, records);
     let mut reader = Reader::new(raw);
     while reader.remaining() > 0 {
-        let set = reader.u32("the set").map_err(|_| GeometryProblem::Ends { points: 0 })?;
+        let set = reader.u32("the set").map_err(|_| GeometrySectionError::Ends { points: 0 })?;
         let set_layout = incoming.announce(set)?;
         let count = set_layout.points as usize;
         let left = reader.remaining();
-        let ends = |_| GeometryProblem::Ends { points: left / POINT_BYTES };
+        let ends = |_| GeometrySectionError::Ends { points: left / POINT_BYTES };
         let planes = reader.take("the points", POINT_BYTES * count).map_err(ends)?;
         incoming.add(set, read_set(planes, set_layout, count)?)?;
     }
     incoming.end()
 }
 
-fn read_set(planes: &[u8], layout: &SetLayout, count: usize) -> Result<Geometry, GeometryProblem> {
+fn read_set(planes: &[u8], layout: &SetLayout, count: usize) -> Result<Geometry, GeometrySectionError> {
     let byte = |plane: usize, point: usize| u32::from(planes[plane * count + point]);
     let mut coord = [0_u32; 3];
     let mut points = Vec::with_capacity(count);
@@ -177,15 +182,15 @@ fn read_set(planes: &[u8], layout: &SetLayout, count: usize) -> Result<Geometry,
             *coord = coord.wrapping_add(difference) & 0xFF_FFFF;
         }
         if (0..3).any(|axis| coord[axis] > layout.extent[axis]) {
-            return Err(GeometryProblem::Outside { coord });
+            return Err(GeometrySectionError::Outside { coord });
         }
         let normal = (byte(9, point) | byte(10, point) << 8) as u16;
         if u32::from(normal) >> (2 * layout.normal_bits) != 0 {
-            return Err(GeometryProblem::Normal { axes: [normal.into(), 0] });
+            return Err(GeometrySectionError::Normal { axes: [normal.into(), 0] });
         }
         let key = (curve::place(coord), normal);
         if key < before {
-            return Err(GeometryProblem::Order { point });
+            return Err(GeometrySectionError::Order { point });
         }
         before = key;
         points.push((coord, normal));
@@ -193,29 +198,29 @@ fn read_set(planes: &[u8], layout: &SetLayout, count: usize) -> Result<Geometry,
     Ok(Geometry::sorted(*layout, &points))
 }
 
-/// Codes sets with `records` points in all. A writer gives them in `wanted`.
-pub(crate) fn code<B: Bits>(
+/// Codes sets with `records` points in all.
+pub(crate) fn code<B: BinaryCoder>(
     model: &mut GeometryModel,
-    numbers: &mut Number,
-    bits: &mut B,
+    numbers: &mut NumberModel,
+    coder: &mut B,
     layout: &Layout,
-    wanted: &Sets,
+    source: &Sets,
     records: u32,
     stop: impl Fn(&B) -> bool,
-) -> Result<Sets, GeometryProblem> {
-    let mut incoming = Incoming::new(layout, records);
-    let count = numbers.code(bits, wanted.len() as u32);
+) -> Result<Sets, GeometrySectionError> {
+    let mut incoming = SetCheck::new(layout, records);
+    let count = numbers.code(coder, source.len() as u32);
     let mut next = 0_u32;
     for at in 0..count as usize {
-        let given = wanted.get(at);
-        let gap = given.map_or(0, |(set, _)| set.wrapping_sub(next) as i32);
-        let set = next.wrapping_add_signed(numbers.code_signed(bits, gap));
+        let source_set = source.get(at);
+        let gap = source_set.map_or(0, |(set, _)| set.wrapping_sub(next) as i32);
+        let set = next.wrapping_add_signed(numbers.code_signed(coder, gap));
         let set_layout = incoming.announce(set)?;
-        let geometry = model.code(bits, set_layout, given.map(|(_, geometry)| &**geometry), &stop)?;
+        let geometry = model.code(coder, set_layout, source_set.map(|(_, geometry)| &**geometry), &stop)?;
         incoming.add(set, geometry)?;
         next = set.wrapping_add(1);
-        if stop(bits) {
-            return Err(GeometryProblem::Ends { points: 0 });
+        if stop(coder) {
+            return Err(GeometrySectionError::Ends { points: 0 });
         }
     }
     incoming.end()

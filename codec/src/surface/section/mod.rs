@@ -1,8 +1,8 @@
-//! The sections of a frame: what each holds, its plain layout, and the writer of all of them.
+//! The sections of a frame: the content and plain layout of each, and the writer of all.
 
 pub(super) mod changes;
 pub(super) mod geometry;
-pub(super) mod marks;
 pub(super) mod patch;
+pub(super) mod point_mask;
 pub(super) mod values;
 pub(super) mod writer;

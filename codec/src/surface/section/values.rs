@@ -1,9 +1,7 @@
-//! AO of blocks that come for the first time, or again with a keyframe.
+//! VALUES sections: AO of point blocks that arrive for the first time, or again with a keyframe.
 //!
-//! The plain layout of a VALUES section is a varint, how many runs of blocks there are; for each run two varints, its
-//! first block and how many blocks it has; then one byte a point, run after run. By the range coder, each byte is
-//! eight decisions, high bit first, with what came before along the curve and what the instance before it of the same
-//! set has at the same place as opinions.
+//! The plain layout is the number of runs of blocks as a varint; for each run its first block and its number of
+//! blocks, two varints; then one byte a point, run after run.
 
 use crate::surface::{BLOCK_POINTS, Layout};
 use crate::wire::{Reader, WireError, varint_bytes, write_varint};
@@ -17,32 +15,32 @@ pub(crate) struct Values {
     pub(crate) bytes: Vec<u8>,
 }
 
-/// What is wrong with values; an offset counts bytes of the plain layout.
+/// Why values were refused. An offset counts bytes of the plain layout.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
-pub enum ValueProblem {
-    /// It ends inside a field.
+pub enum ValueError {
+    /// The section ends inside a field.
     #[error("it ends inside {field}, which starts at its byte {offset}")]
     Ends {
         /// The field.
         field: &'static str,
-        /// Where the field starts.
+        /// Start of the field.
         offset: usize,
     },
-    /// A run without blocks, with blocks that the layout has not, or with one that came already.
-    #[error("{count} blocks from {first} on: none, not the stream's, or here already")]
+    /// A run is empty, has blocks outside the layout, or has a block that was already received.
+    #[error("{count} blocks from {first} on: an empty run, not part of the stream, or already received")]
     Run {
         /// First block.
         first: u32,
         /// Number of blocks.
         count: u32,
     },
-    /// Another number of points than the section table says.
+    /// The number of points differs from the section table.
     #[error("{found} points, the section table says {expected}")]
     Count {
-        /// By the section table.
+        /// Number by the section table.
         expected: u32,
-        /// In the section.
+        /// Number in the section.
         found: usize,
     },
 }
@@ -53,7 +51,7 @@ impl Values {
         self.bytes.clear();
     }
 
-    /// Adds a block after those before it.
+    /// Adds a block. It comes after all earlier ones.
     pub(crate) fn push(&mut self, block: usize, bytes: &[u8]) {
         match self.runs.last_mut() {
             Some((first, count)) if (*first + *count) as usize == block => *count += 1,
@@ -62,12 +60,12 @@ impl Values {
         self.bytes.extend_from_slice(bytes);
     }
 
-    /// Every block, in order.
+    /// Returns every block, in order.
     pub(crate) fn blocks(&self) -> impl Iterator<Item = usize> + '_ {
         self.runs.iter().flat_map(|(first, count)| *first as usize..(*first + *count) as usize)
     }
 
-    /// Puts the bytes where they belong in those of all slots.
+    /// Copies the bytes to their places among those of all padded indices.
     pub(crate) fn scatter(&self, layout: &Layout, values: &mut [u8]) {
         let mut rest = self.bytes.as_slice();
         for block in self.blocks() {
@@ -78,14 +76,14 @@ impl Values {
         }
     }
 
-    /// Bytes of the plain layout.
+    /// Returns the length of the plain layout in bytes.
     pub(crate) fn plain_bytes(&self) -> usize {
         let run = |(first, count): &(u32, u32)| varint_bytes(*first) + varint_bytes(*count);
         let runs: usize = self.runs.iter().map(run).sum();
         varint_bytes(self.runs.len() as u32) + runs + self.bytes.len()
     }
 
-    /// Appends the plain layout.
+    /// Appends the plain layout to `out`.
     pub(crate) fn write_plain(&self, out: &mut Vec<u8>) {
         write_varint(out, self.runs.len() as u32);
         for (first, count) in &self.runs {
@@ -95,18 +93,19 @@ impl Values {
         out.extend_from_slice(&self.bytes);
     }
 
-    /// Reads the plain layout: `records` points of blocks that `present` does not have yet. Notes the blocks there.
+    /// Reads the plain layout: `records` points of blocks that `present` does not have yet. It adds these blocks to
+    /// `present`.
     pub(crate) fn read_plain(
         &mut self,
         raw: &[u8],
         layout: &Layout,
         present: &mut [bool],
         records: u32,
-    ) -> Result<(), ValueProblem> {
+    ) -> Result<(), ValueError> {
         self.clear();
         let mut reader = Reader::new(raw);
         let field = "a run of blocks";
-        let mut arrivals = Arrivals::new(layout, present, records);
+        let mut arrivals = ArrivalCheck::new(layout, present, records);
         for _ in 0..reader.varint(field)? {
             let run = (reader.varint(field)?, reader.varint(field)?);
             arrivals.add(run)?;
@@ -115,7 +114,7 @@ impl Values {
         arrivals.end()?;
         let found = reader.remaining();
         if found != records as usize {
-            return Err(ValueProblem::Count { expected: records, found });
+            return Err(ValueError::Count { expected: records, found });
         }
         let bytes = reader.take("the values", found)?;
         self.bytes.extend_from_slice(bytes);
@@ -123,42 +122,42 @@ impl Values {
     }
 }
 
-impl From<WireError> for ValueProblem {
-    fn from(WireError { field, offset, .. }: WireError) -> ValueProblem {
-        ValueProblem::Ends { field, offset }
+impl From<WireError> for ValueError {
+    fn from(WireError { field, offset, .. }: WireError) -> ValueError {
+        ValueError::Ends { field, offset }
     }
 }
 
 /// Checks runs of blocks one after the other.
-pub(crate) struct Arrivals<'a> {
+pub(crate) struct ArrivalCheck<'a> {
     layout: &'a Layout,
     present: &'a mut [bool],
     expected: u32,
     points: usize,
 }
 
-impl<'a> Arrivals<'a> {
-    pub(crate) fn new(layout: &'a Layout, present: &'a mut [bool], expected: u32) -> Arrivals<'a> {
-        Arrivals { layout, present, expected, points: 0 }
+impl<'a> ArrivalCheck<'a> {
+    pub(crate) fn new(layout: &'a Layout, present: &'a mut [bool], expected: u32) -> ArrivalCheck<'a> {
+        ArrivalCheck { layout, present, expected, points: 0 }
     }
 
-    pub(crate) fn add(&mut self, (first, count): (u32, u32)) -> Result<(), ValueProblem> {
+    pub(crate) fn add(&mut self, (first, count): (u32, u32)) -> Result<(), ValueError> {
         let end = first as usize + count as usize;
         if count == 0 || end > self.present.len() {
-            return Err(ValueProblem::Run { first, count });
+            return Err(ValueError::Run { first, count });
         }
         for block in first as usize..end {
             if std::mem::replace(&mut self.present[block], true) {
-                return Err(ValueProblem::Run { first, count });
+                return Err(ValueError::Run { first, count });
             }
             self.points += self.layout.block_len(block);
         }
-        // Checked at every run, so that no list of runs is longer than it has points.
+        // Checked after every run, so that a list of runs is never longer than its number of points.
         if self.points > self.expected as usize { self.end() } else { Ok(()) }
     }
 
-    pub(crate) fn end(&self) -> Result<(), ValueProblem> {
+    pub(crate) fn end(&self) -> Result<(), ValueError> {
         let (expected, found) = (self.expected, self.points);
-        if found == expected as usize { Ok(()) } else { Err(ValueProblem::Count { expected, found }) }
+        if found == expected as usize { Ok(()) } else { Err(ValueError::Count { expected, found }) }
     }
 }

@@ -1,4 +1,4 @@
-//! Writes sections: plain layouts through a block coder, or through the range coder and its models.
+//! Writes sections: plain layouts by a block coder, or decisions by the range coder and its models.
 
 use super::changes::Changes;
 use super::geometry::{self, Sets};
@@ -7,8 +7,8 @@ use super::values::Values;
 use crate::block::{BlockCoder, BlockError, CoderId, Compressor};
 use crate::envelope::{EncodeError, SectionInfo, SectionTag};
 use crate::memory;
-use crate::range::{Number, RangeEncoder};
-use crate::surface::model::change::{ChangeModel, Known};
+use crate::range::{NumberModel, RangeEncoder};
+use crate::surface::model::change::{ChangeModel, StateView};
 use crate::surface::model::context;
 use crate::surface::model::geometry::GeometryModel;
 use crate::surface::model::history::History;
@@ -16,50 +16,54 @@ use crate::surface::model::patch::PatchModel;
 use crate::surface::model::value::ValueModel;
 use crate::surface::{Layout, State};
 
-/// The blocks of one frame, and the section table that goes before them.
+/// The blocks of one frame and their section table.
 #[derive(Debug, Default)]
 pub(crate) struct SectionWriter {
     pub(crate) sections: Vec<SectionInfo>,
     pub(crate) blocks: Vec<u8>,
     compressor: Compressor,
     plain: Vec<u8>,
-    found: Changes,
+    coded: Changes,
 }
 
-/// Models that live as long as a frame.
+/// The models that live as long as a frame.
 pub(crate) struct FrameModels {
     pub(crate) geometry: GeometryModel,
-    pub(crate) sets: Number,
+    pub(crate) sets: NumberModel,
     pub(crate) values: ValueModel,
 }
 
 impl FrameModels {
     pub(crate) fn new() -> FrameModels {
-        FrameModels { geometry: GeometryModel::new(), sets: Number::new(), values: ValueModel::new() }
+        FrameModels { geometry: GeometryModel::new(), sets: NumberModel::new(), values: ValueModel::new() }
     }
 }
 
 impl SectionWriter {
-    /// Bytes held.
-    pub(crate) fn held(&self) -> usize {
-        let SectionWriter { sections, blocks, compressor, plain, found } = self;
-        memory::list(sections) + memory::list(blocks) + compressor.held() + memory::list(plain) + found.held()
+    /// Returns the number of heap bytes in use.
+    pub(crate) fn heap_bytes(&self) -> usize {
+        let SectionWriter { sections, blocks, compressor, plain, coded } = self;
+        memory::list(sections)
+            + memory::list(blocks)
+            + compressor.heap_bytes()
+            + memory::list(plain)
+            + coded.heap_bytes()
     }
 
-    /// Ready for the next frame.
+    /// Clears everything for the next frame.
     pub(crate) fn clear(&mut self) {
         self.sections.clear();
         self.blocks.clear();
     }
 
-    /// Ends a section whose block starts at `start`.
+    /// Adds a section whose block starts at `start` to the table.
     fn section(&mut self, tag: SectionTag, coder: CoderId, records: usize, raw_bytes: usize, start: usize) {
         let wire_bytes = (self.blocks.len() - start) as u32;
         let (records, raw_bytes) = (records as u32, raw_bytes as u32);
         self.sections.push(SectionInfo { tag, coder, records, raw_bytes, wire_bytes });
     }
 
-    /// Compresses what is in `plain`.
+    /// Compresses the content of `plain`.
     fn block(&mut self, tag: SectionTag, coder: BlockCoder, records: usize) -> Result<(), EncodeError> {
         let start = self.blocks.len();
         let id = self
@@ -83,18 +87,18 @@ impl SectionWriter {
         }
         if coder == BlockCoder::Range {
             let start = self.blocks.len();
-            let mut bits = RangeEncoder::new(&mut self.blocks);
+            let mut encoder = RangeEncoder::new(&mut self.blocks);
             let records = points as u32;
             let coded = geometry::code(
                 &mut models.geometry,
                 &mut models.sets,
-                &mut bits,
+                &mut encoder,
                 layout,
                 sets,
                 records,
                 |_| false,
             );
-            bits.finish();
+            encoder.finish();
             debug_assert!(coded.is_ok(), "{coded:?}");
             self.section(SectionTag::GEOMETRY, CoderId::RANGE, points, geometry::plain_bytes(sets), start);
             return Ok(());
@@ -104,7 +108,7 @@ impl SectionWriter {
         self.block(SectionTag::GEOMETRY, coder, points)
     }
 
-    /// Writes values. `bytes` and `present` are what clients have by then, and are brought up to date.
+    /// Writes values. `bytes` and `present` are what clients have at that point; both are updated.
     pub(crate) fn values(
         &mut self,
         layout: &Layout,
@@ -116,12 +120,12 @@ impl SectionWriter {
         let points = values.bytes.len();
         if coder == BlockCoder::Range {
             let start = self.blocks.len();
-            let mut bits = RangeEncoder::new(&mut self.blocks);
-            let mut found = Values::default();
-            let pair = (values, &mut found);
+            let mut encoder = RangeEncoder::new(&mut self.blocks);
+            let mut coded = Values::default();
+            let pair = (values, &mut coded);
             let coded =
-                models.values.code(&mut bits, layout, (bytes, present), pair, points as u32, |_| false);
-            bits.finish();
+                models.values.code(&mut encoder, layout, (bytes, present), pair, points as u32, |_| false);
+            encoder.finish();
             debug_assert!(coded.is_ok(), "{coded:?}");
             self.section(SectionTag::VALUES, CoderId::RANGE, points, values.plain_bytes(), start);
             return Ok(());
@@ -133,28 +137,28 @@ impl SectionWriter {
         self.block(SectionTag::VALUES, coder, points)
     }
 
-    /// Writes changes of what is `known`, from which `model` learns. The range coder stops where they take more than `most`
-    /// bytes; then there is no section, and the answer is how many came before that.
+    /// Writes changes of the state in `view`; `model` learns from them. The range coder stops if they take more than
+    /// `most` bytes. Then it writes no section and returns the number of changes coded so far.
     pub(crate) fn changes(
         &mut self,
-        known: Known<'_>,
+        view: StateView<'_>,
         model: &mut ChangeModel,
         changes: &Changes,
         coder: BlockCoder,
         most: usize,
     ) -> Result<Option<usize>, EncodeError> {
-        let (points, blocks) = (changes.levels.len(), known.layout.blocks());
+        let (points, blocks) = (changes.levels.len(), view.layout.blocks());
         if coder == BlockCoder::Range {
             let start = self.blocks.len();
             let most = start.saturating_add(most);
-            let mut bits = RangeEncoder::new(&mut self.blocks);
-            model.code(&mut bits, known, changes, &mut self.found, points, |bits| bits.len() > most);
-            bits.finish();
+            let mut encoder = RangeEncoder::new(&mut self.blocks);
+            model.code(&mut encoder, view, changes, &mut self.coded, points, |encoder| encoder.len() > most);
+            encoder.finish();
             if self.blocks.len() > most {
                 self.blocks.truncate(start);
-                return Ok(Some(self.found.levels.len()));
+                return Ok(Some(self.coded.levels.len()));
             }
-            debug_assert_eq!(&self.found, changes);
+            debug_assert_eq!(&self.coded, changes);
             self.section(SectionTag::CHANGES, CoderId::RANGE, points, changes.plain_bytes(blocks), start);
             return Ok(None);
         }
@@ -174,14 +178,14 @@ impl SectionWriter {
         let (points, blocks) = (patch.bytes.len(), state.layout.blocks());
         if coder == BlockCoder::Range {
             let start = self.blocks.len();
-            let mut bits = RangeEncoder::new(&mut self.blocks);
+            let mut encoder = RangeEncoder::new(&mut self.blocks);
             let mut model = PatchModel::new();
-            let mut found = Patch { back: model.back(&mut bits, patch.back), ..Patch::default() };
+            let mut coded = Patch { back: model.back(&mut encoder, patch.back), ..Patch::default() };
             let known = (&*state.layout, state.present.as_slice());
             let mut values = state.values.clone();
-            model.code(&mut bits, known, &mut values, (patch, &mut found), points, |_| false);
-            bits.finish();
-            debug_assert_eq!(&found, patch);
+            model.code(&mut encoder, known, &mut values, (patch, &mut coded), points, |_| false);
+            encoder.finish();
+            debug_assert_eq!(&coded, patch);
             self.section(SectionTag::PATCH, CoderId::RANGE, points, patch.plain_bytes(blocks), start);
             return Ok(());
         }
@@ -190,7 +194,7 @@ impl SectionWriter {
         self.block(SectionTag::PATCH, coder, points)
     }
 
-    /// Writes what was learned, if anything was. It is no data of points, so the range coder has no model for it.
+    /// Writes the coder context, unless it is fresh. The range coder has no model for it.
     pub(crate) fn context(&mut self, state: &State, coder: BlockCoder) -> Result<(), EncodeError> {
         if state.history == History::new(state.layout.blocks()) && state.model == ChangeModel::new() {
             return Ok(());

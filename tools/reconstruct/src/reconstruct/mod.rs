@@ -16,7 +16,7 @@
 //! use psao_reconstruct::reconstruct::SurfaceReconstructor;
 //! use psao_reconstruct::{AtRest, GBuffer, Size, Surface};
 //! use psao_codec::Limits;
-//! use psao_codec::surface::{Geometry, GeometryDigest, Layout, Member, RestPoint, Rounded, SetLayout, State};
+//! use psao_codec::surface::{Geometry, GeometryDigest, Layout, Member, RestPoint, RoundedGeometry, SetLayout, State};
 //!
 //! // What came over the wire: sixteen points along a bar, dark at its left end, in a state that holds them.
 //! let set = SetLayout {
@@ -31,7 +31,7 @@
 //! };
 //! let along = |point: u8| (f32::from(point) + 0.5) / 16.0;
 //! let points = (0..16).map(|point| RestPoint { position: [along(point), 0.0, 0.0], normal: [0.0, 1.0, 0.0] });
-//! let Rounded { geometry, order, .. } = Geometry::round(set, &points.collect::<Vec<_>>());
+//! let RoundedGeometry { geometry, order, .. } = Geometry::round(set, &points.collect::<Vec<_>>());
 //! let values: Vec<u8> = order.iter().map(|&point| if point < 8 { 51 } else { 255 }).collect();
 //! let layout = Layout::new(vec![*geometry.layout()], vec![Member { set: 0 }], &Limits::default())?;
 //! let state = State::from_parts(Arc::new(layout), vec![Arc::new(geometry)], &values);

@@ -142,7 +142,7 @@ fn trace(args: &Args, scene: &Arc<Scene>, server: &mut Server) -> Outcome<Traced
         let Some(encoder) = server.surface() else { continue };
         let layout = encoder.state().layout();
         let instances = 0..layout.members().len() as u32;
-        let ao = instances.clone().flat_map(|instance| encoder.offered(instance)).copied().collect();
+        let ao = instances.clone().flat_map(|instance| encoder.latest(instance)).copied().collect();
         let weights = |instance| {
             let blocks = 0..layout.blocks_of(instance).len();
             blocks.map(move |block| encoder.weight(instance, block).unwrap_or(1))
@@ -191,7 +191,7 @@ impl Offers {
         let mut weights = self.weights.iter();
         for instance in 0..layout.members().len() as u32 {
             for (block, weight) in (0..layout.blocks_of(instance).len()).zip(&mut weights) {
-                encoder.weigh(instance, block, *weight);
+                encoder.set_weight(instance, block, *weight);
             }
         }
         let differs = |(point, ao): (u32, &u8)| u32::from(encoder.set_ao(point, *ao).unwrap_or(false));

@@ -1,6 +1,6 @@
 //! The figures of a comparison, as tables and as JSON.
 
-use psao_codec::surface::Spent;
+use psao_codec::surface::BitBreakdown;
 use psao_proto::message::SceneHeader;
 use psao_server::server::{AoErrorStats, PerProfile};
 use serde::Serialize;
@@ -337,12 +337,12 @@ impl Ratios {
 }
 
 impl SpentOut {
-    fn of(spent: &Spent) -> Option<Self> {
-        let Spent { blocks, points, ways, sizes } = *spent;
-        (blocks + points + ways + sizes > 0.0).then_some(Self {
+    fn of(spent: &BitBreakdown) -> Option<Self> {
+        let BitBreakdown { blocks, points, signs, sizes } = *spent;
+        (blocks + points + signs + sizes > 0.0).then_some(Self {
             which_blocks: blocks / 8.0,
             which_points: points / 8.0,
-            darker_or_lighter: ways / 8.0,
+            darker_or_lighter: signs / 8.0,
             how_much: sizes / 8.0,
         })
     }

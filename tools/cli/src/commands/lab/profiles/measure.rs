@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use psao_codec::block::BlockCoder;
 use psao_codec::envelope::{FrameIndex, StreamTime};
-use psao_codec::surface::{Spent, preview, spent};
+use psao_codec::surface::{BitBreakdown, bit_breakdown, preview};
 use psao_codec::{Decoder, State};
 use psao_eval::adapter::SceneView;
 use psao_eval::metric::Comparison;
@@ -40,7 +40,7 @@ pub(super) struct Side {
     /// Wire bytes of the first frame after which a client can draw all that the first picture shows.
     pub(super) first_picture_bytes: Option<u64>,
     /// What the bits of range-coded changes were spent on, all frames together.
-    pub(super) spent: Spent,
+    pub(super) spent: BitBreakdown,
 }
 
 /// One frame.
@@ -119,7 +119,7 @@ pub(super) fn measure(
         let outputs = both.step(last.0, last.1, cameras, &clock).map_err(crate::producer::refused)?;
         sides.paper.frames.push(paper.follow(&outputs.paper)?);
         if let Some(before) = surface.state.as_surface() {
-            let spent = spent(before, &outputs.surface.body, &Limits::default().codec);
+            let spent = bit_breakdown(before, &outputs.surface.body, &Limits::default().codec);
             sides.surface.spent += spent.map_err(Failure::input)?.unwrap_or_default();
         }
         sides.surface.frames.push(surface.follow(&outputs.surface)?);

@@ -1,4 +1,4 @@
-//! The twin of [`crate::paper::Encoder`]: no dirty lists, no counters, no hash that is kept up.
+//! The reference of [`crate::paper::Encoder`], without dirty lists, counters or an incremental hash.
 
 use std::sync::Arc;
 
@@ -11,22 +11,22 @@ use crate::paper::{
 
 /// A point as last put.
 #[derive(Debug, Clone, Copy)]
-struct Put {
+struct PointRecord {
     instance: usize,
     coord: [u32; 3],
     word: u32,
     outside: bool,
-    /// Why it has no slot; [`Placement::Stored`] when it has one.
+    /// Why it has no slot, or [`Placement::Stored`].
     placement: Placement,
 }
 
-/// Does what [`crate::paper::Encoder`] does, slowly. Arguments must be valid: it indexes by them.
+/// Does the same as [`crate::paper::Encoder`], slowly. Arguments must be valid, because it indexes by them.
 #[derive(Debug)]
-pub struct NaiveEncoder {
+pub struct PaperReferenceEncoder {
     layout: Arc<Layout>,
-    /// The instance of every point id.
+    /// Instance of every point id.
     instances: Vec<usize>,
-    points: Vec<Option<Put>>,
+    points: Vec<Option<PointRecord>>,
     /// Point ids in the slots of every cell.
     cells: Vec<[Option<usize>; POINTS_PER_CELL]>,
     /// Cell indices in the entries of every bucket.
@@ -37,13 +37,13 @@ pub struct NaiveEncoder {
     sent: State,
 }
 
-impl NaiveEncoder {
-    /// An encoder with no points yet, as [`crate::paper::Encoder::new`].
+impl PaperReferenceEncoder {
+    /// Creates an encoder without points, as [`crate::paper::Encoder::new`].
     #[must_use]
-    pub fn new(layout: Arc<Layout>, points: &[u32]) -> NaiveEncoder {
+    pub fn new(layout: Arc<Layout>, points: &[u32]) -> PaperReferenceEncoder {
         let owners = points.iter().enumerate();
         let instances: Vec<usize> = owners.flat_map(|(at, count)| vec![at; *count as usize]).collect();
-        NaiveEncoder {
+        PaperReferenceEncoder {
             points: vec![None; instances.len()],
             instances,
             cells: vec![[None; POINTS_PER_CELL]; layout.cell_capacity() as usize],
@@ -66,8 +66,8 @@ impl NaiveEncoder {
         }
         let placement = Placement::Stored;
         let outside = located.outside;
-        self.points[point] = Some(Put { instance, coord: located.cell, word, outside, placement });
-        self.settle(point)
+        self.points[point] = Some(PointRecord { instance, coord: located.cell, word, outside, placement });
+        self.place(point)
     }
 
     /// Removes a point, as [`crate::paper::Encoder::remove`].
@@ -81,11 +81,11 @@ impl NaiveEncoder {
         self.poses[instance] = pose;
     }
 
-    /// Tries every point without a slot again, as [`crate::paper::Encoder::retry_unplaced`].
+    /// Tries to place every point without a slot, as [`crate::paper::Encoder::retry_unplaced`].
     pub fn retry_unplaced(&mut self) {
         for point in 0..self.points.len() {
             if self.points[point].is_some() {
-                self.settle(point);
+                self.place(point);
             }
         }
     }
@@ -93,8 +93,9 @@ impl NaiveEncoder {
     /// Counts everything, as [`crate::paper::Encoder::counts`].
     #[must_use]
     pub fn counts(&self) -> Occupancy {
-        let count =
-            |rule: &dyn Fn(&Put) -> bool| self.points.iter().flatten().filter(|put| rule(put)).count() as u32;
+        let count = |rule: &dyn Fn(&PointRecord) -> bool| {
+            self.points.iter().flatten().filter(|put| rule(put)).count() as u32
+        };
         Occupancy {
             cells: self.cells.iter().filter(|cell| cell.iter().any(Option::is_some)).count() as u32,
             points_stored: count(&|put| put.placement == Placement::Stored),
@@ -106,13 +107,13 @@ impl NaiveEncoder {
         }
     }
 
-    /// The points that have a slot: instance, cell and word.
+    /// Returns the points with a slot: instance, cell and word.
     pub fn stored(&self) -> impl Iterator<Item = (u32, [u32; 3], u32)> + '_ {
         let stored = self.points.iter().flatten().filter(|put| put.placement == Placement::Stored);
         stored.map(|put| (put.instance as u32, put.coord, put.word))
     }
 
-    /// What clients hold after the last frame.
+    /// Returns the state of clients after the last frame.
     #[must_use]
     pub fn state(&self) -> &State {
         &self.sent
@@ -161,12 +162,12 @@ impl NaiveEncoder {
         Ok(frame)
     }
 
-    /// The cell that a point has a slot in, by searching all of them.
+    /// Searches all cells for the one with a slot of a point.
     fn cell_of(&self, point: usize) -> Option<usize> {
         self.cells.iter().position(|cell| cell.contains(&Some(point)))
     }
 
-    /// Empties the slot of a point, wherever it is; the last one frees the cell and every entry that names it.
+    /// Empties the slot of a point. The last point frees the cell and every entry that names it.
     fn take_out(&mut self, point: usize) {
         let Some(cell) = self.cell_of(point) else { return };
         for slot in self.cells[cell].iter_mut().filter(|slot| **slot == Some(point)) {
@@ -181,8 +182,8 @@ impl NaiveEncoder {
         self.free.push(cell);
     }
 
-    /// Gives a point a slot unless it has one; notes and returns what came of it.
-    fn settle(&mut self, point: usize) -> Placement {
+    /// Gives a point a slot unless it has one. Records and returns the result.
+    fn place(&mut self, point: usize) -> Placement {
         let placement = match self.cell_of(point) {
             Some(_) => Placement::Stored,
             None => self.find_slot(point),
@@ -194,7 +195,7 @@ impl NaiveEncoder {
     }
 
     fn find_slot(&mut self, point: usize) -> Placement {
-        let Some(Put { instance, coord, .. }) = self.points[point] else { return Placement::NoCell };
+        let Some(PointRecord { instance, coord, .. }) = self.points[point] else { return Placement::NoCell };
         let (id, bucket) = self.address(instance, coord);
         let named: Vec<usize> = self.buckets[bucket].iter().flatten().copied().collect();
         let same_id =
@@ -220,21 +221,21 @@ impl NaiveEncoder {
         Placement::Stored
     }
 
-    /// Raw id and bucket of a cell of an instance.
+    /// Returns the raw id and bucket of a cell of an instance.
     fn address(&self, instance: usize, coord: [u32; 3]) -> (u32, usize) {
         let layout = &self.layout.instances()[instance];
         let id = cell_id(coord, layout.grid.dims());
         (id, (layout.first_bucket + bucket_of(id, layout.bucket_count)) as usize)
     }
 
-    /// Instance, raw id and coordinate of a cell, from any of its points.
+    /// Returns instance, raw id and coordinate of a cell, from any of its points.
     fn owner(&self, cell: usize) -> Option<(usize, u32, [u32; 3])> {
         let point = self.cells[cell].iter().flatten().next()?;
-        let Put { instance, coord, .. } = self.points[*point]?;
+        let PointRecord { instance, coord, .. } = self.points[*point]?;
         Some((instance, self.address(instance, coord).0, coord))
     }
 
-    /// Moves the last thing in use into the first hole before it until there is none.
+    /// Moves the last item in use into the first hole before it, until there is none.
     fn compact(&mut self) {
         self.cells.iter_mut().for_each(|cell| close_holes(cell));
         self.buckets.iter_mut().for_each(|bucket| close_holes(bucket));

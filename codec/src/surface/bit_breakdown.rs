@@ -1,4 +1,4 @@
-//! What the bits of a range-coded frame of changes, or of a patch, are spent on.
+//! Measures the bits of a range-coded frame of changes or of a patch.
 
 use std::ops::AddAssign;
 
@@ -9,63 +9,67 @@ use super::section::patch::Patch;
 use crate::Limits;
 use crate::block::CoderId;
 use crate::envelope::{FrameError, SectionInfo, SectionTag, inspect};
-use crate::range::{Bits, RangeDecoder, Subject};
+use crate::range::{BinaryCoder, RangeDecoder, SymbolClass};
 
-/// Bits of the decisions of a CHANGES or PATCH section, by what they decide; together the length of its block, but for rounding.
+/// Bits of a CHANGES or PATCH section by class of decision. Except for rounding, their sum is the length of its block.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Spent {
+pub struct BitBreakdown {
     /// Which blocks have a change.
     pub blocks: f64,
     /// Which points of those blocks change.
     pub points: f64,
-    /// Whether they become darker or lighter; in a patch, than their neighbours are.
-    pub ways: f64,
-    /// By how much.
+    /// Sign of each change. In a patch, the sign relative to the prediction from the neighbours.
+    pub signs: f64,
+    /// Size of each change.
     pub sizes: f64,
 }
 
-impl AddAssign for Spent {
-    fn add_assign(&mut self, more: Spent) {
+impl AddAssign for BitBreakdown {
+    fn add_assign(&mut self, more: BitBreakdown) {
         self.blocks += more.blocks;
         self.points += more.points;
-        self.ways += more.ways;
+        self.signs += more.signs;
         self.sizes += more.sizes;
     }
 }
 
-/// A reader that adds up what each decision cost: the logarithm of the probability that it was given.
-struct Meter<'a> {
+/// A decoder that adds up the cost of each decision: the negative logarithm of its probability.
+struct CostMeter<'a> {
     decoder: RangeDecoder<'a>,
-    subject: Subject,
-    spent: Spent,
+    class: SymbolClass,
+    spent: BitBreakdown,
 }
 
-impl Bits for Meter<'_> {
+impl BinaryCoder for CostMeter<'_> {
     fn bit(&mut self, one: u32, wanted: bool) -> bool {
         let bit = self.decoder.bit(one, wanted);
         let share = f64::from(if bit { one } else { 65_536 - one }) / 65_536.0;
-        let place = match self.subject {
-            Subject::Blocks => &mut self.spent.blocks,
-            Subject::Points => &mut self.spent.points,
-            Subject::Ways => &mut self.spent.ways,
-            Subject::Sizes => &mut self.spent.sizes,
+        let place = match self.class {
+            SymbolClass::Blocks => &mut self.spent.blocks,
+            SymbolClass::Points => &mut self.spent.points,
+            SymbolClass::Signs => &mut self.spent.signs,
+            SymbolClass::Sizes => &mut self.spent.sizes,
         };
         *place -= share.log2();
         bit
     }
 
-    fn about(&mut self, subject: Subject) {
-        self.subject = subject;
+    fn set_class(&mut self, class: SymbolClass) {
+        self.class = class;
     }
 }
 
-/// What the bits of a frame's changes or patch are spent on, `state` being that before the frame; `None` where it has none that
-/// are range-coded. For figures: it is slower than applying the frame, checks less, and is no part of what both sides
-/// must agree on.
+/// Returns the bits of a frame's changes or patch by class of decision. `state` is the state before the frame. Returns
+/// `None` if the frame has no such range-coded section. It is meant for statistics: it is slower than applying the
+/// frame and checks less.
 ///
 /// # Errors
-/// [`FrameError`] where the header of the body is not sound.
-pub fn spent(state: &State, body: &[u8], limits: &Limits) -> Result<Option<Spent>, FrameError> {
+/// [`FrameError`] if the header of the body is invalid.
+pub fn bit_breakdown(
+    state: &State,
+    body: &[u8],
+    limits: &Limits,
+) -> Result<Option<BitBreakdown>, FrameError> {
     let info = inspect(body, limits)?;
     let mut offset = info.header_bytes as usize;
     for section in &info.sections {
@@ -73,7 +77,7 @@ pub fn spent(state: &State, body: &[u8], limits: &Limits) -> Result<Option<Spent
         let is_points = matches!(section.tag, SectionTag::CHANGES | SectionTag::PATCH);
         if is_points && section.coder == CoderId::RANGE {
             let decoder = RangeDecoder::new(&body[offset..end]);
-            let mut meter = Meter { decoder, subject: Subject::Blocks, spent: Spent::default() };
+            let mut meter = CostMeter { decoder, class: SymbolClass::Blocks, spent: BitBreakdown::default() };
             read(state, section, &mut meter);
             return Ok(Some(meter.spent));
         }
@@ -82,12 +86,12 @@ pub fn spent(state: &State, body: &[u8], limits: &Limits) -> Result<Option<Spent
     Ok(None)
 }
 
-fn read(state: &State, section: &SectionInfo, meter: &mut Meter<'_>) {
+fn read(state: &State, section: &SectionInfo, meter: &mut CostMeter<'_>) {
     let most = section.records as usize;
-    let stop = |meter: &Meter<'_>| meter.decoder.is_exhausted();
+    let stop = |meter: &CostMeter<'_>| meter.decoder.is_exhausted();
     if section.tag == SectionTag::CHANGES {
         let (wanted, mut found) = (Changes::default(), Changes::default());
-        state.model.clone().code(meter, state.known(), &wanted, &mut found, most, stop);
+        state.model.clone().code(meter, state.view(), &wanted, &mut found, most, stop);
     } else {
         let mut model = PatchModel::new();
         let (wanted, mut found) = (Patch::default(), Patch::default());

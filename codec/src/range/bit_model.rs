@@ -1,13 +1,13 @@
-//! One probability that learns.
+//! The adaptive probability of one binary decision.
 
-/// A probability in 2^22nds (high 22 bits) and how often it was used, up to [`LIMIT`] (low 10 bits).
+/// A probability of `true` in 2^22nds (high 22 bits) and its number of uses up to [`LIMIT`] (low 10 bits).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Slot(pub(crate) u32);
+pub(crate) struct BitModel(pub(crate) u32);
 
-/// Uses after which a slot learns no slower.
+/// Number of uses after which a model learns no slower.
 const LIMIT: u32 = 255;
 
-/// Step towards what happened after `n` uses, in 65,536ths: 65536 / (n + 1.6), rounded down.
+/// Step towards the outcome after `n` uses, in 65,536ths: 65536 / (n + 1.6), rounded down.
 const STEPS: [u16; LIMIT as usize + 1] = {
     let mut steps = [0; LIMIT as usize + 1];
     let mut n = 0;
@@ -18,30 +18,30 @@ const STEPS: [u16; LIMIT as usize + 1] = {
     steps
 };
 
-impl Slot {
-    /// A slot that was never used; `one` is the probability of `true` in 65,536ths.
-    pub(crate) const fn new(one: u32) -> Slot {
-        Slot(one << 16)
+impl BitModel {
+    /// Creates an unused model; `one` is the probability of `true` in 65,536ths.
+    pub(crate) const fn new(one: u32) -> BitModel {
+        BitModel(one << 16)
     }
 
-    /// A slot as [`Slot`] has its word; `None` where no slot learns that.
-    pub(crate) fn from_word(word: u32) -> Option<Slot> {
-        (word & 0x3FF <= LIMIT).then_some(Slot(word))
+    /// Returns the model of a word; `None` if no model ever has that word.
+    pub(crate) fn from_word(word: u32) -> Option<BitModel> {
+        (word & 0x3FF <= LIMIT).then_some(BitModel(word))
     }
 
-    /// The probability of `true` in 4,096ths, 0 to 4,095.
+    /// Returns the probability of `true` in 4,096ths, 0 to 4,095.
     #[inline]
     pub(crate) fn in_4096(self) -> usize {
         (self.0 >> 20) as usize
     }
 
-    /// The probability of `true` in 65,536ths, kept off the ends.
+    /// Returns the probability of `true` in 65,536ths, limited to 32 to 65,504.
     #[inline]
     pub(crate) fn one(self) -> u32 {
         (self.0 >> 16).clamp(32, 65_536 - 32)
     }
 
-    /// Learns what happened.
+    /// Learns an outcome.
     #[inline]
     pub(crate) fn learn(&mut self, bit: bool) {
         let count = self.0 & 0x3FF;
@@ -60,11 +60,11 @@ mod tests {
     #[test]
     fn a_slot_comes_to_the_share_that_it_sees() {
         for every in [2_u32, 5, 50] {
-            let mut slot = Slot::new(1 << 15);
+            let mut model = BitModel::new(1 << 15);
             for n in 0..20_000 {
-                slot.learn(n % every == 0);
+                model.learn(n % every == 0);
             }
-            let share = f64::from(slot.one()) / 65_536.0;
+            let share = f64::from(model.one()) / 65_536.0;
             assert!((share - 1.0 / f64::from(every)).abs() < 0.02, "{share} of 1/{every}");
         }
     }
@@ -72,10 +72,10 @@ mod tests {
     #[test]
     fn certainty_stays_off_the_ends() {
         for bit in [false, true] {
-            let mut slot = Slot::new(1 << 15);
-            (0..10_000).for_each(|_| slot.learn(bit));
-            assert!((32..=65_504).contains(&slot.one()));
-            assert_eq!(slot.in_4096(), if bit { 4095 } else { 0 });
+            let mut model = BitModel::new(1 << 15);
+            (0..10_000).for_each(|_| model.learn(bit));
+            assert!((32..=65_504).contains(&model.one()));
+            assert_eq!(model.in_4096(), if bit { 4095 } else { 0 });
         }
     }
 }

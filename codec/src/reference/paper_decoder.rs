@@ -1,4 +1,4 @@
-//! The twin of [`crate::paper::decoder`]: builds the whole state after a frame, then looks at it.
+//! The reference of [`crate::paper::Decoder`]: it builds the whole state after a frame and then checks it.
 
 use std::sync::Arc;
 
@@ -8,16 +8,16 @@ use crate::envelope::{FrameError, FrameKind, SectionTag, inspect};
 use crate::paper::{Bucket, Cell, ENTRIES_PER_BUCKET, Layout, POINTS_PER_CELL, Pose, State};
 use crate::wire::words;
 
-/// Why the twin refused a frame; coarser than [`FrameError`].
+/// Why the reference refused a frame; coarser than [`FrameError`].
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum Refused {
-    /// The header.
+pub enum ReferenceError {
+    /// The header is invalid.
     #[error(transparent)]
     Header(#[from] FrameError),
-    /// A block.
+    /// A block is invalid.
     #[error(transparent)]
     Block(#[from] BlockError),
-    /// A record, or the order of frames.
+    /// A record or the order of frames breaks a rule.
     #[error("a record breaks a rule of the format, or the frame does not follow the state")]
     Rule,
     /// The state after the frame has another hash.
@@ -25,19 +25,19 @@ pub enum Refused {
     Hash,
 }
 
-/// The state after a frame body, from scratch.
+/// Returns the state after a frame body, computed from scratch.
 ///
 /// # Errors
-/// Refuses exactly what [`crate::paper::decoder`] refuses.
-pub fn apply(state: &State, body: &[u8], limits: &Limits) -> Result<State, Refused> {
+/// Refuses exactly what [`crate::paper::Decoder`] refuses.
+pub fn apply(state: &State, body: &[u8], limits: &Limits) -> Result<State, ReferenceError> {
     let info = inspect(body, limits)?;
     if info.packing != state.layout().format().packing() {
-        return Err(Refused::Rule);
+        return Err(ReferenceError::Rule);
     }
     let mut next = match (info.kind, state.frame()) {
         (FrameKind::Key, _) => State::new(Arc::clone(state.layout())),
         (FrameKind::Delta, Some(last)) if info.frame > last => state.clone(),
-        _ => return Err(Refused::Rule),
+        _ => return Err(ReferenceError::Rule),
     };
     let mut at = info.header_bytes as usize;
     for section in &info.sections {
@@ -47,18 +47,18 @@ pub fn apply(state: &State, body: &[u8], limits: &Limits) -> Result<State, Refus
         let size = raw.len() / section.records as usize;
         let records: Vec<(u32, &[u8])> = raw.chunks(size).map(|r| (words::<1>(r)[0], &r[4..])).collect();
         if records.windows(2).any(|pair| pair[0].0 >= pair[1].0) {
-            return Err(Refused::Rule);
+            return Err(ReferenceError::Rule);
         }
         for (offset, content) in records {
-            write_record(&mut next, section.tag, offset as usize, content).ok_or(Refused::Rule)?;
+            write_record(&mut next, section.tag, offset as usize, content).ok_or(ReferenceError::Rule)?;
         }
     }
     next.hash = next.full_hash();
     next.frame = Some(info.frame);
-    if next.hash == info.hash { Ok(next) } else { Err(Refused::Hash) }
+    if next.hash == info.hash { Ok(next) } else { Err(ReferenceError::Hash) }
 }
 
-/// Writes one record; `None` when it breaks a rule.
+/// Writes one record; `None` if it breaks a rule.
 fn write_record(state: &mut State, tag: SectionTag, offset: usize, content: &[u8]) -> Option<()> {
     let layout = Arc::clone(state.layout());
     match tag {
@@ -91,7 +91,7 @@ fn write_record(state: &mut State, tag: SectionTag, offset: usize, content: &[u8
     }
 }
 
-/// Whether 16 words are a bucket as an encoder writes it.
+/// Returns whether 16 words are a bucket as an encoder writes it.
 fn bucket_is_sound(content: &[u32; 2 * ENTRIES_PER_BUCKET], layout: &Layout) -> bool {
     let points = |entry: usize| (content[2 * entry + 1] >> 22) & 31;
     let used = (0..ENTRIES_PER_BUCKET).filter(|entry| points(*entry) > 0).count();

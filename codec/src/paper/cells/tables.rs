@@ -1,23 +1,23 @@
-//! The server's working tables: which point stands in which slot of which cell (paper, sections 3.2 to 3.4).
+//! The working tables of the encoder: which point is in which slot of which cell (paper, sections 3.2 to 3.4).
 
 use crate::memory;
 use crate::paper::{Bucket, Cell, Entry, POINTS_PER_CELL, Placement};
 
-/// The owner of an empty slot; no point has this id.
-const NOBODY: u32 = u32::MAX;
+/// Owner of an empty slot; no point has this id.
+const NO_OWNER: u32 = u32::MAX;
 
-/// Where a point belongs: a cell of an instance, by coordinate, raw id and bucket.
+/// Address of a cell of an instance: coordinate, raw id and bucket.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Site {
+pub(crate) struct CellAddress {
     pub(crate) coord: [u32; 3],
     pub(crate) id: u32,
     /// Index among the buckets of the state.
     pub(crate) bucket: u32,
 }
 
-/// One cell: its words, who owns them, and what names the cell.
+/// The slots of a cell: words, owners, and the address of the cell.
 #[derive(Debug, Clone)]
-struct Slots {
+struct CellSlots {
     words: [u32; POINTS_PER_CELL],
     owners: [u32; POINTS_PER_CELL],
     points: u8,
@@ -25,14 +25,14 @@ struct Slots {
     bucket: u32,
 }
 
-impl Slots {
-    fn empty(site: Site) -> Slots {
-        Slots {
+impl CellSlots {
+    fn empty(address: CellAddress) -> CellSlots {
+        CellSlots {
             words: [0; POINTS_PER_CELL],
-            owners: [NOBODY; POINTS_PER_CELL],
+            owners: [NO_OWNER; POINTS_PER_CELL],
             points: 0,
-            coord: site.coord,
-            bucket: site.bucket,
+            coord: address.coord,
+            bucket: address.bucket,
         }
     }
 
@@ -40,13 +40,13 @@ impl Slots {
         self.owners.iter().position(|other| *other == owner)
     }
 
-    /// Points first (paper, section 3.4); each hole is filled with the last point, which moves as few words
-    /// as can be.
+    /// Moves points to the front (paper, section 3.4). The last point fills each hole, which moves as few words as
+    /// possible.
     fn compact(&mut self) {
         let mut end = POINTS_PER_CELL;
         let mut at = 0;
         while at < end {
-            if self.owners[at] == NOBODY {
+            if self.owners[at] == NO_OWNER {
                 end -= 1;
                 self.words.swap(at, end);
                 self.owners.swap(at, end);
@@ -57,7 +57,7 @@ impl Slots {
     }
 }
 
-/// Indices that changed since the last frame, each once.
+/// Set of indices that changed since the last frame.
 #[derive(Debug, Clone)]
 pub(crate) struct DirtySet {
     marked: Vec<bool>,
@@ -65,8 +65,8 @@ pub(crate) struct DirtySet {
 }
 
 impl DirtySet {
-    /// Bytes held.
-    pub(crate) fn held(&self) -> usize {
+    /// Returns the number of heap bytes in use.
+    pub(crate) fn heap_bytes(&self) -> usize {
         memory::list(&self.marked) + memory::list(&self.list)
     }
 
@@ -81,7 +81,7 @@ impl DirtySet {
         }
     }
 
-    /// The indices in ascending order, so that the order of changes leaves no trace in the stream.
+    /// Returns the indices in ascending order, so that the order of changes does not show in the stream.
     pub(crate) fn sorted(&mut self) -> &[u32] {
         self.list.sort_unstable();
         &self.list
@@ -94,26 +94,26 @@ impl DirtySet {
     }
 }
 
-/// All cells and buckets as the server changes them, holes included, and what changed.
+/// All cells and buckets of the server, including holes, and what changed.
 #[derive(Debug, Clone)]
 pub(crate) struct Tables {
     buckets: Vec<Bucket>,
-    /// Grows as cells are first used; at most `capacity`.
-    cells: Vec<Slots>,
+    /// Grows as cells are first used, up to `capacity`.
+    cells: Vec<CellSlots>,
     capacity: u32,
-    /// Freed cells; the last freed is the first used again, so that its stale words are the newest.
+    /// Freed cells. The cell freed last is used first, so that its stale words are the newest.
     free: Vec<u32>,
-    /// Whether a slot, entry or cell came free since [`Tables::take_freed`].
+    /// Whether a slot, entry or cell became free since [`Tables::take_freed`].
     freed: bool,
     dirty_cells: DirtySet,
     dirty_buckets: DirtySet,
 }
 
 impl Tables {
-    /// Bytes held.
-    pub(crate) fn held(&self) -> usize {
+    /// Returns the number of heap bytes in use.
+    pub(crate) fn heap_bytes(&self) -> usize {
         let Tables { buckets, cells, free, dirty_cells, dirty_buckets, .. } = self;
-        let dirty = dirty_cells.held() + dirty_buckets.held();
+        let dirty = dirty_cells.heap_bytes() + dirty_buckets.heap_bytes();
         memory::list(buckets) + memory::list(cells) + memory::list(free) + dirty
     }
 
@@ -129,22 +129,22 @@ impl Tables {
         }
     }
 
-    /// Cells in use.
+    /// Returns the number of cells in use.
     pub(crate) fn cells_used(&self) -> u32 {
         (self.cells.len() - self.free.len()) as u32
     }
 
-    /// Whether a place came free since the last call.
+    /// Returns whether a place became free since the last call.
     pub(crate) fn take_freed(&mut self) -> bool {
         std::mem::take(&mut self.freed)
     }
 
-    /// The bucket as it stands; compact after [`Tables::compact`].
+    /// Returns a bucket; it is compact after [`Tables::compact`].
     pub(crate) fn bucket(&self, index: u32) -> Bucket {
         self.buckets.get(index as usize).copied().unwrap_or_default()
     }
 
-    /// A cell in use, `None` for one that is free; compact after [`Tables::compact`].
+    /// Returns a cell in use, or `None` if it is free. It is compact after [`Tables::compact`].
     pub(crate) fn cell(&self, index: u32) -> Option<Cell> {
         self.cells
             .get(index as usize)
@@ -152,7 +152,8 @@ impl Tables {
             .map(|slots| Cell::from_words(slots.words))
     }
 
-    /// Buckets and cells that changed since [`Tables::clear_dirty`]; ascending after [`Tables::compact`].
+    /// Returns the buckets and cells that changed since [`Tables::clear_dirty`]. They ascend after
+    /// [`Tables::compact`].
     pub(crate) fn dirty(&self) -> (&[u32], &[u32]) {
         (&self.dirty_buckets.list, &self.dirty_cells.list)
     }
@@ -162,11 +163,11 @@ impl Tables {
         self.dirty_cells.clear();
     }
 
-    /// Finds a slot for a point that has none: the cell, or why there is none.
-    pub(crate) fn insert(&mut self, site: Site, point: u32, word: u32) -> Result<u32, Placement> {
-        let cell = self.find_or_allocate(site)?;
+    /// Finds a slot for a point without one. Returns the cell, or why there is none.
+    pub(crate) fn insert(&mut self, address: CellAddress, point: u32, word: u32) -> Result<u32, Placement> {
+        let cell = self.find_or_allocate(address)?;
         let slots = &mut self.cells[cell as usize];
-        let Some(slot) = slots.slot_of(NOBODY) else { return Err(Placement::CellFull) };
+        let Some(slot) = slots.slot_of(NO_OWNER) else { return Err(Placement::CellFull) };
         slots.owners[slot] = point;
         slots.words[slot] = word;
         slots.points += 1;
@@ -175,33 +176,33 @@ impl Tables {
         Ok(cell)
     }
 
-    /// The cell of a site: the one that its bucket names, else a new one.
-    fn find_or_allocate(&mut self, site: Site) -> Result<u32, Placement> {
-        let entries = self.buckets[site.bucket as usize].entries();
-        if let Some(entry) = entries.iter().find(|entry| entry.is_used() && entry.id() == site.id) {
+    /// Returns the cell of an address: the one that its bucket names, or else a new one.
+    fn find_or_allocate(&mut self, address: CellAddress) -> Result<u32, Placement> {
+        let entries = self.buckets[address.bucket as usize].entries();
+        if let Some(entry) = entries.iter().find(|entry| entry.is_used() && entry.id() == address.id) {
             let found = &self.cells[entry.cell() as usize];
-            return if found.coord == site.coord { Ok(entry.cell()) } else { Err(Placement::IdCollision) };
+            return if found.coord == address.coord { Ok(entry.cell()) } else { Err(Placement::IdCollision) };
         }
         let Some(vacant) = entries.iter().position(|entry| !entry.is_used()) else {
             return Err(Placement::BucketFull);
         };
-        let cell = self.allocate(site).ok_or(Placement::NoCell)?;
-        // One point: the caller is about to put it there, and counts again.
-        self.buckets[site.bucket as usize].entries_mut()[vacant] = Entry::new(site.id, cell, 1);
+        let cell = self.allocate(address).ok_or(Placement::NoCell)?;
+        // One point: the caller puts it there next, and counts again.
+        self.buckets[address.bucket as usize].entries_mut()[vacant] = Entry::new(address.id, cell, 1);
         Ok(cell)
     }
 
-    fn allocate(&mut self, site: Site) -> Option<u32> {
+    fn allocate(&mut self, address: CellAddress) -> Option<u32> {
         if let Some(cell) = self.free.pop() {
-            self.cells[cell as usize] = Slots::empty(site);
+            self.cells[cell as usize] = CellSlots::empty(address);
             return Some(cell);
         }
         let cell = self.cells.len() as u32;
-        (cell < self.capacity).then(|| self.cells.push(Slots::empty(site)))?;
+        (cell < self.capacity).then(|| self.cells.push(CellSlots::empty(address)))?;
         Some(cell)
     }
 
-    /// Replaces the word of a point that stands in `cell`.
+    /// Replaces the word of a point in `cell`.
     pub(crate) fn update(&mut self, cell: u32, point: u32, word: u32) {
         let slots = &mut self.cells[cell as usize];
         if let Some(slot) = slots.slot_of(point).filter(|slot| slots.words[*slot] != word) {
@@ -210,11 +211,11 @@ impl Tables {
         }
     }
 
-    /// Empties the slot of a point that stands in `cell`; the last one frees the cell and its entry.
+    /// Empties the slot of a point in `cell`. The last point frees the cell and its entry.
     pub(crate) fn remove(&mut self, cell: u32, point: u32) {
         let slots = &mut self.cells[cell as usize];
         let Some(slot) = slots.slot_of(point) else { return };
-        slots.owners[slot] = NOBODY;
+        slots.owners[slot] = NO_OWNER;
         slots.words[slot] = 0;
         slots.points -= 1;
         self.freed = true;
@@ -225,9 +226,9 @@ impl Tables {
         self.recount(cell);
     }
 
-    /// Brings the point count of a cell's bucket entry up to date; an entry of no points is cleared.
+    /// Updates the point count of a cell's bucket entry. An entry without points is cleared.
     fn recount(&mut self, cell: u32) {
-        let Slots { bucket, points, .. } = self.cells[cell as usize];
+        let CellSlots { bucket, points, .. } = self.cells[cell as usize];
         self.dirty_buckets.mark(bucket);
         let entries = self.buckets[bucket as usize].entries_mut();
         if let Some(entry) = entries.iter_mut().find(|entry| entry.is_used() && entry.cell() == cell) {
@@ -239,7 +240,7 @@ impl Tables {
         }
     }
 
-    /// Puts what is in use first, in every cell and bucket that changed (paper, section 3.4).
+    /// Moves what is in use to the front, in every cell and bucket that changed (paper, section 3.4).
     pub(crate) fn compact(&mut self) {
         for cell in self.dirty_cells.sorted() {
             self.cells[*cell as usize].compact();

@@ -1,66 +1,68 @@
-//! Some of the points of a stream, by block: those that a frame changes.
+//! A set of points of a stream, by point block: those that a frame changes.
 //!
-//! In a plain layout they are (blocks + 7) / 8 bytes, one bit a block of 64 points, lowest first, then 8 bytes for each
-//! block whose bit is set, one bit a point, lowest first.
+//! In a plain layout it has (blocks + 7) / 8 bytes, one bit a block of 64 points, lowest first. Then follow 8 bytes
+//! for each block whose bit is set, one bit a point, lowest first.
+//!
+//! Blocks are `u64` words and not `bitvec` slices: the coders scan, shift and count whole blocks for every frame, and
+//! words are also what the wire has.
 
-use super::changes::ChangeProblem;
+use super::changes::ChangeError;
 use crate::memory;
-use crate::surface::{BLOCK_POINTS, State};
+use crate::surface::{BLOCK_POINTS, PaddedIndex, State};
 use crate::wire::Reader;
 
 /// Points of some blocks, in order.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub(crate) struct Marks {
-    /// Blocks with a point, ascending.
+pub(crate) struct PointMask {
+    /// The blocks with a point, ascending.
     pub(crate) blocks: Vec<u32>,
-    /// Which of its points, block by block; never 0.
+    /// The points of each of these blocks, one bit each; never 0.
     pub(crate) masks: Vec<u64>,
 }
 
-impl Marks {
-    /// Bytes held.
-    pub(crate) fn held(&self) -> usize {
+impl PointMask {
+    /// Returns the number of heap bytes in use.
+    pub(crate) fn heap_bytes(&self) -> usize {
         memory::list(&self.blocks) + memory::list(&self.masks)
     }
 
-    /// No points, with buffers kept.
+    /// Removes all points and keeps the buffers.
     pub(crate) fn clear(&mut self) {
         self.blocks.clear();
         self.masks.clear();
     }
 
-    /// Adds a point; `slot` is above that of the one before.
-    pub(crate) fn push(&mut self, slot: usize) {
-        let block = (slot / BLOCK_POINTS) as u32;
+    /// Adds a point. `index` is above that of the point before.
+    pub(crate) fn push(&mut self, index: PaddedIndex) {
+        let block = index.block() as u32;
         if self.blocks.last() != Some(&block) {
             self.blocks.push(block);
             self.masks.push(0);
         }
         if let Some(mask) = self.masks.last_mut() {
-            *mask |= 1 << (slot % BLOCK_POINTS);
+            *mask |= index.bit();
         }
     }
 
-    /// Every block with its points.
+    /// Returns every block with its points.
     pub(crate) fn iter(&self) -> impl DoubleEndedIterator<Item = (u32, u64)> + '_ {
         self.blocks.iter().copied().zip(self.masks.iter().copied())
     }
 
-    /// The slots of the points.
+    /// Returns the padded indices of the points.
     #[inline]
-    pub(crate) fn slots(&self) -> impl Iterator<Item = usize> + '_ {
+    pub(crate) fn padded_indices(&self) -> impl Iterator<Item = PaddedIndex> + '_ {
         self.iter().flat_map(|(block, mask)| {
-            let first = block as usize * BLOCK_POINTS;
-            SetBits(mask).map(move |bit| first + bit as usize)
+            SetBits(mask).map(move |bit| PaddedIndex::new(block as usize, bit as usize))
         })
     }
 
-    /// Bytes of the plain layout for a stream of `blocks` blocks.
+    /// Returns the length of the plain layout, for a stream of `blocks` blocks, in bytes.
     pub(crate) fn plain_bytes(&self, blocks: usize) -> usize {
         blocks.div_ceil(8) + 8 * self.masks.len()
     }
 
-    /// Appends the plain layout.
+    /// Appends the plain layout to `out`.
     pub(crate) fn write_plain(&self, blocks: usize, out: &mut Vec<u8>) {
         let bitmap = out.len();
         out.resize(bitmap + blocks.div_ceil(8), 0);
@@ -72,14 +74,14 @@ impl Marks {
         }
     }
 
-    /// Reads the plain layout, `records` points of a stream of `blocks` blocks. Says nothing about whether there are such
-    /// points.
+    /// Reads the plain layout: `records` points of a stream of `blocks` blocks. It does not check whether the points
+    /// exist.
     pub(crate) fn read_plain(
         &mut self,
         reader: &mut Reader<'_>,
         blocks: usize,
         records: u32,
-    ) -> Result<(), ChangeProblem> {
+    ) -> Result<(), ChangeError> {
         self.clear();
         let bitmap = reader.take("the bitmap of blocks", blocks.div_ceil(8))?;
         for (at, byte) in bitmap.iter().enumerate() {
@@ -90,34 +92,30 @@ impl Marks {
         for (mask, block) in masks.chunks_exact(8).zip(&self.blocks) {
             let mask = mask.iter().rev().fold(0, |mask, byte| mask << 8 | u64::from(*byte));
             if mask == 0 {
-                return Err(ChangeProblem::Mask { block: *block, mask });
+                return Err(ChangeError::Mask { block: *block, mask });
             }
             found += mask.count_ones() as usize;
             self.masks.push(mask);
         }
-        if found == records as usize {
-            Ok(())
-        } else {
-            Err(ChangeProblem::Count { expected: records, found })
-        }
+        if found == records as usize { Ok(()) } else { Err(ChangeError::Count { expected: records, found }) }
     }
 
-    /// Checks that the points are there, and their blocks have come.
-    pub(crate) fn check(&self, state: &State) -> Result<(), ChangeProblem> {
+    /// Checks that the points exist and their blocks were received.
+    pub(crate) fn check(&self, state: &State) -> Result<(), ChangeError> {
         for (block, mask) in self.iter() {
             if !state.present.get(block as usize).is_some_and(|here| *here) {
-                return Err(ChangeProblem::Absent { block });
+                return Err(ChangeError::Absent { block });
             }
             let points = state.layout.block_len(block as usize);
             if points < BLOCK_POINTS && mask >> points != 0 {
-                return Err(ChangeProblem::Mask { block, mask });
+                return Err(ChangeError::Mask { block, mask });
             }
         }
         Ok(())
     }
 }
 
-/// The numbers of the set bits, ascending.
+/// Iterates over the numbers of the set bits, ascending.
 pub(crate) struct SetBits(pub(crate) u64);
 
 impl Iterator for SetBits {

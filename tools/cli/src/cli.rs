@@ -127,7 +127,7 @@ mod tests {
             for subcommand in command.get_subcommands() {
                 let path = format!("{path} {}", subcommand.get_name());
                 let about = subcommand.get_about().unwrap_or_else(|| panic!("{path}")).to_string();
-                assert!(about.len() <= 76 && !about.contains('\n'), "{path}: {about}");
+                assert!(about.len() <= 66 && !about.contains('\n'), "{path}: {about}");
                 if subcommand.has_subcommands() {
                     check(subcommand, &path);
                 } else {

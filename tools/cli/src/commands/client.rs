@@ -15,7 +15,7 @@ use crate::network::{ConnectArgs, peer};
 use crate::output::frames::FrameLog;
 use crate::output::latency::Latencies;
 
-/// Follow a server, and print the state hash and figures of each frame
+/// Follow a server, and print figures and a checksum of each frame
 ///
 /// The client ends when the server does, after --frames, or with Ctrl-C. It does not apply a frame whose state hash
 /// differs; it asks for a keyframe, goes on, and ends with exit code 6. At the end it prints percentiles of latency: from the

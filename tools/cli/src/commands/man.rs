@@ -8,7 +8,7 @@ use crate::context::say;
 use crate::error::{Exit, Failure, Outcome};
 use crate::output::target;
 
-/// Print the manual page, or write the pages of all commands into a folder
+/// Print the manual, or write a page for each command
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:
   psao man | man -l -

@@ -19,7 +19,7 @@ use crate::output::number;
 use crate::output::target::{self, is_standard};
 use crate::pictures::{Drawn, SharedPoints, Shot, scene_of};
 
-/// Draw a frame of a recording as a picture, and compare it with ray tracing
+/// Draw a recorded frame, and compare it with ray tracing
 ///
 /// AO comes from the stream alone. The geometry, which a client has anyway, is loaded by the scene name or path in the
 /// recording and edited as it was at that frame. With --reference, psao also writes FILE.reference.png, FILE.difference.png

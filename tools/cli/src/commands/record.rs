@@ -17,7 +17,7 @@ use crate::network::{ConnectArgs, peer};
 use crate::output::{number, target};
 use crate::producer::{Produced, Producer};
 
-/// Trace a scene and write its AO stream to a file, or record a running server
+/// Trace a scene into a recording, or record a running server
 ///
 /// The recording holds the frames as they go over the wire, each with its time. The same options give the same bytes on any
 /// machine, except with --timings. The file is valid after every frame: whatever stops the recorder, at most the frame

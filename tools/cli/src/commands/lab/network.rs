@@ -17,7 +17,7 @@ use crate::error::{Exit, Failure, Outcome};
 use crate::output::{number, table::Figures};
 use crate::quantity::{During, RateLimit, Share, Size, TimeSpan};
 
-/// Send a stream over a simulated bad network, and measure what clients get
+/// Send a stream over a simulated bad network, and measure the result
 ///
 /// Sends a recording, or a built-in sample of a few points, to clients over a network in virtual time: minutes take
 /// moments, and the same seed gives the same run. A list (0,1%,5%) runs a row for each value. The state after every applied

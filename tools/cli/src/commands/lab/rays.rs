@@ -39,7 +39,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "NAME|FILE")]
     scene: String,
     /// Points per square metre of surface, from which the sample is taken
-    #[arg(long = "points", visible_alias = "per-m2", default_value_t = 64.0, value_name = "N_PER_M2")]
+    #[arg(long = "points", alias = "per-m2", default_value_t = 64.0, value_name = "N_PER_M2")]
     per_m2: f32,
     /// Most points to trace, evenly spread over all
     #[arg(long, default_value_t = 3000, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
@@ -231,7 +231,7 @@ fn table(report: &Report) -> Outcome {
         report.instructions,
     ))?;
     let mut figures = Figures::new(["", "Mrays/s, median", "least", "most", "hits"]);
-    for (name, tally) in [("bundles", &report.bundles), ("single rays, plain tree", &report.twin)] {
+    for (name, tally) in [("server's tracer", &report.bundles), ("single rays, plain tree", &report.twin)] {
         let rates = millions(tally.rays_a_second);
         let hits = number::count(tally.hits as u64);
         figures.row([name.to_owned()].into_iter().chain(rates).chain([hits]));
@@ -247,7 +247,7 @@ fn table(report: &Report) -> Outcome {
     ))?;
     for Difference { ray, bundles_m, twin_m } in &report.differences {
         let distance = |met: &Option<f32>| met.map_or_else(|| "no hit".to_owned(), |t| format!("{t} m"));
-        say(format_args!("  ray {ray}: bundles {}, single {}", distance(bundles_m), distance(twin_m)))?;
+        say(format_args!("  ray {ray}: server's tracer {}, plain tree {}", distance(bundles_m), distance(twin_m)))?;
     }
     Ok(())
 }

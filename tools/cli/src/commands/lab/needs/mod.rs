@@ -16,7 +16,7 @@ use crate::context::say_json;
 use crate::error::{Failure, Outcome};
 use crate::producer::settings;
 
-/// Show which features a scene does not use, and what skipping each one saves
+/// Show which features a scene does not use, and what that saves
 ///
 /// First lists the scene's instances in groups that need the same features. Then measures each saving: the stream is made
 /// with the feature and without. Where only server work is saved, every frame must be bit-identical; if not, the exit code

@@ -31,7 +31,7 @@ use crate::cache::{Folder, as_cache};
 use crate::context::{Stopwatch, progress};
 use crate::error::{Exit, Failure, Outcome};
 
-/// Compare stream settings and other AO methods: error against bytes and time
+/// Compare stream settings and other AO methods: error against cost
 ///
 /// Each scene is streamed in memory once for every setting, decoded, reconstructed, and compared with rays traced for every
 /// pixel. Screen-space methods shade the same pictures. One axis is swept at a time. The other axes stay at their usual

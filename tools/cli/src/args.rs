@@ -386,9 +386,10 @@ impl BufferArg {
             // It names the file itself.
             RecorderNotice::Failed(_) => eprintln!("psao: {notice}"),
             RecorderNotice::Incomplete(GapTotals { gaps, frames, bytes, .. }) => eprintln!(
-                "psao: {path}: {} frames ({}) are missing from the recording, in {gaps} gap(s)",
+                "psao: {path}: {} frames ({}) are missing from the recording, in {}",
                 number::count(frames),
-                number::bytes(bytes)
+                number::bytes(bytes),
+                number::counted(gaps, "gap")
             ),
             _ => eprintln!("psao: {path}: {notice}"),
         })

@@ -175,10 +175,10 @@ pub(crate) fn tell(event: &HubEvent) {
         HubEvent::Left { peer, error: Some(error), .. } => eprintln!("{peer} left: {error}"),
         HubEvent::AcceptFailed { what } => eprintln!("psao: cannot accept connections at the moment: {what}"),
         HubEvent::Dropped { connections } => {
-            eprintln!("psao: {connections} more connection(s) dropped: too many at the same time");
+            eprintln!("psao: connections dropped since then, too many at the same time: {connections}");
         }
         HubEvent::Missed { events } => {
-            eprintln!("psao: {events} earlier message(s) about clients were left out")
+            eprintln!("psao: earlier messages about clients that were left out: {events}")
         }
         HubEvent::Edit { .. } => {}
     }

@@ -14,6 +14,7 @@ use crate::error::{Exit, Failure, Outcome};
 use crate::network::{ConnectArgs, peer};
 use crate::output::frames::FrameLog;
 use crate::output::latency::Latencies;
+use crate::output::number;
 
 /// Follow a server, and print figures and a checksum of each frame
 ///
@@ -132,7 +133,7 @@ async fn follow(args: &Args) -> Outcome {
     if mismatches > 0 {
         return Err(Failure::new(
             Exit::Check,
-            format_args!("{mismatches} frame(s) had a state hash that differs"),
+            format_args!("{} with a state hash that differs", number::counted(mismatches, "frame")),
         ));
     }
     Ok(())

@@ -89,8 +89,10 @@ pub(crate) fn ended(parts: &[(&Path, Rewritten)]) -> Outcome {
     Err(Failure::new(
         Exit::DataLoss,
         format_args!(
-            "left out {} at {places} place(s), {frames} frame(s) as far as known",
-            number::bytes(bytes)
+            "left out {} at {}, {} as far as known",
+            number::bytes(bytes),
+            number::counted(places as u64, "place"),
+            number::counted(frames, "frame")
         ),
     ))
 }

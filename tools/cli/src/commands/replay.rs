@@ -17,6 +17,7 @@ use crate::context::{Stopwatch, runtime, say};
 use crate::error::{Exit, Failure, Outcome};
 use crate::network::{self, ListenArgs};
 use crate::output::frames::FrameLog;
+use crate::output::number;
 use crate::pace::Pacer;
 use crate::quantity::TimeSpan;
 
@@ -170,7 +171,10 @@ impl<'a> Replay<'a> {
         if left_out > 0 {
             return Err(Failure::new(
                 Exit::DataLoss,
-                format_args!("{left_out} damaged place(s) or frame(s) left out; `psao verify` lists them"),
+                format_args!(
+                    "damage left out at {}; `psao verify` lists it",
+                    number::counted(left_out, "place")
+                ),
             ));
         }
         Ok(())
@@ -197,7 +201,10 @@ impl<'a> Replay<'a> {
         let (coder, network) = (BlockCoder::of(scene.info().coder), &self.args.network);
         let hub = Hub::new(Arc::clone(&scene), coder, network.access()?, Limits::default());
         let bound = network.serve(&hub).await?;
-        eprintln!("listening at {bound}, waiting for {} client(s)", self.args.clients);
+        eprintln!(
+            "listening at {bound}, waiting for {}",
+            number::counted(self.args.clients as u64, "client")
+        );
         while !hub.wait_joined(self.args.clients, PATIENCE).await {
             hub.take_events().iter().for_each(network::tell);
         }

@@ -10,6 +10,7 @@ use crate::args::{Format, FormatArg, RecordingArg};
 use crate::context::{progress, say, say_json};
 use crate::error::{Exit, Failure, Outcome};
 use crate::output::csv::Csv;
+use crate::output::number;
 use crate::output::table::Figures;
 
 /// Check a recording: checksums, order, state hashes, index
@@ -105,7 +106,7 @@ pub(crate) fn run(args: &Args) -> Outcome {
             if played.late == 0 {
                 Verdict::Pass("never go back".into())
             } else {
-                Verdict::Note(format!("go back {} time(s)", played.late))
+                Verdict::Note(format!("go back {}", number::counted(played.late, "time")))
             },
         ),
         ("index", index(summary.stored_index())),

@@ -181,13 +181,13 @@ pub(crate) fn run(args: &Args) -> Outcome {
     if wrong > 0 {
         return Err(Failure::new(
             Exit::Check,
-            format_args!("{wrong} applied frame(s) had another state than the source's"),
+            format_args!("{} applied with another state than the source's", number::counted(wrong, "frame")),
         ));
     }
     if left_out > 0 {
         return Err(Failure::new(
             Exit::DataLoss,
-            format_args!("{left_out} damaged place(s) or frame(s) left out; `psao verify` lists them"),
+            format_args!("damage left out at {}; `psao verify` lists it", number::counted(left_out, "place")),
         ));
     }
     Ok(())
@@ -344,7 +344,9 @@ fn table(args: &Args, document: &Document) -> Outcome {
     say(table)?;
     let frames = document.rows.first().map_or(0, |row| row.report.frames);
     say(format_args!(
-        "{}: {frames} frames, {} client(s) a row, seed {}; p50 to max: age of what a client shows; times are the worst client's",
-        document.source, args.clients, document.seed
+        "{}: {frames} frames, {} a row, seed {}; p50 to max: age of what a client shows; times are the worst client's",
+        document.source,
+        number::counted(args.clients.into(), "client"),
+        document.seed
     ))
 }

@@ -247,7 +247,11 @@ fn table(report: &Report) -> Outcome {
     ))?;
     for Difference { ray, bundles_m, twin_m } in &report.differences {
         let distance = |met: &Option<f32>| met.map_or_else(|| "no hit".to_owned(), |t| format!("{t} m"));
-        say(format_args!("  ray {ray}: server's tracer {}, plain tree {}", distance(bundles_m), distance(twin_m)))?;
+        say(format_args!(
+            "  ray {ray}: server's tracer {}, plain tree {}",
+            distance(bundles_m),
+            distance(twin_m)
+        ))?;
     }
     Ok(())
 }

@@ -72,7 +72,7 @@ pub(crate) fn run(args: &Args) -> Outcome {
     if failed.is_empty() {
         Ok(())
     } else {
-        Err(Failure::new(Exit::Check, format_args!("{} case(s) fail: {}", failed.len(), failed.join(", "))))
+        Err(Failure::new(Exit::Check, format_args!("failed: {}", failed.join(", "))))
     }
 }
 

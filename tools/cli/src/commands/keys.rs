@@ -23,7 +23,7 @@ use crate::error::{Exit, Failure, Outcome};
   psao keys trial --name localhost --name render-7.local")]
 pub(crate) struct Args {
     /// Folder to write to; created if missing
-    #[arg(value_name = "DIR")]
+    #[arg(value_name = "FOLDER")]
     folder: PathBuf,
     /// Name or IP address by which clients reach the server; repeat it for more
     #[arg(long = "name", value_name = "NAME", default_values = ["localhost", "127.0.0.1", "::1"])]

@@ -12,16 +12,16 @@ use crate::output::target;
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:
   psao man | man -l -
-  psao man --out ~/.local/share/man/man1")]
+  psao man -o ~/.local/share/man/man1")]
 pub(crate) struct Args {
     /// Write psao.1 and a page for each command into this folder
-    #[arg(short, long, value_name = "DIR")]
-    out: Option<PathBuf>,
+    #[arg(short, long, alias = "out", value_name = "FOLDER")]
+    output: Option<PathBuf>,
 }
 
 pub(crate) fn run(args: &Args) -> Outcome {
     let command = crate::cli::definition();
-    if let Some(folder) = &args.out {
+    if let Some(folder) = &args.output {
         std::fs::create_dir_all(folder).map_err(|error| Failure::writing(folder, &error))?;
         clap_mangen::generate_to(command, folder).map_err(|error| Failure::writing(folder, &error))?;
         return say(format_args!("wrote the pages to {}", folder.display()));

@@ -122,6 +122,9 @@ pub(crate) fn run(args: &Args) -> Outcome {
             "-o - writes one picture and nothing else to standard output: name a file with --reference or --format json",
         ));
     }
+    if is_standard(&args.output) {
+        target::refuse_terminal()?;
+    }
     let bytes = load(path)?;
     let network = args.lpips.load()?.map(|(network, _)| network);
     let mut playback =

@@ -110,6 +110,9 @@ struct Difference {
 }
 
 pub(crate) fn run(args: &Args) -> Outcome {
+    if args.dump.as_deref().is_some_and(target::is_standard) {
+        target::refuse_terminal()?;
+    }
     let scene = Arc::new(Scene::load(&args.scene).map_err(Failure::input)?);
     let settings = PointSettings { per_m2: args.per_m2, minimum: 64, seed: args.seed };
     let kind = args.occlusion.into();

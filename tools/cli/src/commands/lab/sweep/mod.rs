@@ -44,11 +44,11 @@ use crate::error::{Exit, Failure, Outcome};
 /// texture-space is the baseline of streamed textures: AO in a texture atlas, with a block for two triangles, sent as x264
 /// video. It needs an ffmpeg with x264. Without one it is left out, and the output says so.
 ///
-/// With --out, each result is saved as soon as it is measured; --resume continues an interrupted run.
+/// With --output, each result is saved as soon as it is measured; --resume continues an interrupted run.
 /// docs/evaluate-json.md describes the JSON.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:
-  psao lab sweep colonnade --out sweep --recommend
+  psao lab sweep colonnade -o sweep --recommend
   psao lab sweep colonnade --table pyramid-hbao --radius 0.5,1,2")]
 pub(crate) struct Args {
     /// Names of built-in scenes (see `psao scenes`), or files: .toml, .gltf or .glb
@@ -112,13 +112,13 @@ pub(crate) struct Args {
     #[arg(long)]
     recommend: bool,
     /// Write results.csv, results.json, report.html and the pictures into this folder
-    #[arg(short, long, value_name = "FOLDER")]
-    out: Option<PathBuf>,
+    #[arg(short, long, alias = "out", value_name = "FOLDER")]
+    output: Option<PathBuf>,
     /// Show only the pictures of the N methods with the least errors on the page [default: all]
-    #[arg(long, value_name = "N", requires = "out")]
+    #[arg(long, value_name = "N", requires = "output")]
     thumbnails: Option<usize>,
     /// Keep the results in the folder that match these settings, and measure the rest
-    #[arg(long, requires = "out")]
+    #[arg(long, requires = "output")]
     resume: bool,
     #[command(flatten)]
     format: FormatArg,
@@ -157,7 +157,7 @@ struct AxisArgs {
     #[arg(long, value_name = "F,..", value_delimiter = ',')]
     fps: Vec<f32>,
     /// Compression of blocks: range, zstd, zstd:LEVEL, lz4 or none [default: range,zstd; range with --table]
-    #[arg(long, value_name = "CODER,..", value_delimiter = ',')]
+    #[arg(long = "compress", alias = "coder", value_name = "CODER,..", value_delimiter = ',')]
     coder: Vec<Coder>,
     /// Formats of the stream [default: surface,paper]
     #[arg(long, value_enum, value_name = "NAME,..", value_delimiter = ',')]
@@ -174,7 +174,7 @@ pub(crate) fn run(args: &Args) -> Outcome {
     let scenes = args.scenes.iter().map(|name| Scene::load(name).map(Arc::new).map_err(Failure::input));
     let scenes: Vec<Arc<Scene>> = scenes.collect::<Outcome<_>>()?;
     let plans: Vec<Plan<'_>> = scenes.iter().flat_map(|scene| sweep.plans(scene)).collect::<Outcome<_>>()?;
-    let mut store = Store::open(args.out.as_deref(), args.resume)?;
+    let mut store = Store::open(args.output.as_deref(), args.resume)?;
     let open = plans.iter().flat_map(|plan| &plan.jobs).filter(|(key, _)| store.record(key).is_none());
     let bar = progress("evaluating", open.count() as u64);
     let cache = Folder::of(&args.cache);

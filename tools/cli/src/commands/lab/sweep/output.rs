@@ -68,7 +68,7 @@ pub(super) fn write(args: &Args, sweep: &Sweep<'_>, plans: &[Plan<'_>], store: &
         records: all.clone(),
     };
     let json = to_json(&document)?;
-    if let Some(folder) = &args.out {
+    if let Some(folder) = &args.output {
         file(&folder.join("results.json"), &json)?;
         file(&folder.join("results.csv"), &csv(all.iter().copied()))?;
         file(&folder.join("report.html"), &page(args, sweep, plans, &entries, store).html())?;

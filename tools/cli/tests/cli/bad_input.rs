@@ -75,7 +75,7 @@ fn options_that_make_no_sense() {
         2,
         &["0x9"],
     );
-    refuses(&["lab", "stress", "--only", "no such case"], 2, &["no case"]);
+    refuses(&["lab", "stress", "--only", "no such case"], 2, &["no case", "no such case", "open-plane"]);
 }
 
 #[test]

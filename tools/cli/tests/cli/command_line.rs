@@ -69,6 +69,66 @@ fn help_is_grouped_and_each_command_has_examples() {
     refuses(&["lab"], 2, &["sweep", "network"]);
 }
 
+/// All commands, as words.
+const COMMANDS: [&str; 24] = [
+    "demo",
+    "scenes",
+    "keys",
+    "record",
+    "serve",
+    "replay",
+    "client",
+    "inspect",
+    "reconstruct",
+    "verify",
+    "cut",
+    "cat",
+    "recover",
+    "lab",
+    "lab sweep",
+    "lab profiles",
+    "lab budgets",
+    "lab needs",
+    "lab stress",
+    "lab rays",
+    "lab network",
+    "completions",
+    "man",
+    "",
+];
+
+#[test]
+fn help_fits_a_terminal_of_80_columns() {
+    for words in COMMANDS {
+        for option in ["-h", "--help"] {
+            let arguments: Vec<&str> = words.split_whitespace().chain([option]).collect();
+            let run: Run = command(&arguments).env("COLUMNS", "80").output().unwrap().into();
+            assert_eq!(run.code, Some(0), "{words}: {}", run.err);
+            for line in run.out.lines() {
+                assert!(line.chars().count() <= 80, "psao {words} {option}: {line}");
+            }
+        }
+    }
+}
+
+#[test]
+fn options_of_long_lists_stand_under_headings() {
+    for (words, headings) in [
+        ("record", &["Network:", "Stream:", "Points and rays:", "Cache of points:"][..]),
+        ("serve", &["Network:", "Stream:", "Points and rays:", "Cache of points:"]),
+        ("demo", &["Stream:", "Points and rays:", "Cache of points:"]),
+        ("replay", &["Network:"]),
+        ("client", &["Network:"]),
+        ("lab sweep", &["Values to sweep, with commas:", "Cache of points:"]),
+    ] {
+        let arguments: Vec<&str> = words.split_whitespace().chain(["--help"]).collect();
+        let help = fine(&arguments);
+        for heading in headings {
+            assert!(help.lines().any(|line| line == *heading), "{words}: {heading} {help}");
+        }
+    }
+}
+
 #[test]
 fn shells_and_man_get_what_they_need() {
     for shell in ["bash", "zsh", "fish"] {
@@ -80,7 +140,7 @@ fn shells_and_man_get_what_they_need() {
     assert!(fine(&["man"]).contains(".TH psao 1"));
     let folder = folder();
     let pages = folder.path().join("man1");
-    fine(&["man", "--out", text(&pages)]);
+    fine(&["man", "-o", text(&pages)]);
     for page in ["psao.1", "psao-record.1", "psao-lab-network.1"] {
         let page = std::fs::read_to_string(pages.join(page)).unwrap();
         assert!(page.contains(".TH"), "{page}");

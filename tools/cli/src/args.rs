@@ -56,7 +56,7 @@ pub(crate) struct TuningArgs {
 #[derive(Args, Clone, Debug)]
 pub(crate) struct PointArgs {
     /// Frames per second of stream time
-    #[arg(long, default_value_t = 60.0, value_name = "F", help_heading = STREAM)]
+    #[arg(long, default_value_t = 60.0, value_name = "HZ", help_heading = STREAM)]
     pub(crate) fps: f32,
     /// Points per square metre of surface
     #[arg(long = "points", default_value_t = 512.0, value_name = "N_PER_M2", help_heading = POINTS)]
@@ -68,7 +68,7 @@ pub(crate) struct PointArgs {
     #[arg(long, default_value_t = 192, value_name = "N", help_heading = POINTS)]
     pub(crate) rays: u32,
     /// Length of the rays in metres [default: the scene's own]
-    #[arg(long, value_name = "M", help_heading = POINTS)]
+    #[arg(long, value_name = "METRES", help_heading = POINTS)]
     pub(crate) radius: Option<f32>,
     /// What a ray that hits something adds to the AO value
     #[arg(long, value_enum, default_value_t = OcclusionArg::Obscurance, help_heading = POINTS)]
@@ -81,7 +81,7 @@ pub(crate) struct PointArgs {
     #[arg(long, value_enum, default_value_t = GeometryArg::Sent, help_heading = STREAM)]
     pub(crate) geometry: GeometryArg,
     /// Send a point again once its AO has changed by this many steps of 1/255
-    #[arg(long, default_value_t = 8, value_name = "STEPS_OF_255", value_parser = clap::value_parser!(u8).range(1..), help_heading = STREAM)]
+    #[arg(long, default_value_t = 8, value_name = "STEPS", value_parser = clap::value_parser!(u8).range(1..), help_heading = STREAM)]
     pub(crate) threshold: u8,
     /// Seed of the points and their rays; the same seed gives the same bytes
     #[arg(long, default_value_t = 1, value_name = "S", help_heading = POINTS)]
@@ -97,10 +97,10 @@ pub(crate) struct PointArgs {
     pub(crate) exhaustive: bool,
     /// Radius of the kernel that blends points into the AO of a pixel (r in the paper's Eq. 2), in Poisson-disk radii of
     /// the points
-    #[arg(long, default_value_t = 2.5, value_name = "X", help_heading = STREAM)]
+    #[arg(long, default_value_t = 2.5, value_name = "RADII", help_heading = STREAM)]
     pub(crate) kernel: f32,
     /// Slots of the hash table for each expected cell, in profile paper
-    #[arg(long, default_value_t = 4.0, value_name = "X", help_heading = STREAM)]
+    #[arg(long, default_value_t = 4.0, value_name = "N", help_heading = STREAM)]
     pub(crate) slots_per_cell: f32,
     #[command(flatten)]
     pub(crate) cache: CacheArgs,
@@ -115,14 +115,19 @@ pub(crate) struct CacheArgs {
     /// Size limit of the cache folder; the least recently used files are removed first
     #[arg(long, value_name = "SIZE", default_value = "1GiB", help_heading = CACHE)]
     pub(crate) cache_size: Size,
-    /// Compute the points, and keep none
+    /// Compute the points anew, and keep none
     #[arg(long, conflicts_with = "cache", help_heading = CACHE)]
     pub(crate) no_cache: bool,
 }
 
 impl TuningArgs {
-    /// The stream's block coder.
+    /// Returns the stream's block coder. Refuses what the profile does not have.
     pub(crate) fn coder(&self) -> Outcome<BlockCoder> {
+        if self.profile == ProfileArg::Paper && self.points.geometry == GeometryArg::Shared {
+            return Err(Failure::usage(
+                "--geometry shared is for profile surface; keyframes of profile paper carry the points",
+            ));
+        }
         self.profile.coder(self.compress)
     }
 }

@@ -20,7 +20,7 @@ const DEFAULT_ADDRESS: &str = "127.0.0.1:4700";
 const TOKEN_VARIABLE: &str = "PSAO_TOKEN";
 
 /// Heading of the options in `--help`.
-const NETWORK: &str = "Network";
+pub(crate) const NETWORK: &str = "Network";
 
 /// Where a server listens, and which clients it accepts.
 #[derive(Args, Clone, Debug)]

@@ -23,7 +23,8 @@ use crate::producer::{Producer, STAGES};
 
 /// Record, replay, inspect and draw a scene, into one folder
 ///
-/// The usual settings take about a minute. /// The folder gets the recording, the pictures, the bandwidth plot and report.html, which opens offline.
+/// The usual settings take about a minute. The folder gets the recording, the pictures, the bandwidth plot and report.html,
+/// which opens offline.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:
   psao demo

@@ -242,9 +242,11 @@ impl<'a> Playback<'a> {
         }
         Err(match (first, last) {
             (Some(first), Some(last)) => {
-                format!(
-                    "it has no frame {number}; its {first} to {last} can be drawn ({left_out} frames are damaged)"
-                )
+                let damaged = match left_out {
+                    0 => String::new(),
+                    _ => format!(", except {}", number::counted(left_out.into(), "damaged frame")),
+                };
+                format!("it has no frame {number}; frames {first} to {last} can be drawn{damaged}")
             }
             _ => "it has no frame that can be drawn".to_owned(),
         })

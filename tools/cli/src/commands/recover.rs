@@ -51,7 +51,7 @@ pub(crate) fn rewrite(
     out.finish()?;
     target::note(
         output,
-        format_args!("wrote {}: {} frames, {}", output.display(), done.frames, number::bytes(length)),
+        format_args!("wrote {}: {} frames, {}", target::name(output), done.frames, number::bytes(length)),
     )?;
     ended(&[(path, done)])
 }

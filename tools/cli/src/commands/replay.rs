@@ -37,7 +37,7 @@ pub(crate) struct Args {
     #[command(flatten)]
     network: ListenArgs,
     /// Wait for this number of clients before the first frame
-    #[arg(long, value_name = "N", default_value_t = 1, requires = "listen")]
+    #[arg(long, value_name = "N", default_value_t = 1, requires = "listen", help_heading = network::NETWORK)]
     clients: usize,
     /// When a frame goes out
     #[arg(long, value_enum, default_value_t = Pace::Fast)]

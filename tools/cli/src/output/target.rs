@@ -14,6 +14,11 @@ pub(crate) fn is_standard(path: &Path) -> bool {
     path == Path::new("-")
 }
 
+/// Returns what a path is called in a sentence.
+pub(crate) fn name(path: &Path) -> String {
+    if is_standard(path) { "to standard output".to_owned() } else { path.display().to_string() }
+}
+
 /// Writes a file, or to standard output.
 pub(crate) fn write(path: &Path, bytes: &[u8]) -> Outcome {
     if is_standard(path) {

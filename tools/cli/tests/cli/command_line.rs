@@ -67,6 +67,11 @@ fn help_is_grouped_and_each_command_has_examples() {
     assert!(fine(&["help", "lab", "network"]).contains("Examples:"));
     refuses(&["fly"], 2, &["fly"]);
     refuses(&["lab"], 2, &["sweep", "network"]);
+    refuses(&["record", "-o", "x.psao"], 2, &["--scene", "--from"]);
+    // One spelling for the scene in all of `lab`; the older one works.
+    refuses(&["lab", "needs", "--scene", "no-such-scene"], 3, &["no-such-scene"]);
+    refuses(&["lab", "needs", "no-such-scene"], 3, &["no-such-scene"]);
+    refuses(&["lab", "needs"], 2, &["--scene"]);
 }
 
 /// All commands, as words.
@@ -235,7 +240,7 @@ fn standard_input_and_output_stand_for_files() {
     assert!(record(text(&file)).status.success());
     let streamed = record("-");
     assert!(streamed.status.success() && streamed.stdout == std::fs::read(&file).unwrap());
-    assert!(String::from_utf8_lossy(&streamed.stderr).contains("3 frames"));
+    assert!(String::from_utf8_lossy(&streamed.stderr).contains("wrote to standard output: 3 frames"));
 
     let picture = place("a.png");
     let draw = ["reconstruct", text(path), "--frame", "3", "--size", "16x9", "-o"];

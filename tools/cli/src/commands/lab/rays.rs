@@ -48,7 +48,7 @@ pub(crate) struct Args {
     #[arg(long, default_value_t = 192, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
     rays: u32,
     /// Length of the rays in metres [default: the scene's own]
-    #[arg(long, value_name = "M")]
+    #[arg(long, value_name = "METRES")]
     radius: Option<f32>,
     /// What a ray that hits something adds to the AO value; binary looks for any hit, obscurance for the nearest
     #[arg(long, value_enum, default_value_t = OcclusionArg::Obscurance)]
@@ -231,7 +231,7 @@ fn table(report: &Report) -> Outcome {
         number::count(report.triangles as u64),
         report.occlusion,
         number::counted(report.rounds.into(), "round"),
-        report.instructions,
+        report.instructions.to_lowercase(),
     ))?;
     let mut figures = Figures::new(["", "Mrays/s, median", "least", "most", "hits"]);
     for (name, tally) in [("server's tracer", &report.bundles), ("single rays, plain tree", &report.twin)] {
@@ -240,7 +240,7 @@ fn table(report: &Report) -> Outcome {
         figures.row([name.to_owned()].into_iter().chain(rates).chain([hits]));
     }
     say(figures)?;
-    say(format_args!("ratio {}", report.ratio.text()))?;
+    say(format_args!("The server's tracer over the plain tree: {}", report.ratio.text()))?;
     if report.differing == 0 {
         return say(format_args!("the same hits, at most {:.1e} m apart", report.farthest_apart_m));
     }

@@ -16,7 +16,7 @@ use crate::output::table::Figures;
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:
   psao lab stress
-  psao lab stress --only hash")]
+  psao lab stress --only plane")]
 pub(crate) struct Args {
     /// Run only the cases whose name contains this
     #[arg(long, value_name = "TEXT")]

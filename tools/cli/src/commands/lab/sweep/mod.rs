@@ -133,10 +133,10 @@ const AXES: &str = "Values to sweep, with commas";
 #[derive(clap::Args, Clone, Debug)]
 struct TextureArgs {
     /// Pixels per texel of texture-space, in each direction, on a screen of 1080 lines
-    #[arg(long, value_name = "N,..", value_delimiter = ',', default_values_t = [8, 16, 32], help_heading = AXES)]
+    #[arg(long, value_name = "N,..", value_delimiter = ',', default_value = "8,16,32", help_heading = AXES)]
     atlas: Vec<u32>,
     /// Rate factors of x264 for texture-space, 0 (lossless) to 51
-    #[arg(long, value_name = "N,..", value_delimiter = ',', default_values_t = [23],
+    #[arg(long, value_name = "N,..", value_delimiter = ',', default_value = "23",
         value_parser = clap::value_parser!(u8).range(0..=51), help_heading = AXES)]
     crf: Vec<u8>,
 }

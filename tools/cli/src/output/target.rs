@@ -9,6 +9,9 @@ use psao_proto::recording::file::AtomicFile;
 use crate::context::{broken_output, say};
 use crate::error::{Failure, Outcome};
 
+/// The file that is standard output, for what writes to files only.
+pub(crate) const STANDARD_OUTPUT: &str = "/dev/stdout";
+
 /// Returns whether a path stands for standard input or output.
 pub(crate) fn is_standard(path: &Path) -> bool {
     path == Path::new("-")
@@ -43,7 +46,7 @@ pub(crate) fn recording(path: &Path) -> Outcome<PathBuf> {
         return Ok(path.to_owned());
     }
     refuse_terminal()?;
-    let device = PathBuf::from("/dev/stdout");
+    let device = PathBuf::from(STANDARD_OUTPUT);
     if device.exists() {
         Ok(device)
     } else {

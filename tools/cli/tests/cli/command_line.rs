@@ -254,6 +254,20 @@ fn standard_input_and_output_stand_for_files() {
     assert!(plot.starts_with("<svg") && plot.ends_with("</svg>\n"), "{plot}");
 }
 
+#[test]
+fn a_reader_that_has_enough_ends_the_command_quietly() {
+    let path = text(recording(Profile::Surface));
+    let record = ["record", "--scene", "colonnade", "--frames", "3", "-o", "-"];
+    for arguments in
+        [&[&record[..], &SMALL].concat()[..], &["inspect", path], &["cut", path, "--from", "0", "-o", "-"]]
+    {
+        let mut child = command(arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        drop(child.stdout.take());
+        let run: Run = child.wait_with_output().unwrap().into();
+        assert_eq!((run.code, run.err.as_str()), (Some(0), ""), "{arguments:?}");
+    }
+}
+
 /// Standard output of a run that must succeed, whatever it says on standard error.
 fn fine_out(arguments: &[&str]) -> String {
     let run = psao(arguments);

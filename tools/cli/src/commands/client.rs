@@ -11,7 +11,7 @@ use crate::args::{FormatArg, Triple};
 use crate::context::runtime;
 use crate::edit_script::EditScript;
 use crate::error::{Exit, Failure, Outcome};
-use crate::network::{ConnectArgs, peer};
+use crate::network::{ConnectArgs, peer, stop};
 use crate::output::frames::FrameLog;
 use crate::output::latency::Latencies;
 use crate::output::number;
@@ -83,8 +83,18 @@ async fn follow(args: &Args) -> Outcome {
     let mut latencies = Latencies::default();
     let mut mismatches = 0_u64;
     let mut goodbye = String::new();
+    let stop = stop();
+    tokio::pin!(stop);
     while !connection.session().is_closed() {
-        let events = connection.next_events().await.map_err(peer)?;
+        let events = tokio::select! {
+            events = connection.next_events() => events.map_err(peer)?,
+            () = &mut stop => {
+                connection.session().close(CloseCode::DONE, "the client stops");
+                // A server that is gone does not mind.
+                let _ = connection.flush().await;
+                break;
+            }
+        };
         let now = connection.now();
         latencies.take(connection.session(), &events, now);
         for event in events {

@@ -1,16 +1,15 @@
 //! Listening and connecting: addresses, certificates, tokens.
 
-use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
 use psao_proto::Limits;
-use psao_proto::message::Token;
+use psao_proto::message::{RejectCode, Token};
 use psao_proto::net::{
     Address, ClientTls, ConnectOptions, Connection, Exposure, Hub, HubEvent, ListenOptions, Listener,
     NetError, ServerTls, connect,
 };
-use psao_proto::session::{Access, ClientOptions};
+use psao_proto::session::{Access, ClientOptions, SessionError};
 
 use crate::error::{Exit, Failure, Outcome};
 
@@ -134,8 +133,15 @@ impl TokenArgs {
     }
 }
 
-/// Returns a failure of the network or the other side.
-pub(crate) fn peer(error: impl Display) -> Failure {
+/// Returns a failure of the network or the other side, with the options that help where there are any.
+pub(crate) fn peer(error: NetError) -> Failure {
+    let rejected = match &error {
+        NetError::Session { source: SessionError::Rejected(reject), .. } => Some(reject.code),
+        _ => None,
+    };
+    if rejected == Some(RejectCode::CREDENTIAL) {
+        return Failure::new(Exit::Peer, format_args!("{error} (--token-file or PSAO_TOKEN)"));
+    }
     Failure::new(Exit::Peer, error)
 }
 

@@ -17,6 +17,11 @@ use crate::error::{Failure, Outcome};
 use crate::output::number;
 use crate::quantity::Size;
 
+/// Headings of the options in `--help`.
+pub(crate) const POINTS: &str = "Points and rays";
+pub(crate) const STREAM: &str = "Stream";
+const CACHE: &str = "Cache of points";
+
 /// How a stream is produced: the scene, its points, their rays, and how they are packed.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct StreamArgs {
@@ -33,17 +38,17 @@ pub(crate) struct TuningArgs {
     #[command(flatten)]
     pub(crate) points: PointArgs,
     /// Format of the stream
-    #[arg(long, value_enum, default_value_t = ProfileArg::Surface)]
+    #[arg(long, value_enum, default_value_t = ProfileArg::Surface, help_heading = STREAM)]
     pub(crate) profile: ProfileArg,
     /// Compression of blocks: range (profile surface only), zstd, zstd:LEVEL, lz4 or none [default: range for profile
     /// surface, zstd:15 for paper]
-    #[arg(long, value_name = "CODER")]
+    #[arg(long, value_name = "CODER", help_heading = STREAM)]
     pub(crate) compress: Option<Coder>,
     #[command(flatten)]
     pub(crate) budget: BudgetArgs,
     /// Most rays of a frame after the first. Points left over keep their AO and are traced later, by screen size and
     /// waiting time; after 30 frames a point takes precedence over all others
-    #[arg(long, value_name = "RAYS", value_parser = clap::value_parser!(u64).range(1..))]
+    #[arg(long, value_name = "RAYS", value_parser = clap::value_parser!(u64).range(1..), help_heading = POINTS)]
     pub(crate) ray_budget: Option<u64>,
 }
 
@@ -51,50 +56,51 @@ pub(crate) struct TuningArgs {
 #[derive(Args, Clone, Debug)]
 pub(crate) struct PointArgs {
     /// Frames per second of stream time
-    #[arg(long, default_value_t = 60.0, value_name = "F")]
+    #[arg(long, default_value_t = 60.0, value_name = "HZ", help_heading = STREAM)]
     pub(crate) fps: f32,
     /// Points per square metre of surface
-    #[arg(long = "points", default_value_t = 512.0, value_name = "N_PER_M2")]
+    #[arg(long = "points", default_value_t = 512.0, value_name = "N_PER_M2", help_heading = POINTS)]
     pub(crate) per_m2: f32,
     /// Fewest points of an instance, however small its surface
-    #[arg(long, default_value_t = 1024, value_name = "N")]
+    #[arg(long, default_value_t = 1024, value_name = "N", help_heading = POINTS)]
     pub(crate) min_points: u32,
     /// Rays per point
-    #[arg(long, default_value_t = 192, value_name = "N")]
+    #[arg(long, default_value_t = 192, value_name = "N", help_heading = POINTS)]
     pub(crate) rays: u32,
     /// Length of the rays in metres [default: the scene's own]
-    #[arg(long, value_name = "M")]
+    #[arg(long, value_name = "METRES", help_heading = POINTS)]
     pub(crate) radius: Option<f32>,
     /// What a ray that hits something adds to the AO value
-    #[arg(long, value_enum, default_value_t = OcclusionArg::Obscurance)]
+    #[arg(long, value_enum, default_value_t = OcclusionArg::Obscurance, help_heading = POINTS)]
     pub(crate) occlusion: OcclusionArg,
     /// Bits of a packed point. Fewer bits make a smaller stream and a coarser picture; in profile surface they set how
     /// finely positions and normals are rounded
-    #[arg(long, default_value_t = 32, value_name = "32|24|16")]
+    #[arg(long, default_value_t = 32, value_name = "32|24|16", help_heading = STREAM)]
     pub(crate) bits: u8,
     /// How clients of profile surface get the points
-    #[arg(long, value_enum, default_value_t = GeometryArg::Sent)]
+    #[arg(long, value_enum, default_value_t = GeometryArg::Sent, help_heading = STREAM)]
     pub(crate) geometry: GeometryArg,
     /// Send a point again once its AO has changed by this many steps of 1/255
-    #[arg(long, default_value_t = 8, value_name = "STEPS_OF_255", value_parser = clap::value_parser!(u8).range(1..))]
+    #[arg(long, default_value_t = 8, value_name = "STEPS", value_parser = clap::value_parser!(u8).range(1..), help_heading = STREAM)]
     pub(crate) threshold: u8,
     /// Seed of the points and their rays; the same seed gives the same bytes
-    #[arg(long, default_value_t = 1, value_name = "S")]
+    #[arg(long, default_value_t = 1, value_name = "S", help_heading = POINTS)]
     pub(crate) seed: u64,
     /// Width of the view in which points are kept up to date, relative to the camera's
-    #[arg(long, default_value_t = 1.3, value_name = "FACTOR")]
+    #[arg(long, default_value_t = 1.3, value_name = "FACTOR", help_heading = POINTS)]
     pub(crate) view_margin: f32,
     /// Keep every point of the scene up to date, whatever the camera sees
-    #[arg(long)]
+    #[arg(long, help_heading = POINTS)]
     pub(crate) all_visible: bool,
     /// Trace every point in every frame, even where nothing near it moved; changes no byte of the stream
-    #[arg(long)]
+    #[arg(long, help_heading = POINTS)]
     pub(crate) exhaustive: bool,
-    /// Kernel radius r of the paper's Eq. 2, in Poisson-disk radii of the points
-    #[arg(long, default_value_t = 2.5, value_name = "X")]
+    /// Radius of the kernel that blends points into the AO of a pixel (r in the paper's Eq. 2), in Poisson-disk radii of
+    /// the points
+    #[arg(long, default_value_t = 2.5, value_name = "RADII", help_heading = STREAM)]
     pub(crate) kernel: f32,
-    /// Slots of the paper's hash table for each expected cell
-    #[arg(long, default_value_t = 4.0, value_name = "X")]
+    /// Slots of the hash table for each expected cell, in profile paper
+    #[arg(long, default_value_t = 4.0, value_name = "N", help_heading = STREAM)]
     pub(crate) slots_per_cell: f32,
     #[command(flatten)]
     pub(crate) cache: CacheArgs,
@@ -104,19 +110,24 @@ pub(crate) struct PointArgs {
 #[derive(Args, Clone, Debug)]
 pub(crate) struct CacheArgs {
     /// Folder that keeps points between runs [default: psao in the system's cache folder, such as ~/.cache/psao]
-    #[arg(long, value_name = "FOLDER")]
+    #[arg(long, value_name = "FOLDER", help_heading = CACHE)]
     pub(crate) cache: Option<PathBuf>,
     /// Size limit of the cache folder; the least recently used files are removed first
-    #[arg(long, value_name = "SIZE", default_value = "1GiB")]
+    #[arg(long, value_name = "SIZE", default_value = "1GiB", help_heading = CACHE)]
     pub(crate) cache_size: Size,
-    /// Compute the points, and keep none
-    #[arg(long, conflicts_with = "cache")]
+    /// Compute the points anew, and keep none
+    #[arg(long, conflicts_with = "cache", help_heading = CACHE)]
     pub(crate) no_cache: bool,
 }
 
 impl TuningArgs {
-    /// The stream's block coder.
+    /// Returns the stream's block coder. Refuses what the profile does not have.
     pub(crate) fn coder(&self) -> Outcome<BlockCoder> {
+        if self.profile == ProfileArg::Paper && self.points.geometry == GeometryArg::Shared {
+            return Err(Failure::usage(
+                "--geometry shared is for profile surface; keyframes of profile paper carry the points",
+            ));
+        }
         self.profile.coder(self.compress)
     }
 }
@@ -380,9 +391,10 @@ impl BufferArg {
             // It names the file itself.
             RecorderNotice::Failed(_) => eprintln!("psao: {notice}"),
             RecorderNotice::Incomplete(GapTotals { gaps, frames, bytes, .. }) => eprintln!(
-                "psao: {path}: {} frames ({}) are missing from the recording, in {gaps} gap(s)",
+                "psao: {path}: {} frames ({}) are missing from the recording, in {}",
                 number::count(frames),
-                number::bytes(bytes)
+                number::bytes(bytes),
+                number::counted(gaps, "gap")
             ),
             _ => eprintln!("psao: {path}: {notice}"),
         })

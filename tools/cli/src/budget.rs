@@ -8,6 +8,7 @@ use psao_proto::HEADER_BYTES;
 use psao_proto::message::Budget;
 use serde::Serialize;
 
+use crate::args::STREAM;
 use crate::error::{Failure, Outcome};
 use crate::output::number;
 use crate::quantity::{Rate, Size};
@@ -17,7 +18,7 @@ use crate::quantity::{Rate, Size};
 pub(crate) struct BudgetArgs {
     /// Size limit of a frame, for profile surface: bytes of its body (1200B, 4kB) or a rate of the stream (500kbit/s).
     /// Points that do not fit are sent later, by difference, screen size and waiting time. Keyframes have no limit
-    #[arg(long, value_name = "SIZE|RATE")]
+    #[arg(long, value_name = "SIZE|RATE", help_heading = STREAM)]
     budget: Option<BudgetArg>,
     #[command(flatten)]
     age: AgeArg,
@@ -27,7 +28,7 @@ pub(crate) struct BudgetArgs {
 #[derive(Args, Clone, Copy, Debug)]
 pub(crate) struct AgeArg {
     /// Frames that a point may wait for room in the budget; then it is sent even beyond the budget
-    #[arg(long, value_name = "FRAMES", default_value_t = surface::Budget::LONGEST_AGE)]
+    #[arg(long, value_name = "FRAMES", default_value_t = surface::Budget::LONGEST_AGE, help_heading = STREAM)]
     pub(crate) longest_age: u16,
 }
 

@@ -7,7 +7,7 @@ use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 use crate::commands;
 use crate::error::Outcome;
 
-/// Stream ambient occlusion (AO) from a ray-tracing server to clients that draw the scene
+/// Stream ambient occlusion (AO) from a ray tracer to thin clients
 ///
 /// A server traces AO at points on the surfaces of an animated scene and sends only the values that changed. A client,
 /// which draws the scene itself, turns them into AO for every pixel. psao makes, records, plays, inspects and checks such
@@ -122,12 +122,28 @@ mod tests {
     }
 
     #[test]
+    fn the_examples_of_the_help_are_command_lines() {
+        fn check(command: &clap::Command) {
+            let examples = command.get_after_help().map(ToString::to_string).unwrap_or_default();
+            for line in examples.lines().filter(|line| line.starts_with("  psao ")) {
+                for part in line.split(" | ").filter(|part| part.trim_start().starts_with("psao ")) {
+                    let typed = part.split(" > ").next().unwrap_or_default();
+                    let parsed = definition().try_get_matches_from(shlex::split(typed).unwrap());
+                    assert!(parsed.is_ok(), "{typed}: {}", parsed.unwrap_err());
+                }
+            }
+            command.get_subcommands().for_each(check);
+        }
+        check(&definition());
+    }
+
+    #[test]
     fn every_command_says_what_it_does_in_a_line_and_gives_examples() {
         fn check(command: &clap::Command, path: &str) {
             for subcommand in command.get_subcommands() {
                 let path = format!("{path} {}", subcommand.get_name());
                 let about = subcommand.get_about().unwrap_or_else(|| panic!("{path}")).to_string();
-                assert!(about.len() <= 76 && !about.contains('\n'), "{path}: {about}");
+                assert!(about.len() <= 66 && !about.contains('\n'), "{path}: {about}");
                 if subcommand.has_subcommands() {
                     check(subcommand, &path);
                 } else {

@@ -12,6 +12,9 @@ use psao_server::server::live::PipelineError;
 
 use crate::producer::refused;
 
+use crate::context::broken_output;
+use crate::output::target::STANDARD_OUTPUT;
+
 /// Exit codes of `psao`, as the README documents them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Exit {
@@ -92,7 +95,10 @@ impl Failure {
 
 impl From<FileError> for Failure {
     fn from(error: FileError) -> Self {
-        let exit = match error {
+        let exit = match &error {
+            FileError::Io { path, error } if path == Path::new(STANDARD_OUTPUT) => {
+                return broken_output(error);
+            }
             FileError::SameFile { .. } => Exit::Usage,
             FileError::Scene(_) => Exit::Input,
             _ => Exit::System,

@@ -1,16 +1,15 @@
 //! Listening and connecting: addresses, certificates, tokens.
 
-use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
 use psao_proto::Limits;
-use psao_proto::message::Token;
+use psao_proto::message::{RejectCode, Token};
 use psao_proto::net::{
     Address, ClientTls, ConnectOptions, Connection, Exposure, Hub, HubEvent, ListenOptions, Listener,
     NetError, ServerTls, connect,
 };
-use psao_proto::session::{Access, ClientOptions};
+use psao_proto::session::{Access, ClientOptions, SessionError};
 
 use crate::error::{Exit, Failure, Outcome};
 
@@ -19,26 +18,29 @@ const DEFAULT_ADDRESS: &str = "127.0.0.1:4700";
 /// The environment variable that holds a token where no file is named.
 const TOKEN_VARIABLE: &str = "PSAO_TOKEN";
 
+/// Heading of the options in `--help`.
+pub(crate) const NETWORK: &str = "Network";
+
 /// Where a server listens, and which clients it accepts.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct ListenArgs {
     /// Address to listen at: host:port, tls:host:port or unix:PATH; port 0 lets the system choose. `psao serve` uses
     /// 127.0.0.1:4700 unless given
-    #[arg(long, value_name = "ADDR")]
+    #[arg(long, value_name = "ADDR", help_heading = NETWORK)]
     pub(crate) listen: Option<Address>,
     /// The server's certificate, for a tls: address (`psao keys` creates one)
-    #[arg(long, value_name = "PEM", requires = "key")]
+    #[arg(long, value_name = "PEM", requires = "key", help_heading = NETWORK)]
     cert: Option<PathBuf>,
     /// The private key of --cert
-    #[arg(long, value_name = "PEM", requires = "cert")]
+    #[arg(long, value_name = "PEM", requires = "cert", help_heading = NETWORK)]
     key: Option<PathBuf>,
     /// Accept only clients with a certificate signed by this authority
-    #[arg(long, value_name = "PEM", requires = "cert")]
+    #[arg(long, value_name = "PEM", requires = "cert", help_heading = NETWORK)]
     client_ca: Option<PathBuf>,
     #[command(flatten)]
     token: TokenArgs,
     /// Serve every client, even at an address that other machines can reach without TLS or a credential
-    #[arg(long)]
+    #[arg(long, help_heading = NETWORK)]
     open_to_everyone: bool,
 }
 
@@ -46,18 +48,18 @@ pub(crate) struct ListenArgs {
 #[derive(Args, Clone, Debug)]
 pub(crate) struct ConnectArgs {
     /// Trust servers with a certificate signed by this authority; required for a tls: address
-    #[arg(long, value_name = "PEM")]
+    #[arg(long, value_name = "PEM", help_heading = NETWORK)]
     ca: Option<PathBuf>,
     /// The certificate to show to a server that asks for one
-    #[arg(long, value_name = "PEM", requires_all = ["key", "ca"])]
+    #[arg(long, value_name = "PEM", requires_all = ["key", "ca"], help_heading = NETWORK)]
     cert: Option<PathBuf>,
     /// The private key of --cert
-    #[arg(long, value_name = "PEM", requires = "cert")]
+    #[arg(long, value_name = "PEM", requires = "cert", help_heading = NETWORK)]
     key: Option<PathBuf>,
     #[command(flatten)]
     token: TokenArgs,
     /// Send the token even without TLS to another machine, readable on the way
-    #[arg(long)]
+    #[arg(long, help_heading = NETWORK)]
     token_in_clear: bool,
 }
 
@@ -65,7 +67,7 @@ pub(crate) struct ConnectArgs {
 #[derive(Args, Clone, Debug)]
 struct TokenArgs {
     /// File with the token that server and clients share [default: the variable PSAO_TOKEN]
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", help_heading = NETWORK)]
     token_file: Option<PathBuf>,
 }
 
@@ -131,8 +133,15 @@ impl TokenArgs {
     }
 }
 
-/// Returns a failure of the network or the other side.
-pub(crate) fn peer(error: impl Display) -> Failure {
+/// Returns a failure of the network or the other side, with the options that help where there are any.
+pub(crate) fn peer(error: NetError) -> Failure {
+    let rejected = match &error {
+        NetError::Session { source: SessionError::Rejected(reject), .. } => Some(reject.code),
+        _ => None,
+    };
+    if rejected == Some(RejectCode::CREDENTIAL) {
+        return Failure::new(Exit::Peer, format_args!("{error} (--token-file or PSAO_TOKEN)"));
+    }
     Failure::new(Exit::Peer, error)
 }
 
@@ -172,10 +181,10 @@ pub(crate) fn tell(event: &HubEvent) {
         HubEvent::Left { peer, error: Some(error), .. } => eprintln!("{peer} left: {error}"),
         HubEvent::AcceptFailed { what } => eprintln!("psao: cannot accept connections at the moment: {what}"),
         HubEvent::Dropped { connections } => {
-            eprintln!("psao: {connections} more connection(s) dropped: too many at the same time");
+            eprintln!("psao: connections dropped since then, too many at the same time: {connections}");
         }
         HubEvent::Missed { events } => {
-            eprintln!("psao: {events} earlier message(s) about clients were left out")
+            eprintln!("psao: earlier messages about clients that were left out: {events}")
         }
         HubEvent::Edit { .. } => {}
     }

@@ -48,7 +48,7 @@ pub(crate) fn run(args: &Args) -> Outcome {
         target,
         format_args!(
             "wrote {}: {} frames of {} recordings, {}",
-            target.display(),
+            target::name(target),
             parts.iter().map(|(_, part)| part.frames).sum::<u64>(),
             parts.len(),
             number::bytes(length)

@@ -11,11 +11,12 @@ use crate::args::{FormatArg, Triple};
 use crate::context::runtime;
 use crate::edit_script::EditScript;
 use crate::error::{Exit, Failure, Outcome};
-use crate::network::{ConnectArgs, peer};
+use crate::network::{ConnectArgs, peer, stop};
 use crate::output::frames::FrameLog;
 use crate::output::latency::Latencies;
+use crate::output::number;
 
-/// Follow a server, and print the state hash and figures of each frame
+/// Follow a server, and print figures and a checksum of each frame
 ///
 /// The client ends when the server does, after --frames, or with Ctrl-C. It does not apply a frame whose state hash
 /// differs; it asks for a keyframe, goes on, and ends with exit code 6. At the end it prints percentiles of latency: from the
@@ -82,8 +83,18 @@ async fn follow(args: &Args) -> Outcome {
     let mut latencies = Latencies::default();
     let mut mismatches = 0_u64;
     let mut goodbye = String::new();
+    let stop = stop();
+    tokio::pin!(stop);
     while !connection.session().is_closed() {
-        let events = connection.next_events().await.map_err(peer)?;
+        let events = tokio::select! {
+            events = connection.next_events() => events.map_err(peer)?,
+            () = &mut stop => {
+                connection.session().close(CloseCode::DONE, "the client stops");
+                // A server that is gone does not mind.
+                let _ = connection.flush().await;
+                break;
+            }
+        };
         let now = connection.now();
         latencies.take(connection.session(), &events, now);
         for event in events {
@@ -132,7 +143,7 @@ async fn follow(args: &Args) -> Outcome {
     if mismatches > 0 {
         return Err(Failure::new(
             Exit::Check,
-            format_args!("{mismatches} frame(s) had a state hash that differs"),
+            format_args!("{} with a state hash that differs", number::counted(mismatches, "frame")),
         ));
     }
     Ok(())

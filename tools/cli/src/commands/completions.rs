@@ -7,7 +7,7 @@ use clap_complete::Shell;
 use crate::error::Outcome;
 use crate::output::target;
 
-/// Print a script that completes psao's commands and options in a shell
+/// Print a script that completes commands and options in a shell
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:
   psao completions bash > ~/.local/share/bash-completion/completions/psao

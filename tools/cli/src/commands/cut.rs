@@ -13,6 +13,9 @@ use crate::quantity::TimeSpan;
 /// The copy starts with the scene table, the edits in force, and a keyframe of the state at its first frame. Later frames
 /// are copied byte for byte, so it plays to the same state hashes. Exit code 4 means that damage in the range was left out.
 #[derive(clap::Args, Debug)]
+#[command(
+    override_usage = "psao cut <FILE> -o <FILE> [--from <TIME>] [--to <TIME>]\n       psao cut <FILE> -o <FILE> [--from-frame <N>] [--to-frame <N>]"
+)]
 #[command(group(clap::ArgGroup::new("range").required(true).multiple(true)))]
 #[command(after_help = "Examples:
   psao cut a.psao --from 1s --to 3s -o piece.psao

@@ -23,9 +23,10 @@ use crate::output::{number, table::Figures};
 use crate::pictures::{Drawn, SharedPoints, Shot, scene_of};
 use crate::producer::open;
 
-/// Record, replay, inspect and draw a scene into one folder, in about a minute
+/// Record, replay, inspect and draw a scene, into one folder
 ///
-/// The folder gets the recording, the pictures, the bandwidth plot and report.html, which opens offline.
+/// The usual settings take about a minute. The folder gets the recording, the pictures, the bandwidth plot and report.html,
+/// which opens offline.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:
   psao demo

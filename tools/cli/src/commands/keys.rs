@@ -23,10 +23,10 @@ use crate::error::{Exit, Failure, Outcome};
   psao keys trial --name localhost --name render-7.local")]
 pub(crate) struct Args {
     /// Folder to write to; created if missing
-    #[arg(value_name = "DIR")]
+    #[arg(value_name = "FOLDER")]
     folder: PathBuf,
-    /// Name or IP address by which clients reach the server; repeat it for more
-    #[arg(long = "name", value_name = "NAME", default_values = ["localhost", "127.0.0.1", "::1"])]
+    /// Name or IP address by which clients reach the server; repeat it for more [default: localhost, 127.0.0.1 and ::1]
+    #[arg(long = "name", value_name = "NAME", hide_default_value = true, default_values = ["localhost", "127.0.0.1", "::1"])]
     names: Vec<String>,
     /// Days for which the certificates are valid
     #[arg(long, value_name = "N", default_value_t = 90, value_parser = clap::value_parser!(u32).range(1..=3650))]

@@ -8,20 +8,20 @@ use crate::context::say;
 use crate::error::{Exit, Failure, Outcome};
 use crate::output::target;
 
-/// Print the manual page, or write the pages of all commands into a folder
+/// Print the manual, or write a page for each command
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:
   psao man | man -l -
-  psao man --out ~/.local/share/man/man1")]
+  psao man -o ~/.local/share/man/man1")]
 pub(crate) struct Args {
     /// Write psao.1 and a page for each command into this folder
-    #[arg(short, long, value_name = "DIR")]
-    out: Option<PathBuf>,
+    #[arg(short, long, alias = "out", value_name = "FOLDER")]
+    output: Option<PathBuf>,
 }
 
 pub(crate) fn run(args: &Args) -> Outcome {
     let command = crate::cli::definition();
-    if let Some(folder) = &args.out {
+    if let Some(folder) = &args.output {
         std::fs::create_dir_all(folder).map_err(|error| Failure::writing(folder, &error))?;
         clap_mangen::generate_to(command, folder).map_err(|error| Failure::writing(folder, &error))?;
         return say(format_args!("wrote the pages to {}", folder.display()));

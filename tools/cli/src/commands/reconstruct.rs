@@ -19,7 +19,7 @@ use crate::output::number;
 use crate::output::target::{self, is_standard};
 use crate::pictures::{Drawn, SharedPoints, Shot, scene_of};
 
-/// Draw a frame of a recording as a picture, and compare it with ray tracing
+/// Draw a recorded frame, and compare it with ray tracing
 ///
 /// AO comes from the stream alone. The geometry, which a client has anyway, is loaded by the scene name or path in the
 /// recording and edited as it was at that frame. With --reference, psao also writes FILE.reference.png, FILE.difference.png
@@ -121,6 +121,9 @@ pub(crate) fn run(args: &Args) -> Outcome {
         return Err(Failure::usage(
             "-o - writes one picture and nothing else to standard output: name a file with --reference or --format json",
         ));
+    }
+    if is_standard(&args.output) {
+        target::refuse_terminal()?;
     }
     let bytes = load(path)?;
     let network = args.lpips.load()?.map(|(network, _)| network);
@@ -239,9 +242,11 @@ impl<'a> Playback<'a> {
         }
         Err(match (first, last) {
             (Some(first), Some(last)) => {
-                format!(
-                    "it has no frame {number}; its {first} to {last} can be drawn ({left_out} frames are damaged)"
-                )
+                let damaged = match left_out {
+                    0 => String::new(),
+                    _ => format!(", except {}", number::counted(left_out.into(), "damaged frame")),
+                };
+                format!("it has no frame {number}; frames {first} to {last} can be drawn{damaged}")
             }
             _ => "it has no frame that can be drawn".to_owned(),
         })

@@ -18,7 +18,7 @@ use crate::network::{ConnectArgs, peer};
 use crate::output::{number, target};
 use crate::producer::{Timetable, open, refused};
 
-/// Trace a scene and write its AO stream to a file, or record a running server
+/// Trace a scene into a recording, or record a running server
 ///
 /// The recording holds the frames as they go over the wire, each with its time. The same options give the same bytes on any
 /// machine, except with --timings. The file is valid after every frame: whatever stops the recorder, at most the frame
@@ -28,6 +28,7 @@ use crate::producer::{Timetable, open, refused};
 /// is marked in the recording and counted at the end. Exit code 1 means that the disk failed; what was written before can
 /// be read.
 #[derive(clap::Args, Debug)]
+#[command(group(clap::ArgGroup::new("source").required(true)))]
 #[command(after_help = "Examples:
   psao record --scene colonnade --frames 120 -o a.psao
   psao record --scene robot-lab --budget 500kbit/s -o b.psao
@@ -35,10 +36,10 @@ use crate::producer::{Timetable, open, refused};
   psao record --scene colonnade -o - | psao inspect -")]
 pub(crate) struct Args {
     /// Name of a built-in scene (see `psao scenes`), or a file: .toml, .gltf or .glb
-    #[arg(long, value_name = "NAME|FILE", required_unless_present = "from")]
+    #[arg(long, value_name = "NAME|FILE", group = "source")]
     scene: Option<String>,
     /// Record this server instead (`psao serve` or `psao replay --listen`)
-    #[arg(long, value_name = "ADDR", conflicts_with = "scene")]
+    #[arg(long, value_name = "ADDR", group = "source")]
     from: Option<Address>,
     #[command(flatten)]
     network: ConnectArgs,
@@ -54,13 +55,14 @@ pub(crate) struct Args {
     ///     FRAME INSTANCE move X,Y,Z [QX,QY,QZ,QW]
     ///     FRAME INSTANCE release|hide|show
     ///
-    /// INSTANCE is an index or a unique name, quoted if it has spaces; see
-    /// `psao scenes --instances`. X,Y,Z (metres) and the unit quaternion place
-    /// the instance in the world, instead of its animation, until `release`.
-    /// `hide` removes it from view and from all occlusion until `show`.
+    /// INSTANCE is an index or a unique name, quoted if it has spaces;
+    /// see `psao scenes --instances`. X,Y,Z (metres) and the unit
+    /// quaternion place the instance in the world, instead of its
+    /// animation, until `release`. `hide` removes it from view and from
+    /// all occlusion until `show`.
     #[arg(long, value_name = "FILE", conflicts_with = "from", verbatim_doc_comment)]
     edits: Option<PathBuf>,
-    /// Put stage times into the recording, which then differs from run to run
+    /// Record how long the server's stages took; the recording then differs from run to run
     #[arg(long)]
     timings: bool,
     #[command(flatten)]
@@ -96,7 +98,12 @@ fn trace(args: &Args, scene: &str) -> Outcome {
     target::note(&args.output, summary(&server.table().header(), &totals))?;
     target::note(
         &args.output,
-        format_args!("wrote {}: {} frames, {}", args.output.display(), totals.frames, number::bytes(bytes)),
+        format_args!(
+            "wrote {}: {} frames, {}",
+            target::name(&args.output),
+            totals.frames,
+            number::bytes(bytes)
+        ),
     )
 }
 
@@ -204,7 +211,7 @@ async fn from_server(args: &Args, address: &Address) -> Outcome {
         &args.output,
         format_args!(
             "wrote {}: {} frames, {}{note}",
-            args.output.display(),
+            target::name(&args.output),
             counts.applied,
             number::bytes(bytes)
         ),

@@ -51,7 +51,7 @@ pub(crate) fn rewrite(
     out.finish()?;
     target::note(
         output,
-        format_args!("wrote {}: {} frames, {}", output.display(), done.frames, number::bytes(length)),
+        format_args!("wrote {}: {} frames, {}", target::name(output), done.frames, number::bytes(length)),
     )?;
     ended(&[(path, done)])
 }
@@ -89,8 +89,10 @@ pub(crate) fn ended(parts: &[(&Path, RewriteOutcome)]) -> Outcome {
     Err(Failure::new(
         Exit::DataLoss,
         format_args!(
-            "left out {} at {places} place(s), {frames} frame(s) as far as known",
-            number::bytes(bytes)
+            "left out {} at {}, {} as far as known",
+            number::bytes(bytes),
+            number::counted(places as u64, "place"),
+            number::counted(frames, "frame")
         ),
     ))
 }

@@ -17,6 +17,7 @@ use crate::context::{Stopwatch, runtime, say};
 use crate::error::{Exit, Failure, Outcome};
 use crate::network::{self, ListenArgs};
 use crate::output::frames::FrameLog;
+use crate::output::number;
 use crate::pace::Pacer;
 use crate::quantity::TimeSpan;
 
@@ -24,7 +25,7 @@ use crate::quantity::TimeSpan;
 ///
 /// Without --listen, a client in this process plays the recording. With --listen, psao waits for clients and sends the
 /// frames as they were recorded; a client that joins late gets a keyframe. With --from, the first frame sent is a keyframe
-/// of the state at that time. Exit code 4 means that damaged frames were left out.
+/// of the state at that time. Ctrl-C ends it. Exit code 4 means that damaged frames were left out.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:
   psao replay a.psao
@@ -36,7 +37,7 @@ pub(crate) struct Args {
     #[command(flatten)]
     network: ListenArgs,
     /// Wait for this number of clients before the first frame
-    #[arg(long, value_name = "N", default_value_t = 1, requires = "listen")]
+    #[arg(long, value_name = "N", default_value_t = 1, requires = "listen", help_heading = network::NETWORK)]
     clients: usize,
     /// When a frame goes out
     #[arg(long, value_enum, default_value_t = Pace::Fast)]
@@ -75,6 +76,8 @@ enum Pace {
 const FAST_WINDOW: u64 = 8;
 /// How long a client may take for what it was sent before the replay goes on without it.
 const PATIENCE: Duration = Duration::from_secs(30);
+/// How long it may take after Ctrl-C.
+const GOODBYE: Duration = Duration::from_secs(5);
 
 pub(crate) fn run(args: &Args) -> Outcome {
     if !(args.speed.is_finite() && args.speed > 0.0) {
@@ -112,6 +115,8 @@ enum End {
     Done,
     /// Another scene, which a connection cannot change to.
     OtherScene,
+    /// Ctrl-C or SIGTERM.
+    Stopped,
 }
 
 /// The first frame at or after a time, in the order of the file.
@@ -149,28 +154,41 @@ impl<'a> Replay<'a> {
         let mut log = FrameLog::new(args.format.get(), args.quiet)?;
         let (clock, mut pacer) = (Stopwatch::start(), Pacer::new(args.speed));
         let mut left_out = 0;
+        let stop = network::stop();
+        tokio::pin!(stop);
+        let mut goodbye = (CloseCode::DONE, "end of the recording", PATIENCE);
         loop {
-            let end = self.round(&mut player, &target, &clock, &mut pacer, &mut log).await?;
+            let end = tokio::select! {
+                end = self.round(&mut player, &target, &clock, &mut pacer, &mut log) => end?,
+                () = &mut stop => {
+                    goodbye = (CloseCode::STOPPED, "the server stops", GOODBYE);
+                    End::Stopped
+                }
+            };
             let stats = player.stats();
             left_out += stats.damages + stats.unusable + stats.bad_messages;
             if end == End::OtherScene {
                 eprintln!("psao: the recording goes on with another scene, which takes another connection");
             }
-            if !args.again || log.frames == 0 {
+            if !args.again || log.frames == 0 || end == End::Stopped {
                 break;
             }
             player = self.open()?;
             pacer.again();
         }
         if let Target::Clients(hub, _) = &target {
-            hub.close(CloseCode::DONE, "end of the recording", PATIENCE).await;
+            let (code, text, patience) = goodbye;
+            hub.close(code, text, patience).await;
             hub.take_events().iter().for_each(network::tell);
         }
         log.finish("")?;
         if left_out > 0 {
             return Err(Failure::new(
                 Exit::DataLoss,
-                format_args!("{left_out} damaged place(s) or frame(s) left out; `psao verify` lists them"),
+                format_args!(
+                    "damage left out at {}; `psao verify` lists it",
+                    number::counted(left_out, "place")
+                ),
             ));
         }
         Ok(())
@@ -197,7 +215,10 @@ impl<'a> Replay<'a> {
         let (coder, network) = (BlockCoder::of(scene.info().coder), &self.args.network);
         let hub = Hub::new(Arc::clone(&scene), coder, network.access()?, Limits::default());
         let bound = network.serve(&hub).await?;
-        eprintln!("listening at {bound}, waiting for {} client(s)", self.args.clients);
+        eprintln!(
+            "listening at {bound}, waiting for {}",
+            number::counted(self.args.clients as u64, "client")
+        );
         while !hub.wait_joined(self.args.clients, PATIENCE).await {
             hub.take_events().iter().for_each(network::tell);
         }
@@ -233,6 +254,8 @@ impl<'a> Replay<'a> {
                         self.deliver(player, hub, &frame, !begun, log.frames).await?;
                     }
                     begun = true;
+                    // A replay without clients waits for nothing else, and must hear Ctrl-C.
+                    tokio::task::yield_now().await;
                     log.frame(&frame.info, frame.wire_bytes)?;
                 }
                 PlayerEvent::Damage(damage) => eprintln!("psao: {damage}"),

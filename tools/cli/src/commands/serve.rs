@@ -50,7 +50,7 @@ pub(crate) struct Args {
     /// is the time from frame to frame; off traces everything, however long that takes
     #[arg(long, value_name = "auto|off|TIME", default_value = "auto", conflicts_with = "ray_budget")]
     frame_time: FrameTime,
-    /// Send the server's stage times with every frame
+    /// Send with every frame how long the server's stages took
     #[arg(long)]
     timings: bool,
     /// Record the stream into this file as well; - for standard output

@@ -10,6 +10,7 @@ use crate::args::{Format, FormatArg, RecordingArg};
 use crate::context::{progress, say, say_json};
 use crate::error::{Exit, Failure, Outcome};
 use crate::output::csv::Csv;
+use crate::output::number;
 use crate::output::table::Figures;
 
 /// Check a recording: checksums, order, state hashes, index
@@ -105,7 +106,7 @@ pub(crate) fn run(args: &Args) -> Outcome {
             if played.late == 0 {
                 Verdict::Pass("never go back".into())
             } else {
-                Verdict::Note(format!("go back {} time(s)", played.late))
+                Verdict::Note(format!("go back {}", number::counted(played.late, "time")))
             },
         ),
         ("index", index(summary.stored_index())),
@@ -179,7 +180,7 @@ fn losses(places: &[String], fine: &str) -> Verdict {
 
 fn wrongs(places: &[String], frames: u64) -> Verdict {
     if places.is_empty() {
-        Verdict::Pass(format!("right after {frames} frames"))
+        Verdict::Pass(format!("correct after each of {frames}"))
     } else {
         Verdict::Wrong(places.join("\n"))
     }
@@ -224,7 +225,11 @@ fn print(format: Format, played: &Played, checks: &[(&str, Verdict)]) -> Outcome
             let mut table = Figures::new(["check", "result", "what was found"]).words(&[1, 2]);
             rows.for_each(|row| table.row(row));
             say(table)?;
-            say(format_args!("{} frames applied, {} of them keyframes", played.frames, played.keyframes))
+            say(format_args!(
+                "{} applied, with {}",
+                number::counted(played.frames, "frame"),
+                number::counted(played.keyframes, "keyframe")
+            ))
         }
         Format::Json => say_json(&Document {
             schema: "psao-verify/1",

@@ -1,7 +1,7 @@
 //! Where results go: a file, or standard output for `-`. Standard output then holds nothing else.
 
 use std::fmt::Display;
-use std::io::Write as _;
+use std::io::{IsTerminal as _, Write as _};
 use std::path::{Path, PathBuf};
 
 use psao_proto::recording::file::AtomicFile;
@@ -9,9 +9,17 @@ use psao_proto::recording::file::AtomicFile;
 use crate::context::{broken_output, say};
 use crate::error::{Failure, Outcome};
 
+/// The file that is standard output, for what writes to files only.
+pub(crate) const STANDARD_OUTPUT: &str = "/dev/stdout";
+
 /// Returns whether a path stands for standard input or output.
 pub(crate) fn is_standard(path: &Path) -> bool {
     path == Path::new("-")
+}
+
+/// Returns what a path is called in a sentence.
+pub(crate) fn name(path: &Path) -> String {
+    if is_standard(path) { "to standard output".to_owned() } else { path.display().to_string() }
 }
 
 /// Writes a file, or to standard output.
@@ -37,12 +45,23 @@ pub(crate) fn recording(path: &Path) -> Outcome<PathBuf> {
     if !is_standard(path) {
         return Ok(path.to_owned());
     }
-    let device = PathBuf::from("/dev/stdout");
+    refuse_terminal()?;
+    let device = PathBuf::from(STANDARD_OUTPUT);
     if device.exists() {
         Ok(device)
     } else {
         Err(Failure::input("this system has no /dev/stdout to record to: name a file instead of -"))
     }
+}
+
+/// Refuses to fill a terminal with the bytes of a recording or a picture.
+pub(crate) fn refuse_terminal() -> Outcome {
+    if std::io::stdout().is_terminal() {
+        return Err(Failure::input(
+            "- is this terminal, which cannot show the result: name a file, or pipe it on, as in `... -o - | psao inspect -`",
+        ));
+    }
+    Ok(())
 }
 
 /// A result that appears whole or not at all; on standard output it appears as it is made.
@@ -54,7 +73,11 @@ pub(crate) enum Target {
 impl Target {
     /// Starts the result. It must not be one of `inputs`.
     pub(crate) fn create(path: &Path, inputs: &[PathBuf]) -> Outcome<Self> {
-        if is_standard(path) { Ok(Self::Standard) } else { Ok(Self::File(AtomicFile::create(path, inputs)?)) }
+        if is_standard(path) {
+            refuse_terminal()?;
+            return Ok(Self::Standard);
+        }
+        Ok(Self::File(AtomicFile::create(path, inputs)?))
     }
 
     /// Appends bytes.

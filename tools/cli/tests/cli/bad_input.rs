@@ -58,6 +58,7 @@ fn options_that_make_no_sense() {
         (&["--profile", "cells"], &["cells", "surface", "paper"]),
         (&["--profile", "paper", "--compress", "range"], &["range", "surface"]),
         (&["--geometry", "none"], &["none", "sent", "shared"]),
+        (&["--profile", "paper", "--geometry", "shared"], &["--geometry shared", "surface"]),
         (&["--view-margin", "0"], &["view_margin"]),
         (&["--slots-per-cell=-1"], &["slots"]),
         (&["--kernel", "9"], &["kernel"]),
@@ -75,7 +76,7 @@ fn options_that_make_no_sense() {
         2,
         &["0x9"],
     );
-    refuses(&["lab", "stress", "--only", "no such case"], 2, &["no case"]);
+    refuses(&["lab", "stress", "--only", "no such case"], 2, &["no case", "no such case", "open-plane"]);
 }
 
 #[test]
@@ -130,7 +131,7 @@ fn recordings_that_are_none() {
     refuses(
         &["reconstruct", text(recording(Profile::Surface)), "--frame", "99", "-o", text(&path)],
         3,
-        &["99", "0 to 11"],
+        &["no frame 99: frames 0 to 11 can be drawn\n"],
     );
     refuses(
         &[

@@ -67,6 +67,71 @@ fn help_is_grouped_and_each_command_has_examples() {
     assert!(fine(&["help", "lab", "network"]).contains("Examples:"));
     refuses(&["fly"], 2, &["fly"]);
     refuses(&["lab"], 2, &["sweep", "network"]);
+    refuses(&["record", "-o", "x.psao"], 2, &["--scene", "--from"]);
+    // One spelling for the scene in all of `lab`; the older one works.
+    refuses(&["lab", "needs", "--scene", "no-such-scene"], 3, &["no-such-scene"]);
+    refuses(&["lab", "needs", "no-such-scene"], 3, &["no-such-scene"]);
+    refuses(&["lab", "needs"], 2, &["--scene"]);
+}
+
+/// All commands, as words.
+const COMMANDS: [&str; 24] = [
+    "demo",
+    "scenes",
+    "keys",
+    "record",
+    "serve",
+    "replay",
+    "client",
+    "inspect",
+    "reconstruct",
+    "verify",
+    "cut",
+    "cat",
+    "recover",
+    "lab",
+    "lab sweep",
+    "lab profiles",
+    "lab budgets",
+    "lab needs",
+    "lab stress",
+    "lab rays",
+    "lab network",
+    "completions",
+    "man",
+    "",
+];
+
+#[test]
+fn help_fits_a_terminal_of_80_columns() {
+    for words in COMMANDS {
+        for option in ["-h", "--help"] {
+            let arguments: Vec<&str> = words.split_whitespace().chain([option]).collect();
+            let run: Run = command(&arguments).env("COLUMNS", "80").output().unwrap().into();
+            assert_eq!(run.code, Some(0), "{words}: {}", run.err);
+            for line in run.out.lines() {
+                assert!(line.chars().count() <= 80, "psao {words} {option}: {line}");
+            }
+        }
+    }
+}
+
+#[test]
+fn options_of_long_lists_stand_under_headings() {
+    for (words, headings) in [
+        ("record", &["Network:", "Stream:", "Points and rays:", "Cache of points:"][..]),
+        ("serve", &["Network:", "Stream:", "Points and rays:", "Cache of points:"]),
+        ("demo", &["Stream:", "Points and rays:", "Cache of points:"]),
+        ("replay", &["Network:"]),
+        ("client", &["Network:"]),
+        ("lab sweep", &["Values to sweep, with commas:", "Cache of points:"]),
+    ] {
+        let arguments: Vec<&str> = words.split_whitespace().chain(["--help"]).collect();
+        let help = fine(&arguments);
+        for heading in headings {
+            assert!(help.lines().any(|line| line == *heading), "{words}: {heading} {help}");
+        }
+    }
 }
 
 #[test]
@@ -80,7 +145,7 @@ fn shells_and_man_get_what_they_need() {
     assert!(fine(&["man"]).contains(".TH psao 1"));
     let folder = folder();
     let pages = folder.path().join("man1");
-    fine(&["man", "--out", text(&pages)]);
+    fine(&["man", "-o", text(&pages)]);
     for page in ["psao.1", "psao-record.1", "psao-lab-network.1"] {
         let page = std::fs::read_to_string(pages.join(page)).unwrap();
         assert!(page.contains(".TH"), "{page}");
@@ -175,7 +240,7 @@ fn standard_input_and_output_stand_for_files() {
     assert!(record(text(&file)).status.success());
     let streamed = record("-");
     assert!(streamed.status.success() && streamed.stdout == std::fs::read(&file).unwrap());
-    assert!(String::from_utf8_lossy(&streamed.stderr).contains("3 frames"));
+    assert!(String::from_utf8_lossy(&streamed.stderr).contains("wrote to standard output: 3 frames"));
 
     let picture = place("a.png");
     let draw = ["reconstruct", text(path), "--frame", "3", "--size", "16x9", "-o"];
@@ -187,6 +252,20 @@ fn standard_input_and_output_stand_for_files() {
 
     let plot = fine(&["inspect", text(path), "--plot", "-"]);
     assert!(plot.starts_with("<svg") && plot.ends_with("</svg>\n"), "{plot}");
+}
+
+#[test]
+fn a_reader_that_has_enough_ends_the_command_quietly() {
+    let path = text(recording(Profile::Surface));
+    let record = ["record", "--scene", "colonnade", "--frames", "3", "-o", "-"];
+    for arguments in
+        [&[&record[..], &SMALL].concat()[..], &["inspect", path], &["cut", path, "--from", "0", "-o", "-"]]
+    {
+        let mut child = command(arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        drop(child.stdout.take());
+        let run: Run = child.wait_with_output().unwrap().into();
+        assert_eq!((run.code, run.err.as_str()), (Some(0), ""), "{arguments:?}");
+    }
 }
 
 /// Standard output of a run that must succeed, whatever it says on standard error.

@@ -161,6 +161,43 @@ fn what_there_is_no_time_to_trace_is_traced_later() {
     }
 }
 
+/// Starts a command, waits until it has printed frames, and presses Ctrl-C. Returns its exit code and the rest that it
+/// prints.
+#[cfg(unix)]
+fn interrupted(arguments: &[&str]) -> (Option<i32>, String) {
+    let mut process = command(arguments).stdout(Stdio::piped()).spawn().unwrap();
+    let mut out = BufReader::new(process.stdout.take().unwrap());
+    for _ in 0..4 {
+        out.read_line(&mut String::new()).unwrap();
+    }
+    interrupt(process.id());
+    let mut rest = String::new();
+    out.read_to_string(&mut rest).unwrap();
+    (process.wait().unwrap().code(), rest)
+}
+
+#[cfg(unix)]
+fn interrupt(process: u32) {
+    let sent = std::process::Command::new("kill").args(["-INT", &process.to_string()]).status().unwrap();
+    assert!(sent.success());
+}
+
+#[test]
+#[cfg(unix)]
+fn ctrl_c_ends_a_client_and_a_replay_with_their_totals() {
+    let whole = text(recording(Profile::Surface));
+    let (server, address) = Server::start(&["replay", whole, "--loop", "--pace", "wall"]);
+    for arguments in [&["client", &address][..], &["replay", whole, "--loop"]] {
+        let (code, rest) = interrupted(arguments);
+        assert_eq!(code, Some(0), "{arguments:?}");
+        assert!(rest.contains(" frames applied, "), "{arguments:?}: {rest}");
+    }
+    interrupt(server.id());
+    let (code, said) = server.wait_and_hear();
+    assert_eq!(code, Some(0), "{said}");
+    assert!(said.contains("left") && !said.contains("left:"), "the client said goodbye: {said}");
+}
+
 #[test]
 fn a_port_in_use_is_named() {
     let taken = TcpListener::bind("127.0.0.1:0").unwrap();

@@ -67,7 +67,11 @@ fn tls_token_and_client_certificate_are_all_needed() {
     fine(&["verify", text(&path)]);
 
     for (more, code, says) in [
-        (vec![&trusts[..], &shown], 5, "wants a token"),
+        (
+            vec![&trusts[..], &shown],
+            5,
+            "requires a token: ask its operator for it (CREDENTIAL) (--token-file or PSAO_TOKEN)",
+        ),
         (vec![&trusts, &shown, &["--token-file", &others.path("token")]], 5, "not the server's"),
         (
             vec![&trusts, &["--token-file", &token]],

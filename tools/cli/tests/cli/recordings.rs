@@ -107,7 +107,7 @@ fn what_is_damaged_is_said_and_the_rest_recovered() {
 
     let run = psao(&["recover", text(&bad), "-o", text(&out)]);
     assert_eq!(run.code, Some(4), "{}{}", run.out, run.err);
-    for words in ["checksum", "at offset", "9 frame(s) as far as known"] {
+    for words in ["checksum", "at offset", "9 frames as far as known"] {
         assert!(run.err.contains(words), "{}", run.err);
     }
     let verdict = fine(&["verify", text(&out)]);

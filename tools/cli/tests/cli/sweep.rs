@@ -18,7 +18,7 @@ const TINY: [&str; 22] = [
     "4",
     "--fps",
     "60",
-    "--coder",
+    "--compress",
     "range",
     "--methods",
     "ssao-plus",
@@ -52,7 +52,7 @@ fn read(folder: &Path, name: &str) -> String {
 #[test]
 fn a_sweep_leaves_a_table_a_page_and_files_that_agree() {
     let folder = folder();
-    let out = fine(&arguments(&["--out", text(folder.path()), "--recommend"]));
+    let out = fine(&arguments(&["-o", text(folder.path()), "--recommend"]));
     let document: serde_json::Value = serde_json::from_str(&read(folder.path(), "results.json")).unwrap();
     assert_eq!(document["schema"], "psao-evaluate/1");
     let records = document["records"].as_array().unwrap();
@@ -141,7 +141,7 @@ fn bad_input_is_refused_before_anything_is_measured() {
             "9 m beside one of 0.1 m: hbao: directions",
         ),
         (&["--reference-rays", "0"], 2, "rays"),
-        (&["--resume"], 2, "--out"),
+        (&["--resume"], 2, "--output"),
         (&["--lpips-weights", text(&weights)], 3, "9 bytes"),
         (&["--lpips-weights", "nonesuch"], 3, "nonesuch"),
         (&["nonesuch-scene"], 3, "nonesuch-scene"),

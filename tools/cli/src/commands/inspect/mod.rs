@@ -10,6 +10,7 @@ pub(crate) use self::table::{PART_HEADS, part_rows, summary_lines};
 use crate::analysis::{Analysis, PARTS, load};
 use crate::args::{Format, FormatArg, RecordingArg};
 use crate::error::{Exit, Failure, Outcome};
+use crate::output::number;
 use crate::output::plot::{Bar, Plot};
 use crate::output::target;
 
@@ -80,7 +81,11 @@ pub(crate) fn loss(analysis: &Analysis) -> Outcome {
         analysis.damages.iter().map(ToString::to_string).chain(analysis.unreadable.iter().cloned()).collect();
     Err(Failure::new(
         Exit::DataLoss,
-        format_args!("{} damaged place(s) left out: {}", places.len(), places.join("; ")),
+        format_args!(
+            "{} left out: {}",
+            number::counted(places.len() as u64, "damaged place"),
+            places.join("; ")
+        ),
     ))
 }
 

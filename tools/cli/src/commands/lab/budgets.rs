@@ -40,7 +40,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "N", default_value_t = 60, value_parser = clap::value_parser!(u32).range(2..))]
     frames: u32,
     /// Budgets as shares of the mean frame size without a budget, in whole percent
-    #[arg(long, value_name = "SHARE,..", value_delimiter = ',', default_values = ["100%", "50%", "25%", "10%"],
+    #[arg(long, value_name = "SHARE,..", value_delimiter = ',', default_value = "100%,50%,25%,10%",
         value_parser = percent)]
     shares: Vec<u32>,
     #[command(flatten)]

@@ -10,7 +10,7 @@ pub(crate) mod sweep;
 
 use crate::error::Outcome;
 
-/// Experiments: measure settings, other methods, networks and speed
+/// Measure settings, other methods, networks and speed
 ///
 /// Each experiment prints tables for people, or JSON with a documented schema for programs.
 #[derive(clap::Args, Debug)]

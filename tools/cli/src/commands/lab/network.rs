@@ -17,14 +17,14 @@ use crate::error::{Exit, Failure, Outcome};
 use crate::output::{number, table::Figures};
 use crate::quantity::{During, RateLimit, Share, Size, TimeSpan};
 
-/// Send a stream over a simulated bad network, and measure what clients get
+/// Send a stream over a simulated bad network, and measure the result
 ///
 /// Sends a recording, or a built-in sample of a few points, to clients over a network in virtual time: minutes take
 /// moments, and the same seed gives the same run. A list (0,1%,5%) runs a row for each value. The state after every applied
 /// frame is compared with the source's; if one differs, the exit code is 6. docs/netlab-json.md describes the JSON.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:
-  psao lab network --loss 5% --delay 40ms --jitter 10ms --rate 2Mbit/s --stall 3s@10s
+  psao lab network --loss 5% --delay 40ms --rate 2Mbit/s --stall 3s@10s
   psao lab network a.psao --loss 0,1%,5%,20% --delay 40ms --format json")]
 pub(crate) struct Args {
     /// A recording made by `psao record`, - for standard input [default: a built-in sample]
@@ -37,7 +37,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=256))]
     clients: u32,
     /// How updates are sent
-    #[arg(long, value_enum, value_delimiter = ',', default_values_t = [ModeArg::Stream, ModeArg::Datagram])]
+    #[arg(long, value_enum, value_delimiter = ',', default_value = "stream,datagram")]
     mode: Vec<ModeArg>,
     /// Share of packets lost, in each direction
     #[arg(long, value_name = "SHARE,..", value_delimiter = ',', default_value = "0")]
@@ -181,13 +181,13 @@ pub(crate) fn run(args: &Args) -> Outcome {
     if wrong > 0 {
         return Err(Failure::new(
             Exit::Check,
-            format_args!("{wrong} applied frame(s) had another state than the source's"),
+            format_args!("{} applied with another state than the source's", number::counted(wrong, "frame")),
         ));
     }
     if left_out > 0 {
         return Err(Failure::new(
             Exit::DataLoss,
-            format_args!("{left_out} damaged place(s) or frame(s) left out; `psao verify` lists them"),
+            format_args!("damage left out at {}; `psao verify` lists it", number::counted(left_out, "place")),
         ));
     }
     Ok(())
@@ -344,7 +344,10 @@ fn table(args: &Args, document: &Document) -> Outcome {
     say(table)?;
     let frames = document.rows.first().map_or(0, |row| row.report.frames);
     say(format_args!(
-        "{}: {frames} frames, {} client(s) a row, seed {}; p50 to max: age of what a client shows; times are the worst client's",
-        document.source, args.clients, document.seed
+        "{}: {} frames, {} a row, seed {}; p50 to max: age of what a client shows; times are the worst client's",
+        document.source,
+        number::count(frames.into()),
+        number::counted(args.clients.into(), "client"),
+        document.seed
     ))
 }

@@ -39,7 +39,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "NAME|FILE")]
     scene: String,
     /// Points per square metre of surface, from which the sample is taken
-    #[arg(long = "points", visible_alias = "per-m2", default_value_t = 64.0, value_name = "N_PER_M2")]
+    #[arg(long = "points", alias = "per-m2", default_value_t = 64.0, value_name = "N_PER_M2")]
     per_m2: f32,
     /// Most points to trace, evenly spread over all
     #[arg(long, default_value_t = 3000, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
@@ -48,7 +48,7 @@ pub(crate) struct Args {
     #[arg(long, default_value_t = 192, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
     rays: u32,
     /// Length of the rays in metres [default: the scene's own]
-    #[arg(long, value_name = "M")]
+    #[arg(long, value_name = "METRES")]
     radius: Option<f32>,
     /// What a ray that hits something adds to the AO value; binary looks for any hit, obscurance for the nearest
     #[arg(long, value_enum, default_value_t = OcclusionArg::Obscurance)]
@@ -110,6 +110,9 @@ struct Difference {
 }
 
 pub(crate) fn run(args: &Args) -> Outcome {
+    if args.dump.as_deref().is_some_and(target::is_standard) {
+        target::refuse_terminal()?;
+    }
     let scene = Arc::new(Scene::load(&args.scene).map_err(Failure::input)?);
     let settings = PointSettings { per_m2: args.per_m2, minimum: 64, seed: args.seed };
     let kind = args.occlusion.into();
@@ -228,16 +231,16 @@ fn table(report: &Report) -> Outcome {
         number::count(report.triangles as u64),
         report.occlusion,
         number::counted(report.rounds.into(), "round"),
-        report.instructions,
+        report.instructions.to_lowercase(),
     ))?;
     let mut figures = Figures::new(["", "Mrays/s, median", "least", "most", "hits"]);
-    for (name, tally) in [("bundles", &report.bundles), ("single rays, plain tree", &report.twin)] {
+    for (name, tally) in [("server's tracer", &report.bundles), ("single rays, plain tree", &report.twin)] {
         let rates = millions(tally.rays_a_second);
         let hits = number::count(tally.hits as u64);
         figures.row([name.to_owned()].into_iter().chain(rates).chain([hits]));
     }
     say(figures)?;
-    say(format_args!("ratio {}", report.ratio.text()))?;
+    say(format_args!("The server's tracer over the plain tree: {}", report.ratio.text()))?;
     if report.differing == 0 {
         return say(format_args!("the same hits, at most {:.1e} m apart", report.farthest_apart_m));
     }
@@ -247,7 +250,11 @@ fn table(report: &Report) -> Outcome {
     ))?;
     for Difference { ray, bundles_m, twin_m } in &report.differences {
         let distance = |met: &Option<f32>| met.map_or_else(|| "no hit".to_owned(), |t| format!("{t} m"));
-        say(format_args!("  ray {ray}: bundles {}, single {}", distance(bundles_m), distance(twin_m)))?;
+        say(format_args!(
+            "  ray {ray}: server's tracer {}, plain tree {}",
+            distance(bundles_m),
+            distance(twin_m)
+        ))?;
     }
     Ok(())
 }

@@ -9,14 +9,14 @@ use crate::error::{Exit, Failure, Outcome};
 use crate::output::csv::Csv;
 use crate::output::table::Figures;
 
-/// Run the cases that are hard for the method, and check their bounds
+/// Run cases that are hard for the method, and check their bounds
 ///
 /// "known limit" marks a bound that the paper's own structure breaks, by no more than is documented. The exit code is 6 if
 /// a case fails.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:
   psao lab stress
-  psao lab stress --only hash")]
+  psao lab stress --only plane")]
 pub(crate) struct Args {
     /// Run only the cases whose name contains this
     #[arg(long, value_name = "TEXT")]
@@ -42,9 +42,12 @@ pub(crate) fn run(args: &Args) -> Outcome {
         .filter(|case| args.only.as_deref().is_none_or(|part| case.name().contains(part)))
         .collect();
     if chosen.is_empty() {
-        return Err(Failure::usage(
-            "no case has a name that contains this; `psao lab stress` alone lists them",
-        ));
+        let names: Vec<_> = cases().iter().map(stress::Case::name).collect();
+        return Err(Failure::usage(format_args!(
+            "no case has a name that contains \"{}\"; the cases are {}",
+            args.only.as_deref().unwrap_or_default(),
+            names.join(", ")
+        )));
     }
     let bar = progress("stress", chosen.len() as u64);
     let mut outcomes = Vec::new();
@@ -69,7 +72,7 @@ pub(crate) fn run(args: &Args) -> Outcome {
     if failed.is_empty() {
         Ok(())
     } else {
-        Err(Failure::new(Exit::Check, format_args!("{} case(s) fail: {}", failed.len(), failed.join(", "))))
+        Err(Failure::new(Exit::Check, format_args!("failed: {}", failed.join(", "))))
     }
 }
 

@@ -16,7 +16,7 @@ use crate::context::say_json;
 use crate::error::{Failure, Outcome};
 use crate::producer::settings;
 
-/// Show which features a scene does not use, and what skipping each one saves
+/// Show which features a scene does not use, and what that saves
 ///
 /// First lists the scene's instances in groups that need the same features. Then measures each saving: the stream is made
 /// with the feature and without. Where only server work is saved, every frame must be bit-identical; if not, the exit code
@@ -27,11 +27,14 @@ use crate::producer::settings;
 /// the machine. docs/needs-json.md describes the JSON.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Example:
-  psao lab needs colonnade --points 64")]
+  psao lab needs --scene colonnade --points 64")]
 pub(crate) struct Args {
     /// Name of a built-in scene (see `psao scenes`), or a file: .toml, .gltf or .glb
-    #[arg(value_name = "NAME|FILE")]
-    scene: String,
+    #[arg(long, value_name = "NAME|FILE", required_unless_present = "named")]
+    scene: Option<String>,
+    /// The older spelling of --scene
+    #[arg(value_name = "NAME|FILE", hide = true, conflicts_with = "scene")]
+    named: Option<String>,
     /// Frames of each run, including the first
     #[arg(long, value_name = "N", default_value_t = 30, value_parser = clap::value_parser!(u32).range(2..))]
     frames: u32,
@@ -53,7 +56,8 @@ pub(crate) fn run(args: &Args) -> Outcome {
             "--exhaustive skips nothing, so there is nothing to measure: leave it out",
         ));
     }
-    let scene = Arc::new(Scene::load(&args.scene).map_err(Failure::input)?);
+    let name = args.scene.as_ref().or(args.named.as_ref()).map_or("", String::as_str);
+    let scene = Arc::new(Scene::load(name).map_err(Failure::input)?);
     let coder = ProfileArg::Surface.coder(Some(args.compress))?;
     let settings = ServerSettings { coder, ..settings(&args.points, &scene, args.frames) };
     settings.validate().map_err(Failure::settings)?;

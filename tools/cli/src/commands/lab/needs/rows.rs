@@ -86,7 +86,7 @@ impl Part {
         match self {
             Self::Geometry => "clients have the scene and make them (--geometry shared)",
             Self::Poses => "points are at rest on their meshes; profile paper sends where they are",
-            Self::Context => "only who joins later needs it",
+            Self::Context => "only clients that join later need it",
             Self::Backs => "one-sided faces are seen from the front alone",
         }
     }

@@ -31,7 +31,7 @@ use crate::cache::{Folder, as_cache};
 use crate::context::{Stopwatch, progress};
 use crate::error::{Exit, Failure, Outcome};
 
-/// Compare stream settings and other AO methods: error against bytes and time
+/// Compare stream settings and other AO methods: error against cost
 ///
 /// Each scene is streamed in memory once for every setting, decoded, reconstructed, and compared with rays traced for every
 /// pixel. Screen-space methods shade the same pictures. One axis is swept at a time. The other axes stay at their usual
@@ -44,11 +44,11 @@ use crate::error::{Exit, Failure, Outcome};
 /// texture-space is the baseline of streamed textures: AO in a texture atlas, with a block for two triangles, sent as x264
 /// video. It needs an ffmpeg with x264. Without one it is left out, and the output says so.
 ///
-/// With --out, each result is saved as soon as it is measured; --resume continues an interrupted run.
+/// With --output, each result is saved as soon as it is measured; --resume continues an interrupted run.
 /// docs/evaluate-json.md describes the JSON.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:
-  psao lab sweep colonnade --out sweep --recommend
+  psao lab sweep colonnade -o sweep --recommend
   psao lab sweep colonnade --table pyramid-hbao --radius 0.5,1,2")]
 pub(crate) struct Args {
     /// Names of built-in scenes (see `psao scenes`), or files: .toml, .gltf or .glb
@@ -93,7 +93,7 @@ pub(crate) struct Args {
     min_points: u32,
     /// Lengths of the rays in metres; each gets its own reference, streams and methods [default: the scene's own; 3 with
     /// --table far-field; 0.25,0.5,1,2,4 with --table pyramid-hbao]
-    #[arg(long, value_name = "M,..", value_delimiter = ',')]
+    #[arg(long, value_name = "M,..", value_delimiter = ',', help_heading = AXES)]
     radius: Vec<f32>,
     /// What a ray that hits something adds to the AO value; with --table far-field, an exponential of its distance
     #[arg(long, value_enum, default_value_t = OcclusionArg::Obscurance)]
@@ -112,13 +112,13 @@ pub(crate) struct Args {
     #[arg(long)]
     recommend: bool,
     /// Write results.csv, results.json, report.html and the pictures into this folder
-    #[arg(short, long, value_name = "FOLDER")]
-    out: Option<PathBuf>,
+    #[arg(short, long, alias = "out", value_name = "FOLDER")]
+    output: Option<PathBuf>,
     /// Show only the pictures of the N methods with the least errors on the page [default: all]
-    #[arg(long, value_name = "N", requires = "out")]
+    #[arg(long, value_name = "N", requires = "output")]
     thumbnails: Option<usize>,
     /// Keep the results in the folder that match these settings, and measure the rest
-    #[arg(long, requires = "out")]
+    #[arg(long, requires = "output")]
     resume: bool,
     #[command(flatten)]
     format: FormatArg,
@@ -126,15 +126,18 @@ pub(crate) struct Args {
     cache: CacheArgs,
 }
 
+/// Heading of the options in `--help`.
+const AXES: &str = "Values to sweep, with commas";
+
 /// What is swept of texture-space.
 #[derive(clap::Args, Clone, Debug)]
 struct TextureArgs {
     /// Pixels per texel of texture-space, in each direction, on a screen of 1080 lines
-    #[arg(long, value_name = "N,..", value_delimiter = ',', default_values_t = [8, 16, 32])]
+    #[arg(long, value_name = "N,..", value_delimiter = ',', default_value = "8,16,32", help_heading = AXES)]
     atlas: Vec<u32>,
     /// Rate factors of x264 for texture-space, 0 (lossless) to 51
-    #[arg(long, value_name = "N,..", value_delimiter = ',', default_values_t = [23],
-        value_parser = clap::value_parser!(u8).range(0..=51))]
+    #[arg(long, value_name = "N,..", value_delimiter = ',', default_value = "23",
+        value_parser = clap::value_parser!(u8).range(0..=51), help_heading = AXES)]
     crf: Vec<u8>,
 }
 
@@ -142,25 +145,25 @@ struct TextureArgs {
 #[derive(clap::Args, Clone, Debug)]
 struct AxisArgs {
     /// Points per square metre [default: 256,512,1024]
-    #[arg(long, value_name = "N,..", value_delimiter = ',')]
+    #[arg(long, value_name = "N,..", value_delimiter = ',', help_heading = AXES)]
     points: Vec<f32>,
     /// Bits of a packed point [default: 32,24,16; 32 with --table]
-    #[arg(long, value_name = "32,24,16", value_delimiter = ',')]
+    #[arg(long, value_name = "32,24,16", value_delimiter = ',', help_heading = AXES)]
     bits: Vec<u8>,
     /// Steps of 1/255 by which AO must change to be sent again [default: 2,8; 8 with --table]
-    #[arg(long, value_name = "STEPS,..", value_delimiter = ',', value_parser = clap::value_parser!(u8).range(1..))]
+    #[arg(long, value_name = "STEPS,..", value_delimiter = ',', value_parser = clap::value_parser!(u8).range(1..), help_heading = AXES)]
     threshold: Vec<u8>,
     /// Rays per point [default: 64,192; 192 with --table]
-    #[arg(long, value_name = "N,..", value_delimiter = ',')]
+    #[arg(long, value_name = "N,..", value_delimiter = ',', help_heading = AXES)]
     rays: Vec<u32>,
     /// Frames per second [default: 15,60; with --table, those of the table]
-    #[arg(long, value_name = "F,..", value_delimiter = ',')]
+    #[arg(long, value_name = "F,..", value_delimiter = ',', help_heading = AXES)]
     fps: Vec<f32>,
     /// Compression of blocks: range, zstd, zstd:LEVEL, lz4 or none [default: range,zstd; range with --table]
-    #[arg(long, value_name = "CODER,..", value_delimiter = ',')]
+    #[arg(long = "compress", alias = "coder", value_name = "CODER,..", value_delimiter = ',', help_heading = AXES)]
     coder: Vec<Coder>,
     /// Formats of the stream [default: surface,paper]
-    #[arg(long, value_enum, value_name = "NAME,..", value_delimiter = ',')]
+    #[arg(long, value_enum, value_name = "NAME,..", value_delimiter = ',', help_heading = AXES)]
     profile: Vec<ProfileArg>,
 }
 
@@ -174,7 +177,7 @@ pub(crate) fn run(args: &Args) -> Outcome {
     let scenes = args.scenes.iter().map(|name| Scene::load(name).map(Arc::new).map_err(Failure::input));
     let scenes: Vec<Arc<Scene>> = scenes.collect::<Outcome<_>>()?;
     let plans: Vec<Plan<'_>> = scenes.iter().flat_map(|scene| sweep.plans(scene)).collect::<Outcome<_>>()?;
-    let mut store = Store::open(args.out.as_deref(), args.resume)?;
+    let mut store = Store::open(args.output.as_deref(), args.resume)?;
     let open = plans.iter().flat_map(|plan| &plan.jobs).filter(|(key, _)| store.record(key).is_none());
     let bar = progress("evaluating", open.count() as u64);
     let cache = Folder::of(&args.cache);

@@ -14,6 +14,7 @@ use super::{Args, machine::Machine};
 use crate::args::Format;
 use crate::context::{say, to_json};
 use crate::error::{Failure, Outcome};
+use crate::output::number;
 use crate::output::table::Figures;
 
 /// `results.json`, and what `--format json` prints; `docs/evaluate-json.md` describes the fields.
@@ -67,7 +68,7 @@ pub(super) fn write(args: &Args, sweep: &Sweep<'_>, plans: &[Plan<'_>], store: &
         records: all.clone(),
     };
     let json = to_json(&document)?;
-    if let Some(folder) = &args.out {
+    if let Some(folder) = &args.output {
         file(&folder.join("results.json"), &json)?;
         file(&folder.join("results.csv"), &csv(all.iter().copied()))?;
         file(&folder.join("report.html"), &page(args, sweep, plans, &entries, store).html())?;
@@ -79,8 +80,8 @@ pub(super) fn write(args: &Args, sweep: &Sweep<'_>, plans: &[Plan<'_>], store: &
     }
     if store.unreadable > 0 {
         say(format_args!(
-            "{} damaged line(s) of an earlier run were left out; what they held was measured again",
-            store.unreadable
+            "{} of an earlier run left out; what was there is measured again",
+            number::counted(store.unreadable as u64, "damaged line")
         ))?;
     }
     Ok(())
@@ -114,9 +115,9 @@ fn print(args: &Args, plans: &[Plan<'_>], entries: &[Vec<Entry<'_>>]) -> Outcome
         rest = later;
         let radii: Vec<String> = plans.iter().map(|plan| plan.reference.radius.to_string()).collect();
         say(format_args!(
-            "{}: {} picture(s) of {} pixels over {:.2} s, against {} rays of {} m a pixel{}",
+            "{}: {} of {} pixels over {:.2} s, against {} rays of {} m a pixel{}",
             plan.scene.name(),
-            plan.times.len(),
+            number::counted(plan.times.len() as u64, "picture"),
             plan.sweep.size,
             plan.sweep.seconds,
             args.reference_rays,
@@ -194,6 +195,7 @@ fn page<'a>(
     } else {
         "One axis of the settings was swept at a time, the others kept at the first line's."
     };
+    let runs = number::counted(args.repeats.into(), "run");
     let notes = vec![
         format!(
             "Clips of {:.2} s, pictures of {} pixels, compared with {} rays a pixel{}. {grid} Pictures are drawn with the \
@@ -208,12 +210,12 @@ fn page<'a>(
          worst picture."
             .to_owned(),
         format!(
-            "Server times are medians over the frames after the first state in {} run(s) of the clip. A picture's time is \
+            "Server times are medians over the frames after the first state in {} of the clip. A picture's time is \
              the client's: applying a frame and reconstructing, decoding a frame of video and looking up, or all stages \
-             of a screen-space method, {} run(s) a picture after {} to warm up. The G-buffer is drawn by the client in any case and is in no time. State is what a \
+             of a screen-space method, {} a picture after {} to warm up. The G-buffer is drawn by the client in any case and is in no time. State is what a \
              client holds of the stream, written without compression; buffers are the G-buffer, or the screen and a \
              method's own working memory. The server's memory is what it holds after the last frame, but for the scene.",
-            args.repeats, args.repeats, args.warm_up
+            runs, runs, args.warm_up
         ),
     ];
     let left_out = sweep.textures.left_out.iter().cloned();

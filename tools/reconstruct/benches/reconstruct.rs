@@ -187,7 +187,7 @@ fn reconstruct_1080p(c: &mut Criterion) {
     group.finish();
     let geometry = rest.geometry(0).expect("it is there");
     let index = SurfaceIndex::new(geometry);
-    println!("index: {:.1} bytes a point", index.bytes() as f64 / geometry.len() as f64);
+    println!("index: {:.1} bytes a point", index.heap_bytes() as f64 / geometry.len() as f64);
     c.bench_function("index of a wall", |b| b.iter(|| SurfaceIndex::new(black_box(geometry))));
 }
 

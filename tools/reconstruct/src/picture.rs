@@ -81,7 +81,7 @@ enum Pixels {
 }
 
 /// Width in pixels of the white bar between two pictures of [`Picture::side_by_side`].
-pub const GAP: u32 = 4;
+pub const GAP_PIXELS: u32 = 4;
 
 /// Why a picture could not be made.
 #[derive(Debug, thiserror::Error)]
@@ -156,7 +156,7 @@ impl Picture {
         Ok(Self { size: reference.size(), pixels: Pixels::Rgb(rgb) })
     }
 
-    /// Pictures from left to right with white bars of [`GAP`] pixels between them. Grey if all of them are.
+    /// Pictures from left to right with white bars of [`GAP_PIXELS`] pixels between them. Grey if all of them are.
     ///
     /// # Errors
     ///
@@ -170,7 +170,7 @@ impl Picture {
             if found != first {
                 return Err(PictureError::Height { index, found, first });
             }
-            width += u64::from(picture.size.width()) + if index > 0 { u64::from(GAP) } else { 0 };
+            width += u64::from(picture.size.width()) + if index > 0 { u64::from(GAP_PIXELS) } else { 0 };
         }
         let size = Size::new(u32::try_from(width).unwrap_or(u32::MAX), first)?;
         let grey = pictures.iter().all(|p| matches!(p.pixels, Pixels::Grey(_)));
@@ -179,7 +179,7 @@ impl Picture {
         for y in 0..first as usize {
             for (index, picture) in pictures.iter().enumerate() {
                 if index > 0 {
-                    out.resize(out.len() + GAP as usize * channels, 255);
+                    out.resize(out.len() + GAP_PIXELS as usize * channels, 255);
                 }
                 picture.push_row(y, grey, &mut out);
             }
@@ -285,15 +285,15 @@ mod tests {
         let a = Picture::grey(&image(2, 2, &[0.0, 1.0, 1.0, 0.0]));
         let b = Picture::difference(&image(1, 2, &[0.0; 2]), &image(1, 2, &[0.0, 1.0]), 1.0).unwrap();
         let both = Picture::side_by_side(&[a.clone(), b]).unwrap();
-        assert_eq!((both.size().width(), both.size().height()), (2 + GAP + 1, 2));
+        assert_eq!((both.size().width(), both.size().height()), (2 + GAP_PIXELS + 1, 2));
         assert_eq!(both.rgb(0, 0), Some([0; 3]));
         assert_eq!(both.rgb(0, 1), Some([255; 3]));
         assert_eq!(both.rgb(2, 1), Some([255; 3]), "the bar is white");
-        assert_eq!(both.rgb(2 + GAP, 1), Some([255, 0, 0]));
+        assert_eq!(both.rgb(2 + GAP_PIXELS, 1), Some([255, 0, 0]));
         let greys = Picture::side_by_side(&[a.clone(), a.clone()]).unwrap();
         let back = image::load_from_memory(&greys.to_png().unwrap()).unwrap();
         assert_eq!(back.color(), image::ColorType::L8);
-        assert_eq!(greys.rgb(2 + GAP + 1, 0), Some([255; 3]));
+        assert_eq!(greys.rgb(2 + GAP_PIXELS + 1, 0), Some([255; 3]));
     }
 
     #[test]

@@ -5,12 +5,12 @@ use psao_codec::StateRef;
 use psao_codec::paper;
 use psao_codec::surface;
 
-use crate::paper::{InstanceCells, Neighbours};
+use crate::paper::{InstanceCells, NeighbourhoodCache};
 use crate::parallel;
-use crate::surface::{Patches, SetIndices, arrived_ao};
+use crate::surface::{PointCache, SetIndices, arrived_ao};
 
 /// Places of one chunk of [`AoSampler::ao_many`], which share what they need of the points around them.
-const CHUNK: usize = 1024;
+const PLACES_PER_CHUNK: usize = 1024;
 
 /// Returns the accessibility of places: of vertices, of texels of a light map, of fragments that a renderer has.
 ///
@@ -158,7 +158,7 @@ impl AoSampler {
     /// Returns the memory that the indices take, in bytes.
     #[must_use]
     pub fn heap_bytes(&self) -> usize {
-        self.indices.bytes()
+        self.indices.heap_bytes()
     }
 
     fn many_at_rest(
@@ -175,9 +175,9 @@ impl AoSampler {
             return Ok(());
         };
         let ao = arrived_ao(state);
-        parallel::chunks(out, CHUNK, |chunk, out| {
-            let mut near = Patches::new();
-            for ((position, normal), out) in queries.from(chunk * CHUNK).zip(out) {
+        parallel::chunks(out, PLACES_PER_CHUNK, |chunk, out| {
+            let mut near = PointCache::new();
+            for ((position, normal), out) in queries.from(chunk * PLACES_PER_CHUNK).zip(out) {
                 *out = index.blend_near(&ao, &mut near, instance, &index.query(position, normal)).mean();
             }
         });
@@ -195,9 +195,9 @@ fn many_in_cells(
     let Some(cells) = InstanceCells::of(state, instance) else {
         return Err(SampleError::Instance { instance, instances });
     };
-    parallel::chunks(out, CHUNK, |chunk, out| {
-        let mut near = Neighbours::new();
-        for ((position, normal), out) in queries.from(chunk * CHUNK).zip(out) {
+    parallel::chunks(out, PLACES_PER_CHUNK, |chunk, out| {
+        let mut near = NeighbourhoodCache::new();
+        for ((position, normal), out) in queries.from(chunk * PLACES_PER_CHUNK).zip(out) {
             *out = cells.blend_near(state, &mut near, &cells.query(position, normal)).mean();
         }
     });

@@ -109,7 +109,7 @@ pub(crate) struct Reference {
     /// Points with a weight above 0.
     pub(crate) blended: u64,
     /// A criterion is so near its threshold that rounding may decide it either way.
-    pub(crate) close_call: bool,
+    pub(crate) near_threshold: bool,
 }
 
 /// How near to its threshold a criterion of Eq. 3 is a close call.
@@ -129,17 +129,18 @@ pub(crate) fn reference(
     r: f64,
     margins: Margins,
 ) -> Reference {
-    let mut found = Reference { ao: 1.0, blended: 0, close_call: false };
+    let mut found = Reference { ao: 1.0, blended: 0, near_threshold: false };
     let (mut sum, mut weighted) = (0.0, 0.0);
     for (p, n_p, ao) in points {
         let away = (p - x).length();
         let mut alpha = ((r - away) / r).max(0.0);
         let straight = if p == x { 0.0 } else { n_p.dot((p - x) / away).powi(2) };
         if alpha > 0.0 {
-            found.close_call |= alpha < 1e-5 || (n_p.dot(n_x) - 0.1).abs() < 1e-5;
-            found.close_call |= (straight - 0.7).abs() < margins.straight || (p != x && away < margins.away);
+            found.near_threshold |= alpha < 1e-5 || (n_p.dot(n_x) - 0.1).abs() < 1e-5;
+            found.near_threshold |=
+                (straight - 0.7).abs() < margins.straight || (p != x && away < margins.away);
         } else {
-            found.close_call |= away < r * 1.00001;
+            found.near_threshold |= away < r * 1.00001;
         }
         if n_p.dot(n_x) <= 0.1 || straight >= 0.7 {
             alpha = 0.0;

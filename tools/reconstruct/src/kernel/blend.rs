@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::group::{Group, LANES};
+use super::group::{LANES, PointGroup};
 use super::weight::{DISTANCE_THRESHOLD, NORMAL_THRESHOLD};
 
 /// A place in the space that its points are in.
@@ -31,7 +31,7 @@ impl Blend {
     /// Adds the points of a group, each with the weight of [`weight`](super::weight()): the same operations in the
     /// same order, without a branch.
     #[inline]
-    pub(crate) fn add(&mut self, group: &Group, query: &Query) {
+    pub(crate) fn add(&mut self, group: &PointGroup, query: &Query) {
         let ([px, py, pz], [nx, ny, nz]) = (&group.position, &group.normal);
         let (x, n) = (query.position, query.normal);
         for lane in 0..LANES {
@@ -70,13 +70,13 @@ impl Blend {
 pub(crate) struct PointwiseBlend<'a> {
     query: &'a Query,
     blend: Blend,
-    group: Group,
+    group: PointGroup,
     filled: usize,
 }
 
 impl<'a> PointwiseBlend<'a> {
     pub(crate) fn new(query: &'a Query) -> Self {
-        Self { query, blend: Blend::new(), group: Group::EMPTY, filled: 0 }
+        Self { query, blend: Blend::new(), group: PointGroup::EMPTY, filled: 0 }
     }
 
     /// Adds a point.
@@ -86,7 +86,7 @@ impl<'a> PointwiseBlend<'a> {
         self.filled += 1;
         if self.filled == LANES {
             self.blend.add(&self.group, self.query);
-            (self.group, self.filled) = (Group::EMPTY, 0);
+            (self.group, self.filled) = (PointGroup::EMPTY, 0);
         }
     }
 
@@ -110,11 +110,11 @@ mod tests {
         prop::array::uniform3(-1.0_f32..1.0).prop_map(Vec3::from)
     }
 
-    fn group(points: &[(Vec3, Vec3, f32)]) -> Group {
+    fn group(points: &[(Vec3, Vec3, f32)]) -> PointGroup {
         let lane = |lane: usize| points.get(lane).copied().unwrap_or((Vec3::INFINITY, Vec3::ZERO, 0.0));
         let axis =
             |axis: usize, of: fn((Vec3, Vec3, f32)) -> Vec3| std::array::from_fn(|l| of(lane(l))[axis]);
-        Group {
+        PointGroup {
             position: std::array::from_fn(|a| axis(a, |point| point.0)),
             normal: std::array::from_fn(|a| axis(a, |point| point.1)),
             ao: std::array::from_fn(|l| lane(l).2),

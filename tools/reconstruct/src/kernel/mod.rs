@@ -5,5 +5,5 @@ mod group;
 mod weight;
 
 pub(crate) use self::blend::{Blend, PointwiseBlend, Query};
-pub(crate) use self::group::{Group, LANES};
+pub(crate) use self::group::{LANES, PointGroup};
 pub use self::weight::{DISTANCE_THRESHOLD, NORMAL_THRESHOLD, weight};

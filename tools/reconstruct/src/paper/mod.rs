@@ -1,11 +1,11 @@
 //! The points of profile `paper`: cells in the space that an instance is in now.
 
-mod neighbours;
+mod neighbourhood;
 
 use glam::Vec3;
 use psao_codec::paper::State;
 
-pub(crate) use self::neighbours::{InstanceCells, Neighbours};
+pub(crate) use self::neighbourhood::{InstanceCells, NeighbourhoodCache};
 use crate::kernel::{Blend, PointwiseBlend, Query};
 
 impl InstanceCells {
@@ -26,7 +26,7 @@ impl InstanceCells {
 
     /// As [`blend_one`](Self::blend_one), with the neighbourhoods that were needed last at hand.
     #[inline]
-    pub(crate) fn blend_near(&self, state: &State, near: &mut Neighbours, query: &Query) -> Blend {
+    pub(crate) fn blend_near(&self, state: &State, near: &mut NeighbourhoodCache, query: &Query) -> Blend {
         let mut blend = Blend::new();
         if let Some(base) = self.base(query.position) {
             for group in near.of(state, self, base) {

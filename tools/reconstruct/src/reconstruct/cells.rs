@@ -3,11 +3,11 @@
 use glam::{Mat3, Quat, Vec3};
 use psao_codec::paper::{Pose, State};
 
-use super::outcome::{ReconstructError, Reconstruction};
+use super::result::{ReconstructError, Reconstruction};
 use super::walk::{check_instances, walk};
 use crate::GBuffer;
 use crate::kernel::Blend;
-use crate::paper::{InstanceCells, Neighbours};
+use crate::paper::{InstanceCells, NeighbourhoodCache};
 
 /// Reconstructs the ambient occlusion of every fragment of `view` from the points of `state`.
 ///
@@ -25,10 +25,10 @@ pub fn cells(state: &State, view: &GBuffer) -> Result<Reconstruction, Reconstruc
     check_instances(view, instances)?;
     // The poses that the server sent last: points are right relative to the surface even when client and server do not
     // run in lockstep (paper, section 3.5).
-    let poses = state.poses().iter().map(ToLocal::new);
+    let poses = state.poses().iter().map(WorldToLocal::new);
     let cells = (0..instances as u32).filter_map(|instance| InstanceCells::of(state, instance));
-    let spaces: Vec<(InstanceCells, ToLocal)> = cells.zip(poses).collect();
-    Ok(walk(view, Neighbours::new, |near, pixel, instance| {
+    let spaces: Vec<(InstanceCells, WorldToLocal)> = cells.zip(poses).collect();
+    Ok(walk(view, NeighbourhoodCache::new, |near, pixel, instance| {
         let Some((cells, to_local)) = spaces.get(instance as usize) else { return Blend::new() };
         let (position, normal) = (view.position()[pixel], view.normal()[pixel]);
         let query = cells.query(to_local.point(position), to_local.vector(normal));
@@ -37,12 +37,12 @@ pub fn cells(state: &State, view: &GBuffer) -> Result<Reconstruction, Reconstruc
 }
 
 /// The inverse of an instance's rigid transform: from the world into its local space.
-pub(super) struct ToLocal {
+pub(super) struct WorldToLocal {
     rotation: Mat3,
     translation: Vec3,
 }
 
-impl ToLocal {
+impl WorldToLocal {
     pub(super) fn new(pose: &Pose) -> Self {
         let rotation = Mat3::from_quat(Quat::from_array(pose.rotation)).transpose();
         Self { rotation, translation: Vec3::from(pose.translation) }

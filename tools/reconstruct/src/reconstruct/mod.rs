@@ -56,12 +56,12 @@
 //! ```
 
 mod cells;
-mod outcome;
+mod result;
 mod surface;
 #[cfg(test)]
 mod tests;
 mod walk;
 
 pub use self::cells::cells;
-pub use self::outcome::{ReconstructError, Reconstruction, Statistics};
+pub use self::result::{ReconstructError, Reconstruction, Statistics};
 pub use self::surface::{SurfaceReconstructor, surface};

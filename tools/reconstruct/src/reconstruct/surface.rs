@@ -3,10 +3,10 @@
 use glam::Vec3;
 use psao_codec::surface::State;
 
-use super::outcome::{ReconstructError, Reconstruction};
+use super::result::{ReconstructError, Reconstruction};
 use super::walk::{check_instances, walk};
 use crate::kernel::Blend;
-use crate::surface::{Ao, Patches, SurfaceIndex, arrived_ao};
+use crate::surface::{AoSource, PointCache, SurfaceIndex, arrived_ao};
 use crate::{AoSampler, GBuffer};
 
 /// Reconstructs views of a stream of profile `surface` with an [`AoSampler`], which it keeps between frames.
@@ -61,7 +61,7 @@ impl SurfaceReconstructor {
         &mut self,
         state: &State,
         view: &GBuffer,
-        ao: &impl Ao,
+        ao: &impl AoSource,
     ) -> Result<Reconstruction, ReconstructError> {
         let instances = state.layout().members().len();
         check_instances(view, instances)?;
@@ -75,7 +75,7 @@ impl SurfaceReconstructor {
         self.sampler.indices.prepare(state, |set| shown[set]);
         let indices: Vec<Option<&SurfaceIndex>> =
             (0..instances as u32).map(|instance| self.sampler.indices.of(state, instance)).collect();
-        Ok(walk(view, Patches::new, |near, pixel, instance| {
+        Ok(walk(view, PointCache::new, |near, pixel, instance| {
             let Some(index) = indices[instance as usize] else { return Blend::new() };
             index.blend_near(ao, near, instance, &index.query(positions[pixel], normals[pixel]))
         }))

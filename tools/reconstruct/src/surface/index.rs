@@ -6,13 +6,13 @@ use psao_codec::surface::Geometry;
 use crate::parallel;
 
 /// Coordinates of cells are below this, so that three of them fit a key of 64 bits.
-const MOST_CELLS: f32 = 1_048_576.0;
+const MAX_CELLS_PER_AXIS: f32 = 1_048_576.0;
 
 /// Largest edge of a cell in metres, such that corners of cells are finite.
-const LARGEST_EDGE: f32 = f32::MAX / 64.0;
+const MAX_CELL_EDGE_M: f32 = f32::MAX / 64.0;
 
 /// How much farther than the kernel reaches points are looked for, as a factor: places and cells are rounded.
-const PADDING: f32 = 1.0 + 1.0 / 64.0;
+const REACH_FACTOR: f32 = 1.0 + 1.0 / 64.0;
 
 /// Where the points of a set are: cells of twice the kernel radius over rest space, those with points only.
 ///
@@ -24,7 +24,7 @@ pub struct SurfaceIndex {
     origin: Vec3,
     /// Metres.
     edge: f32,
-    patches_per_m: f32,
+    octants_per_m: f32,
     kernel_radius: f32,
     /// In the order of their cells' first points, so that cells close on the set's curve are close here.
     points: Vec<IndexPoint>,
@@ -52,10 +52,10 @@ struct Cell {
     end: u32,
 }
 
-/// An eighth of a cell: the fragments in it share the points that may be near. Patches half as long hold fewer points
+/// An eighth of a cell: the fragments in it share the points that may be near. PointCache half as long hold fewer points
 /// that are too far, but have to be filled more often: slower in a hall seen from 9 m, no faster from 2 m (1080p).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Patch(pub(crate) [i32; 3]);
+pub(crate) struct Octant(pub(crate) [i32; 3]);
 
 impl SurfaceIndex {
     /// Indexes the points of a set. Takes O(n log n) time, 28 bytes a point and about 20 a cell that has points.
@@ -64,7 +64,8 @@ impl SurfaceIndex {
         let layout = geometry.layout();
         let origin = Vec3::from(layout.origin);
         let size = (Vec3::from(layout.position(layout.extent)) - origin).max_element();
-        let edge = (2.0 * PADDING * layout.kernel_radius).max(size / MOST_CELLS).min(LARGEST_EDGE);
+        let edge =
+            (2.0 * REACH_FACTOR * layout.kernel_radius).max(size / MAX_CELLS_PER_AXIS).min(MAX_CELL_EDGE_M);
         let mut keyed: Vec<(u64, u32)> = parallel::map(geometry.len() as u32, |point| {
             let cell = (Vec3::from(geometry.position(point as usize)) - origin) / edge;
             (mix(key(cell.to_array().map(|axis| axis as u32))), point)
@@ -86,11 +87,11 @@ impl SurfaceIndex {
         let mut cells: Vec<Cell> = cells.collect();
         parallel::sort(&mut cells);
         let (starts, shift) = starts(&cells);
-        let patches_per_m = 2.0 / edge;
+        let octants_per_m = 2.0 / edge;
         Self {
             origin,
             edge,
-            patches_per_m,
+            octants_per_m,
             kernel_radius: layout.kernel_radius,
             points,
             cells,
@@ -107,36 +108,36 @@ impl SurfaceIndex {
 
     /// Memory that it takes, in bytes.
     #[must_use]
-    pub fn bytes(&self) -> usize {
+    pub fn heap_bytes(&self) -> usize {
         size_of_val(self.points.as_slice())
             + size_of_val(self.cells.as_slice())
             + size_of_val(self.starts.as_slice())
     }
 
-    /// The patch that a place is in; `None` for one that is not finite.
+    /// The octant that a place is in; `None` for one that is not finite.
     #[inline]
-    pub(crate) fn patch(&self, rest: Vec3) -> Option<Patch> {
-        let at = (rest - self.origin) * self.patches_per_m;
+    pub(crate) fn octant(&self, rest: Vec3) -> Option<Octant> {
+        let at = (rest - self.origin) * self.octants_per_m;
         // Far away all patches are alike: empty.
         let floor = |axis: f32| {
-            let near = axis.clamp(-16.0, 16.0 * MOST_CELLS);
+            let near = axis.clamp(-16.0, 16.0 * MAX_CELLS_PER_AXIS);
             let towards_zero = near as i32;
             towards_zero - i32::from(towards_zero as f32 > near)
         };
-        at.is_finite().then(|| Patch([floor(at.x), floor(at.y), floor(at.z)]))
+        at.is_finite().then(|| Octant([floor(at.x), floor(at.y), floor(at.z)]))
     }
 
-    /// The lowest of the 2 x 2 x 2 cells that hold every point within the kernel radius of any place in a patch.
+    /// The lowest of the 2 x 2 x 2 cells that hold every point within the kernel radius of any place in an octant.
     #[inline]
-    pub(crate) fn base(Patch(patch): Patch) -> [i32; 3] {
-        // A patch is one half of its cell on each axis, and the kernel reaches half a cell.
-        patch.map(|axis| (axis - 1) >> 1)
+    pub(crate) fn base(Octant(octant): Octant) -> [i32; 3] {
+        // An octant is one half of its cell on each axis, and the kernel reaches half a cell.
+        octant.map(|axis| (axis - 1) >> 1)
     }
 
-    /// Lower and upper corner of a patch.
-    pub(crate) fn corners(&self, Patch(patch): Patch) -> [Vec3; 2] {
+    /// Lower and upper corner of an octant.
+    pub(crate) fn corners(&self, Octant(octant): Octant) -> [Vec3; 2] {
         let corner = |step: i32| {
-            let [x, y, z] = patch;
+            let [x, y, z] = octant;
             let at = Vec3::new((x + step) as f32, (y + step) as f32, (z + step) as f32);
             self.origin + at * (0.5 * self.edge)
         };
@@ -145,7 +146,7 @@ impl SurfaceIndex {
 
     /// Distance in metres up to which points may count, rounding included.
     pub(crate) fn reach(&self) -> f32 {
-        self.kernel_radius * PADDING
+        self.kernel_radius * REACH_FACTOR
     }
 
     /// The points of a cell.

@@ -4,7 +4,7 @@
 //! the points are is worked out once for each set ([`SurfaceIndex`]) and kept between frames ([`SetIndices`]).
 
 mod index;
-mod patches;
+mod point_cache;
 
 use std::sync::Arc;
 
@@ -12,8 +12,8 @@ use glam::Vec3;
 use psao_codec::surface::{BLOCK_POINTS, Geometry, State};
 
 pub use self::index::SurfaceIndex;
-use self::patches::each_near;
-pub(crate) use self::patches::{Ao, Patches};
+use self::point_cache::each_near;
+pub(crate) use self::point_cache::{AoSource, PointCache};
 use crate::kernel::{Blend, PointwiseBlend, Query};
 
 /// The indices of a stream's sets, each kept as long as its geometry.
@@ -55,8 +55,8 @@ impl SetIndices {
     }
 
     /// Memory that the indices take, in bytes.
-    pub(crate) fn bytes(&self) -> usize {
-        self.by_set.iter().flatten().map(|kept| kept.index.bytes()).sum()
+    pub(crate) fn heap_bytes(&self) -> usize {
+        self.by_set.iter().flatten().map(|kept| kept.index.heap_bytes()).sum()
     }
 
     /// For each set the geometry that its index was made of.
@@ -67,7 +67,7 @@ impl SetIndices {
 }
 
 /// The AO that a state holds.
-pub(crate) fn arrived_ao(state: &State) -> impl Ao {
+pub(crate) fn arrived_ao(state: &State) -> impl AoSource {
     |instance, point| {
         let here = state.is_present(instance, point / BLOCK_POINTS);
         state.values(instance).get(point).copied().filter(|_| here)
@@ -82,20 +82,26 @@ impl SurfaceIndex {
     }
 
     /// Blends the points of an instance around one place.
-    pub(crate) fn blend_one(&self, ao: &impl Ao, instance: u32, query: &Query) -> Blend {
+    pub(crate) fn blend_one(&self, ao: &impl AoSource, instance: u32, query: &Query) -> Blend {
         let mut blend = PointwiseBlend::new(query);
-        if let Some(patch) = self.patch(query.position) {
-            each_near(ao, self, instance, patch, |point, ao| blend.add(point.position, point.normal, ao));
+        if let Some(octant) = self.octant(query.position) {
+            each_near(ao, self, instance, octant, |point, ao| blend.add(point.position, point.normal, ao));
         }
         blend.finish()
     }
 
     /// As [`blend_one`](Self::blend_one), with the patches that were needed last at hand.
     #[inline]
-    pub(crate) fn blend_near(&self, ao: &impl Ao, near: &mut Patches, instance: u32, query: &Query) -> Blend {
+    pub(crate) fn blend_near(
+        &self,
+        ao: &impl AoSource,
+        near: &mut PointCache,
+        instance: u32,
+        query: &Query,
+    ) -> Blend {
         let mut blend = Blend::new();
-        if let Some(patch) = self.patch(query.position) {
-            for group in near.of(ao, self, instance, patch) {
+        if let Some(octant) = self.octant(query.position) {
+            for group in near.of(ao, self, instance, octant) {
                 blend.add(group, query);
             }
         }

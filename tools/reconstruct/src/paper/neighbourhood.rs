@@ -4,10 +4,10 @@ use glam::Vec3;
 use psao_codec::paper::State;
 use psao_codec::paper::{Grid, POINTS_PER_CELL};
 
-use crate::kernel::{Group, LANES};
+use crate::kernel::{LANES, PointGroup};
 
 /// Most groups of a neighbourhood: 8 cells of 7 points are 56 (paper, section 3.5).
-const GROUPS: usize = (8 * POINTS_PER_CELL).div_ceil(LANES);
+const MAX_GROUPS: usize = (8 * POINTS_PER_CELL).div_ceil(LANES);
 
 /// The cells of an instance, in its local space.
 #[derive(Clone, Copy)]
@@ -41,8 +41,8 @@ impl InstanceCells {
     /// Gives each point of the 2 x 2 x 2 cells from `base` on to `take`: local position, normal, accessibility.
     pub(crate) fn each_point(&self, state: &State, base: [i64; 3], mut take: impl FnMut(Vec3, Vec3, f32)) {
         for step in 0..8_i64 {
-            let wanted = [base[0] + (step & 1), base[1] + (step >> 1 & 1), base[2] + (step >> 2)];
-            let Some(cell) = inside(wanted, self.grid.dims()) else { continue };
+            let candidate = [base[0] + (step & 1), base[1] + (step >> 1 & 1), base[2] + (step >> 2)];
+            let Some(cell) = inside(candidate, self.grid.dims()) else { continue };
             let Some(found) = state.lookup(self.instance, cell) else { continue };
             let corner = Vec3::from(self.grid.corner(cell));
             for point in found.points(state.layout().format()) {
@@ -58,11 +58,11 @@ impl InstanceCells {
 struct Neighbourhood {
     key: Option<(u32, [i64; 3])>,
     count: usize,
-    groups: [Group; GROUPS],
+    groups: [PointGroup; MAX_GROUPS],
 }
 
 impl Neighbourhood {
-    const EMPTY: Self = Self { key: None, count: 0, groups: [Group::EMPTY; GROUPS] };
+    const EMPTY: Self = Self { key: None, count: 0, groups: [PointGroup::EMPTY; MAX_GROUPS] };
 
     fn fill(&mut self, state: &State, cells: &InstanceCells, base: [i64; 3]) {
         *self = Self { key: Some((cells.instance, base)), ..Self::EMPTY };
@@ -74,36 +74,36 @@ impl Neighbourhood {
 }
 
 /// Neighbourhoods that were needed last. Fragments near each other mostly share theirs, so unpacking is rare.
-pub(crate) struct Neighbours {
-    slots: Vec<Neighbourhood>,
+pub(crate) struct NeighbourhoodCache {
+    entries: Vec<Neighbourhood>,
 }
 
-impl Neighbours {
-    /// Slots: neighbourhoods that touch, whose bases differ by one, never share a slot, nor do two instances that
+impl NeighbourhoodCache {
+    /// Slots: neighbourhoods that touch, whose bases differ by one, never share a entry, nor do two instances that
     /// follow each other.
-    const SLOTS: usize = 16;
+    const ENTRIES: usize = 16;
 
     pub(crate) fn new() -> Self {
-        Self { slots: vec![Neighbourhood::EMPTY; Self::SLOTS] }
+        Self { entries: vec![Neighbourhood::EMPTY; Self::ENTRIES] }
     }
 
     /// The points of the cells from `base` on, eight at a time.
-    pub(crate) fn of(&mut self, state: &State, cells: &InstanceCells, base: [i64; 3]) -> &[Group] {
+    pub(crate) fn of(&mut self, state: &State, cells: &InstanceCells, base: [i64; 3]) -> &[PointGroup] {
         let odd = base.map(|axis| (axis & 1) as usize);
-        let slot = odd[0] | odd[1] << 1 | odd[2] << 2 | (cells.instance as usize & 1) << 3;
-        let slot = &mut self.slots[slot];
-        if slot.key != Some((cells.instance, base)) {
-            slot.fill(state, cells, base);
+        let entry = odd[0] | odd[1] << 1 | odd[2] << 2 | (cells.instance as usize & 1) << 3;
+        let entry = &mut self.entries[entry];
+        if entry.key != Some((cells.instance, base)) {
+            entry.fill(state, cells, base);
         }
-        &slot.groups[..slot.count.div_ceil(LANES)]
+        &entry.groups[..entry.count.div_ceil(LANES)]
     }
 }
 
-/// `wanted` as a cell of a grid of `dims` cells; `None` outside.
-fn inside(wanted: [i64; 3], dims: [u32; 3]) -> Option<[u32; 3]> {
+/// Returns `coordinates` as a cell of a grid of `dims` cells; `None` outside the grid.
+fn inside(coordinates: [i64; 3], dims: [u32; 3]) -> Option<[u32; 3]> {
     let mut cell = [0; 3];
     for axis in 0..3 {
-        cell[axis] = u32::try_from(wanted[axis]).ok().filter(|&c| c < dims[axis])?;
+        cell[axis] = u32::try_from(coordinates[axis]).ok().filter(|&c| c < dims[axis])?;
     }
     Some(cell)
 }

@@ -1,4 +1,4 @@
-//! Pictures for people: grey images, amplified differences, images side by side, and their PNG bytes.
+//! Pictures to look at: grey images, amplified differences, images side by side, and their PNG bytes.
 //!
 //! # Decode a frame and look at it
 //!
@@ -16,7 +16,7 @@
 //! use psao_codec::paper::PointFormat;
 //! use psao_proto::message::CameraPose;
 //!
-//! // The scene, which client and server share: a floor at y = 0, four metres square.
+//! // Client and server share the scene: a floor at y = 0, four metres square.
 //! struct Floor;
 //!
 //! impl Surfaces for Floor {
@@ -85,9 +85,10 @@ pub const GAP_PIXELS: u32 = 4;
 
 /// Why a picture could not be made.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum PictureError {
-    /// The two images of a difference are not of one size.
-    #[error("a difference needs two images of one size, not {reference} and {test} pixels")]
+    /// The two images of a difference differ in size.
+    #[error("a difference needs two images of equal size, not {reference} and {test} pixels")]
     SizeMismatch {
         /// Size of the reference.
         reference: Size,
@@ -100,12 +101,12 @@ pub enum PictureError {
         /// The gain asked for.
         gain: f32,
     },
-    /// There is nothing to put side by side.
+    /// The list of pictures is empty.
     #[error("side by side needs at least one picture")]
     Nothing,
-    /// Pictures of different heights do not stand side by side.
+    /// Pictures side by side differ in height.
     #[error(
-        "picture {index} is {found} pixels high and the first one {first}; pictures side by side need one height"
+        "picture {index} is {found} pixels high and the first one {first}; pictures side by side need equal heights"
     )]
     Height {
         /// Position of the picture in the list, from 0.
@@ -118,23 +119,23 @@ pub enum PictureError {
     /// The composition would be too large.
     #[error(transparent)]
     Size(#[from] SizeError),
-    /// The PNG encoder refused.
+    /// The PNG encoder failed.
     #[error("the picture could not be encoded as PNG: {0}")]
     Encode(#[from] image::ImageError),
 }
 
 impl Picture {
-    /// Ambient occlusion as grey, `round(255 * ao)`: open is white, closed is black. Values are linear; no
-    /// transfer curve is applied.
+    /// Makes a grey picture of ambient occlusion, `round(255 * ao)`: open is white, closed is black. Values are linear;
+    /// no transfer curve is applied.
     pub fn grey(image: &AoImage) -> Self {
         Self { size: image.size(), pixels: Pixels::Grey(image.to_bytes()) }
     }
 
-    /// The signed difference `test - reference`, amplified by `gain` and cut at +-1.
+    /// Makes a picture of the difference `test - reference`, amplified by `gain` and clamped to +-1.
     ///
-    /// White is equal. Too bright (the test says more open than it is) goes to red, too dark goes to blue; full
-    /// red or blue is a difference of at least `1 / gain`. With `d = clamp(gain * (test - reference), -1, 1)`
-    /// and `w = round(255 * (1 - |d|))` the colour is `(255, w, w)` for `d >= 0` and `(w, w, 255)` for `d < 0`.
+    /// White means equal, red means too bright (the test is more open than the reference), blue means too dark. Full
+    /// red or blue is a difference of at least `1 / gain`. With `d = clamp(gain * (test - reference), -1, 1)` and `w =
+    /// round(255 * (1 - |d|))` the colour is `(255, w, w)` for `d >= 0` and `(w, w, 255)` for `d < 0`.
     ///
     /// # Errors
     ///
@@ -156,7 +157,7 @@ impl Picture {
         Ok(Self { size: reference.size(), pixels: Pixels::Rgb(rgb) })
     }
 
-    /// Pictures from left to right with white bars of [`GAP_PIXELS`] pixels between them. Grey if all of them are.
+    /// Joins pictures from left to right, with white bars of [`GAP_PIXELS`] between them. Grey if all of them are grey.
     ///
     /// # Errors
     ///
@@ -202,12 +203,12 @@ impl Picture {
         }
     }
 
-    /// Width and height.
+    /// Returns width and height.
     pub fn size(&self) -> Size {
         self.size
     }
 
-    /// The colour of the pixel in column `x` and row `y` as red, green, blue; `None` outside the picture.
+    /// Returns the colour of the pixel in column `x` and row `y` as red, green, blue; `None` outside the picture.
     pub fn rgb(&self, x: u32, y: u32) -> Option<[u8; 3]> {
         if x >= self.size.width() || y >= self.size.height() {
             return None;
@@ -219,11 +220,11 @@ impl Picture {
         })
     }
 
-    /// The picture as a PNG file, 8 bits a channel, grey or RGB. The same picture gives the same bytes.
+    /// Returns the bytes of a PNG file, 8 bits a channel, grey or RGB. Equal pictures give equal bytes.
     ///
     /// # Errors
     ///
-    /// [`PictureError::Encode`] when the encoder refuses.
+    /// [`PictureError::Encode`] when the encoder fails.
     pub fn to_png(&self) -> Result<Vec<u8>, PictureError> {
         let (bytes, colour) = match &self.pixels {
             Pixels::Grey(bytes) => (bytes, ExtendedColorType::L8),

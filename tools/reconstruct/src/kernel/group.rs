@@ -1,11 +1,11 @@
-//! Points side by side, as many as are weighted together.
+//! Groups of points that are weighted together.
 
 use glam::Vec3;
 
-/// Points of a group, which are weighted together: as many as a wide vector register holds.
+/// Number of points in a group: the lanes of a wide vector register.
 pub(crate) const LANES: usize = 8;
 
-/// Eight points side by side, in the local space of their instance. Lanes without a point lie infinitely far away.
+/// Eight points in the local space of their instance. Lanes without a point lie infinitely far away.
 #[derive(Clone, Copy)]
 pub(crate) struct PointGroup {
     pub(crate) position: [[f32; LANES]; 3],

@@ -1,4 +1,4 @@
-//! How points become the accessibility of a place: weights and their mean (paper, section 3.5, Eq. 2 to 4).
+//! The weights of points and their weighted mean, the accessibility of a place (paper, section 3.5, Eq. 2 to 4).
 
 mod blend;
 mod group;

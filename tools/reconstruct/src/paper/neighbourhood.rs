@@ -1,4 +1,4 @@
-//! The points around a place: the 2 x 2 x 2 cells nearest to it, unpacked (paper, section 3.5).
+//! The unpacked points of the 2 x 2 x 2 cells nearest to a place (paper, section 3.5).
 
 use glam::Vec3;
 use psao_codec::paper::State;
@@ -6,7 +6,7 @@ use psao_codec::paper::{Grid, POINTS_PER_CELL};
 
 use crate::kernel::{LANES, PointGroup};
 
-/// Most groups of a neighbourhood: 8 cells of 7 points are 56 (paper, section 3.5).
+/// Largest number of groups in a neighbourhood: 8 cells of 7 points are 56 points (paper, section 3.5).
 const MAX_GROUPS: usize = (8 * POINTS_PER_CELL).div_ceil(LANES);
 
 /// The cells of an instance, in its local space.
@@ -18,27 +18,27 @@ pub(crate) struct InstanceCells {
 }
 
 impl InstanceCells {
-    /// The cells of one instance; `None` when the stream does not have it.
+    /// Returns the cells of one instance; `None` when the stream does not have it.
     pub(crate) fn of(state: &State, instance: u32) -> Option<Self> {
         let layout = state.layout().instances().get(instance as usize)?;
         Some(Self { instance, grid: layout.grid, kernel_radius: layout.kernel_radius })
     }
 
-    /// `r` of Eq. 2 in metres.
+    /// Returns `r` of Eq. 2 in metres.
     #[inline]
     pub(crate) fn kernel_radius(&self) -> f32 {
         self.kernel_radius
     }
 
-    /// The lowest of the 2 x 2 x 2 cells whose centres are nearest to a local position: the cells
-    /// `base .. base + 1` on each axis. May lie outside the grid. `None` for a position that is not finite.
+    /// Returns the lowest of the 2 x 2 x 2 cells whose centres are nearest to a local position. These are the cells
+    /// `base` and `base + 1` on each axis; they may lie outside the grid. `None` for a position that is not finite.
     pub(crate) fn base(&self, local: Vec3) -> Option<[i64; 3]> {
-        // The grid shifted by half a cell: between two cell centres the pair of cells stays the same.
+        // The grid is shifted by half a cell, because the pair of cells is the same between two cell centres.
         let shifted = (local - Vec3::from(self.grid.origin())) / self.grid.edge() - 0.5;
         shifted.is_finite().then(|| shifted.floor().to_array().map(|axis| axis as i64))
     }
 
-    /// Gives each point of the 2 x 2 x 2 cells from `base` on to `take`: local position, normal, accessibility.
+    /// Calls `take` with each point of the 2 x 2 x 2 cells from `base` on: local position, normal, accessibility.
     pub(crate) fn each_point(&self, state: &State, base: [i64; 3], mut take: impl FnMut(Vec3, Vec3, f32)) {
         for step in 0..8_i64 {
             let candidate = [base[0] + (step & 1), base[1] + (step >> 1 & 1), base[2] + (step >> 2)];
@@ -73,7 +73,7 @@ impl Neighbourhood {
     }
 }
 
-/// Neighbourhoods that were needed last. Fragments near each other mostly share theirs, so unpacking is rare.
+/// Cache of the neighbourhoods that were needed last. Neighbouring fragments mostly share one, so unpacking is rare.
 pub(crate) struct NeighbourhoodCache {
     entries: Vec<Neighbourhood>,
 }

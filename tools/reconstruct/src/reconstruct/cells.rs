@@ -11,11 +11,12 @@ use crate::paper::{InstanceCells, NeighbourhoodCache};
 
 /// Reconstructs the ambient occlusion of every fragment of `view` from the points of `state`.
 ///
-/// For each fragment: its position and normal go into the local space of its instance with the pose that the
-/// server sent last; the points of the 2 x 2 x 2 cells nearest to it, at most 56, are weighted by Eq. 2 and 3
-/// ([`weight`](crate::kernel::weight())); Eq. 4 is their weighted mean, or 1 if no weight is above 0. Background is 1.
+/// The last received pose takes the position and normal of a fragment into the local space of its instance. The points
+/// of the 2 x 2 x 2 cells nearest to it, at most 56, are weighted by Eq. 2 and 3
+/// ([`weight`](crate::kernel::weight())). The fragment's value is their weighted mean (Eq. 4), or 1 if no weight is
+/// above 0. Background is 1.
 ///
-/// Rows are spread over all cores with the feature `rayon`; the result does not depend on how many there are.
+/// The feature `rayon` spreads rows over all cores. The result does not depend on their number.
 ///
 /// # Errors
 ///
@@ -23,8 +24,8 @@ use crate::paper::{InstanceCells, NeighbourhoodCache};
 pub fn cells(state: &State, view: &GBuffer) -> Result<Reconstruction, ReconstructError> {
     let instances = state.layout().instances().len();
     check_instances(view, instances)?;
-    // The poses that the server sent last: points are right relative to the surface even when client and server do not
-    // run in lockstep (paper, section 3.5).
+    // With the last received poses, points are right relative to the surface even when client and server do not run in
+    // lockstep (paper, section 3.5).
     let poses = state.poses().iter().map(WorldToLocal::new);
     let cells = (0..instances as u32).filter_map(|instance| InstanceCells::of(state, instance));
     let spaces: Vec<(InstanceCells, WorldToLocal)> = cells.zip(poses).collect();
@@ -48,13 +49,13 @@ impl WorldToLocal {
         Self { rotation, translation: Vec3::from(pose.translation) }
     }
 
-    /// A position of the world in local space.
+    /// Takes a position from the world into local space.
     #[inline]
     pub(super) fn point(&self, world: Vec3) -> Vec3 {
         self.rotation * (world - self.translation)
     }
 
-    /// A direction of the world in local space.
+    /// Takes a direction from the world into local space.
     #[inline]
     pub(super) fn vector(&self, world: Vec3) -> Vec3 {
         self.rotation * world

@@ -1,17 +1,19 @@
-//! All fragments of a view, in an order in which neighbours share what they need.
+//! Visits all fragments of a view in tiles, so that neighbours share cached points.
 
 use super::result::{ReconstructError, Reconstruction, Statistics};
 use crate::kernel::Blend;
 use crate::{AoImage, GBuffer, parallel};
 
-/// Pixels on a side of the tiles in which a view is walked, so that fragments one above the other share their
-/// neighbourhood as well as those side by side.
+/// Side of a tile in pixels. In a tile, fragments above each other share their neighbourhood as well as those beside
+/// each other.
 const TILE_PIXELS: usize = 8;
 
-/// Blends every fragment of `view`: `blend` gets make_cache of its thread's own, made by `make_cache` for a band of rows, the
-/// fragment's pixel and its instance. Eq. 4 of what it returns is the pixel's value, 1 where no point counts.
+/// Blends every fragment of `view`.
 ///
-/// Rows are spread over all cores with the feature `rayon`; the result does not depend on how many there are.
+/// `make_cache` makes the cache of a band of rows. `blend` gets that cache, the fragment's pixel and its instance. The
+/// mean (Eq. 4) of the blend that it returns is the pixel's value, or 1 where no point counts.
+///
+/// The feature `rayon` spreads rows over all cores. The result does not depend on their number.
 pub(super) fn walk<M>(
     view: &GBuffer,
     make_cache: impl Fn() -> M + Sync,
@@ -60,7 +62,7 @@ fn walk_band(
     statistics
 }
 
-/// Checks that the view shows no instance that the stream does not have.
+/// Checks that the stream has every instance that the view shows.
 pub(super) fn check_instances(view: &GBuffer, instances: usize) -> Result<(), ReconstructError> {
     let unknown = |&&instance: &&u32| instance != GBuffer::NO_INSTANCE && instance as usize >= instances;
     match view.instance().iter().enumerate().find(|(_, instance)| unknown(instance)) {

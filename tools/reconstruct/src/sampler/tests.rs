@@ -11,7 +11,7 @@ use crate::testing::{Margins, TestInstance, points, reference, state, surface_st
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(48))]
 
-    /// More places than one chunk has, most of them several times, so that memory of the places before is used.
+    /// Samples more places than a chunk has, most of them several times, so that cached points are used.
     #[test]
     fn many_places_have_the_values_of_each_and_of_the_reference(
         sets in [points(200), points(40)],

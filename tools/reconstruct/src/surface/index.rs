@@ -5,20 +5,20 @@ use psao_codec::surface::Geometry;
 
 use crate::parallel;
 
-/// Coordinates of cells are below this, so that three of them fit a key of 64 bits.
+/// Bound of a cell's coordinate, so that three coordinates fit a key of 64 bits.
 const MAX_CELLS_PER_AXIS: f32 = 1_048_576.0;
 
-/// Largest edge of a cell in metres, such that corners of cells are finite.
+/// Largest edge of a cell in metres. It keeps the corners of cells finite.
 const MAX_CELL_EDGE_M: f32 = f32::MAX / 64.0;
 
-/// How much farther than the kernel reaches points are looked for, as a factor: places and cells are rounded.
+/// Factor by which the search radius exceeds the kernel radius, because places and cells are rounded.
 const REACH_FACTOR: f32 = 1.0 + 1.0 / 64.0;
 
-/// Where the points of a set are: cells of twice the kernel radius over rest space, those with points only.
+/// Spatial index of a set's points: a sparse grid over rest space with cells of twice the kernel radius.
 ///
-/// It depends on the geometry alone, so one serves all instances of a set and every frame. Whatever the places of
-/// the points, it has all of them, and looking for a cell takes logarithmic time at worst: cells are found by a
-/// mixed hash of their coordinates, and those that share a place of its table are sorted.
+/// It depends on the geometry alone, so one index serves all instances of a set in every frame. It holds every point,
+/// wherever the points lie. A mixed hash of a cell's coordinates finds the cell. Cells of one bucket are sorted, so
+/// a look-up takes at worst logarithmic time.
 #[derive(Clone, Debug)]
 pub struct SurfaceIndex {
     origin: Vec3,
@@ -26,11 +26,11 @@ pub struct SurfaceIndex {
     edge: f32,
     octants_per_m: f32,
     kernel_radius: f32,
-    /// In the order of their cells' first points, so that cells close on the set's curve are close here.
+    /// Ordered by the first point of their cell, so that cells close on the set's curve are close in memory.
     points: Vec<IndexPoint>,
     /// Sorted by hash.
     cells: Vec<Cell>,
-    /// For each value of the highest bits of a hash the first of `cells` with it, then the number of cells.
+    /// Index of the first cell for each value of a hash's highest bits, then the number of cells.
     starts: Vec<u32>,
     shift: u32,
 }
@@ -44,7 +44,7 @@ pub(crate) struct IndexPoint {
     pub(crate) point: u32,
 }
 
-/// A cell that has points: those from `first` up to `end`. No two cells have one hash.
+/// A cell that has points: those from `first` up to `end`. The hashes of all cells differ.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Cell {
     hash: u64,
@@ -52,13 +52,15 @@ struct Cell {
     end: u32,
 }
 
-/// An eighth of a cell: the fragments in it share the points that may be near. PointCache half as long hold fewer points
-/// that are too far, but have to be filled more often: slower in a hall seen from 9 m, no faster from 2 m (1080p).
+/// An eighth of a cell: the fragments in it share the points that may be near. PointCache half as long hold fewer
+/// points that are too far, but have to be filled more often: slower in a hall seen from 9 m, no faster from 2 m
+/// (1080p).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Octant(pub(crate) [i32; 3]);
 
 impl SurfaceIndex {
-    /// Indexes the points of a set. Takes O(n log n) time, 28 bytes a point and about 20 a cell that has points.
+    /// Indexes the points of a set in O(n log n) time. It takes 28 bytes a point and about 20 for each cell with
+    /// points.
     #[must_use]
     pub fn new(geometry: &Geometry) -> Self {
         let layout = geometry.layout();
@@ -100,13 +102,13 @@ impl SurfaceIndex {
         }
     }
 
-    /// `r` of Eq. 2 in metres.
+    /// Returns `r` of Eq. 2 in metres.
     #[inline]
     pub(crate) fn kernel_radius(&self) -> f32 {
         self.kernel_radius
     }
 
-    /// Memory that it takes, in bytes.
+    /// Returns the size of the index on the heap in bytes.
     #[must_use]
     pub fn heap_bytes(&self) -> usize {
         size_of_val(self.points.as_slice())
@@ -114,11 +116,11 @@ impl SurfaceIndex {
             + size_of_val(self.starts.as_slice())
     }
 
-    /// The octant that a place is in; `None` for one that is not finite.
+    /// Returns the octant of a place; `None` for a place that is not finite.
     #[inline]
     pub(crate) fn octant(&self, rest: Vec3) -> Option<Octant> {
         let at = (rest - self.origin) * self.octants_per_m;
-        // Far away all patches are alike: empty.
+        // Octants far away are all alike: empty.
         let floor = |axis: f32| {
             let near = axis.clamp(-16.0, 16.0 * MAX_CELLS_PER_AXIS);
             let towards_zero = near as i32;
@@ -127,14 +129,15 @@ impl SurfaceIndex {
         at.is_finite().then(|| Octant([floor(at.x), floor(at.y), floor(at.z)]))
     }
 
-    /// The lowest of the 2 x 2 x 2 cells that hold every point within the kernel radius of any place in an octant.
+    /// Returns the lowest of the 2 x 2 x 2 cells that hold every point within the kernel radius of any place in an
+    /// octant.
     #[inline]
     pub(crate) fn base(Octant(octant): Octant) -> [i32; 3] {
         // An octant is one half of its cell on each axis, and the kernel reaches half a cell.
         octant.map(|axis| (axis - 1) >> 1)
     }
 
-    /// Lower and upper corner of an octant.
+    /// Returns the lower and the upper corner of an octant.
     pub(crate) fn corners(&self, Octant(octant): Octant) -> [Vec3; 2] {
         let corner = |step: i32| {
             let [x, y, z] = octant;
@@ -144,7 +147,7 @@ impl SurfaceIndex {
         [corner(0), corner(1)]
     }
 
-    /// Distance in metres up to which points may count, rounding included.
+    /// Returns the distance in metres up to which points may count, rounding included.
     pub(crate) fn reach(&self) -> f32 {
         self.kernel_radius * REACH_FACTOR
     }
@@ -164,7 +167,8 @@ impl SurfaceIndex {
     }
 }
 
-/// The first cell of every value of the highest bits of a hash, about one value a cell, and where those bits are.
+/// Returns the first cell for each value of a hash's highest bits (about one value a cell), and the shift to those
+/// bits.
 fn starts(cells: &[Cell]) -> (Vec<u32>, u32) {
     let bits = cells.len().next_power_of_two().trailing_zeros().max(1);
     let shift = u64::BITS - bits;
@@ -180,13 +184,13 @@ fn starts(cells: &[Cell]) -> (Vec<u32>, u32) {
     (starts, shift)
 }
 
-/// Coordinates below 2^21 as one number.
+/// Packs coordinates below 2^21 into one number.
 fn key([x, y, z]: [u32; 3]) -> u64 {
     u64::from(x) | u64::from(y) << 21 | u64::from(z) << 42
 }
 
-/// Spreads keys over 64 bits so that neither planes nor lines of cells share high bits. No two keys collide: each step
-/// can be undone. (The finaliser of `MurmurHash3`, A. Appleby.)
+/// Spreads keys over 64 bits so that neither planes nor lines of cells share high bits. Keys never collide, because
+/// each step is a bijection. (The finaliser of `MurmurHash3`, A. Appleby.)
 fn mix(key: u64) -> u64 {
     let key = (key ^ (key >> 33)).wrapping_mul(0xff51_afd7_ed55_8ccd);
     let key = (key ^ (key >> 33)).wrapping_mul(0xc4ce_b9fe_1a85_ec53);

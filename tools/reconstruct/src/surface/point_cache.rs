@@ -1,18 +1,18 @@
-//! The points around an octant of fragments with their current AO, eight side by side.
+//! The points around an octant of a cell with their current AO, in groups of eight.
 //!
-//! In two steps, each of which keeps what was needed last: the points of 2 x 2 x 2 cells with their AO (*region*), and
-//! of these the ones that are near enough to an octant. Fragments near each other mostly share their octant, and patches
-//! their region, so neither is made often.
+//! Two caches stand one behind the other. The first holds the points of 2 x 2 x 2 cells (a *region*), the second those
+//! of a region that are near enough to an octant. Neighbouring fragments mostly share an octant, and neighbouring
+//! octants a region, so entries are rarely filled.
 
 use super::index::{IndexPoint, Octant, SurfaceIndex};
 use crate::kernel::{LANES, PointGroup};
 
-/// AO byte of an instance's point, which its set's geometry numbers; `None` until it has come.
+/// Function from an instance and a point of its set to the point's AO byte; `None` until the byte has arrived.
 pub(crate) trait AoSource: Fn(u32, usize) -> Option<u8> + Sync {}
 
 impl<F: Fn(u32, usize) -> Option<u8> + Sync> AoSource for F {}
 
-/// Points, eight side by side.
+/// Points in groups of eight.
 #[derive(Clone)]
 struct PointGroups {
     count: usize,
@@ -27,7 +27,7 @@ impl PointGroups {
         self.groups.clear();
     }
 
-    /// The lane for one more point.
+    /// Returns the group and the lane of one more point.
     #[inline]
     fn lane(&mut self) -> (&mut PointGroup, usize) {
         let lane = self.count % LANES;
@@ -43,7 +43,7 @@ impl PointGroups {
 /// The points of 2 x 2 x 2 cells.
 #[derive(Clone)]
 struct Region {
-    /// Instance and lowest cell.
+    /// Instance and lowest cell; `None` for an empty entry.
     key: Option<(u32, [i32; 3])>,
     points: PointGroups,
 }
@@ -59,7 +59,7 @@ impl Region {
     }
 }
 
-/// Gives each point of the 2 x 2 x 2 cells from `base` on whose AO has come to `take`, with its accessibility.
+/// Calls `take` with each point of the 2 x 2 x 2 cells from `base` on whose AO has arrived, and its accessibility.
 fn each_arrived(
     ao: &impl AoSource,
     index: &SurfaceIndex,
@@ -77,8 +77,8 @@ fn each_arrived(
     }
 }
 
-/// Gives each point that may be near the places of an octant to `take`: those of [`PointCache::of`] in their order, without
-/// any memory.
+/// Gives each point that may be near the places of an octant to `take`: those of [`PointCache::of`] in their order,
+/// without any memory.
 pub(crate) fn each_near(
     ao: &impl AoSource,
     index: &SurfaceIndex,
@@ -99,14 +99,14 @@ pub(crate) fn each_near(
     });
 }
 
-/// Squared distance on one axis from `at` to the interval from `low` to `high`.
+/// Returns the squared distance on one axis from `at` to the interval from `low` to `high`.
 #[inline]
 fn square_past(low: f32, high: f32, at: f32) -> f32 {
     let past = (low - at).max(at - high).max(0.0);
     past * past
 }
 
-/// The points of a region that may be near the fragments of an octant.
+/// The points of a region that may be near the places in an octant.
 #[derive(Clone)]
 struct OctantPoints {
     key: Option<(u32, Octant)>,
@@ -148,7 +148,7 @@ impl PointGroups {
     }
 }
 
-/// Regions and patches that were needed last.
+/// Cache of the regions and octants that were needed last.
 pub(crate) struct PointCache {
     regions: Vec<Region>,
     near: Vec<OctantPoints>,
@@ -167,7 +167,7 @@ impl PointCache {
         }
     }
 
-    /// The points that may be near the fragments of an octant.
+    /// Returns the points that may be near the places in an octant.
     #[inline]
     pub(crate) fn of(
         &mut self,
@@ -186,7 +186,7 @@ impl PointCache {
     }
 }
 
-/// The region of an octant.
+/// Returns the region of an octant.
 fn region<'a>(
     regions: &'a mut [Region],
     ao: &impl AoSource,

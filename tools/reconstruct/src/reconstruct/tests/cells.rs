@@ -28,7 +28,7 @@ fn one(points: Vec<PointSample>) -> State {
     state(&[TestInstance { grid: grid(), kernel_radius: 0.5, pose: Pose::IDENTITY, points }])
 }
 
-/// Eq. 2 to 4 over every point of the instance whose cell is one of the two nearest on each axis.
+/// Computes Eq. 2 to 4 over every point of the instance whose cell is one of the two nearest on each axis.
 fn brute_force(state: &State, fragment: &Surface) -> Reference {
     let layout = state.layout().instances()[fragment.instance as usize];
     let pose = state.pose(fragment.instance).unwrap();
@@ -171,7 +171,7 @@ proptest! {
         let found = cells(&state, &view).unwrap();
         check(&found, &view, Bounds { value: 2e-5, near_thresholds: 10 }, |fragment| brute_force(&state, fragment))?;
         prop_assert_eq!(on_one_thread(|| cells(&state, &view).unwrap()), found.clone());
-        // The sampler agrees to the bit where it is asked for the same places.
+        // The sampler returns bit-identical values for the same places.
         let sampler = AoSampler::new();
         for (pixel, &value) in found.image.values().iter().enumerate() {
             let Some(fragment) = view.fragment(pixel) else { continue };

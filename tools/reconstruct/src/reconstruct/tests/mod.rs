@@ -9,7 +9,7 @@ use super::{Reconstruction, Statistics};
 use crate::testing::Reference;
 use crate::{GBuffer, Size, Surface};
 
-/// A view of one row of fragments.
+/// Returns a view of one row of fragments.
 fn row(fragments: &[impl Copy + Into<Option<Surface>>]) -> GBuffer {
     let size = Size::new(u32::try_from(fragments.len()).unwrap(), 1).unwrap();
     GBuffer::from_fragments(size, fragments.iter().map(|&fragment| fragment.into()).collect()).unwrap()
@@ -18,9 +18,9 @@ fn row(fragments: &[impl Copy + Into<Option<Surface>>]) -> GBuffer {
 /// How far a reconstruction may be from its reference.
 #[derive(Clone, Copy)]
 struct Bounds {
-    /// Difference of a value where no criterion is a close call.
+    /// Largest difference of a value where no criterion is near its threshold.
     value: f64,
-    /// One in this many fragments may be a close call.
+    /// One in this many fragments may be near a threshold.
     near_thresholds: u64,
 }
 
@@ -59,7 +59,7 @@ fn check(
     Ok(())
 }
 
-/// What `work` returns on a pool of one thread.
+/// Runs `work` on a pool of one thread.
 fn on_one_thread<R: Send>(work: impl FnOnce() -> R + Send) -> R {
     #[cfg(feature = "rayon")]
     let result = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap().install(work);

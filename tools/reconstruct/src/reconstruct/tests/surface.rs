@@ -12,7 +12,7 @@ use crate::surface::AoSource;
 use crate::testing::{Margins, Points, Reference, points, reference, surface_state, unit};
 use crate::{AoSampler, AtRest, GBuffer, Size, Surface, SurfaceIndex};
 
-/// A fragment whose place in the world has nothing to do with its place at rest.
+/// Returns a fragment whose place in the world has nothing to do with its place at rest.
 fn fragment(instance: u32, position: Vec3, normal: Vec3) -> Surface {
     let rest = Some(AtRest { position, normal });
     Surface { t: 1.0, position: Vec3::splat(1e3), normal: Vec3::NEG_X, instance, rest }
@@ -22,7 +22,7 @@ fn one(fragment: Surface) -> GBuffer {
     row(&[Some(fragment)])
 }
 
-/// Eq. 2 to 4 over every point of the instance.
+/// Computes Eq. 2 to 4 over every point of the instance.
 fn brute_force(state: &State, fragment: &Surface, ao: &impl AoSource) -> Reference {
     let set = state.layout().members()[fragment.instance as usize].set;
     let geometry = state.geometry(set).unwrap();
@@ -64,7 +64,7 @@ proptest! {
         check(&found, &view, Bounds { value: 2e-4, near_thresholds: 3 }, |fragment| brute_force(&state, fragment, &ao))?;
         let alone = on_one_thread(|| SurfaceReconstructor::new().blend(&state, &view, &ao).unwrap());
         prop_assert_eq!(alone, found);
-        // The sampler agrees to the bit where it is asked for the same places.
+        // The sampler returns bit-identical values for the same places.
         let mut sampler = AoSampler::new();
         sampler.prepare(&state);
         let found = surface(&state, &view).unwrap();

@@ -87,7 +87,7 @@ impl NeighbourhoodCache {
         Self { entries: vec![Neighbourhood::EMPTY; Self::ENTRIES] }
     }
 
-    /// The points of the cells from `base` on, eight at a time.
+    /// Returns the points of the cells from `base` on in groups of eight.
     pub(crate) fn of(&mut self, state: &State, cells: &InstanceCells, base: [i64; 3]) -> &[PointGroup] {
         let odd = base.map(|axis| (axis & 1) as usize);
         let entry = odd[0] | odd[1] << 1 | odd[2] << 2 | (cells.instance as usize & 1) << 3;

@@ -52,7 +52,7 @@ struct Cell {
     end: u32,
 }
 
-/// An eighth of a cell: the fragments in it share the points that may be near. PointCache half as long hold fewer
+/// An eighth of a cell: the fragments in it share the points that may be near. Patches half as long hold fewer
 /// points that are too far, but have to be filled more often: slower in a hall seen from 9 m, no faster from 2 m
 /// (1080p).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -8,8 +8,8 @@ use std::sync::Arc;
 
 use psao_eval::adapter::SceneView;
 use psao_eval::screen::{
-    Falloff, FarField, FarFieldSettings, Mipmap, MipmapSettings, NearField, Screen, ScreenMethod, Separate,
-    Traced,
+    Falloff, FarField, FarFieldSettings, Mipmap, MipmapSettings, NearField, Screen, ScreenMethod, ScreenRays,
+    Separation,
 };
 use psao_reconstruct::picture::Picture;
 use psao_reconstruct::{AoImage, Size};
@@ -27,7 +27,7 @@ type Named = (&'static str, Box<dyn ScreenMethod>);
 /// Every setting that the paper shows, and what this crate adds.
 fn methods() -> Result<Vec<Named>, Box<dyn std::error::Error>> {
     let base = || FarFieldSettings { radius: RADIUS, falloff: FALLOFF, ..FarFieldSettings::default() };
-    let separate = |blur| FarFieldSettings { sectors: 18, separate: Some(Separate { blur }), ..base() };
+    let separate = |blur| FarFieldSettings { sectors: 18, separate: Some(Separation { blur }), ..base() };
     let settings = [
         ("8x2", FarFieldSettings { sectors: 8, ..base() }),
         ("16x1", FarFieldSettings { segments: 1, ..base() }),
@@ -71,7 +71,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let screen = Screen::new(&SceneView::new(&world), &scene.camera(1.0), inner, width / 10)?;
     let clock = Stopwatch::start();
     let traced = |thickness| {
-        let rays = Traced { rays, thickness, ..Traced::far(RADIUS, FALLOFF) };
+        let rays = ScreenRays { rays, thickness, ..ScreenRays::far(RADIUS, FALLOFF) };
         rays.shade(&screen, &clock).map(|shaded| shaded.image)
     };
     let (continuous, thick) = (traced(None)?, traced(Some(0.5))?);

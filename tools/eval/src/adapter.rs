@@ -4,9 +4,19 @@ use glam::Vec3;
 use psao_reconstruct::{AtRest, Surface, Surfaces};
 use psao_server::world::{Hit, SceneBvh, SurfaceAt};
 
-use crate::reference::Rays;
+/// A scene into which rays can be traced.
+pub trait RayScene: Sync {
+    /// Returns the distance in metres to the nearest surface from `origin` in the unit direction `direction`, below
+    /// `tmax`; `None` when there is none. Back faces count.
+    fn distance(&self, origin: Vec3, direction: Vec3, tmax: f32) -> Option<f32>;
 
-/// A scene at one moment, to look at ([`Surfaces`]) and to trace references through ([`Rays`]).
+    /// Returns whether a surface is nearer than `tmax` metres.
+    fn occluded(&self, origin: Vec3, direction: Vec3, tmax: f32) -> bool {
+        self.distance(origin, direction, tmax).is_some()
+    }
+}
+
+/// A scene at one moment, to look at ([`Surfaces`]) and to trace references through ([`RayScene`]).
 ///
 /// Looking follows glTF 2.0 (section 3.9.2, double sided): the backs of one-sided materials are not drawn.
 /// References count them, as the server's rays do.
@@ -16,7 +26,7 @@ pub struct SceneView<'a> {
 }
 
 /// Most backs of one-sided faces that a ray may pass before it counts as meeting nothing.
-const MOST_BACKS: u32 = 256;
+const MAX_BACK_FACES: u32 = 256;
 
 impl<'a> SceneView<'a> {
     /// Looks at `world` as it is now.
@@ -30,7 +40,7 @@ impl<'a> SceneView<'a> {
 }
 
 /// The first surface that is drawn along a ray.
-pub(crate) struct Front {
+pub(crate) struct FrontHit {
     /// The hit; its `t` counts from behind the faces that were looked through.
     pub(crate) hit: Hit,
     /// The surface there, of the triangle's front.
@@ -43,17 +53,17 @@ pub(crate) struct Front {
 
 impl SceneView<'_> {
     /// The nearest surface along a ray, the backs of one-sided faces left out.
-    pub(crate) fn front(&self, origin: Vec3, dir: Vec3, tmax: f32) -> Option<Front> {
+    pub(crate) fn front_hit(&self, origin: Vec3, dir: Vec3, tmax: f32) -> Option<FrontHit> {
         let scene = self.world.scene();
         let mut from = 0.0_f32;
-        for _ in 0..MOST_BACKS {
+        for _ in 0..MAX_BACK_FACES {
             let hit = self.world.closest(origin + dir * from, dir, tmax - from)?;
             let at = self.world.surface(&hit)?;
             let t = from + hit.t;
             let mesh = &scene.meshes()[scene.instances()[hit.instance.index()].mesh().index()];
             let back = at.facing.dot(dir) > 0.0;
             if !back || scene.material(mesh).double_sided() {
-                return Some(Front { hit, at, back, t });
+                return Some(FrontHit { hit, at, back, t });
             }
             // On from just behind the face: a few units in the last place of where it is.
             let magnitude = at.position.abs().max_element().max(t);
@@ -65,7 +75,7 @@ impl SceneView<'_> {
 
 impl Surfaces for SceneView<'_> {
     fn first_hit(&self, origin: Vec3, dir: Vec3, tmax: f32) -> Option<Surface> {
-        let Front { hit, at, back, t } = self.front(origin, dir, tmax)?;
+        let FrontHit { hit, at, back, t } = self.front_hit(origin, dir, tmax)?;
         let turned = |normal: Vec3| if back { -normal } else { normal };
         let rest = self.world.rest_surface(&hit);
         Some(Surface {
@@ -78,7 +88,7 @@ impl Surfaces for SceneView<'_> {
     }
 }
 
-impl Rays for SceneView<'_> {
+impl RayScene for SceneView<'_> {
     fn distance(&self, origin: Vec3, direction: Vec3, tmax: f32) -> Option<f32> {
         self.world.closest(origin, direction, tmax).map(|hit| hit.t)
     }

@@ -7,25 +7,13 @@ use psao_server::ao::{AoError, AoSettings, Occlusion, Scratch, Tracer};
 use psao_server::points::RayKey;
 use rayon::prelude::*;
 
-use crate::adapter::SceneView;
+use crate::adapter::{RayScene, SceneView};
 
 /// Rays a pixel of the paper's reference (section 4.1).
 pub const PAPER_RAYS: u32 = 512;
 
 /// Sets of directions that the pixels choose from; each pixel turns its set by an angle of its own.
-const SETS: usize = 16;
-
-/// A scene that rays can be traced through.
-pub trait Rays: Sync {
-    /// Distance in metres to the nearest surface from `origin` in the unit direction `direction`, below `tmax`;
-    /// `None` when there is none. Back faces count.
-    fn distance(&self, origin: Vec3, direction: Vec3, tmax: f32) -> Option<f32>;
-
-    /// Whether anything is nearer than `tmax` metres.
-    fn occluded(&self, origin: Vec3, direction: Vec3, tmax: f32) -> bool {
-        self.distance(origin, direction, tmax).is_some()
-    }
-}
+const DIRECTION_SETS: usize = 16;
 
 /// Why there is no reference.
 #[derive(Debug, thiserror::Error)]
@@ -68,19 +56,25 @@ pub fn reference(
 ///
 /// [`ReferenceError::Settings`] when a setting is out of its range, [`ReferenceError::Values`] when the scene
 /// answers with nonsense.
-pub fn reference_by_single_rays<R: Rays + ?Sized>(
+pub fn reference_by_single_rays<R: RayScene + ?Sized>(
     scene: &R,
     view: &GBuffer,
     settings: &AoSettings,
 ) -> Result<AoImage, ReferenceError> {
     settings.validate()?;
-    let sets: Vec<Vec<Vec3>> = (0..SETS).map(|set| directions(settings, set)).collect();
+    let sets: Vec<Vec<Vec3>> = (0..DIRECTION_SETS).map(|set| directions(settings, set)).collect();
     each_fragment(
         view,
         || (),
         |(), pixel, fragment| {
             let choice = mix(settings.seed ^ mix(pixel as u64));
-            accessibility(scene, fragment, settings, &sets[choice as usize % SETS], (choice >> 32) as u32)
+            accessibility(
+                scene,
+                fragment,
+                settings,
+                &sets[choice as usize % DIRECTION_SETS],
+                (choice >> 32) as u32,
+            )
         },
     )
 }
@@ -105,7 +99,7 @@ fn each_fragment<M>(
 }
 
 /// Mean over the directions of `min(distance, R) / R`, or share of them that meet nothing within R.
-fn accessibility<R: Rays + ?Sized>(
+fn accessibility<R: RayScene + ?Sized>(
     scene: &R,
     fragment: &Surface,
     settings: &AoSettings,
@@ -114,7 +108,7 @@ fn accessibility<R: Rays + ?Sized>(
 ) -> f32 {
     let radius = settings.radius;
     let origin = fragment.position + fragment.normal * settings.bias();
-    let to_world = frame(fragment.normal, turn);
+    let to_world = tangent_frame(fragment.normal, turn);
     let sum: f64 = directions
         .iter()
         .map(|&local| {
@@ -147,7 +141,7 @@ pub(crate) fn directions(settings: &AoSettings, set: usize) -> Vec<Vec3> {
 }
 
 /// A frame whose z axis is `normal`, turned about it by `turn` / 2^32 of a full turn.
-pub(crate) fn frame(normal: Vec3, turn: u32) -> Mat3 {
+pub(crate) fn tangent_frame(normal: Vec3, turn: u32) -> Mat3 {
     let helper = if normal.x.abs() < 0.5 { Vec3::X } else { Vec3::Y };
     let side = normal.cross(helper).normalize();
     let other = normal.cross(side);
@@ -181,7 +175,7 @@ mod tests {
         radius: f32,
     }
 
-    impl Rays for Ball {
+    impl RayScene for Ball {
         fn distance(&self, origin: Vec3, direction: Vec3, tmax: f32) -> Option<f32> {
             let floor = -origin.y / direction.y;
             let to = self.centre - origin;
@@ -281,7 +275,7 @@ mod tests {
                 fraction(mix(index + 5_000) as u32) as f32 - 0.5,
             );
             let normal = normal.try_normalize().unwrap_or(Vec3::X);
-            let m = frame(normal, (mix(index) >> 16) as u32);
+            let m = tangent_frame(normal, (mix(index) >> 16) as u32);
             assert!((m.transpose() * m - Mat3::IDENTITY).to_cols_array().iter().all(|e| e.abs() < 1e-5));
             assert!((m.determinant() - 1.0).abs() < 1e-5);
             assert_eq!(m.z_axis, normal);

@@ -2,7 +2,7 @@
 
 use psao_reconstruct::AoImage;
 
-use super::{SizeMismatch, obscurance, one_size};
+use super::{SizeMismatchError, equal_size, obscurance};
 
 /// All the error figures of one pair of images. Units: AO, where 1 is the whole range from closed to open.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,7 +28,7 @@ impl Comparison {
     ///
     /// # Errors
     ///
-    /// [`SizeMismatch`] when the images are not of one size.
+    /// [`SizeMismatchError`] when the images are not of one size.
     ///
     /// ```
     /// use psao_reconstruct::{AoImage, Size};
@@ -42,7 +42,7 @@ impl Comparison {
     /// assert!((found.psnr - 23.0103).abs() < 1e-4); // 10 log10(1 / 0.005)
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
-    pub fn new(reference: &AoImage, test: &AoImage) -> Result<Self, SizeMismatch> {
+    pub fn new(reference: &AoImage, test: &AoImage) -> Result<Self, SizeMismatchError> {
         let mut errors = differences(reference, test)?.collect::<Vec<_>>();
         let count = errors.len() as f64;
         let bias = errors.iter().sum::<f64>() / count;
@@ -51,7 +51,7 @@ impl Comparison {
             *error = error.abs();
         }
         let mae = errors.iter().sum::<f64>() / count;
-        let right = errors.iter().filter(|error| **error < obscurance::RIGHT).count();
+        let right = errors.iter().filter(|error| **error < obscurance::RIGHT_BELOW).count();
         // The least rank that leaves at most 1 % of the pixels above it.
         let rank = (errors.len() * 99).div_ceil(100) - 1;
         let (_, p99, _) = errors.select_nth_unstable_by(rank, f64::total_cmp);
@@ -73,8 +73,8 @@ impl Comparison {
 ///
 /// # Errors
 ///
-/// [`SizeMismatch`] when the images are not of one size.
-pub fn mae(reference: &AoImage, test: &AoImage) -> Result<f64, SizeMismatch> {
+/// [`SizeMismatchError`] when the images are not of one size.
+pub fn mae(reference: &AoImage, test: &AoImage) -> Result<f64, SizeMismatchError> {
     let sum: f64 = differences(reference, test)?.map(f64::abs).sum();
     Ok(sum / reference.values().len() as f64)
 }
@@ -83,8 +83,8 @@ pub fn mae(reference: &AoImage, test: &AoImage) -> Result<f64, SizeMismatch> {
 ///
 /// # Errors
 ///
-/// [`SizeMismatch`] when the images are not of one size.
-pub fn rmse(reference: &AoImage, test: &AoImage) -> Result<f64, SizeMismatch> {
+/// [`SizeMismatchError`] when the images are not of one size.
+pub fn rmse(reference: &AoImage, test: &AoImage) -> Result<f64, SizeMismatchError> {
     Ok(mean_square(reference, test)?.sqrt())
 }
 
@@ -92,12 +92,12 @@ pub fn rmse(reference: &AoImage, test: &AoImage) -> Result<f64, SizeMismatch> {
 ///
 /// # Errors
 ///
-/// [`SizeMismatch`] when the images are not of one size.
-pub fn psnr(reference: &AoImage, test: &AoImage) -> Result<f64, SizeMismatch> {
+/// [`SizeMismatchError`] when the images are not of one size.
+pub fn psnr(reference: &AoImage, test: &AoImage) -> Result<f64, SizeMismatchError> {
     Ok(decibels(mean_square(reference, test)?))
 }
 
-fn mean_square(reference: &AoImage, test: &AoImage) -> Result<f64, SizeMismatch> {
+fn mean_square(reference: &AoImage, test: &AoImage) -> Result<f64, SizeMismatchError> {
     let sum: f64 = differences(reference, test)?.map(|e| e * e).sum();
     Ok(sum / reference.values().len() as f64)
 }
@@ -110,8 +110,8 @@ fn decibels(mean_square: f64) -> f64 {
 pub(super) fn differences<'a>(
     reference: &'a AoImage,
     test: &'a AoImage,
-) -> Result<impl Iterator<Item = f64> + 'a, SizeMismatch> {
-    one_size(reference, test)?;
+) -> Result<impl Iterator<Item = f64> + 'a, SizeMismatchError> {
+    equal_size(reference, test)?;
     Ok(reference.values().iter().zip(test.values()).map(|(r, t)| f64::from(*t) - f64::from(*r)))
 }
 
@@ -171,7 +171,7 @@ mod tests {
         let (a, b) = (image(2, 3, vec![0.0; 6]), image(3, 2, vec![0.0; 6]));
         assert!(mae(&a, &b).is_err() && rmse(&a, &b).is_err() && psnr(&a, &b).is_err());
         let error = Comparison::new(&a, &b).unwrap_err();
-        assert_eq!(error, SizeMismatch { reference: a.size(), test: b.size() });
+        assert_eq!(error, SizeMismatchError { reference: a.size(), test: b.size() });
     }
 
     proptest! {
@@ -184,7 +184,7 @@ mod tests {
             prop_assert_eq!(all.mae, mae(&r, &t).unwrap());
             prop_assert_eq!(all.rmse, rmse(&r, &t).unwrap());
             prop_assert_eq!(all.psnr, psnr(&r, &t).unwrap());
-            prop_assert_eq!(all.within_5, obscurance::right(&r, &t).unwrap());
+            prop_assert_eq!(all.within_5, obscurance::share_right(&r, &t).unwrap());
             prop_assert!(all.bias.abs() <= all.mae + 1e-12);
             prop_assert!(all.mae <= all.rmse + 1e-12 && all.rmse <= all.max + 1e-12 && all.p99 <= all.max);
             prop_assert!(all.psnr >= 0.0);

@@ -7,7 +7,7 @@
 use flip_rs::{DEFAULT_PPD, FlipError, RgbImage, ldr_flip};
 use psao_reconstruct::AoImage;
 
-use super::{MetricError, one_size};
+use super::{MetricError, equal_size};
 
 /// Mean FLIP error, in `[0, 1]`; 0 for equal images, lower is better.
 ///
@@ -25,7 +25,7 @@ pub fn flip(reference: &AoImage, test: &AoImage) -> Result<f64, MetricError> {
 ///
 /// As [`flip`].
 pub fn flip_map(reference: &AoImage, test: &AoImage) -> Result<Vec<f32>, MetricError> {
-    let size = one_size(reference, test)?;
+    let size = equal_size(reference, test)?;
     let refused = |error: FlipError| MetricError::Refused { metric: "FLIP", size, reason: error.to_string() };
     let rgb = |image: &AoImage| {
         let pixels = image.values().iter().flat_map(|&value| [value; 3]).collect();

@@ -7,10 +7,10 @@ use half::f16;
 use psao_reconstruct::AoImage;
 use rayon::prelude::*;
 
-use super::{MetricError, roomy};
+use super::{MetricError, size_of_at_least};
 
 /// One convolution: planes that go in and out, width of the square kernel, step, and zeros around the planes.
-struct Shape {
+struct Convolution {
     planes_in: usize,
     planes_out: usize,
     side: usize,
@@ -19,18 +19,18 @@ struct Shape {
 }
 
 /// `AlexNet`'s convolutions (Krizhevsky 2014). The planes are halved after the first two.
-const SHAPES: [Shape; 5] = [
-    Shape { planes_in: 3, planes_out: 64, side: 11, stride: 4, pad: 2 },
-    Shape { planes_in: 64, planes_out: 192, side: 5, stride: 1, pad: 2 },
-    Shape { planes_in: 192, planes_out: 384, side: 3, stride: 1, pad: 1 },
-    Shape { planes_in: 384, planes_out: 256, side: 3, stride: 1, pad: 1 },
-    Shape { planes_in: 256, planes_out: 256, side: 3, stride: 1, pad: 1 },
+const CONVOLUTIONS: [Convolution; 5] = [
+    Convolution { planes_in: 3, planes_out: 64, side: 11, stride: 4, pad: 2 },
+    Convolution { planes_in: 64, planes_out: 192, side: 5, stride: 1, pad: 2 },
+    Convolution { planes_in: 192, planes_out: 384, side: 3, stride: 1, pad: 1 },
+    Convolution { planes_in: 384, planes_out: 256, side: 3, stride: 1, pad: 1 },
+    Convolution { planes_in: 256, planes_out: 256, side: 3, stride: 1, pad: 1 },
 ];
-const HALVED_AFTER: usize = 2;
+const POOLED_LAYERS: usize = 2;
 
 /// What the network subtracts from red, green and blue in `[-1, 1]`, and divides them by.
-const SHIFT: [f32; 3] = [-0.030, -0.088, -0.188];
-const SCALE: [f32; 3] = [0.458, 0.448, 0.450];
+const CHANNEL_SHIFT: [f32; 3] = [-0.030, -0.088, -0.188];
+const CHANNEL_SCALE: [f32; 3] = [0.458, 0.448, 0.450];
 
 /// The network, ready to compare.
 pub struct Lpips {
@@ -39,7 +39,7 @@ pub struct Lpips {
 
 /// A convolution, and what the distance of its planes weighs.
 struct Layer {
-    shape: &'static Shape,
+    shape: &'static Convolution,
     /// By plane out, plane in, row, column.
     weights: Vec<f32>,
     bias: Vec<f32>,
@@ -54,7 +54,7 @@ pub enum WeightsError {
     #[error(
         "weights of LPIPS (AlexNet, version 0.1) are {} half floats or as many floats, little endian; {found} bytes are \
          neither",
-        Lpips::WEIGHTS
+        Lpips::WEIGHT_COUNT
     )]
     Length {
         /// Bytes given.
@@ -70,21 +70,21 @@ pub enum WeightsError {
 
 impl Lpips {
     /// Numbers in a file of weights.
-    pub const WEIGHTS: usize = 2_470_848;
+    pub const WEIGHT_COUNT: usize = 2_470_848;
 
     /// The shortest side of an image in pixels of which anything is left after the first two convolutions.
-    pub const LEAST_SIDE: u32 = 31;
+    pub const MIN_SIDE: u32 = 31;
 
     /// The network of these weights: the five convolutions of `AlexNet`, each its kernels (plane out, plane in, row,
-    /// column) and then its biases, then the five heads; [`WEIGHTS`](Self::WEIGHTS) numbers of 2 or 4 bytes, little endian.
+    /// column) and then its biases, then the five heads; [`WEIGHT_COUNT`](Self::WEIGHTS) numbers of 2 or 4 bytes, little endian.
     ///
     /// # Errors
     ///
     /// [`WeightsError`] when the bytes are too few, too many, or not finite.
     pub fn from_weights(bytes: &[u8]) -> Result<Self, WeightsError> {
-        let numbers: Vec<f32> = if bytes.len() == Self::WEIGHTS * 2 {
+        let numbers: Vec<f32> = if bytes.len() == Self::WEIGHT_COUNT * 2 {
             bytes.as_chunks().0.iter().map(|bytes| f16::from_le_bytes(*bytes).to_f32()).collect()
-        } else if bytes.len() == Self::WEIGHTS * 4 {
+        } else if bytes.len() == Self::WEIGHT_COUNT * 4 {
             bytes.as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect()
         } else {
             return Err(WeightsError::Length { found: bytes.len() });
@@ -98,7 +98,7 @@ impl Lpips {
             rest = left;
             taken.to_vec()
         };
-        let kernels: Vec<_> = SHAPES
+        let kernels: Vec<_> = CONVOLUTIONS
             .iter()
             .map(|shape| {
                 let count = shape.planes_out * shape.planes_in * shape.side * shape.side;
@@ -118,14 +118,14 @@ impl Lpips {
     /// # Errors
     ///
     /// [`MetricError::Size`] when the images are not of one size, [`MetricError::TooSmall`] below
-    /// [`LEAST_SIDE`](Self::LEAST_SIDE) pixels a side.
+    /// [`MIN_SIDE`](Self::LEAST_SIDE) pixels a side.
     pub fn distance(&self, reference: &AoImage, test: &AoImage) -> Result<f64, MetricError> {
-        roomy("LPIPS", Self::LEAST_SIDE, reference, test)?;
+        size_of_at_least("LPIPS", Self::MIN_SIDE, reference, test)?;
         let mut planes = [reference, test].map(Planes::of);
         let mut distance = 0.0;
         for (index, layer) in self.layers.iter().enumerate() {
-            if (1..=HALVED_AFTER).contains(&index) {
-                planes = planes.map(|planes| planes.halved());
+            if (1..=POOLED_LAYERS).contains(&index) {
+                planes = planes.map(|planes| planes.max_pooled());
             }
             planes = planes.map(|planes| layer.convolve(&planes));
             distance += layer.distance(&planes);
@@ -150,7 +150,7 @@ impl Planes {
         Self {
             width: image.size().width() as usize,
             height: image.size().height() as usize,
-            values: SHIFT.into_iter().zip(SCALE).flat_map(plane).collect(),
+            values: CHANNEL_SHIFT.into_iter().zip(CHANNEL_SCALE).flat_map(plane).collect(),
         }
     }
 
@@ -172,7 +172,7 @@ impl Planes {
     }
 
     /// The largest of every 3 x 3 values, in steps of 2.
-    fn halved(&self) -> Self {
+    fn max_pooled(&self) -> Self {
         let (width, height) = ((self.width - 3) / 2 + 1, (self.height - 3) / 2 + 1);
         let mut values = Vec::with_capacity(self.values.len() / (self.width * self.height) * width * height);
         for plane in self.planes() {
@@ -190,7 +190,7 @@ impl Planes {
 impl Layer {
     /// The convolution, and what is below 0 set to 0.
     fn convolve(&self, planes: &Planes) -> Planes {
-        let Shape { planes_in, side, stride, pad, .. } = *self.shape;
+        let Convolution { planes_in, side, stride, pad, .. } = *self.shape;
         let input = planes.padded(pad);
         let (width, height) = ((input.width - side) / stride + 1, (input.height - side) / stride + 1);
         let mut values = vec![0.0; self.bias.len() * width * height];
@@ -246,27 +246,27 @@ mod tests {
 
     #[test]
     fn weights_of_another_size_or_not_finite_are_refused() {
-        for found in [0, 1, Lpips::WEIGHTS * 2 - 1, Lpips::WEIGHTS * 4 + 1] {
+        for found in [0, 1, Lpips::WEIGHT_COUNT * 2 - 1, Lpips::WEIGHT_COUNT * 4 + 1] {
             let refused = Lpips::from_weights(&vec![0; found]).err();
             assert_eq!(refused, Some(WeightsError::Length { found }));
         }
-        let mut bytes = vec![0; Lpips::WEIGHTS * 2];
+        let mut bytes = vec![0; Lpips::WEIGHT_COUNT * 2];
         bytes[20..22].copy_from_slice(&f16::NAN.to_le_bytes());
         assert_eq!(Lpips::from_weights(&bytes).err(), Some(WeightsError::Value { index: 10 }));
     }
 
     #[test]
     fn the_shapes_use_up_the_weights() {
-        let numbers = |shape: &Shape| {
+        let numbers = |shape: &Convolution| {
             shape.planes_out * (shape.planes_in * shape.side * shape.side + 2) // kernel, bias, head
         };
-        assert_eq!(SHAPES.iter().map(numbers).sum::<usize>(), Lpips::WEIGHTS);
+        assert_eq!(CONVOLUTIONS.iter().map(numbers).sum::<usize>(), Lpips::WEIGHT_COUNT);
     }
 
     /// A network of arbitrary weights, by loops that follow the definition.
     #[test]
     fn a_convolution_equals_its_definition() {
-        let shape = &SHAPES[2];
+        let shape = &CONVOLUTIONS[2];
         let number = |index: usize| (index * 2_654_435_761 % 1_000) as f32 / 1_000.0 - 0.5;
         let (width, height) = (5, 4);
         let planes = Planes { width, height, values: (0..192 * width * height).map(number).collect() };
@@ -292,11 +292,11 @@ mod tests {
 
     #[test]
     fn the_least_side_is_the_least() {
-        let network = Lpips::from_weights(&vec![0; Lpips::WEIGHTS * 2]).unwrap();
+        let network = Lpips::from_weights(&vec![0; Lpips::WEIGHT_COUNT * 2]).unwrap();
         let grey =
             |side| AoImage::new(Size::new(side, side).unwrap(), vec![0.5; (side * side) as usize]).unwrap();
         let of = |side| network.distance(&grey(side), &grey(side));
-        assert_eq!(of(Lpips::LEAST_SIDE).unwrap(), 0.0);
-        assert!(matches!(of(Lpips::LEAST_SIDE - 1), Err(MetricError::TooSmall { .. })));
+        assert_eq!(of(Lpips::MIN_SIDE).unwrap(), 0.0);
+        assert!(matches!(of(Lpips::MIN_SIDE - 1), Err(MetricError::TooSmall { .. })));
     }
 }

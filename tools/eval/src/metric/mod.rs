@@ -13,7 +13,7 @@
 //! | [`Lpips`] | from 0 | lower | distance of the features of a trained network |
 //!
 //! All are over every pixel of the picture, its background included, which is open in both images. The figures of
-//! [`Comparison`] take one pass; those of [`Perceived`] take up to seconds for a large picture. LPIPS hardly sees that a
+//! [`Comparison`] take one pass; those of [`PerceptualFigures`] take up to seconds for a large picture. LPIPS hardly sees that a
 //! whole picture is too dark, where FLIP does; structural similarity sees noise first.
 //!
 //! Sums run in f64 over the pixels in row order, so a figure does not depend on the number of threads.
@@ -34,7 +34,7 @@ pub use self::lpips::{Lpips, WeightsError};
 /// Two images that cannot be compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("the reference has {reference} pixels and the image under test {test}; compare images of one size")]
-pub struct SizeMismatch {
+pub struct SizeMismatchError {
     /// Size of the reference.
     pub reference: Size,
     /// Size of the image under test.
@@ -46,7 +46,7 @@ pub struct SizeMismatch {
 pub enum MetricError {
     /// The images are not of one size.
     #[error(transparent)]
-    Size(#[from] SizeMismatch),
+    Size(#[from] SizeMismatchError),
     /// A metric looks at windows that do not fit into the images.
     #[error("{metric} needs images of at least {least} x {least} pixels, not {size}")]
     TooSmall {
@@ -71,16 +71,16 @@ pub enum MetricError {
 
 /// The figures that model how people see.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Perceived {
+pub struct PerceptualFigures {
     /// Structural similarity, see [`ssim`](mod@ssim); `None` of images below [`ssim::WINDOW`] pixels a side.
     pub ssim: Option<f64>,
     /// Mean FLIP error, see [`flip`](mod@flip).
     pub flip: f64,
-    /// LPIPS distance; `None` without a network, and of images below [`Lpips::LEAST_SIDE`] pixels a side.
+    /// LPIPS distance; `None` without a network, and of images below [`Lpips::MIN_SIDE`] pixels a side.
     pub lpips: Option<f64>,
 }
 
-impl Perceived {
+impl PerceptualFigures {
     /// Compares `test` with `reference`; LPIPS takes a network.
     ///
     /// # Errors
@@ -88,17 +88,17 @@ impl Perceived {
     /// [`MetricError::Size`] when the images are not of one size, [`MetricError::Refused`] when FLIP runs out of memory.
     pub fn new(reference: &AoImage, test: &AoImage, network: Option<&Lpips>) -> Result<Self, MetricError> {
         Ok(Self {
-            ssim: where_it_fits(ssim::ssim(reference, test))?,
+            ssim: if_large_enough(ssim::ssim(reference, test))?,
             flip: flip::flip(reference, test)?,
             lpips: match network {
-                Some(network) => where_it_fits(network.distance(reference, test))?,
+                Some(network) => if_large_enough(network.distance(reference, test))?,
                 None => None,
             },
         })
     }
 }
 
-fn where_it_fits(figure: Result<f64, MetricError>) -> Result<Option<f64>, MetricError> {
+fn if_large_enough(figure: Result<f64, MetricError>) -> Result<Option<f64>, MetricError> {
     match figure {
         Ok(figure) => Ok(Some(figure)),
         Err(MetricError::TooSmall { .. }) => Ok(None),
@@ -107,17 +107,22 @@ fn where_it_fits(figure: Result<f64, MetricError>) -> Result<Option<f64>, Metric
 }
 
 /// Both images' common size.
-fn one_size(reference: &AoImage, test: &AoImage) -> Result<Size, SizeMismatch> {
+fn equal_size(reference: &AoImage, test: &AoImage) -> Result<Size, SizeMismatchError> {
     if reference.size() == test.size() {
         Ok(reference.size())
     } else {
-        Err(SizeMismatch { reference: reference.size(), test: test.size() })
+        Err(SizeMismatchError { reference: reference.size(), test: test.size() })
     }
 }
 
-/// As [`one_size`], at least `least` pixels a side.
-fn roomy(metric: &'static str, least: u32, reference: &AoImage, test: &AoImage) -> Result<Size, MetricError> {
-    let size = one_size(reference, test)?;
+/// As [`equal_size`], at least `least` pixels a side.
+fn size_of_at_least(
+    metric: &'static str,
+    least: u32,
+    reference: &AoImage,
+    test: &AoImage,
+) -> Result<Size, MetricError> {
+    let size = equal_size(reference, test)?;
     if size.width().min(size.height()) < least {
         return Err(MetricError::TooSmall { metric, size, least });
     }
@@ -135,13 +140,13 @@ mod tests {
 
     #[test]
     fn equal_images_are_perceived_as_equal() {
-        let found = Perceived::new(&grey(16, 12, 0.5), &grey(16, 12, 0.5), None).unwrap();
-        assert_eq!(found, Perceived { ssim: Some(1.0), flip: 0.0, lpips: None });
+        let found = PerceptualFigures::new(&grey(16, 12, 0.5), &grey(16, 12, 0.5), None).unwrap();
+        assert_eq!(found, PerceptualFigures { ssim: Some(1.0), flip: 0.0, lpips: None });
     }
 
     #[test]
     fn images_too_small_for_a_window_have_the_other_figures() {
-        let found = Perceived::new(&grey(10, 30, 1.0), &grey(10, 30, 0.0), None).unwrap();
+        let found = PerceptualFigures::new(&grey(10, 30, 1.0), &grey(10, 30, 0.0), None).unwrap();
         assert_eq!(found.ssim, None);
         assert!(found.flip > 0.9);
         let refused = ssim::ssim(&grey(10, 30, 1.0), &grey(10, 30, 0.0)).unwrap_err();
@@ -151,7 +156,7 @@ mod tests {
     #[test]
     fn sizes_must_agree_even_if_the_pixels_do() {
         let (a, b) = (grey(20, 30, 0.0), grey(30, 20, 0.0));
-        assert!(matches!(Perceived::new(&a, &b, None), Err(MetricError::Size(_))));
+        assert!(matches!(PerceptualFigures::new(&a, &b, None), Err(MetricError::Size(_))));
         assert!(flip::flip(&a, &b).is_err() && obscurance::error_map(&a, &b).is_err());
     }
 }

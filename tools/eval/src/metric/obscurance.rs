@@ -5,31 +5,31 @@
 use psao_reconstruct::AoImage;
 
 use super::error::differences;
-use super::{MetricError, SizeMismatch};
+use super::{MetricError, SizeMismatchError};
 
 /// The error within which a pixel counts as right: 5 % of the range.
-pub const RIGHT: f64 = 0.05;
+pub const RIGHT_BELOW: f64 = 0.05;
 
 /// The error that is black in [`error_map`]: 20 % of the range (Timonen 2013, figure 7).
-pub const BLACK: f64 = 0.2;
+pub const BLACK_FROM: f64 = 0.2;
 
-/// `e_<5%`: the share of the pixels whose error is below [`RIGHT`], in `[0, 1]`; higher is better.
+/// `e_<5%`: the share of the pixels whose error is below [`RIGHT_BELOW`], in `[0, 1]`; higher is better.
 ///
 /// # Errors
 ///
-/// [`SizeMismatch`] when the images are not of one size.
-pub fn right(reference: &AoImage, test: &AoImage) -> Result<f64, SizeMismatch> {
-    let right = differences(reference, test)?.filter(|error| error.abs() < RIGHT).count();
+/// [`SizeMismatchError`] when the images are not of one size.
+pub fn share_right(reference: &AoImage, test: &AoImage) -> Result<f64, SizeMismatchError> {
+    let right = differences(reference, test)?.filter(|error| error.abs() < RIGHT_BELOW).count();
     Ok(right as f64 / reference.values().len() as f64)
 }
 
-/// The error of each pixel as grey: white is none, black is [`BLACK`] or more (Timonen 2013, figure 7).
+/// The error of each pixel as grey: white is none, black is [`BLACK_FROM`] or more (Timonen 2013, figure 7).
 ///
 /// # Errors
 ///
 /// [`MetricError::Size`] when the images are not of one size.
 pub fn error_map(reference: &AoImage, test: &AoImage) -> Result<AoImage, MetricError> {
-    let grey = |error: f64| (1.0 - error.abs() / BLACK).max(0.0) as f32;
+    let grey = |error: f64| (1.0 - error.abs() / BLACK_FROM).max(0.0) as f32;
     let values = differences(reference, test)?.map(grey).collect();
     let size = reference.size();
     AoImage::new(size, values).map_err(|error| MetricError::Refused {
@@ -52,7 +52,7 @@ mod tests {
     #[test]
     fn a_pixel_is_right_below_a_twentieth_of_the_range() {
         let (reference, test) = (image(&[0.5, 0.5, 0.5, 0.0]), image(&[0.5, 0.54, 0.44, 0.0625]));
-        assert_eq!(right(&reference, &test).unwrap(), 0.5);
+        assert_eq!(share_right(&reference, &test).unwrap(), 0.5);
     }
 
     #[test]

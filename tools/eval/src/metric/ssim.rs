@@ -8,7 +8,7 @@
 use iqa::{Image, SsimOptions};
 use psao_reconstruct::AoImage;
 
-use super::{MetricError, roomy};
+use super::{MetricError, size_of_at_least};
 
 /// Width and height of a window in pixels.
 pub const WINDOW: u32 = 11;
@@ -19,7 +19,7 @@ pub const WINDOW: u32 = 11;
 ///
 /// [`MetricError::Size`] when the images are not of one size, [`MetricError::TooSmall`] below [`WINDOW`] pixels a side.
 pub fn ssim(reference: &AoImage, test: &AoImage) -> Result<f64, MetricError> {
-    let size = roomy("SSIM", WINDOW, reference, test)?;
+    let size = size_of_at_least("SSIM", WINDOW, reference, test)?;
     let refused =
         |error: iqa::Error| MetricError::Refused { metric: "SSIM", size, reason: error.to_string() };
     let grey = |image: &AoImage| {

@@ -1,6 +1,6 @@
 //! Which setting to choose for a budget: the Pareto front, read from the cheap end.
 
-use super::front;
+use super::pareto_front;
 use crate::sweep::Record;
 
 /// What is to be spent.
@@ -25,7 +25,7 @@ impl Cost {
 
 /// From this budget on, this is the best that was measured, until the next step.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Step {
+pub struct BudgetStep {
     /// The least budget.
     pub budget: f64,
     /// Its place among the records.
@@ -35,18 +35,18 @@ pub struct Step {
 }
 
 /// The least part of an error that a larger budget must take off to be worth a word.
-const WORTH: f64 = 0.01;
+const MIN_IMPROVEMENT: f64 = 0.01;
 
 /// What to choose as the budget grows, by least mean absolute error. Below the first step nothing that was measured fits. What
 /// is better by less than 1 % of the error is passed over: it may be chance.
 #[must_use]
-pub fn steps(records: &[&Record], cost: Cost) -> Vec<Step> {
+pub fn best_by_budget(records: &[&Record], cost: Cost) -> Vec<BudgetStep> {
     let points: Vec<(f64, f64)> =
         records.iter().map(|record| (cost.of(record).unwrap_or(f64::NAN), record.error.mae)).collect();
-    let step = |index: usize| Step { budget: points[index].0, index, mae: points[index].1 };
-    let mut found: Vec<Step> = Vec::new();
-    for step in front(&points).into_iter().map(step) {
-        if found.last().is_none_or(|last| step.mae < last.mae * (1.0 - WORTH)) {
+    let step = |index: usize| BudgetStep { budget: points[index].0, index, mae: points[index].1 };
+    let mut found: Vec<BudgetStep> = Vec::new();
+    for step in pareto_front(&points).into_iter().map(step) {
+        if found.last().is_none_or(|last| step.mae < last.mae * (1.0 - MIN_IMPROVEMENT)) {
             found.push(step);
         }
     }
@@ -67,7 +67,7 @@ mod tests {
             record("ssao", 0.08, 2.0, None),
         ];
         let records: Vec<&Record> = records.iter().collect();
-        let chosen = |cost| steps(&records, cost).iter().map(|step| step.index).collect::<Vec<_>>();
+        let chosen = |cost| best_by_budget(&records, cost).iter().map(|step| step.index).collect::<Vec<_>>();
         assert_eq!(chosen(Cost::MbitPerSecond), [0, 2], "a method sends nothing and is no choice of stream");
         assert_eq!(chosen(Cost::PictureMs), [3, 1, 0, 2]);
     }
@@ -76,7 +76,8 @@ mod tests {
     fn what_is_hardly_better_is_no_advice() {
         let records = [0.02, 0.0199, 0.01985, 0.0197].map(|mae| record("surface", mae, 1.0 / mae, Some(1.0)));
         let records: Vec<&Record> = records.iter().collect();
-        let chosen: Vec<usize> = steps(&records, Cost::PictureMs).iter().map(|step| step.index).collect();
+        let chosen: Vec<usize> =
+            best_by_budget(&records, Cost::PictureMs).iter().map(|step| step.index).collect();
         assert_eq!(chosen, [0, 3]);
     }
 }

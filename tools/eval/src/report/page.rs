@@ -5,10 +5,10 @@ use std::fmt::Write as _;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 
-use super::plot::{Dot, FAMILY_COLOURS, Level, Plot, colour, mark};
+use super::plot::{Dot, FAMILY_COLOURS, Plot, ReferenceLine, colour, mark};
 use super::table::{ms, table};
-use super::{Cost, escape, steps};
-use crate::sweep::{Kind, Record};
+use super::{Cost, best_by_budget, escape};
+use crate::sweep::{Record, RecordKind};
 
 /// A picture, or two side by side.
 pub struct Thumbnail {
@@ -19,7 +19,7 @@ pub struct Thumbnail {
 }
 
 /// A scene.
-pub struct Section<'a> {
+pub struct SceneSection<'a> {
     /// Its name.
     pub scene: String,
     /// What was measured, in the order of the table.
@@ -37,11 +37,11 @@ pub struct Page<'a> {
     /// The machine and the program, name and value.
     pub machine: Vec<(String, String)>,
     /// Scenes.
-    pub sections: Vec<Section<'a>>,
+    pub sections: Vec<SceneSection<'a>>,
 }
 
 /// An error of a record.
-type Figure = fn(&Record) -> f64;
+type ErrorOf = fn(&Record) -> f64;
 
 const STYLE: &str = ":root{--ink:#1a1a1a;--soft:#5c5c5c;--line:#d8d8d8;--back:#fff;--card:#f6f6f6}\
 @media(prefers-color-scheme:dark){:root{--ink:#e8e8e8;--soft:#a5a5a5;--line:#3a3a3a;--back:#161618;--card:#1f1f22}}\
@@ -95,7 +95,7 @@ fn family_colours() -> String {
     (0..).zip(FAMILY_COLOURS).map(rule).collect()
 }
 
-impl Section<'_> {
+impl SceneSection<'_> {
     fn html(&self, out: &mut String) {
         let _ = writeln!(out, "<h2>{}</h2>", escape(&self.scene));
         self.thumbnails(out);
@@ -150,7 +150,7 @@ impl Section<'_> {
         out.push_str(
             "<span>- - - front: the least error that each cost buys</span></div>\n<div class=\"plots\">\n",
         );
-        let figures: [(&str, Figure); 2] =
+        let figures: [(&str, ErrorOf); 2] =
             [("mean absolute error, e_A", |r| r.error.mae), ("FLIP", |r| r.error.flip)];
         for (up, error) in figures {
             for cost in [Cost::PictureMs, Cost::MbitPerSecond] {
@@ -166,7 +166,7 @@ impl Section<'_> {
         );
     }
 
-    fn plot(&self, families: &[&str], cost: Cost, up: &str, error: Figure) -> String {
+    fn plot(&self, families: &[&str], cost: Cost, up: &str, error: ErrorOf) -> String {
         let family = |record: &Record| families.iter().position(|name| *name == record.name).unwrap_or(0);
         let title = |record: &Record| {
             let mbit_s = record.stream.map_or_else(String::new, |s| format!(", {:.3} Mbit/s", s.wire_mbit_s));
@@ -181,11 +181,15 @@ impl Section<'_> {
         let free = |name: &&str| {
             let of_name = self.records.iter().filter(|record| record.name == **name);
             let best = of_name.min_by(|a, b| error(a).total_cmp(&error(b)))?;
-            let level =
-                Level { error: error(best), family: family(best), name: &best.name, title: title(best) };
-            (cost == Cost::MbitPerSecond && best.kind == Kind::Screen).then_some(level)
+            let level = ReferenceLine {
+                error: error(best),
+                family: family(best),
+                name: &best.name,
+                title: title(best),
+            };
+            (cost == Cost::MbitPerSecond && best.kind == RecordKind::Screen).then_some(level)
         };
-        let levels: Vec<Level> = families.iter().filter_map(free).collect();
+        let levels: Vec<ReferenceLine> = families.iter().filter_map(free).collect();
         let (across, heading) = match cost {
             Cost::PictureMs => ("milliseconds a picture, on the client", "run time"),
             Cost::MbitPerSecond => ("Mbit/s, everything on the wire", "bandwidth"),
@@ -199,7 +203,7 @@ impl Section<'_> {
             (Cost::MbitPerSecond, "Mbit/s", "What to choose for a bandwidth"),
             (Cost::PictureMs, "ms a picture", "What to choose for a time on the client"),
         ] {
-            let steps = steps(&self.records, cost);
+            let steps = best_by_budget(&self.records, cost);
             if steps.is_empty() {
                 continue;
             }
@@ -271,7 +275,7 @@ mod tests {
             title: "a & b".to_owned(),
             notes: vec!["<script>".to_owned()],
             machine: vec![("cores".to_owned(), "2".to_owned())],
-            sections: vec![Section {
+            sections: vec![SceneSection {
                 scene: records[0].scene.clone(),
                 records: records.iter().collect(),
                 pictures: vec![Thumbnail { caption: "p".to_owned(), pngs: vec![vec![1, 2, 3]] }],

@@ -15,12 +15,12 @@ pub struct Blur {
     /// Standard deviation of the Gaussian in taps, above 0 (at least 1e-3) and at most 1000.
     pub sigma: f32,
     /// Where it stops.
-    pub edge: Edge,
+    pub edge: EdgeStop,
 }
 
 /// What counts as an edge. Depths differ by `d` metres; the weight of the Gaussian is multiplied by:
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Edge {
+pub enum EdgeStop {
     /// 1 everywhere, over sky too.
     None,
     /// `exp(-(d / metres)^2)`: the cross-bilateral blur of HBAO (Bavoil and Sainz 2008).
@@ -43,7 +43,7 @@ pub enum Edge {
 
 impl Blur {
     /// No blur at all.
-    pub const NONE: Self = Self { taps: 0, spacing: 1, sigma: 1.0, edge: Edge::None };
+    pub const NONE: Self = Self { taps: 0, spacing: 1, sigma: 1.0, edge: EdgeStop::None };
 
     /// Checks the ranges, in the name of `method`.
     ///
@@ -55,8 +55,8 @@ impl Blur {
         check_setting(method, "spacing of the blur", self.spacing as f32, 1.0, 64.0)?;
         check_setting(method, "sigma of the blur", self.sigma, 1e-3, 1e3)?;
         match self.edge {
-            Edge::None => Ok(()),
-            Edge::Depth { metres } | Edge::Hat { metres } | Edge::DepthAndNormal { metres } => {
+            EdgeStop::None => Ok(()),
+            EdgeStop::Depth { metres } | EdgeStop::Hat { metres } | EdgeStop::DepthAndNormal { metres } => {
                 check_setting(method, "edge of the blur", metres, 1e-6, 1e6)
             }
         }
@@ -67,13 +67,13 @@ impl Blur {
         let width = 2 * self.taps + 1;
         match (self.taps, self.edge) {
             (0, _) => "no blur".to_owned(),
-            (_, Edge::None) => format!("Gaussian of {width}"),
+            (_, EdgeStop::None) => format!("Gaussian of {width}"),
             _ => format!("bilateral of {width}"),
         }
     }
 
     /// Bytes that [`Blur::apply`] needs beside the values.
-    pub(crate) fn bytes(&self, screen: &Screen) -> usize {
+    pub(crate) fn heap_bytes(&self, screen: &Screen) -> usize {
         if self.taps == 0 { 0 } else { screen.inner().pixels() * size_of::<f32>() }
     }
 
@@ -127,7 +127,7 @@ impl Blur {
     }
 }
 
-impl Edge {
+impl EdgeStop {
     /// What is left of a tap whose depth differs by `difference` metres, infinite for sky.
     #[inline]
     fn weight(self, difference: f32, normal: Vec3, there: impl Fn() -> Vec3) -> f32 {
@@ -165,18 +165,18 @@ mod tests {
         (0..140).map(|i| (mix(i) % 1000) as f32 / 1000.0).collect()
     }
 
-    const EDGES: [Edge; 4] = [
-        Edge::None,
-        Edge::Depth { metres: 0.3 },
-        Edge::Hat { metres: 0.3 },
-        Edge::DepthAndNormal { metres: 0.3 },
+    const EDGES: [EdgeStop; 4] = [
+        EdgeStop::None,
+        EdgeStop::Depth { metres: 0.3 },
+        EdgeStop::Hat { metres: 0.3 },
+        EdgeStop::DepthAndNormal { metres: 0.3 },
     ];
 
     /// The same sum over the whole square of taps at once: right where no edge is near.
     #[test]
     fn two_passes_are_the_square_of_taps_where_nothing_stops_them() {
         let screen = screen(&|_, _| 3.0);
-        for edge in [Edge::None, Edge::Depth { metres: 0.3 }, Edge::Hat { metres: 0.3 }] {
+        for edge in [EdgeStop::None, EdgeStop::Depth { metres: 0.3 }, EdgeStop::Hat { metres: 0.3 }] {
             let blur = Blur { taps: 2, spacing: 2, sigma: 1.5, edge };
             let from = noise();
             let mut values = from.clone();
@@ -224,20 +224,20 @@ mod tests {
             assert!((0..140).all(|i| values[i] == if i % 14 < 7 { 0.0 } else { 1.0 }), "{edge:?}");
         }
         let mut values: Vec<f32> = (0..140).map(|i| if i % 14 < 7 { 0.0 } else { 1.0 }).collect();
-        Blur { taps: 4, spacing: 1, sigma: 3.0, edge: Edge::None }.apply(&screen, &mut values);
+        Blur { taps: 4, spacing: 1, sigma: 3.0, edge: EdgeStop::None }.apply(&screen, &mut values);
         assert!(values[6] > 0.2 && values[7] < 0.8);
     }
 
     #[test]
     fn settings_out_of_range_are_refused_in_the_name_of_the_method() {
-        let good = Blur { taps: 2, spacing: 1, sigma: 1.5, edge: Edge::Hat { metres: 1.0 } };
+        let good = Blur { taps: 2, spacing: 1, sigma: 1.5, edge: EdgeStop::Hat { metres: 1.0 } };
         assert_eq!(good.validate("x"), Ok(()));
         let bad = [
             Blur { taps: 65, ..good },
             Blur { spacing: 0, ..good },
             Blur { sigma: 0.0, ..good },
             Blur { sigma: f32::NAN, ..good },
-            Blur { edge: Edge::Depth { metres: -1.0 }, ..good },
+            Blur { edge: EdgeStop::Depth { metres: -1.0 }, ..good },
         ];
         for blur in bad {
             assert!(matches!(blur.validate("x"), Err(ScreenError::Setting { method: "x", .. })), "{blur:?}");

@@ -4,9 +4,9 @@ use glam::{Vec2, Vec3};
 use psao_server::clock::Clock;
 
 use super::depth::Pixel;
-use super::noise::{Compass, bits, pair};
+use super::noise::{DirectionTable, bits, pair};
 use super::{
-    Blur, Edge, Falloff, Sampling, Screen, ScreenError, ScreenMethod, Shaded, Stages, check_radius,
+    Blur, EdgeStop, Falloff, Sampling, Screen, ScreenError, ScreenMethod, Shading, StageTimer, check_radius,
     check_setting,
 };
 
@@ -43,7 +43,7 @@ impl Hbao {
 
     /// At a radius in metres: 8 directions of 10 samples, as Astapov et al. (2021) run it, and a cross-bilateral blur.
     pub fn new(radius: f32) -> Self {
-        let edge = Edge::Depth { metres: 0.2 * radius };
+        let edge = EdgeStop::Depth { metres: 0.2 * radius };
         Self {
             radius,
             directions: 8,
@@ -71,7 +71,7 @@ impl Hbao {
     }
 
     /// Accessibility of one pixel.
-    fn pixel(&self, screen: &Screen, pixel: &Pixel, compass: &Compass, bias: Bias) -> f32 {
+    fn pixel(&self, screen: &Screen, pixel: &Pixel, compass: &DirectionTable, bias: AngleBias) -> f32 {
         let reach = screen.radius_px(self.radius, pixel.position.z);
         // Steps of less than a pixel would read the same sample again.
         let step = (reach / (self.steps + 1) as f32).max(Vec2::ONE);
@@ -93,7 +93,13 @@ impl Hbao {
     }
 
     /// Weighted sine between tangent and horizon along one direction, given the samples from near to far.
-    fn slice(&self, pixel: &Pixel, direction: Vec2, samples: impl Iterator<Item = Vec3>, bias: Bias) -> f32 {
+    fn slice(
+        &self,
+        pixel: &Pixel,
+        direction: Vec2,
+        samples: impl Iterator<Item = Vec3>,
+        bias: AngleBias,
+    ) -> f32 {
         // Tangents of angles above the plane of the screen, towards the eye. A normal that faces away leans flat.
         let lean = direction.normalize().dot(pixel.normal.truncate()) / pixel.normal.z.min(-1e-4);
         let mut tan_horizon = raised(lean, bias.tan);
@@ -129,24 +135,24 @@ impl ScreenMethod for Hbao {
         Some(Sampling::directed(self.directions, self.steps, 0))
     }
 
-    fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shaded, ScreenError> {
+    fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shading, ScreenError> {
         self.validate()?;
-        let mut stages = Stages::new(clock);
-        let compass = Compass::new();
+        let mut stages = StageTimer::new(clock);
+        let compass = DirectionTable::new();
         let angle = self.angle_bias_deg.to_radians();
         // A plane is flat only to rounding.
-        let bias = Bias { tan: libm::tanf(angle), sin: libm::sinf(angle).max(1e-3) };
+        let bias = AngleBias { tan: libm::tanf(angle), sin: libm::sinf(angle).max(1e-3) };
         let mut values = screen.each_inner(|pixel| self.pixel(screen, &pixel, &compass, bias));
         stages.end("sample");
         self.blur.apply(screen, &mut values);
         stages.end("blur");
-        stages.shaded(screen, values, Compass::BYTES + self.blur.bytes(screen))
+        stages.shaded(screen, values, DirectionTable::BYTES + self.blur.heap_bytes(screen))
     }
 }
 
 /// Tangent and sine of the angle bias.
 #[derive(Clone, Copy, Debug)]
-struct Bias {
+struct AngleBias {
     tan: f32,
     sin: f32,
 }
@@ -185,7 +191,7 @@ mod tests {
         // Up 45 degrees at 0.5, then a hidden sample, then straight on up to 60 degrees further out.
         let far = at(0.8, 0.8 * 3.0_f32.sqrt());
         let samples = [at(0.0, 0.0), at(0.5, 0.5), at(0.7, 0.1), far, at(0.1, 3.0)];
-        let hidden = method.slice(&pixel, Vec2::X, samples.into_iter(), Bias { tan: 0.0, sin: 0.0 });
+        let hidden = method.slice(&pixel, Vec2::X, samples.into_iter(), AngleBias { tan: 0.0, sin: 0.0 });
         let (near, sin45, sin60) = (0.5_f32, 0.5_f32.sqrt(), 0.75_f32.sqrt());
         let want = sin45 * (1.0 - near / 4.0) + (sin60 - sin45) * (1.0 - 2.56 / 4.0);
         assert!((hidden - want).abs() < 1e-6, "{hidden} {want}");

@@ -5,10 +5,10 @@ use psao_server::clock::Clock;
 use rayon::prelude::*;
 
 use super::depth::Pixel;
-use super::far_field::field::Pixels;
-use super::far_field::slice::{Estimator, Receiver, Slice, Stand};
-use super::far_field::table::Table;
-use super::{Falloff, Screen, ScreenError, ScreenMethod, Shaded, Stages, check_radius, check_setting};
+use super::far_field::field::SquarePixels;
+use super::far_field::slice::{Estimator, Receiver, SlabPlacement, Slice};
+use super::far_field::table::ObscuranceTable;
+use super::{Falloff, Screen, ScreenError, ScreenMethod, Shading, StageTimer, check_radius, check_setting};
 
 const NAME: &str = "mipmap";
 
@@ -43,7 +43,7 @@ impl Default for MipmapSettings {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mipmap {
     settings: MipmapSettings,
-    table: Table,
+    table: ObscuranceTable,
 }
 
 impl Mipmap {
@@ -59,7 +59,7 @@ impl Mipmap {
         check_setting(NAME, "the growth of steps", settings.growth, 1.01, 4.0)?;
         check_setting(NAME, "the start", settings.start, 0.0, 4_096.0)?;
         check_setting(NAME, "the thickness", settings.thickness.unwrap_or(1.0), 1e-6, 1e6)?;
-        let table = Table::new(settings.radius, &settings.falloff);
+        let table = ObscuranceTable::new(settings.radius, &settings.falloff);
         Ok(Self { settings, table })
     }
 
@@ -107,11 +107,11 @@ impl ScreenMethod for Mipmap {
         label
     }
 
-    fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shaded, ScreenError> {
-        let mut stages = Stages::new(clock);
-        let levels = Levels::new(screen, self.settings.thickness.is_some());
+    fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shading, ScreenError> {
+        let mut stages = StageTimer::new(clock);
+        let levels = MipLevels::new(screen, self.settings.thickness.is_some());
         stages.end("mipmap");
-        let pixels = Pixels::new(screen);
+        let pixels = SquarePixels::new(screen);
         let samples: Vec<(f32, f32)> = self
             .distances(2.0 * pixels.half().length())
             .into_iter()
@@ -141,8 +141,8 @@ impl ScreenMethod for Mipmap {
 /// What all pixels share.
 struct Gather<'a> {
     method: &'a Mipmap,
-    levels: &'a Levels,
-    pixels: &'a Pixels,
+    levels: &'a MipLevels,
+    pixels: &'a SquarePixels,
     estimator: &'a Estimator<'a>,
     /// Distances and levels.
     samples: &'a [(f32, f32)],
@@ -164,7 +164,7 @@ impl Gather<'_> {
             let inverse = self.levels.inverse(self.pixels.on_grid(at + along * distance), level);
             if inverse > 0.0 {
                 let sight = across * (start + distance * slope) + depth;
-                hidden += self.estimator.add(&slice, &mut horizon, sight / inverse, Stand::Top, 1.0);
+                hidden += self.estimator.add(&slice, &mut horizon, sight / inverse, SlabPlacement::Top, 1.0);
             }
         };
         for &(distance, level) in self.samples.iter().take_while(|(distance, _)| *distance < end) {
@@ -188,25 +188,25 @@ fn to_edge(half: Vec2, at: Vec2, along: Vec2) -> f32 {
 /// Levels of inverse depth, each half the one before; sky is 0. The means of inverse depths keep planes what they are,
 /// and have a place for sky.
 #[derive(Debug)]
-struct Levels {
-    levels: Vec<Level>,
+struct MipLevels {
+    levels: Vec<MipLevel>,
     /// Whether nothing may be interpolated.
     snapped: bool,
 }
 
 #[derive(Debug)]
-struct Level {
+struct MipLevel {
     width: usize,
     height: usize,
     inverse: Vec<f32>,
 }
 
-impl Levels {
+impl MipLevels {
     /// Levels down to a single pixel, of means, or, `snapped`, of the nearest.
     fn new(screen: &Screen, snapped: bool) -> Self {
         let (width, height) = (screen.size().width() as usize, screen.size().height() as usize);
         let inverse = screen.depths().iter().map(|depth| depth.recip()).collect();
-        let mut levels = vec![Level { width, height, inverse }];
+        let mut levels = vec![MipLevel { width, height, inverse }];
         while let Some(level) = levels.last().filter(|level| level.width > 1 || level.height > 1) {
             let half = level.half(snapped);
             levels.push(half);
@@ -235,7 +235,7 @@ impl Levels {
     }
 }
 
-impl Level {
+impl MipLevel {
     /// The next level: each pixel covers two by two of this one, or what there is of them.
     fn half(&self, nearest: bool) -> Self {
         let (width, height) = (self.width.div_ceil(2), self.height.div_ceil(2));
@@ -293,11 +293,11 @@ mod tests {
     #[test]
     fn levels_are_means_or_the_nearest() {
         let screen = screen(4, 3, 0, |x, y| [1.0, 2.0, 4.0, f32::INFINITY][x as usize] * (1 << y) as f32);
-        let means = Levels::new(&screen, false);
+        let means = MipLevels::new(&screen, false);
         let sizes: Vec<_> = means.levels.iter().map(|level| (level.width, level.height)).collect();
         assert_eq!(sizes, [(4, 3), (2, 2), (1, 1)]);
         assert_eq!(means.levels[1].inverse, [0.5625, 0.09375, 0.1875, 0.03125]);
-        let near = Levels::new(&screen, true);
+        let near = MipLevels::new(&screen, true);
         assert_eq!(near.levels[1].inverse, [1.0, 0.25, 0.25, 0.0625]);
         assert_eq!(near.levels[2].inverse, [1.0]);
         assert_eq!(near.inverse(Vec2::new(3.9, 0.1), 1.7), 0.25, "the pixel itself, of the level itself");

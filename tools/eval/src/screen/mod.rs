@@ -15,28 +15,28 @@ mod noise;
 mod pyramid;
 mod pyramid_hbao;
 mod scalable;
+mod screen_rays;
 mod ssao;
 mod ssao_plus;
 #[cfg(test)]
 mod tests;
-mod traced;
 
 use psao_reconstruct::{AoImage, AoImageError, CameraError, Size, SizeError};
 use psao_server::clock::Clock;
 use serde::Serialize;
 
-pub use self::blur::{Blur, Edge};
+pub use self::blur::{Blur, EdgeStop};
 pub use self::depth::Screen;
 pub use self::falloff::{Falloff, Samples};
-pub use self::far_field::{FarField, FarFieldSettings, NearField, Separate};
+pub use self::far_field::{FarField, FarFieldSettings, NearField, Separation};
 pub use self::hbao::Hbao;
 pub use self::line_sweep::LineSweep;
 pub use self::mipmap::{Mipmap, MipmapSettings};
 pub use self::pyramid_hbao::PyramidHbao;
 pub use self::scalable::Scalable;
+pub use self::screen_rays::{RayBias, ScreenRays};
 pub use self::ssao::Ssao;
 pub use self::ssao_plus::SsaoPlus;
-pub use self::traced::{Lift, Traced};
 
 /// A way to shade a screen.
 pub trait ScreenMethod: Sync {
@@ -58,7 +58,7 @@ pub trait ScreenMethod: Sync {
     /// # Errors
     ///
     /// [`ScreenError`] when a setting is out of its range.
-    fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shaded, ScreenError>;
+    fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shading, ScreenError>;
 }
 
 /// Samples of depth that a method reads for a pixel, those beyond its radius included.
@@ -83,7 +83,7 @@ impl Sampling {
 
 /// What a method made of a screen.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Shaded {
+pub struct Shading {
     /// Accessibility in `[0, 1]` of the inner pixels.
     pub image: AoImage,
     /// Time of each stage in microseconds, in the order they ran.
@@ -92,7 +92,7 @@ pub struct Shaded {
     pub bytes: usize,
 }
 
-impl Shaded {
+impl Shading {
     /// Time of all stages in microseconds.
     pub fn micros(&self) -> u64 {
         self.stages.iter().map(|(_, micros)| micros).sum()
@@ -100,13 +100,13 @@ impl Shaded {
 }
 
 /// Reads the clock between the stages of a method.
-pub(crate) struct Stages<'a> {
+pub(crate) struct StageTimer<'a> {
     clock: &'a dyn Clock,
     since: u64,
     done: Vec<(&'static str, u64)>,
 }
 
-impl<'a> Stages<'a> {
+impl<'a> StageTimer<'a> {
     pub(crate) fn new(clock: &'a dyn Clock) -> Self {
         Self { clock, since: clock.micros(), done: Vec::new() }
     }
@@ -124,9 +124,9 @@ impl<'a> Stages<'a> {
         screen: &Screen,
         values: Vec<f32>,
         bytes: usize,
-    ) -> Result<Shaded, ScreenError> {
+    ) -> Result<Shading, ScreenError> {
         let bytes = bytes + values.len() * size_of::<f32>();
-        Ok(Shaded { image: screen.image(values)?, stages: self.done, bytes })
+        Ok(Shading { image: screen.image(values)?, stages: self.done, bytes })
     }
 }
 

@@ -35,9 +35,9 @@ fn unit(bits: u32) -> f32 {
 
 /// Unit vectors of the whole turn, looked up instead of computed.
 #[derive(Debug)]
-pub(crate) struct Compass(Vec<Vec2>);
+pub(crate) struct DirectionTable(Vec<Vec2>);
 
-impl Compass {
+impl DirectionTable {
     const POINTS: usize = 4_096;
 
     /// The size of the table in bytes.
@@ -62,7 +62,7 @@ mod tests {
 
     #[test]
     fn the_compass_turns_once_and_its_vectors_are_unit() {
-        let compass = Compass::new();
+        let compass = DirectionTable::new();
         assert_eq!([0.0, 1.0, 7.0].map(|turns| compass.at(turns)), [Vec2::X; 3]);
         assert!((compass.at(0.25) - Vec2::Y).length() < 1e-6);
         for index in 0..1_000 {

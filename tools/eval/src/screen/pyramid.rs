@@ -18,11 +18,11 @@ pub(crate) enum Reduce {
 /// Levels of depth; level 0 is the screen itself and not kept here.
 #[derive(Debug)]
 pub(crate) struct DepthPyramid {
-    levels: Vec<Level>,
+    levels: Vec<PyramidLevel>,
 }
 
 #[derive(Debug)]
-struct Level {
+struct PyramidLevel {
     width: usize,
     height: usize,
     /// Pixels of the screen per pixel of this level.
@@ -34,7 +34,7 @@ impl DepthPyramid {
     /// Makes `levels` levels above the screen's own, each smaller by `factor` on each side, rounded up; fewer when one
     /// has shrunk to a single pixel.
     pub(crate) fn new(screen: &Screen, factor: usize, levels: usize, reduce: Reduce) -> Self {
-        let mut made: Vec<Level> = Vec::new();
+        let mut made: Vec<PyramidLevel> = Vec::new();
         let (mut width, mut height) = (screen.size().width() as usize, screen.size().height() as usize);
         let mut scale = 1;
         while made.len() < levels && (width > 1 || height > 1) {
@@ -42,7 +42,7 @@ impl DepthPyramid {
             let depth = reduced(below, [width, height], factor, reduce);
             (width, height) = (width.div_ceil(factor), height.div_ceil(factor));
             scale *= factor as i32;
-            made.push(Level { width, height, scale, depth });
+            made.push(PyramidLevel { width, height, scale, depth });
         }
         Self { levels: made }
     }

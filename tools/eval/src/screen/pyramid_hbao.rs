@@ -4,10 +4,10 @@ use glam::Vec2;
 use psao_server::clock::Clock;
 
 use super::depth::Pixel;
-use super::noise::{Compass, bits, pair};
+use super::noise::{DirectionTable, bits, pair};
 use super::pyramid::{DepthPyramid, Reduce};
 use super::{
-    Blur, Edge, Falloff, Sampling, Screen, ScreenError, ScreenMethod, Shaded, Stages, check_radius,
+    Blur, EdgeStop, Falloff, Sampling, Screen, ScreenError, ScreenMethod, Shading, StageTimer, check_radius,
     check_setting,
 };
 
@@ -54,7 +54,7 @@ impl PyramidHbao {
             levels: 3,
             step_px: 1.0,
             falloff: Falloff::Linear,
-            blur: Blur { taps: 2, spacing: 1, sigma: 1.5, edge: Edge::None },
+            blur: Blur { taps: 2, spacing: 1, sigma: 1.5, edge: EdgeStop::None },
             seed: 1,
         }
     }
@@ -91,7 +91,7 @@ impl PyramidHbao {
     }
 
     /// Accessibility of one pixel.
-    fn pixel(&self, screen: &Screen, pyramid: &DepthPyramid, compass: &Compass, pixel: &Pixel) -> f32 {
+    fn pixel(&self, screen: &Screen, pyramid: &DepthPyramid, compass: &DirectionTable, pixel: &Pixel) -> f32 {
         let noise = bits(screen, pixel, self.seed);
         let centre = Vec2::new(pixel.x as f32, pixel.y as f32) + 0.5;
         let hidden: f32 = (0..self.directions)
@@ -142,17 +142,17 @@ impl ScreenMethod for PyramidHbao {
         Some(Sampling::directed(self.directions, self.samples * (self.levels + 1), self.levels))
     }
 
-    fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shaded, ScreenError> {
+    fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shading, ScreenError> {
         self.validate()?;
-        let mut stages = Stages::new(clock);
+        let mut stages = StageTimer::new(clock);
         let pyramid = DepthPyramid::new(screen, Self::K, self.levels as usize, Reduce::Mean);
         stages.end("pyramid");
-        let compass = Compass::new();
+        let compass = DirectionTable::new();
         let mut values = screen.each_inner(|pixel| self.pixel(screen, &pyramid, &compass, &pixel));
         stages.end("sample");
         self.blur.apply(screen, &mut values);
         stages.end("blur");
-        stages.shaded(screen, values, pyramid.bytes() + Compass::BYTES + self.blur.bytes(screen))
+        stages.shaded(screen, values, pyramid.bytes() + DirectionTable::BYTES + self.blur.heap_bytes(screen))
     }
 }
 

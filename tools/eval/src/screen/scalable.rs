@@ -4,10 +4,10 @@ use glam::Vec2;
 use psao_server::clock::Clock;
 
 use super::depth::Pixel;
-use super::noise::Compass;
+use super::noise::DirectionTable;
 use super::pyramid::{DepthPyramid, Reduce};
 use super::{
-    Blur, Edge, Falloff, Sampling, Screen, ScreenError, ScreenMethod, Shaded, Stages, check_radius,
+    Blur, EdgeStop, Falloff, Sampling, Screen, ScreenError, ScreenMethod, Shading, StageTimer, check_radius,
     check_setting,
 };
 
@@ -51,7 +51,7 @@ impl Scalable {
     /// Usual settings, at a radius in metres: 9 taps on 7 turns, five levels, blur of 4 taps on each side, 2 apart.
     /// The intensity is 0.4, which makes a right-angled corner as dark as the ray tracer's obscurance does.
     pub fn new(radius: f32) -> Self {
-        let edge = Edge::Hat { metres: 0.15 * radius };
+        let edge = EdgeStop::Hat { metres: 0.15 * radius };
         Self {
             radius,
             taps: 9,
@@ -92,7 +92,7 @@ impl Scalable {
     }
 
     /// Accessibility of one pixel.
-    fn pixel(&self, screen: &Screen, pyramid: &DepthPyramid, compass: &Compass, pixel: &Pixel) -> f32 {
+    fn pixel(&self, screen: &Screen, pyramid: &DepthPyramid, compass: &DirectionTable, pixel: &Pixel) -> f32 {
         let reach = screen.radius_px(self.radius, pixel.position.z);
         let centre = Vec2::new(pixel.x as f32, pixel.y as f32) + 0.5;
         let start = turn_of(pixel.x - screen.guard() as i32, pixel.y - screen.guard() as i32);
@@ -129,18 +129,18 @@ impl ScreenMethod for Scalable {
         Some(Sampling { directions: None, along: None, levels: self.levels, per_pixel: self.taps })
     }
 
-    fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shaded, ScreenError> {
+    fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shading, ScreenError> {
         self.validate()?;
-        let mut stages = Stages::new(clock);
+        let mut stages = StageTimer::new(clock);
         let pyramid = DepthPyramid::new(screen, 2, self.levels as usize, Reduce::Pick);
         stages.end("levels");
-        let compass = Compass::new();
+        let compass = DirectionTable::new();
         let mut values = screen.each_inner(|pixel| self.pixel(screen, &pyramid, &compass, &pixel));
         average_quads(screen, &mut values, Self::QUAD_EDGE * self.radius);
         stages.end("sample");
         self.blur.apply(screen, &mut values);
         stages.end("blur");
-        stages.shaded(screen, values, pyramid.bytes() + Compass::BYTES + self.blur.bytes(screen))
+        stages.shaded(screen, values, pyramid.bytes() + DirectionTable::BYTES + self.blur.heap_bytes(screen))
     }
 }
 

@@ -5,7 +5,8 @@ use psao_server::clock::Clock;
 
 use super::noise::{bits, pair};
 use super::{
-    Blur, Edge, Falloff, Screen, ScreenError, ScreenMethod, Shaded, Stages, check_radius, check_setting,
+    Blur, EdgeStop, Falloff, Screen, ScreenError, ScreenMethod, Shading, StageTimer, check_radius,
+    check_setting,
 };
 use crate::reference::fraction;
 
@@ -36,7 +37,7 @@ impl Ssao {
 
     /// At a radius in metres: 16 points, mirrored anew in each pixel, and a small blur.
     pub fn new(radius: f32) -> Self {
-        let edge = Edge::Depth { metres: 0.2 * radius };
+        let edge = EdgeStop::Depth { metres: 0.2 * radius };
         Self {
             radius,
             points: 16,
@@ -65,9 +66,9 @@ impl ScreenMethod for Ssao {
         format!("SSAO, {} points{doubled}, {}", self.points, self.blur.label())
     }
 
-    fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shaded, ScreenError> {
+    fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shading, ScreenError> {
         self.validate()?;
-        let mut stages = Stages::new(clock);
+        let mut stages = StageTimer::new(clock);
         let sphere = sphere(self.points, self.radius);
         let gain = if self.doubled { 2.0 } else { 1.0 };
         let mut values = screen.each_inner(|pixel| {
@@ -79,7 +80,7 @@ impl ScreenMethod for Ssao {
         stages.end("sample");
         self.blur.apply(screen, &mut values);
         stages.end("blur");
-        stages.shaded(screen, values, sphere.len() * size_of::<Vec3>() + self.blur.bytes(screen))
+        stages.shaded(screen, values, sphere.len() * size_of::<Vec3>() + self.blur.heap_bytes(screen))
     }
 }
 

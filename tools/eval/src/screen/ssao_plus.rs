@@ -7,9 +7,10 @@ use psao_server::clock::Clock;
 use super::noise::{bits, length};
 use super::ssao::covered;
 use super::{
-    Blur, Edge, Falloff, Screen, ScreenError, ScreenMethod, Shaded, Stages, check_radius, check_setting,
+    Blur, EdgeStop, Falloff, Screen, ScreenError, ScreenMethod, Shading, StageTimer, check_radius,
+    check_setting,
 };
-use crate::reference::{directions, frame};
+use crate::reference::{directions, tangent_frame};
 
 /// SSAO with a hemisphere along the normal, a range check and a bilateral blur: Filion and `McNaughton` 2008 ("Effects
 /// and Techniques"), called SSAO+ by Astapov et al. (2021, section 2.2). The SSAO that
@@ -41,7 +42,7 @@ impl SsaoPlus {
 
     /// Usual settings, at a radius in metres: 16 points, a bilateral blur of 5 x 5 pixels.
     pub fn new(radius: f32) -> Self {
-        let edge = Edge::DepthAndNormal { metres: 0.2 * radius };
+        let edge = EdgeStop::DepthAndNormal { metres: 0.2 * radius };
         Self {
             radius,
             points: 16,
@@ -70,9 +71,9 @@ impl ScreenMethod for SsaoPlus {
         format!("SSAO+, {} points, {}", self.points, self.blur.label())
     }
 
-    fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shaded, ScreenError> {
+    fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shading, ScreenError> {
         self.validate()?;
-        let mut stages = Stages::new(clock);
+        let mut stages = StageTimer::new(clock);
         let rays = AoSettings { rays: self.points, seed: self.seed, ..AoSettings::default() };
         let hemisphere: Vec<Vec3> = (0..self.points)
             .zip(directions(&rays, 0))
@@ -80,13 +81,13 @@ impl ScreenMethod for SsaoPlus {
             .collect();
         let bias = self.bias * self.radius;
         let mut values = screen.each_inner(|pixel| {
-            let turned = frame(pixel.normal, bits(screen, &pixel, self.seed) as u32);
+            let turned = tangent_frame(pixel.normal, bits(screen, &pixel, self.seed) as u32);
             let offsets = hemisphere.iter().map(|&offset| turned * offset);
             1.0 - covered(screen, pixel.position, offsets, bias, self.radius, &self.falloff)
         });
         stages.end("sample");
         self.blur.apply(screen, &mut values);
         stages.end("blur");
-        stages.shaded(screen, values, hemisphere.len() * size_of::<Vec3>() + self.blur.bytes(screen))
+        stages.shaded(screen, values, hemisphere.len() * size_of::<Vec3>() + self.blur.heap_bytes(screen))
     }
 }

@@ -47,7 +47,7 @@ fn corner(up: [f32; 3], guard: u32) -> Screen {
 /// All methods at a radius.
 fn all(radius: f32) -> Vec<Box<dyn ScreenMethod>> {
     vec![
-        Box::new(Traced { rays: 16, ..Traced::new(radius) }),
+        Box::new(ScreenRays { rays: 16, ..ScreenRays::new(radius) }),
         Box::new(Ssao { doubled: true, ..Ssao::new(radius) }),
         Box::new(SsaoPlus::new(radius)),
         Box::new(Hbao::new(radius)),
@@ -62,7 +62,7 @@ fn every() -> Vec<Box<dyn ScreenMethod>> {
     screen_methods(&AoSettings { radius: 0.6, ..AoSettings::default() }).unwrap()
 }
 
-fn shade(method: &dyn ScreenMethod, screen: &Screen) -> Shaded {
+fn shade(method: &dyn ScreenMethod, screen: &Screen) -> Shading {
     method.shade(screen, &NoClock).unwrap()
 }
 
@@ -175,7 +175,7 @@ fn rays_find_the_truth_for_every_falloff() {
     let sampled = Falloff::sampled(&[1.0, 0.9, 0.2, 0.1]).unwrap();
     let exponential = Falloff::Exponential { decay: 3.0 };
     for falloff in [Falloff::Binary, Falloff::Quadratic, Falloff::Cubic, exponential, sampled] {
-        let method = Traced { rays: 64, falloff: falloff.clone(), ..Traced::new(0.6) };
+        let method = ScreenRays { rays: 64, falloff: falloff.clone(), ..ScreenRays::new(0.6) };
         for (sixth, found) in away_from_the_wall(&shade(&method, &screen).image, 0.6).into_iter().enumerate()
         {
             let truth = in_sixth(sixth, &falloff);
@@ -271,7 +271,7 @@ fn settings_out_of_range_are_refused() {
     let rising = Falloff::Exponential { decay: -1.0 };
     let (ssao, plus, hbao) = (Ssao::new(0.6), SsaoPlus::new(0.6), Hbao::new(0.6));
     let (pyramid, scalable, sweep) = (PyramidHbao::new(0.6), Scalable::new(0.6), LineSweep::new(0.6));
-    let traced = Traced::new(0.6);
+    let traced = ScreenRays::new(0.6);
     let bad: Vec<Box<dyn ScreenMethod>> = vec![
         Box::new(Ssao { points: 0, ..ssao.clone() }),
         Box::new(Ssao { falloff: rising.clone(), ..ssao }),
@@ -288,10 +288,10 @@ fn settings_out_of_range_are_refused() {
         Box::new(LineSweep { directions: 7, ..sweep.clone() }),
         Box::new(LineSweep { directions: 258, ..sweep.clone() }),
         Box::new(LineSweep { falloff: rising, ..sweep }),
-        Box::new(Traced { rays: 0, ..traced.clone() }),
-        Box::new(Traced { thickness: Some(0.0), ..traced.clone() }),
-        Box::new(Traced { step_px: f32::NAN, ..traced.clone() }),
-        Box::new(Traced { lift: Lift::OfDepth(0.5), ..traced }),
+        Box::new(ScreenRays { rays: 0, ..traced.clone() }),
+        Box::new(ScreenRays { thickness: Some(0.0), ..traced.clone() }),
+        Box::new(ScreenRays { step_px: f32::NAN, ..traced.clone() }),
+        Box::new(ScreenRays { bias: RayBias::OfDepth(0.5), ..traced }),
     ];
     for method in bad {
         let found = method.shade(&screen, &NoClock);

@@ -7,7 +7,7 @@ use psao_codec::paper::{ENTRIES_PER_BUCKET, bucket_of, cell_id};
 use super::{Case, StressError};
 
 /// Dimensions of the grid whose ids wrap: the product with the factor 31 of Eq. 1 passes 2^32.
-const WRAPPING: [u32; 3] = [260, 260, 2050];
+const WRAPPING_GRID: [u32; 3] = [260, 260, 2050];
 
 pub(super) fn cases() -> Vec<Case> {
     vec![
@@ -101,11 +101,11 @@ fn mixed(cell: [u32; 3], dims: [u32; 3]) -> u32 {
 /// Only the last layer passes 2^32, and by less than a layer: what wraps can only meet the first one.
 fn shared_ids() -> Result<f64, StressError> {
     let layer = |z: u32| {
-        let rows = 0..WRAPPING[1];
-        rows.flat_map(move |y| (0..WRAPPING[0]).map(move |x| cell_id([x, y, z], WRAPPING)))
+        let rows = 0..WRAPPING_GRID[1];
+        rows.flat_map(move |y| (0..WRAPPING_GRID[0]).map(move |x| cell_id([x, y, z], WRAPPING_GRID)))
     };
     let first: BTreeSet<u32> = layer(0).collect();
-    Ok(layer(WRAPPING[2] - 1).filter(|id| first.contains(id)).count() as f64)
+    Ok(layer(WRAPPING_GRID[2] - 1).filter(|id| first.contains(id)).count() as f64)
 }
 
 #[cfg(test)]
@@ -114,9 +114,9 @@ mod tests {
 
     #[test]
     fn the_documented_pair_shares_an_id() {
-        assert_eq!(cell_id([4, 0, 0], WRAPPING), cell_id([0, 245, 2049], WRAPPING));
+        assert_eq!(cell_id([4, 0, 0], WRAPPING_GRID), cell_id([0, 245, 2049], WRAPPING_GRID));
         assert_eq!(
-            u64::from(cell_id([259, 259, 2048], WRAPPING)),
+            u64::from(cell_id([259, 259, 2048], WRAPPING_GRID)),
             259 + 259 * 260 * 17 + 2048 * 260 * 260 * 31
         );
         assert!(shared_ids().unwrap() > 0.0);

@@ -10,7 +10,7 @@ const DIRECTIONS: u32 = 400_000;
 
 /// Where the two encoders are worst, found by a search that climbed from the worst directions of a dense
 /// spiral; each is measured with all signs.
-const WORST: [DVec3; 3] = [
+const WORST_DIRECTIONS: [DVec3; 3] = [
     DVec3::new(0.577_350_282_656_106_7, 0.577_350_466_676_335_8, 0.577_350_058_236_362_3),
     DVec3::new(0.611_856_24, 0.611_855_89, 0.501_262_71),
     DVec3::new(0.538_126_79, 0.538_126_94, 0.648_721_01),
@@ -75,7 +75,7 @@ fn best_of_four<const BITS: u32>(normal: [f32; 3]) -> [f32; 3] {
     oct::decode_bits(BITS, oct::encode_bits(BITS, normal))
 }
 
-/// Largest angle in degrees, over a spiral of directions that covers the sphere evenly and [`WORST`], and the mean
+/// Largest angle in degrees, over a spiral of directions that covers the sphere evenly and [`WORST_DIRECTIONS`], and the mean
 /// over the spiral.
 fn errors(code: fn([f32; 3]) -> [f32; 3]) -> (f64, f64) {
     let angle = |direction: DVec3| {
@@ -89,7 +89,7 @@ fn errors(code: fn([f32; 3]) -> [f32; 3]) -> (f64, f64) {
         worst = worst.max(found);
         sum += found;
     }
-    for direction in WORST {
+    for direction in WORST_DIRECTIONS {
         for signs in 0..8 {
             let sign = |bit: u32| if signs >> bit & 1 == 0 { 1.0 } else { -1.0 };
             worst = worst.max(angle(direction * DVec3::new(sign(0), sign(1), sign(2))));

@@ -7,14 +7,15 @@ use psao_server::clock::Clock;
 
 use super::run::{Clip, Run, SERVER_STAGES};
 use super::{
-    Figures, Kind, Memory, PictureFigures, Record, Setting, Spread, Stage, StreamFigures, SweepError, View,
+    ErrorFigures, MemoryFigures, PictureFigures, Record, RecordKind, Setting, Spread, StageTime,
+    StreamFigures, SweepError, View,
 };
-use crate::metric::{Comparison, Lpips, Perceived};
+use crate::metric::{Comparison, Lpips, PerceptualFigures};
 use crate::screen::ScreenMethod;
 
 /// How often things are run for their times.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Runs {
+pub struct RunCounts {
     /// Runs that count, at least 1: of the whole clip, and of each picture.
     pub repeats: u32,
     /// Runs of each picture before those.
@@ -28,7 +29,7 @@ pub struct Bench<'a> {
     /// Pictures and references, in the order of their times.
     pub views: &'a [View],
     /// How often.
-    pub runs: Runs,
+    pub runs: RunCounts,
     /// For LPIPS.
     pub network: Option<&'a Lpips>,
     /// For times.
@@ -52,7 +53,7 @@ impl Bench<'_> {
     /// [`SweepError`] when the server refuses the setting, or the clients what it sends.
     pub fn stream(&self, key: &str, clip: &Clip<'_>, setting: &Setting) -> Result<Sample, SweepError> {
         let mut run = Run::new(clip, setting, self.clock)?;
-        let mut drawn = Drawn::default();
+        let mut drawn = PictureSeries::default();
         for frame in 0..run.frames {
             run.frame(frame)?;
             for view in self.views.iter().filter(|view| run.frame_at(view.time_s) == frame) {
@@ -74,8 +75,12 @@ impl Bench<'_> {
         let client = [("apply", decode), ("reconstruct", Spread::of_micros(&drawn.micros))];
         let server = (0..).zip(SERVER_STAGES).map(|(stage, name)| (name, took.server_stage(stage)));
         let stages = server
-            .map(|(name, ms)| Stage { side: "server".to_owned(), name: name.to_owned(), ms })
-            .chain(client.map(|(name, ms)| Stage { side: "client".to_owned(), name: name.to_owned(), ms }));
+            .map(|(name, ms)| StageTime { side: "server".to_owned(), name: name.to_owned(), ms })
+            .chain(client.map(|(name, ms)| StageTime {
+                side: "client".to_owned(),
+                name: name.to_owned(),
+                ms,
+            }));
         let seconds = f64::from(bytes.frames.saturating_sub(1)) / f64::from(setting.fps);
         let mbit_s = |bytes: u64| bytes as f64 * 8.0 / 1e6 / seconds;
         let later: Vec<u64> = took.server.iter().map(|stages| stages.iter().sum()).collect();
@@ -91,21 +96,21 @@ impl Bench<'_> {
             first_frame_ms: took.first as f64 / 1e3,
             server_ms: Spread::of_micros(&later),
         };
-        let described = setting.described();
+        let summary = setting.summary();
         let picture_ms =
             drawn.micros.iter().map(|micros| decode.median + *micros as f64 / 1e3).collect::<Vec<_>>();
         drawn
             .sample(Record {
                 key: key.to_owned(),
                 scene: self.scene.to_owned(),
-                kind: Kind::Stream,
-                name: described.profile.clone(),
-                label: described.to_string(),
-                setting: Some(described),
+                kind: RecordKind::Stream,
+                name: summary.profile.clone(),
+                label: summary.to_string(),
+                setting: Some(summary),
                 picture_ms: Spread::of(picture_ms),
                 stages: stages.collect(),
                 stream: Some(figures),
-                memory: Memory {
+                memory: MemoryFigures {
                     picture_bytes: buffer_bytes(self.views),
                     state_bytes: Some(state_bytes),
                     largest_frame_bytes: Some(bytes.largest),
@@ -123,7 +128,7 @@ impl Bench<'_> {
     ///
     /// [`SweepError`] when the method refuses its settings or a picture.
     pub fn method(&self, key: &str, method: &dyn ScreenMethod) -> Result<Sample, SweepError> {
-        let mut drawn = Drawn::default();
+        let mut drawn = PictureSeries::default();
         let mut stages: Vec<(&'static str, Vec<u64>)> = Vec::new();
         let mut working = 0;
         for view in self.views {
@@ -148,7 +153,7 @@ impl Bench<'_> {
         }
         let picture_ms = Spread::of_micros(&drawn.micros);
         let screen = self.views.iter().map(|view| view.screen.size().pixels() * (4 + 12)).max();
-        let stage = |(name, samples): &(&'static str, Vec<u64>)| Stage {
+        let stage = |(name, samples): &(&'static str, Vec<u64>)| StageTime {
             side: "client".to_owned(),
             name: (*name).to_owned(),
             ms: Spread::of_micros(samples),
@@ -157,15 +162,15 @@ impl Bench<'_> {
             .sample(Record {
                 key: key.to_owned(),
                 scene: self.scene.to_owned(),
-                kind: Kind::Screen,
+                kind: RecordKind::Screen,
                 name: method.name().to_owned(),
                 label: method.label(),
                 picture_ms,
                 stages: stages.iter().map(stage).collect(),
-                memory: Memory {
+                memory: MemoryFigures {
                     picture_bytes: screen.unwrap_or(0) as u64,
                     working_bytes: Some(working as u64),
-                    ..Memory::default()
+                    ..MemoryFigures::default()
                 },
                 ..empty()
             })
@@ -173,7 +178,7 @@ impl Bench<'_> {
     }
 
     /// Draws a picture of a stream as often as it is to be timed; what is kept between frames is made before.
-    fn draw(&self, state: &State, view: &View, drawn: &mut Drawn) -> Result<(), SweepError> {
+    fn draw(&self, state: &State, view: &View, drawn: &mut PictureSeries) -> Result<(), SweepError> {
         let mut found = drawn.client.draw(state, &view.buffer)?;
         for run in 0..self.runs.warm_up + self.runs.repeats.max(1) {
             let start = self.clock.micros();
@@ -191,11 +196,11 @@ impl Bench<'_> {
         view: &View,
         image: AoImage,
         unsupported: f64,
-        drawn: &mut Drawn,
+        drawn: &mut PictureSeries,
     ) -> Result<(), SweepError> {
         let error = Comparison::new(&view.truth, &image).map_err(crate::metric::MetricError::from)?;
-        let perceived = Perceived::new(&view.truth, &image, self.network)?;
-        let error = Figures::new(&error, &perceived);
+        let perceived = PerceptualFigures::new(&view.truth, &image, self.network)?;
+        let error = ErrorFigures::new(&error, &perceived);
         drawn.pictures.push(PictureFigures { time_s: view.time_s, unsupported, error });
         drawn.first.get_or_insert(image);
         Ok(())
@@ -207,16 +212,16 @@ pub(super) fn empty() -> Record {
     Record {
         key: String::new(),
         scene: String::new(),
-        kind: Kind::Stream,
+        kind: RecordKind::Stream,
         name: String::new(),
         label: String::new(),
         setting: None,
-        error: Figures::default(),
+        error: ErrorFigures::default(),
         pictures: Vec::new(),
         picture_ms: Spread::default(),
         stages: Vec::new(),
         stream: None,
-        memory: Memory::default(),
+        memory: MemoryFigures::default(),
     }
 }
 
@@ -231,11 +236,11 @@ pub(super) fn buffer_bytes(views: &[View]) -> u64 {
 
 /// A client that draws either profile.
 #[derive(Default)]
-struct Client {
+struct ProfileReconstructor {
     surface: SurfaceReconstructor,
 }
 
-impl Client {
+impl ProfileReconstructor {
     fn draw(&mut self, state: &State, buffer: &GBuffer) -> Result<Reconstruction, ReconstructError> {
         match state {
             State::Paper(state) => reconstruct::cells(state, buffer),
@@ -246,18 +251,18 @@ impl Client {
 
 /// Pictures so far.
 #[derive(Default)]
-pub(super) struct Drawn {
-    client: Client,
+pub(super) struct PictureSeries {
+    client: ProfileReconstructor,
     pictures: Vec<PictureFigures>,
     /// Of each picture, each run.
     pub(super) micros: Vec<u64>,
     first: Option<AoImage>,
 }
 
-impl Drawn {
+impl PictureSeries {
     pub(super) fn sample(self, mut record: Record) -> Option<Sample> {
-        let errors: Vec<Figures> = self.pictures.iter().map(|picture| picture.error).collect();
-        record.error = Figures::pooled(&errors)?;
+        let errors: Vec<ErrorFigures> = self.pictures.iter().map(|picture| picture.error).collect();
+        record.error = ErrorFigures::pooled(&errors)?;
         record.pictures = self.pictures;
         Some(Sample { record, picture: self.first? })
     }
@@ -277,10 +282,10 @@ mod tests {
     use psao_server::server::ServerSettings;
 
     use super::*;
-    use crate::screen::{Screen, ScreenError, Shaded};
+    use crate::screen::{Screen, ScreenError, Shading};
     use crate::shapes;
-    use crate::sweep::{Bytes, Truth, picture_times, views};
-    use crate::texture::{Coded, TextureSettings, VideoCoder, VideoError};
+    use crate::sweep::{FrameBytes, ReferenceRays, picture_times, views};
+    use crate::texture::{TextureSettings, VideoClip, VideoCoder, VideoError};
 
     /// A clock on which every look takes a millisecond.
     struct Ticks(Cell<u64>);
@@ -303,15 +308,15 @@ mod tests {
             "open".to_owned()
         }
 
-        fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shaded, ScreenError> {
+        fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shading, ScreenError> {
             let start = clock.micros();
             let image = AoImage::new(screen.inner(), vec![1.0; screen.inner().pixels()])?;
-            Ok(Shaded { image, stages: vec![("fill", clock.micros() - start)], bytes: 4 })
+            Ok(Shading { image, stages: vec![("fill", clock.micros() - start)], bytes: 4 })
         }
     }
 
-    fn count(info: &FrameInfo) -> Bytes {
-        Bytes { paper: info.body_bytes() - u64::from(info.header_bytes), wire: info.body_bytes() }
+    fn count(info: &FrameInfo) -> FrameBytes {
+        FrameBytes { paper: info.body_bytes() - u64::from(info.header_bytes), wire: info.body_bytes() }
     }
 
     fn check(look: impl FnOnce(&Bench<'_>, &Clip<'_>, &Setting)) {
@@ -325,12 +330,12 @@ mod tests {
         let ao = AoSettings { rays: 32, ..base.ao };
         let times = picture_times(0.4, 20.0, 2);
         let size = Size::new(24, 16).unwrap();
-        let views = views(&scene, &times, size, 2, &Truth::Scene(ao), &|| ()).unwrap();
+        let views = views(&scene, &times, size, 2, &ReferenceRays::Scene(ao), &|| ()).unwrap();
         let clock = Ticks(Cell::new(0));
         let bench = Bench {
             scene: "cube on floor",
             views: &views,
-            runs: Runs { repeats: 2, warm_up: 1 },
+            runs: RunCounts { repeats: 2, warm_up: 1 },
             network: None,
             clock: &clock,
         };
@@ -367,11 +372,11 @@ mod tests {
             "plain".to_owned()
         }
 
-        fn code(&self, size: Size, _fps: f32, frames: &[Vec<u8>]) -> Result<Coded, VideoError> {
+        fn code(&self, size: Size, _fps: f32, frames: &[Vec<u8>]) -> Result<VideoClip, VideoError> {
             assert!(frames.iter().all(|frame| frame.len() == size.pixels()));
             let kept = &frames[..frames.len() - usize::from(!self.whole)];
             let bytes = kept.iter().map(|frame| frame.len() as u64).collect();
-            Ok(Coded { bytes, frames: kept.to_vec(), encode_micros: 4_000, decode_micros: 8_000 })
+            Ok(VideoClip { bytes, frames: kept.to_vec(), encode_micros: 4_000, decode_micros: 8_000 })
         }
     }
 
@@ -383,7 +388,10 @@ mod tests {
             let Sample { record, .. } = texture(true).unwrap();
             let open = bench.method("o", &Open).unwrap().record;
             assert!(record.error.mae < open.error.mae / 2.0, "{record:?}");
-            assert_eq!((record.kind, record.label.as_str()), (Kind::Texture, "1/8, 16 rays, 10 Hz, plain"));
+            assert_eq!(
+                (record.kind, record.label.as_str()),
+                (RecordKind::Texture, "1/8, 16 rays, 10 Hz, plain")
+            );
             let (stream, texels) = (record.stream.unwrap(), record.memory.state_bytes.unwrap());
             assert_eq!(stream.frames, 4);
             assert!(stream.first_state_bytes > texels, "and where blocks are");

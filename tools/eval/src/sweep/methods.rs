@@ -4,7 +4,7 @@ use psao_server::ao::{AoSettings, Occlusion};
 
 use crate::screen::{
     Blur, Falloff, FarField, FarFieldSettings, Hbao, LineSweep, Mipmap, MipmapSettings, PyramidHbao,
-    Scalable, ScreenError, ScreenMethod, Separate, Ssao, SsaoPlus, Traced,
+    Scalable, ScreenError, ScreenMethod, ScreenRays, Separation, Ssao, SsaoPlus,
 };
 
 /// Every method that is measured beside a stream whose AO is that of `ao`, within its radius; cheapest settings first. Those
@@ -60,16 +60,16 @@ pub fn screen_methods(ao: &AoSettings) -> Result<Vec<Box<dyn ScreenMethod>>, Scr
     for growth in [2.0, 1.5] {
         all.push(Box::new(Mipmap::new(MipmapSettings { growth, ..mipmap.clone() })?));
     }
-    let separate = Some(Separate { blur: true });
+    let separate = Some(Separation { blur: true });
     all.push(Box::new(FarField::new(FarFieldSettings { sectors: 18, separate, ..far.clone() })?));
     for (sectors, interval) in [(8, 20), (8, 10), (16, 10), (16, 5)] {
         all.push(Box::new(FarField::new(FarFieldSettings { sectors, interval, ..far.clone() })?));
     }
     all.push(Box::new(FarField::new(FarFieldSettings { midway: true, ..far })?));
-    let traced = Traced { seed, ..Traced::new(radius) };
-    let traced = Traced { falloff: falloff(traced.falloff.clone()), ..traced };
+    let traced = ScreenRays { seed, ..ScreenRays::new(radius) };
+    let traced = ScreenRays { falloff: falloff(traced.falloff.clone()), ..traced };
     for rays in [16, 64, 256] {
-        all.push(Box::new(Traced { rays, ..traced.clone() }));
+        all.push(Box::new(ScreenRays { rays, ..traced.clone() }));
     }
     Ok(all)
 }
@@ -80,8 +80,8 @@ pub fn screen_methods(ao: &AoSettings) -> Result<Vec<Box<dyn ScreenMethod>>, Scr
 /// # Errors
 ///
 /// [`ScreenError`] when a method does not take them.
-pub fn far_field_methods(reference: &Traced) -> Result<Vec<Box<dyn ScreenMethod>>, ScreenError> {
-    let Traced { radius, falloff, .. } = reference;
+pub fn far_field_methods(reference: &ScreenRays) -> Result<Vec<Box<dyn ScreenMethod>>, ScreenError> {
+    let ScreenRays { radius, falloff, .. } = reference;
     let (radius, falloff) = (*radius, || falloff.clone());
     let mut all: Vec<Box<dyn ScreenMethod>> = Vec::new();
     let far = |settings| FarField::new(settings).map(Box::new);
@@ -92,7 +92,7 @@ pub fn far_field_methods(reference: &Traced) -> Result<Vec<Box<dyn ScreenMethod>
                 all.push(far(FarFieldSettings { sectors, interval, ..base() })?);
             }
         }
-        let separate = Some(Separate { blur: true });
+        let separate = Some(Separation { blur: true });
         all.push(far(FarFieldSettings { sectors: 18, separate, ..base() })?);
     }
     // Slabs closer and closer together, at their points: what they make too bright goes away.
@@ -151,7 +151,7 @@ mod tests {
 
     #[test]
     fn methods_stand_together_by_name_and_no_two_are_the_same() {
-        let far = far_field_methods(&Traced::far(3.0, Falloff::Linear)).unwrap();
+        let far = far_field_methods(&ScreenRays::far(3.0, Falloff::Linear)).unwrap();
         let by_kind = [Occlusion::Obscurance, Occlusion::Binary]
             .map(|kind| screen_methods(&AoSettings { kind, ..AoSettings::default() }).unwrap());
         for all in by_kind.into_iter().chain([far]) {

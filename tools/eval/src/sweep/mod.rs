@@ -2,11 +2,11 @@
 //!
 //! [`views`] draws the pictures of a clip and traces their references, once. A [`Bench`] then runs a stream from the
 //! scene to those pictures ([`Bench::stream`], [`Bench::texture`]), or a screen-space method over them ([`Bench::method`]), and gives a
-//! [`Record`] of what it cost and how far off it was. [`Grid`] says which settings there are.
+//! [`Record`] of what it cost and how far off it was. [`SettingGrid`] says which settings there are.
 //!
 //! What times are taken over: of a stream's server, encoder and decoder, every frame after the first state in each of
-//! [`Runs::repeats`] runs of the whole clip, which must all give the same bytes; of reconstruction and of screen-space
-//! methods, [`Runs::repeats`] runs a picture after [`Runs::warm_up`] that do not count. Nothing here reads a clock but the
+//! [`RunCounts::repeats`] runs of the whole clip, which must all give the same bytes; of reconstruction and of screen-space
+//! methods, [`RunCounts::repeats`] runs a picture after [`RunCounts::warm_up`] that do not count. Nothing here reads a clock but the
 //! one that is handed in.
 
 mod bench;
@@ -22,13 +22,16 @@ use psao_proto::message::MessageError;
 use psao_reconstruct::{CameraError, ReconstructError};
 use psao_server::server::ServerError;
 
-pub use self::bench::{Bench, Runs, Sample};
+pub use self::bench::{Bench, RunCounts, Sample};
 pub use self::methods::{far_field_methods, pyramid_methods, screen_methods};
-pub use self::record::{Entry, Figures, Kind, Memory, PictureFigures, Record, Spread, Stage, StreamFigures};
-pub use self::run::{Bytes, Clip};
-pub use self::setting::{Described, Grid, Setting};
+pub use self::record::{
+    ErrorFigures, MemoryFigures, PictureFigures, Record, RecordAtRadius, RecordKind, Spread, StageTime,
+    StreamFigures,
+};
+pub use self::run::{Clip, FrameBytes};
+pub use self::setting::{Setting, SettingGrid, SettingSummary};
 pub use self::texture::TEXTURE_SPACE;
-pub use self::views::{Truth, View, picture_times, reach_px, views};
+pub use self::views::{ReferenceRays, View, picture_times, reach_px, views};
 
 use crate::metric::MetricError;
 use crate::reference::ReferenceError;

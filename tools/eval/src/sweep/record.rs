@@ -3,14 +3,14 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::Described;
-use crate::metric::{Comparison, Perceived};
+use super::SettingSummary;
+use crate::metric::{Comparison, PerceptualFigures};
 use crate::screen::Sampling;
 
 /// A stream, or a method that needs none.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Kind {
+pub enum RecordKind {
     /// Points from a server.
     Stream,
     /// Out of the picture's own depth and normals.
@@ -27,26 +27,26 @@ pub struct Record {
     /// Name of the scene.
     pub scene: String,
     /// What was measured.
-    pub kind: Kind,
+    pub kind: RecordKind,
     /// The profile, or the method's name.
     pub name: String,
     /// The settings in words.
     pub label: String,
     /// Of a stream.
-    pub setting: Option<Described>,
+    pub setting: Option<SettingSummary>,
     /// Over all pictures.
-    pub error: Figures,
+    pub error: ErrorFigures,
     /// Each picture.
     pub pictures: Vec<PictureFigures>,
     /// Milliseconds that a client takes for the AO of a picture: of a stream applying a frame and reconstructing, of a
     /// method its stages.
     pub picture_ms: Spread,
     /// Each stage, on the server first.
-    pub stages: Vec<Stage>,
+    pub stages: Vec<StageTime>,
     /// Of a stream.
     pub stream: Option<StreamFigures>,
     /// Working sets.
-    pub memory: Memory,
+    pub memory: MemoryFigures,
 }
 
 impl Record {
@@ -59,7 +59,7 @@ impl Record {
 
 /// A record among those of several radii.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Entry<'a> {
+pub struct RecordAtRadius<'a> {
     /// What was measured.
     #[serde(flatten)]
     pub record: &'a Record,
@@ -71,7 +71,7 @@ pub struct Entry<'a> {
     pub sampling: Option<Sampling>,
 }
 
-impl Entry<'_> {
+impl RecordAtRadius<'_> {
     /// Milliseconds of all stages on the client but the blur.
     #[must_use]
     pub fn ms_without_blur(&self) -> f64 {
@@ -85,7 +85,7 @@ impl Entry<'_> {
 
 /// Errors against the reference, see [`crate::metric`] for the ranges.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Figures {
+pub struct ErrorFigures {
     /// Mean absolute error, `e_A`.
     pub mae: f64,
     /// Root of the mean squared error.
@@ -108,10 +108,10 @@ pub struct Figures {
     pub lpips: Option<f64>,
 }
 
-impl Figures {
+impl ErrorFigures {
     /// Of one picture.
     #[must_use]
-    pub fn new(error: &Comparison, perceived: &Perceived) -> Self {
+    pub fn new(error: &Comparison, perceived: &PerceptualFigures) -> Self {
         Self {
             mae: error.mae,
             rmse: error.rmse,
@@ -163,7 +163,7 @@ pub struct PictureFigures {
     pub unsupported: f64,
     /// Its errors.
     #[serde(flatten)]
-    pub error: Figures,
+    pub error: ErrorFigures,
 }
 
 /// Samples of one figure.
@@ -200,7 +200,7 @@ impl Spread {
 
 /// One stage of the work.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Stage {
+pub struct StageTime {
     /// `server` or `client`.
     pub side: String,
     /// Its name.
@@ -236,7 +236,7 @@ pub struct StreamFigures {
 
 /// Bytes of working sets, counted from what they hold.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Memory {
+pub struct MemoryFigures {
     /// What the client needs of the picture: the G-buffer, or depth and normals with their guard band.
     pub picture_bytes: u64,
     /// What a client holds of a stream: its whole state, written without compression.
@@ -253,9 +253,9 @@ pub struct Memory {
 mod tests {
     use super::*;
 
-    fn figures(mae: f64, rmse: f64, lpips: Option<f64>) -> Figures {
+    fn figures(mae: f64, rmse: f64, lpips: Option<f64>) -> ErrorFigures {
         let psnr_db = (rmse > 0.0).then(|| -20.0 * libm::log10(rmse));
-        Figures {
+        ErrorFigures {
             mae,
             rmse,
             psnr_db,
@@ -271,13 +271,14 @@ mod tests {
 
     #[test]
     fn pooled_figures_are_those_of_all_pixels() {
-        let pooled = Figures::pooled(&[figures(0.1, 0.3, Some(0.2)), figures(0.0, 0.4, Some(0.4))]).unwrap();
+        let pooled =
+            ErrorFigures::pooled(&[figures(0.1, 0.3, Some(0.2)), figures(0.0, 0.4, Some(0.4))]).unwrap();
         assert!((pooled.mae - 0.05).abs() < 1e-12 && (pooled.rmse - 0.125_f64.sqrt()).abs() < 1e-12);
         assert!((pooled.psnr_db.unwrap() - 9.0309).abs() < 1e-4, "{pooled:?}");
         assert_eq!((pooled.p99, pooled.max, pooled.ssim), (0.4, 0.4, Some(1.0)));
         assert!((pooled.lpips.unwrap() - 0.3).abs() < 1e-12);
-        assert_eq!(Figures::pooled(&[figures(0.0, 0.0, None)]).unwrap().psnr_db, None);
-        assert_eq!(Figures::pooled(&[]), None);
+        assert_eq!(ErrorFigures::pooled(&[figures(0.0, 0.0, None)]).unwrap().psnr_db, None);
+        assert_eq!(ErrorFigures::pooled(&[]), None);
     }
 
     #[test]

@@ -19,7 +19,7 @@ pub(super) const SERVER_STAGES: [&str; 6] =
 
 /// Bytes of a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Bytes {
+pub struct FrameBytes {
     /// What the paper counts: blocks that hold points.
     pub paper: u64,
     /// Everything on the wire.
@@ -37,23 +37,23 @@ pub struct Clip<'a> {
     /// Where points are kept between runs.
     pub cache: Option<&'a dyn PointCache>,
     /// Counts the bytes of a frame.
-    pub count: fn(&FrameInfo) -> Bytes,
+    pub count: fn(&FrameInfo) -> FrameBytes,
 }
 
 /// Bytes of a clip.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Counted {
+pub(super) struct ClipBytes {
     pub(super) frames: u32,
     pub(super) table: u64,
     pub(super) first: u64,
     pub(super) largest: u64,
     pub(super) changed: u64,
-    pub(super) later: Bytes,
+    pub(super) later: FrameBytes,
 }
 
 /// Microseconds of a clip.
 #[derive(Default)]
-pub(super) struct Took {
+pub(super) struct ClipTimes {
     pub(super) first: u64,
     /// By later frame, then stage.
     pub(super) server: Vec<[u64; SERVER_STAGES.len()]>,
@@ -61,7 +61,7 @@ pub(super) struct Took {
     pub(super) decode: Vec<u64>,
 }
 
-impl Took {
+impl ClipTimes {
     pub(super) fn add(&mut self, other: Self) {
         self.server.extend(other.server);
         self.decode.extend(other.decode);
@@ -82,8 +82,8 @@ pub(super) struct Run<'a> {
     pub(super) fps: f64,
     pub(super) frames: u32,
     pub(super) points: u32,
-    pub(super) bytes: Counted,
-    pub(super) took: Took,
+    pub(super) bytes: ClipBytes,
+    pub(super) took: ClipTimes,
 }
 
 impl<'a> Run<'a> {
@@ -97,7 +97,7 @@ impl<'a> Run<'a> {
         let settings = ServerSettings { frames_hint: frames, ..setting.server(clip.base) };
         let server = Server::with_cache(Arc::clone(clip.scene), settings, clip.cache, Arc::new(|_| ()))?;
         let table = server.table();
-        let bytes = Counted { frames, table: table_bytes(table)?, ..Counted::default() };
+        let bytes = ClipBytes { frames, table: table_bytes(table)?, ..ClipBytes::default() };
         Ok(Self {
             clip,
             clock,
@@ -108,7 +108,7 @@ impl<'a> Run<'a> {
             fps,
             frames,
             bytes,
-            took: Took::default(),
+            took: ClipTimes::default(),
         })
     }
 

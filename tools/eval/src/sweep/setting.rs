@@ -11,6 +11,9 @@ use serde::{Deserialize, Serialize};
 /// The coder of profile `paper` where the range coder is asked for, which it does not have (paper, section 4).
 const PAPER_CODER: BlockCoder = BlockCoder::Zstd { level: 15 };
 
+/// Number of swept settings.
+const AXES: usize = 7;
+
 /// One combination.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Setting {
@@ -62,8 +65,8 @@ impl Setting {
 
     /// In words and numbers.
     #[must_use]
-    pub fn described(&self) -> Described {
-        Described {
+    pub fn summary(&self) -> SettingSummary {
+        SettingSummary {
             profile: self.profile.to_string(),
             points_per_m2: self.per_m2,
             bits: self.bits,
@@ -90,7 +93,7 @@ impl Setting {
 
 /// A setting as reports and files have it; shown without its profile.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Described {
+pub struct SettingSummary {
     /// `surface` or `paper`.
     pub profile: String,
     /// Points per square metre.
@@ -107,7 +110,7 @@ pub struct Described {
     pub coder: String,
 }
 
-impl fmt::Display for Described {
+impl fmt::Display for SettingSummary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
@@ -119,7 +122,7 @@ impl fmt::Display for Described {
 
 /// The values of each axis. An empty axis has the usual value alone.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Grid {
+pub struct SettingGrid {
     /// Points per square metre.
     pub per_m2: Vec<f32>,
     /// Bits of a packed point.
@@ -136,10 +139,7 @@ pub struct Grid {
     pub profile: Vec<Profile>,
 }
 
-/// Sets one axis of a setting.
-type Put<'a> = Box<dyn Fn(&Setting) -> Setting + 'a>;
-
-impl Grid {
+impl SettingGrid {
     /// On every axis the usual value, where it is among the axis' own, and else the first.
     #[must_use]
     pub fn centre(&self) -> Setting {
@@ -159,20 +159,23 @@ impl Grid {
         .possible()
     }
 
-    /// The centre, then what differs from it on one axis.
+    /// Returns the centre, then the settings that differ from it on one axis.
     #[must_use]
     pub fn one_at_a_time(&self) -> Vec<Setting> {
         let centre = self.centre();
-        let others = self.axes().into_iter().flatten().map(|put| put(&centre));
-        distinct(std::iter::once(centre).chain(others))
+        distinct(std::iter::once(centre).chain(self.variants(&centre).into_iter().flatten()))
     }
 
-    /// Every combination, the centre first.
+    /// Returns every combination, the centre first.
     #[must_use]
     pub fn full(&self) -> Vec<Setting> {
         let mut settings = vec![self.centre()];
-        for axis in self.axes().iter().filter(|axis| !axis.is_empty()) {
-            settings = settings.iter().flat_map(|setting| axis.iter().map(move |put| put(setting))).collect();
+        for axis in 0..AXES {
+            let varied = |setting: &Setting| std::mem::take(&mut self.variants(setting)[axis]);
+            let varied: Vec<Setting> = settings.iter().flat_map(varied).collect();
+            if !varied.is_empty() {
+                settings = varied;
+            }
         }
         distinct(std::iter::once(self.centre()).chain(settings))
     }
@@ -183,18 +186,16 @@ impl Grid {
         self.fps.iter().copied().fold(self.centre().fps, f32::max)
     }
 
-    fn axes(&self) -> [Vec<Put<'_>>; 7] {
-        fn axis<'a, T: Copy>(values: &'a [T], put: fn(T, &Setting) -> Setting) -> Vec<Put<'a>> {
-            values.iter().map(|&value| Box::new(move |from: &Setting| put(value, from)) as Put<'a>).collect()
-        }
+    /// Returns for each axis the settings that have its values in place of `from`'s.
+    fn variants(&self, from: &Setting) -> [Vec<Setting>; AXES] {
         [
-            axis(&self.per_m2, |per_m2, from| Setting { per_m2, ..*from }),
-            axis(&self.bits, |bits, from| Setting { bits, ..*from }),
-            axis(&self.threshold, |threshold, from| Setting { threshold, ..*from }),
-            axis(&self.rays, |rays, from| Setting { rays, ..*from }),
-            axis(&self.fps, |fps, from| Setting { fps, ..*from }),
-            axis(&self.coder, |coder, from| Setting { coder, ..*from }),
-            axis(&self.profile, |profile, from| Setting { profile, ..*from }),
+            self.per_m2.iter().map(|&per_m2| Setting { per_m2, ..*from }).collect(),
+            self.bits.iter().map(|&bits| Setting { bits, ..*from }).collect(),
+            self.threshold.iter().map(|&threshold| Setting { threshold, ..*from }).collect(),
+            self.rays.iter().map(|&rays| Setting { rays, ..*from }).collect(),
+            self.fps.iter().map(|&fps| Setting { fps, ..*from }).collect(),
+            self.coder.iter().map(|&coder| Setting { coder, ..*from }).collect(),
+            self.profile.iter().map(|&profile| Setting { profile, ..*from }).collect(),
         ]
     }
 }
@@ -214,13 +215,13 @@ fn distinct(settings: impl IntoIterator<Item = Setting>) -> Vec<Setting> {
 mod tests {
     use super::*;
 
-    fn grid() -> Grid {
-        Grid {
+    fn grid() -> SettingGrid {
+        SettingGrid {
             per_m2: vec![256.0, 512.0],
             threshold: vec![2, 4, 16],
             profile: vec![Profile::SURFACE, Profile::PAPER],
             coder: vec![BlockCoder::Range, PAPER_CODER],
-            ..Grid::default()
+            ..SettingGrid::default()
         }
     }
 
@@ -228,7 +229,7 @@ mod tests {
     fn the_centre_is_usual_where_it_can_be() {
         let centre = grid().centre();
         assert_eq!((centre.per_m2, centre.threshold, centre.rays), (512.0, 2, 192));
-        assert_eq!(Grid::default().one_at_a_time(), [Setting::usual()]);
+        assert_eq!(SettingGrid::default().one_at_a_time(), [Setting::usual()]);
     }
 
     #[test]

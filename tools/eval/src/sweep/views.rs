@@ -12,15 +12,15 @@ use psao_server::world::SceneBvh;
 use super::SweepError;
 use crate::adapter::SceneView;
 use crate::reference::reference;
-use crate::screen::{Screen, ScreenError, ScreenMethod, Traced};
+use crate::screen::{Screen, ScreenError, ScreenMethod, ScreenRays};
 
 /// What pictures are compared with.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Truth {
+pub enum ReferenceRays {
     /// Rays through the scene, which know what is hidden and off the screen.
     Scene(AoSettings),
     /// Rays through the depth buffer: the best that a method can do that sees no more (Timonen 2013, section 8).
-    Screen(Traced),
+    Screen(ScreenRays),
 }
 
 /// One picture: what is seen, and its AO by many rays.
@@ -48,7 +48,7 @@ pub fn views(
     times_s: &[f64],
     size: Size,
     guard: u32,
-    truth: &Truth,
+    truth: &ReferenceRays,
     done: &dyn Fn(),
 ) -> Result<Vec<View>, SweepError> {
     let look = |&time_s: &f64| {
@@ -58,8 +58,8 @@ pub fn views(
         let buffer = cast_view(&seen, &camera, size)?;
         let screen = Screen::new(&seen, &camera, size, guard)?;
         let truth = match truth {
-            Truth::Scene(ao) => reference(&seen, &buffer, ao)?,
-            Truth::Screen(rays) => rays.shade(&screen, &NoClock)?.image,
+            ReferenceRays::Scene(ao) => reference(&seen, &buffer, ao)?,
+            ReferenceRays::Screen(rays) => rays.shade(&screen, &NoClock)?.image,
         };
         done();
         Ok(View { time_s, buffer, screen, truth })
@@ -131,7 +131,7 @@ mod tests {
         let scene = Arc::new(Scene::load("colonnade").unwrap());
         let reach = |radius| reach_px(&scene, &[0.0, 0.5], size, radius).unwrap();
         let rays = AoSettings { rays: 1, ..AoSettings::default() };
-        let views = views(&scene, &[0.0, 0.5], size, 0, &Truth::Scene(rays), &|| ()).unwrap();
+        let views = views(&scene, &[0.0, 0.5], size, 0, &ReferenceRays::Scene(rays), &|| ()).unwrap();
         let screens = views.iter().map(|view| &view.screen);
         let all =
             screens.flat_map(|screen| screen.depths().iter().map(|&depth| screen.radius_px(1.0, depth).x));

@@ -46,8 +46,8 @@ pub struct Block {
 
 /// The atlas would be taller than it may.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("what is in view needs an atlas of more than {} rows; choose a larger divisor", Atlas::MOST_ROWS)]
-pub struct AtlasFull;
+#[error("what is in view needs an atlas of more than {} rows; choose a larger divisor", Atlas::MAX_ROWS)]
+pub struct AtlasFullError;
 
 /// Blocks of patches in an atlas of a fixed width that grows downwards. A block stays where it is as long as it is needed,
 /// for the sake of the video coder, which sends what changes.
@@ -65,7 +65,7 @@ impl Atlas {
     /// Columns.
     pub const WIDTH: u32 = 1024;
     /// The most rows.
-    pub const MOST_ROWS: u32 = 8192;
+    pub const MAX_ROWS: u32 = 8192;
     /// Columns that blocks of one extent take at a time.
     const STRIP: u32 = 256;
     /// Side of what the video coder predicts at once.
@@ -87,13 +87,13 @@ impl Atlas {
     ///
     /// # Errors
     ///
-    /// [`AtlasFull`]; the patch then has none.
-    pub fn place(&mut self, patch: Patch, extent: Extent) -> Result<Block, AtlasFull> {
+    /// [`AtlasFullError`]; the patch then has none.
+    pub fn place(&mut self, patch: Patch, extent: Extent) -> Result<Block, AtlasFullError> {
         self.release(patch);
         if self.free.get(&extent).is_none_or(Vec::is_empty) {
             self.strip(extent)?;
         }
-        let (x, y) = self.free.get_mut(&extent).and_then(Vec::pop).ok_or(AtlasFull)?;
+        let (x, y) = self.free.get_mut(&extent).and_then(Vec::pop).ok_or(AtlasFullError)?;
         let block = Block { x, y, extent };
         self.blocks.insert(patch, block);
         Ok(block)
@@ -107,13 +107,13 @@ impl Atlas {
     }
 
     /// Cuts a strip into blocks.
-    fn strip(&mut self, extent: Extent) -> Result<(), AtlasFull> {
+    fn strip(&mut self, extent: Extent) -> Result<(), AtlasFullError> {
         let height = extent.height();
         let (mut x, mut y) = self.shelves.get(&extent.down).copied().unwrap_or((Self::WIDTH, 0));
         if x >= Self::WIDTH {
             (x, y) = (0, self.rows.next_multiple_of(height.min(Self::MACROBLOCK)));
-            if y + height > Self::MOST_ROWS {
-                return Err(AtlasFull);
+            if y + height > Self::MAX_ROWS {
+                return Err(AtlasFullError);
             }
             self.rows = y + height;
         }

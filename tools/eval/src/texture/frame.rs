@@ -14,16 +14,16 @@ use psao_server::world::SceneBvh;
 use rayon::prelude::*;
 
 use super::visible::visible;
-use super::{Atlas, Block, Extent, Look, Patch, PatchPoint, Patches, TextureError, TextureSettings};
+use super::{Atlas, Block, Extent, Patch, PatchLookup, PatchPoint, Patches, TextureError, TextureSettings};
 
 /// Lines of the picture by which the server finds what is in view.
-const SIGHT_LINES: u32 = 540;
+const VISIBILITY_LINES: u32 = 540;
 /// How much wider than the client's the server's view is, so that what comes in is there.
-const SIGHT_MARGIN: f64 = 1.1;
+const VIEW_MARGIN: f64 = 1.1;
 /// Seconds for which a patch that is out of view keeps its block.
-const KEPT_S: f32 = 1.0;
+const BLOCK_LIFETIME_S: f32 = 1.0;
 /// What texels hold that no patch has: open, as most others.
-const EMPTY: u8 = 255;
+const EMPTY_TEXEL: u8 = 255;
 
 /// Shades the patches in view.
 pub struct TextureServer {
@@ -54,7 +54,7 @@ pub struct TextureStats {
 
 /// Where the blocks are in a frame: what a client knows beside the decoded atlas.
 #[derive(Clone, Debug)]
-pub struct Shown {
+pub struct BlockMap {
     atlas: Atlas,
 }
 
@@ -97,8 +97,8 @@ impl TextureServer {
 
     /// Where the blocks are now.
     #[must_use]
-    pub fn shown(&self) -> Shown {
-        Shown { atlas: self.atlas.clone() }
+    pub fn block_map(&self) -> BlockMap {
+        BlockMap { atlas: self.atlas.clone() }
     }
 
     /// Shades the next frame: what `camera` sees at `time_s`.
@@ -132,18 +132,19 @@ impl TextureServer {
 
     /// What is in view, and a little beside it.
     fn sight(&self, camera: &CameraPose) -> Result<BTreeMap<Patch, f32>, TextureError> {
-        let half = libm::tan(f64::from(camera.fov_y_deg).to_radians() * 0.5) * SIGHT_MARGIN;
+        let half = libm::tan(f64::from(camera.fov_y_deg).to_radians() * 0.5) * VIEW_MARGIN;
         let wide = CameraPose { fov_y_deg: (2.0 * libm::atan(half)).to_degrees() as f32, ..*camera };
         let sight = Camera::new(&wide)?;
-        let width = (SIGHT_LINES as f32 * camera.aspect).clamp(1.0, 4.0 * SIGHT_LINES as f32) as u32;
-        let size = Size::new(width, SIGHT_LINES)?;
+        let width =
+            (VISIBILITY_LINES as f32 * camera.aspect).clamp(1.0, 4.0 * VISIBILITY_LINES as f32) as u32;
+        let size = Size::new(width, VISIBILITY_LINES)?;
         Ok(visible(&self.world, &self.patches, &sight, size))
     }
 
     /// Gives every patch in view a block of the right size, and takes away those that are long out of view. Gives the
     /// bytes that say so.
     fn place(&mut self, seen: &BTreeMap<Patch, f32>, camera: &Camera) -> Result<u64, TextureError> {
-        let kept = (KEPT_S * self.settings.fps).max(1.0) as u32;
+        let kept = (BLOCK_LIFETIME_S * self.settings.fps).max(1.0) as u32;
         let mut changes: BTreeMap<Patch, Option<Block>> = BTreeMap::new();
         self.ages.values_mut().for_each(|age| *age += 1);
         let gone: Vec<Patch> =
@@ -163,7 +164,7 @@ impl TextureServer {
                 changes.insert(patch, Some(self.atlas.place(patch, extent)?));
             }
         }
-        self.texels.resize(self.atlas.rows() as usize * Atlas::WIDTH as usize, EMPTY);
+        self.texels.resize(self.atlas.rows() as usize * Atlas::WIDTH as usize, EMPTY_TEXEL);
         Ok(placement_bytes(&changes))
     }
 
@@ -194,7 +195,7 @@ impl TextureServer {
                 let ao = tracer.at(world, RayKey(point), surface.position, normal, scratch).ao;
                 Some((ao * 255.0).round() as u8)
             };
-            (0..block.extent.texels()).map(|index| texel(index).unwrap_or(EMPTY)).collect()
+            (0..block.extent.texels()).map(|index| texel(index).unwrap_or(EMPTY_TEXEL)).collect()
         };
         let shaded: Vec<Vec<u8>> = blocks.par_iter().map_init(Scratch::default, shade).collect();
         let mut count = 0;
@@ -220,14 +221,14 @@ impl Block {
     }
 }
 
-impl Shown {
+impl BlockMap {
     /// AO of a picture's pixels, between the texels of a decoded atlas, and the share of the fragments whose patch has no
     /// block: they are open, as background is.
     ///
     /// # Errors
     ///
     /// None in practice: bytes over 255 are in range.
-    pub fn picture(&self, atlas: &[u8], look: &Look) -> Result<(AoImage, f64), AoImageError> {
+    pub fn picture(&self, atlas: &[u8], look: &PatchLookup) -> Result<(AoImage, f64), AoImageError> {
         let values: Vec<Option<f32>> = look
             .points
             .par_iter()

@@ -15,11 +15,11 @@ mod settings;
 mod tests;
 mod visible;
 
-pub use self::atlas::{Atlas, AtlasFull, Block, Extent};
-pub use self::frame::{Shown, TextureServer, TextureStats};
+pub use self::atlas::{Atlas, AtlasFullError, Block, Extent};
+pub use self::frame::{BlockMap, TextureServer, TextureStats};
 pub use self::patches::{Patch, PatchPoint, Patches};
 pub use self::settings::{TextureError, TextureSettings};
-pub use self::visible::{Look, look};
+pub use self::visible::{PatchLookup, patch_lookup};
 
 use psao_reconstruct::Size;
 
@@ -33,12 +33,12 @@ pub trait VideoCoder: Sync {
     /// # Errors
     ///
     /// What the coder said when it failed.
-    fn code(&self, size: Size, fps: f32, frames: &[Vec<u8>]) -> Result<Coded, VideoError>;
+    fn code(&self, size: Size, fps: f32, frames: &[Vec<u8>]) -> Result<VideoClip, VideoError>;
 }
 
 /// A clip that was coded and decoded.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Coded {
+pub struct VideoClip {
     /// Bytes of each frame.
     pub bytes: Vec<u64>,
     /// The decoded frames.
@@ -49,7 +49,7 @@ pub struct Coded {
     pub decode_micros: u64,
 }
 
-impl Coded {
+impl VideoClip {
     /// Refuses a result that is not of these frames.
     pub(crate) fn check(&self, frames: &[Vec<u8>]) -> Result<(), VideoError> {
         let (bytes, decoded) = (self.bytes.len(), self.frames.len());

@@ -3,7 +3,7 @@
 use psao_server::scene::{InstanceId, Scene};
 use psao_server::world::Hit;
 
-use super::pairs::{Pair, pairs};
+use super::pairs::{TrianglePair, pairs};
 
 /// Number of a patch: one side of a pair of triangles of an instance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -26,7 +26,7 @@ pub struct PatchPoint {
 /// between (1, 0) and (0, 1). A triangle that is left over is mirrored over that diagonal.
 pub struct Patches {
     /// By rest mesh.
-    pairs: Vec<Vec<Pair>>,
+    pairs: Vec<Vec<TrianglePair>>,
     /// By rest mesh and triangle: its pair, and whether it is the second of it.
     of_triangle: Vec<Vec<(u32, bool)>>,
     /// First patch of each instance, and how many there are.
@@ -38,7 +38,7 @@ impl Patches {
     /// Pairs the triangles of every mesh at rest; deforming keeps the pairs.
     #[must_use]
     pub fn new(scene: &Scene) -> Self {
-        let pairs: Vec<Vec<Pair>> =
+        let pairs: Vec<Vec<TrianglePair>> =
             scene.rests().iter().map(|rest| pairs(rest.geometry(), rest.triangles())).collect();
         let of_triangle = scene.rests().iter().zip(&pairs).map(|(rest, pairs)| {
             let mut found = vec![(0, false); rest.triangles().len()];
@@ -79,7 +79,7 @@ impl Patches {
         let rest = self.rests[instance] as usize;
         let (pair, second) = self.of_triangle[rest][hit.triangle as usize];
         let weights = [1.0 - hit.u - hit.v, hit.u, hit.v];
-        let Pair { first, second: other } = self.pairs[rest][pair as usize];
+        let TrianglePair { first, second: other } = self.pairs[rest][pair as usize];
         let half = if second { other.unwrap_or(first) } else { first };
         let after = |step: u8| weights[usize::from(half.apex + step) % 3];
         // The second triangle goes round the other way: its corners after the own one are (0, 1) and (1, 0).
@@ -96,7 +96,7 @@ impl Patches {
         let instance = self.first.partition_point(|&first| first <= patch).checked_sub(1)?;
         let rest = *self.rests.get(instance)?;
         let within = patch - self.first[instance];
-        let Pair { first, second } = *self.pairs[rest as usize].get(within as usize / 2)?;
+        let TrianglePair { first, second } = *self.pairs[rest as usize].get(within as usize / 2)?;
         let beyond = u + v > 1.0;
         let (half, after) = match second {
             Some(second) if beyond => (second, [1.0 - u, 1.0 - v]),

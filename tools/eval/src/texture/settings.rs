@@ -3,7 +3,7 @@
 use psao_reconstruct::{CameraError, SizeError};
 use psao_server::ao::AoError;
 
-use super::atlas::AtlasFull;
+use super::atlas::AtlasFullError;
 
 /// Settings of a texture-space stream.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -12,7 +12,7 @@ pub struct TextureSettings {
     pub divisor: u32,
     /// Lines of that screen, whatever the size of the pictures that are compared: the paper's 1080.
     pub lines: u32,
-    /// Texels that a block has at most each way, a power of two from 2 to [`Self::MOST`].
+    /// Texels that a block has at most each way, a power of two from 2 to [`Self::MAX_TEXELS`].
     pub most: u32,
     /// Rays a texel.
     pub rays: u32,
@@ -22,12 +22,12 @@ pub struct TextureSettings {
 
 impl TextureSettings {
     /// The most texels of a block each way.
-    pub const MOST: u32 = 256;
+    pub const MAX_TEXELS: u32 = 256;
 
     /// The paper's, at this divisor: blocks for 1080 lines, of 256 texels at most each way.
     #[must_use]
     pub fn new(divisor: u32, rays: u32, fps: f32) -> Self {
-        Self { divisor, lines: 1080, most: Self::MOST, rays, fps }
+        Self { divisor, lines: 1080, most: Self::MAX_TEXELS, rays, fps }
     }
 
     /// In words and numbers, without the video coder.
@@ -51,7 +51,7 @@ impl TextureSettings {
         };
         check("divisor", self.divisor as f32, 1.0, 1024.0)?;
         check("lines", self.lines as f32, 16.0, 16_384.0)?;
-        check("texels of a block", self.most as f32, 2.0, Self::MOST as f32)?;
+        check("texels of a block", self.most as f32, 2.0, Self::MAX_TEXELS as f32)?;
         if !self.most.is_power_of_two() {
             return Err(TextureError::Power { most: self.most });
         }
@@ -92,5 +92,5 @@ pub enum TextureError {
     Size(#[from] SizeError),
     /// What is in view does not fit the atlas.
     #[error(transparent)]
-    Full(#[from] AtlasFull),
+    Full(#[from] AtlasFullError),
 }

@@ -7,11 +7,11 @@ use psao_server::world::SceneBvh;
 use rayon::prelude::*;
 
 use super::{Patch, PatchPoint, Patches};
-use crate::adapter::{Front, SceneView};
+use crate::adapter::{FrontHit, SceneView};
 
 /// Where on a patch each pixel of a picture lies, row by row; `None` for background.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Look {
+pub struct PatchLookup {
     /// Of the picture.
     pub size: Size,
     /// By pixel.
@@ -20,9 +20,9 @@ pub struct Look {
 
 /// Finds the patches of a picture's pixels.
 #[must_use]
-pub fn look(world: &SceneBvh, patches: &Patches, camera: &Camera, size: Size) -> Look {
+pub fn patch_lookup(world: &SceneBvh, patches: &Patches, camera: &Camera, size: Size) -> PatchLookup {
     let points = each_pixel(world, camera, size, |front| patches.point(&front.hit, front.back));
-    Look { size, points }
+    PatchLookup { size, points }
 }
 
 /// Distance in metres of the nearest pixel of each patch that is in view.
@@ -46,14 +46,14 @@ fn each_pixel<T: Send + Clone>(
     world: &SceneBvh,
     camera: &Camera,
     size: Size,
-    of: impl Fn(&Front) -> T + Sync,
+    of: impl Fn(&FrontHit) -> T + Sync,
 ) -> Vec<Option<T>> {
     let view = SceneView::new(world);
     let mut pixels = vec![None; size.pixels()];
     pixels.par_chunks_mut(size.width() as usize).zip(0_u32..size.height()).for_each(|(row, y)| {
         for (pixel, x) in row.iter_mut().zip(0_u32..) {
             let ray = camera.ray(size, x, y);
-            *pixel = view.front(ray.origin, ray.direction, f32::INFINITY).map(|front| of(&front));
+            *pixel = view.front_hit(ray.origin, ray.direction, f32::INFINITY).map(|front| of(&front));
         }
     });
     pixels

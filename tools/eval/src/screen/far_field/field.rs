@@ -6,7 +6,7 @@ use crate::screen::Screen;
 
 /// The grid of a screen in square pixels: lengths that are equal on the screen are equal slopes, across and down.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Pixels {
+pub(crate) struct SquarePixels {
     /// Half the grid, in pixels.
     middle: Vec2,
     /// Square pixels per pixel, across and down.
@@ -15,7 +15,7 @@ pub(crate) struct Pixels {
     slope: f32,
 }
 
-impl Pixels {
+impl SquarePixels {
     pub(crate) fn new(screen: &Screen) -> Self {
         let focal = screen.radius_px(1.0, 1.0);
         let size = Vec2::new(screen.size().width() as f32, screen.size().height() as f32);
@@ -65,8 +65,8 @@ impl Pixels {
 
 /// Inverse depths, which are linear over a plane: between four pixels of one plane lies that plane. Sky is 0.
 #[derive(Clone, Debug)]
-pub(crate) struct Field {
-    pixels: Pixels,
+pub(crate) struct DepthField {
+    pixels: SquarePixels,
     size: Vec2,
     stride: usize,
     /// With one more pixel on each side, the same as the last one.
@@ -74,7 +74,7 @@ pub(crate) struct Field {
     thickness: Option<f32>,
 }
 
-impl Field {
+impl DepthField {
     /// Of a field that is `thickness` metres thick nothing is interpolated across a jump of more (section 11).
     pub(crate) fn new(screen: &Screen, thickness: Option<f32>) -> Self {
         let (width, height) = (screen.size().width() as usize, screen.size().height() as usize);
@@ -86,7 +86,7 @@ impl Field {
             inverse.extend(padded.map(|depth| 1.0 / depth));
         }
         Self {
-            pixels: Pixels::new(screen),
+            pixels: SquarePixels::new(screen),
             size: Vec2::new(width as f32, height as f32),
             stride: width + 2,
             inverse,
@@ -94,7 +94,7 @@ impl Field {
         }
     }
 
-    pub(crate) fn pixels(&self) -> &Pixels {
+    pub(crate) fn pixels(&self) -> &SquarePixels {
         &self.pixels
     }
 

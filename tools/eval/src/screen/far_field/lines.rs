@@ -6,11 +6,11 @@
 
 use glam::Vec2;
 
-use super::Pixels;
+use super::SquarePixels;
 
 /// The lines of one direction over the whole grid, guard band included.
 #[derive(Clone, Debug)]
-pub(crate) struct Lines {
+pub(crate) struct ScanLines {
     /// Unit vector along the lines, in square pixels.
     pub(crate) along: Vec2,
     /// Steps from the middle of the grid to where the first interval begins, and lines to the first line; negative.
@@ -30,9 +30,9 @@ pub(crate) struct Row {
     pub(crate) len: u32,
 }
 
-impl Lines {
+impl ScanLines {
     /// Lays lines along `along` over `pixels`, with intervals of `interval` steps.
-    pub(crate) fn new(pixels: &Pixels, along: Vec2, interval: u32) -> Self {
+    pub(crate) fn new(pixels: &SquarePixels, along: Vec2, interval: u32) -> Self {
         let half = pixels.half();
         let corners = [half, Vec2::new(-half.x, half.y), -half, Vec2::new(half.x, -half.y)]
             .map(|corner| Vec2::new(corner.dot(along), along.perp_dot(corner)));

@@ -25,16 +25,16 @@ use glam::Vec2;
 use psao_server::clock::Clock;
 use rayon::prelude::*;
 
-pub use self::settings::{FarFieldSettings, NearField, Separate};
+pub use self::settings::{FarFieldSettings, NearField, Separation};
 
-use self::field::{Field, Pixels};
-use self::lines::Lines;
+use self::field::{DepthField, SquarePixels};
+use self::lines::ScanLines;
 use self::scan::Scan;
 use self::segments::{Gather, Segments};
-use self::separate::Averaged;
+use self::separate::PixelAverage;
 use self::slice::{Estimator, Receiver};
-use self::table::Table;
-use super::{Screen, ScreenError, ScreenMethod, Shaded, check_setting};
+use self::table::ObscuranceTable;
+use super::{Screen, ScreenError, ScreenMethod, Shading, check_setting};
 
 const NAME: &str = "far-field";
 
@@ -69,7 +69,7 @@ const MAX_STRETCH: f32 = 256.0;
 #[derive(Clone, Debug, PartialEq)]
 pub struct FarField {
     settings: FarFieldSettings,
-    table: Table,
+    table: ObscuranceTable,
 }
 
 impl FarField {
@@ -80,7 +80,7 @@ impl FarField {
     /// [`ScreenError`] when a setting is out of its range.
     pub fn new(settings: FarFieldSettings) -> Result<Self, ScreenError> {
         settings.validate()?;
-        let table = Table::new(settings.radius, &settings.falloff);
+        let table = ObscuranceTable::new(settings.radius, &settings.falloff);
         Ok(Self { settings, table })
     }
 
@@ -109,11 +109,11 @@ impl FarField {
 }
 
 /// Buffers over the inner pixels, and the times of the stages.
-struct Work<'a> {
+struct Buffers<'a> {
     screen: &'a Screen,
     clock: &'a dyn Clock,
     stages: Vec<(&'static str, u64)>,
-    averaged: Option<Vec<Option<Averaged>>>,
+    averaged: Option<Vec<Option<PixelAverage>>>,
     /// Sums of Eq. 2 of all sectors so far.
     near: Vec<f32>,
     far: Vec<f32>,
@@ -121,7 +121,7 @@ struct Work<'a> {
     horizons: Vec<Vec2>,
 }
 
-impl Work<'_> {
+impl Buffers<'_> {
     /// Runs a stage and adds its time to what it has taken before.
     fn time<T>(&mut self, stage: &'static str, run: impl FnOnce(&mut Self) -> T) -> T {
         let start = self.clock.micros();
@@ -197,7 +197,7 @@ impl Work<'_> {
             None => hidden.iter_mut().zip(&far).for_each(|(hidden, far)| *hidden += far),
         });
         let mut values: Vec<f32> = hidden.iter().map(|hidden| 1.0 - width * hidden).collect();
-        if let (Some(averaged), Some(Separate { blur: true })) = (&averaged, settings.separate) {
+        if let (Some(averaged), Some(Separation { blur: true })) = (&averaged, settings.separate) {
             values = self.time("blur", |_| separate::blur(size, averaged, &values));
         }
         values
@@ -205,7 +205,7 @@ impl Work<'_> {
 }
 
 /// The surface of an inner pixel, and where it is in square pixels.
-fn receiver(screen: &Screen, pixels: &Pixels, x: usize, y: usize) -> Option<(Receiver, Vec2)> {
+fn receiver(screen: &Screen, pixels: &SquarePixels, x: usize, y: usize) -> Option<(Receiver, Vec2)> {
     let [x, y] = [x, y].map(|at| at as i32 + screen.guard() as i32);
     Some((Receiver::new(screen.position(x, y)?, screen.normal(x, y)), pixels.place(x, y)))
 }
@@ -219,14 +219,14 @@ impl ScreenMethod for FarField {
         self.settings.label()
     }
 
-    fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shaded, ScreenError> {
+    fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shading, ScreenError> {
         let settings = &self.settings;
         let &FarFieldSettings { midway, density, .. } = settings;
         let count = screen.inner().pixels();
         let each = 2 * settings.segments as usize;
         let distances = self.near_distances();
         let horizons = if settings.near.is_some() { count * each } else { 0 };
-        let mut work = Work {
+        let mut work = Buffers {
             screen,
             clock,
             stages: Vec::new(),
@@ -235,7 +235,7 @@ impl ScreenMethod for FarField {
             far: vec![0.0; count],
             horizons: vec![Vec2::ZERO; horizons],
         };
-        let field = work.time("scan", |_| Field::new(screen, settings.thickness));
+        let field = work.time("scan", |_| DepthField::new(screen, settings.thickness));
         check_setting(NAME, "the stretch of pixels", field.pixels().stretch(), 1.0, MAX_STRETCH)?;
         if settings.separate.is_some() {
             work.averaged = work.time("box average", |_| Some(separate::box_average(screen)));
@@ -245,8 +245,9 @@ impl ScreenMethod for FarField {
         for pair in 0..settings.sectors / 2 {
             let turn = f64::from(pair) / f64::from(settings.sectors) * std::f64::consts::TAU;
             let along = Vec2::new(libm::cos(turn) as f32, libm::sin(turn) as f32);
-            let mut scan = work
-                .time("scan", |_| Scan::new(&field, Lines::new(field.pixels(), along, settings.interval)));
+            let mut scan = work.time("scan", |_| {
+                Scan::new(&field, ScanLines::new(field.pixels(), along, settings.interval))
+            });
             if settings.thickness.is_none() {
                 work.time("prefix sum", |_| scan.sum());
             }
@@ -262,7 +263,7 @@ impl ScreenMethod for FarField {
         // Of Eq. 2 the width of a segment on the screen is left, the same for all.
         let width = std::f32::consts::TAU / (settings.sectors * settings.segments) as f32;
         let values = work.finish(settings, width);
-        Ok(Shaded {
+        Ok(Shading {
             bytes: bytes + size_of_val(values.as_slice()),
             image: screen.image(values)?,
             stages: work.stages,

@@ -4,8 +4,8 @@
 use glam::Vec2;
 use rayon::prelude::*;
 
-use super::field::Field;
-use super::lines::{Lines, Row};
+use super::field::DepthField;
+use super::lines::{Row, ScanLines};
 
 /// What one line is in one interval: the largest heights as seen along the receiver angles of section 6, in metres.
 ///
@@ -64,12 +64,12 @@ impl Sense {
 /// The intermediate geometry of one direction: peaks of all levels, and their prefix sums.
 #[derive(Clone, Debug)]
 pub(crate) struct Scan {
-    lines: Lines,
-    levels: Vec<Level>,
+    lines: ScanLines,
+    levels: Vec<ScanLevel>,
 }
 
 #[derive(Clone, Debug)]
-struct Level {
+struct ScanLevel {
     /// Where the peaks of each row begin.
     offsets: Vec<usize>,
     peaks: Vec<Peak>,
@@ -80,8 +80,8 @@ struct Level {
 
 impl Scan {
     /// Scans `field` along `lines`, row by row on all threads, and pairs intervals up.
-    pub(crate) fn new(field: &Field, lines: Lines) -> Self {
-        let mut levels: Vec<Level> = Vec::with_capacity(lines.levels().len());
+    pub(crate) fn new(field: &DepthField, lines: ScanLines) -> Self {
+        let mut levels: Vec<ScanLevel> = Vec::with_capacity(lines.levels().len());
         for (number, rows) in lines.levels().iter().enumerate() {
             let offsets: Vec<usize> = rows
                 .iter()
@@ -95,7 +95,7 @@ impl Scan {
                 None => scan_row(field, &lines, index as u32, rows[index], peaks),
                 Some((rows_below, below)) => pair_up(rows_below, below, index, rows[index], peaks),
             });
-            levels.push(Level { offsets, peaks, sums: Vec::new() });
+            levels.push(ScanLevel { offsets, peaks, sums: Vec::new() });
         }
         Self { lines, levels }
     }
@@ -121,13 +121,13 @@ impl Scan {
         }
     }
 
-    pub(crate) fn lines(&self) -> &Lines {
+    pub(crate) fn lines(&self) -> &ScanLines {
         &self.lines
     }
 
     /// Bytes of all levels.
     pub(crate) fn bytes(&self) -> usize {
-        let level = |level: &Level| {
+        let level = |level: &ScanLevel| {
             size_of_val(level.offsets.as_slice())
                 + size_of_val(level.peaks.as_slice())
                 + size_of_val(level.sums.as_slice())
@@ -189,7 +189,7 @@ impl Scan {
 }
 
 /// One interval of all its lines (Algorithm 1).
-fn scan_row(field: &Field, lines: &Lines, index: u32, row: Row, peaks: &mut [Peak]) {
+fn scan_row(field: &DepthField, lines: &ScanLines, index: u32, row: Row, peaks: &mut [Peak]) {
     let across = lines.along.perp();
     let slope = field.pixels().slope();
     let steps = index * lines.interval(0)..(index + 1) * lines.interval(0);
@@ -207,7 +207,7 @@ fn scan_row(field: &Field, lines: &Lines, index: u32, row: Row, peaks: &mut [Pea
 }
 
 /// One interval of a higher level: the maxima of the two below.
-fn pair_up(rows_below: &[Row], below: &Level, index: usize, row: Row, peaks: &mut [Peak]) {
+fn pair_up(rows_below: &[Row], below: &ScanLevel, index: usize, row: Row, peaks: &mut [Peak]) {
     for child in (2 * index..2 * index + 2).filter(|child| *child < rows_below.len()) {
         let Row { first, len } = rows_below[child];
         if len == 0 {

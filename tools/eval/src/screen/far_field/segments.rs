@@ -2,10 +2,10 @@
 
 use glam::Vec2;
 
-use super::field::Field;
+use super::field::DepthField;
 use super::scan::{Scan, Sense};
 use super::settings::FarFieldSettings;
-use super::slice::{Estimator, Receiver, Slice, Stand};
+use super::slice::{Estimator, Receiver, SlabPlacement, Slice};
 use crate::reference::mix;
 
 /// Angles that jittered pixels choose from.
@@ -94,7 +94,7 @@ fn near_end(steps: f32, row: i32, interval: f32, sense: Sense) -> f32 {
 /// What all pixels share while they gather in one pair of opposite sectors.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Gather<'a> {
-    pub(crate) field: &'a Field,
+    pub(crate) field: &'a DepthField,
     pub(crate) scan: &'a Scan,
     pub(crate) estimator: Estimator<'a>,
     /// Whether slabs of intervals stand midway.
@@ -150,9 +150,9 @@ impl Gather<'_> {
             if let Some((point, share)) = met {
                 let top = columns[0] * point.x + columns[1] * point.y;
                 let stand = if self.midway {
-                    Stand::Midway(across * (start + near * step) + depth)
+                    SlabPlacement::Midway(across * (start + near * step) + depth)
                 } else {
-                    Stand::Top
+                    SlabPlacement::Top
                 };
                 hidden += self.estimator.add(slice, horizon, top, stand, share);
             }
@@ -197,7 +197,7 @@ impl Gather<'_> {
             let sight = across * (start + distance * slope) + depth;
             if inverse > 0.0 {
                 let joined = self.field.joins(before, inverse);
-                let stand = if joined { Stand::Joined(front / before) } else { Stand::Top };
+                let stand = if joined { SlabPlacement::Joined(front / before) } else { SlabPlacement::Top };
                 hidden += self.estimator.add(slice, horizon, sight / inverse, stand, 1.0);
             }
             (front, before) = (sight, inverse);

@@ -35,7 +35,7 @@ pub struct FarFieldSettings {
     /// noise for banding. The number is the seed.
     pub jitter: Option<u64>,
     /// Evaluates a ninth of the sectors in each pixel (section 10).
-    pub separate: Option<Separate>,
+    pub separate: Option<Separation>,
 }
 
 /// The search of the near field (section 9): point samples along each segment, from half a pixel on, from one where the
@@ -48,7 +48,7 @@ pub struct NearField {
 
 /// Separable approximation of the far field in groups of 3 x 3 pixels (section 10).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Separate {
+pub struct Separation {
     /// Whether a selective blur hides the seam of near and far field.
     pub blur: bool,
 }
@@ -62,7 +62,7 @@ impl FarFieldSettings {
     pub const MAX_INTERVAL: u32 = 256;
     /// The largest density.
     pub const MAX_DENSITY: u32 = 64;
-    /// Pixels of a group of [`Separate`].
+    /// Pixels of a group of [`Separation`].
     pub(crate) const GROUP: u32 = 9;
 
     /// Checks all ranges.
@@ -120,8 +120,8 @@ impl FarFieldSettings {
         }
         match self.separate {
             None => {}
-            Some(Separate { blur: false }) => label += ", 3x3 separated",
-            Some(Separate { blur: true }) => label += ", 3x3 separated and blurred",
+            Some(Separation { blur: false }) => label += ", 3x3 separated",
+            Some(Separation { blur: true }) => label += ", 3x3 separated and blurred",
         }
         label
     }

@@ -5,7 +5,7 @@
 
 use glam::{Vec2, Vec3};
 
-use super::table::Table;
+use super::table::ObscuranceTable;
 
 /// A pixel that obscurance is gathered for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -122,7 +122,7 @@ impl Slice {
 
 /// Where the slab of a point stands, which stands for all that is between the point and what is known before it.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum Stand {
+pub(crate) enum SlabPlacement {
     /// At the point (section 4).
     Top,
     /// Midway between this line of sight, given as a vector from the eye, and the point.
@@ -135,7 +135,7 @@ pub(crate) enum Stand {
 /// How slabs are weighed, the same for all slices.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Estimator<'a> {
-    pub(crate) table: &'a Table,
+    pub(crate) table: &'a ObscuranceTable,
     /// Slabs end this many metres behind their tops (section 11); `None` is never.
     pub(crate) thickness: Option<f32>,
 }
@@ -146,7 +146,14 @@ impl Estimator<'_> {
     ///
     /// `share` is how much of the slice's width the slab fills, in `(0, 1]`; the horizon rises by that share of the way.
     #[inline]
-    pub(crate) fn add(&self, slice: &Slice, horizon: &mut Vec2, top: Vec2, stand: Stand, share: f32) -> f32 {
+    pub(crate) fn add(
+        &self,
+        slice: &Slice,
+        horizon: &mut Vec2,
+        top: Vec2,
+        stand: SlabPlacement,
+        share: f32,
+    ) -> f32 {
         let ray = Vec2::new(top.x + slice.distance, top.y);
         // Culled: below the horizon, or on the wrong side.
         if ray.perp_dot(*horizon) <= 0.0 || ray.y <= 0.0 {
@@ -154,9 +161,9 @@ impl Estimator<'_> {
         }
         let back = top / top.length();
         let slab = match stand {
-            Stand::Top => back,
-            Stand::Midway(sight) => (back + sight.normalize()).normalize(),
-            Stand::Joined(before) => slice.joined(before, top, *horizon).normalize_or(back),
+            SlabPlacement::Top => back,
+            SlabPlacement::Midway(sight) => (back + sight.normalize()).normalize(),
+            SlabPlacement::Joined(before) => slice.joined(before, top, *horizon).normalize_or(back),
         };
         let distance = slice.distance * slab.y;
         let mut hidden = 0.0;

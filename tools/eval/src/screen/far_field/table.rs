@@ -23,12 +23,12 @@ const STEPS: usize = 16;
 ///
 /// Any falloff will do: nothing here needs it to be smooth or to fall.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Table {
+pub(crate) struct ObscuranceTable {
     radius: f32,
     values: Vec<Vec3A>,
 }
 
-impl Table {
+impl ObscuranceTable {
     /// Integrates `falloff`, which ends at `radius` metres.
     pub(crate) fn new(radius: f32, falloff: &Falloff) -> Self {
         // Midpoints of all steps: their angle's sine, what is integrated there, and the width of the step.
@@ -181,7 +181,7 @@ mod tests {
 
     #[test]
     fn without_falloff_a_wall_at_hand_hides_its_half_of_the_slice() {
-        let table = Table::new(2.0, &Falloff::Binary);
+        let table = ObscuranceTable::new(2.0, &Falloff::Binary);
         // The normal at the zenith: the integral of cos theta sin theta over a quarter turn.
         let found = table.hidden(0.0, Vec2::NEG_X, Vec2::X, Vec2::Y, Vec2::X);
         assert!((found - 0.5).abs() < 1e-5, "{found}");
@@ -208,7 +208,7 @@ mod tests {
                 _ => Falloff::sampled(&[1.0, 0.9, 0.2, 0.2, 0.1]).unwrap(),
             };
             let (high, low) = (angles.0.min(angles.1), angles.0.max(angles.1));
-            let table = Table::new(radius, &falloff);
+            let table = ObscuranceTable::new(radius, &falloff);
             let found = table.hidden(b * radius, direction(c), direction(d), direction(low), direction(high));
             let want = cast(&falloff, b, c, d, high, low);
             // A step of the falloff lies inside a cell; all others are smooth.

@@ -10,10 +10,10 @@ use psao_server::scene::Scene;
 use psao_server::world::SceneBvh;
 
 use super::scan::Sense;
-use super::slice::{Slice, Stand};
+use super::slice::{SlabPlacement, Slice};
 use super::*;
 use crate::adapter::SceneView;
-use crate::screen::{Falloff, Traced};
+use crate::screen::{Falloff, ScreenRays};
 
 /// Mean difference and share of pixels that are at most 5 % off, in per cent (section 8), of pixels with a surface.
 fn errors(screen: &Screen, reference: &AoImage, found: &AoImage) -> (f64, f64) {
@@ -39,7 +39,7 @@ fn built_in(name: &str, time: f64, inner: Size, guard: u32) -> Screen {
 
 #[test]
 fn an_all_hidden_hemisphere_is_one_whatever_the_normal() {
-    let table = Table::new(1.0, &Falloff::Binary);
+    let table = ObscuranceTable::new(1.0, &Falloff::Binary);
     let estimator = Estimator { table: &table, thickness: None };
     for (position, normal) in [
         (Vec3::new(0.0, 0.0, 5.0), Vec3::NEG_Z),
@@ -60,7 +60,7 @@ fn an_all_hidden_hemisphere_is_one_whatever_the_normal() {
             let top = across
                 * ((receiver.slope().dot(Vec2::new(libm::cosf(angle), libm::sinf(angle))) + 1e-6) * z)
                 + depth * z;
-            sum += slice.weight() * estimator.add(&slice, &mut horizon, top, Stand::Top, 1.0);
+            sum += slice.weight() * estimator.add(&slice, &mut horizon, top, SlabPlacement::Top, 1.0);
         }
         let found = sum * std::f32::consts::TAU / count as f32;
         assert!((found - 1.0).abs() < 0.01, "{position} {normal}: {found}");
@@ -87,7 +87,7 @@ fn variants() -> Vec<FarFieldSettings> {
         FarFieldSettings { sectors: 8, interval: 5, midway: true, ..base.clone() },
         FarFieldSettings { near: None, jitter: Some(3), ..base.clone() },
         FarFieldSettings { thickness: Some(0.3), jitter: Some(7), ..base.clone() },
-        FarFieldSettings { sectors: 18, separate: Some(Separate { blur: true }), ..base.clone() },
+        FarFieldSettings { sectors: 18, separate: Some(Separation { blur: true }), ..base.clone() },
         FarFieldSettings { near: Some(NearField { growth: 1.5 }), segments: 3, ..base },
     ]
 }
@@ -183,13 +183,13 @@ fn it_comes_close_to_rays_on_the_same_depth_field() {
     {
         let screen = built_in(name, 1.0, size(160, 90), 16);
         let FarFieldSettings { radius, falloff, .. } = settings();
-        let rays = by_rays(&screen, &Traced { rays: 128, ..Traced::far(radius, falloff) });
+        let rays = by_rays(&screen, &ScreenRays { rays: 128, ..ScreenRays::far(radius, falloff) });
         for (midway, (average, right)) in [false, true].into_iter().zip(bounds) {
             let found = errors(&screen, &rays, &shade(&FarFieldSettings { midway, ..settings() }, &screen));
             assert!(found.0 < average && found.1 > right, "{name} {midway}: {found:?}");
         }
         let separate =
-            FarFieldSettings { sectors: 18, separate: Some(Separate { blur: true }), ..settings() };
+            FarFieldSettings { sectors: 18, separate: Some(Separation { blur: true }), ..settings() };
         let found = errors(&screen, &rays, &shade(&separate, &screen));
         assert!(found.0 < bounds[0].0 + 0.4, "{name} separate: {found:?}");
     }
@@ -211,10 +211,10 @@ fn intervals_find_what_all_samples_find() {
 #[test]
 fn averages_and_maxima_are_those_of_single_samples() {
     let screen = built_in("colonnade", 0.0, size(61, 37), 4);
-    let field = Field::new(&screen, None);
+    let field = DepthField::new(&screen, None);
     for turn in [0.0_f32, 0.4, std::f32::consts::FRAC_PI_2, 2.2] {
         let along = Vec2::new(libm::cosf(turn), libm::sinf(turn));
-        let mut scan = Scan::new(&field, Lines::new(field.pixels(), along, 5));
+        let mut scan = Scan::new(&field, ScanLines::new(field.pixels(), along, 5));
         scan.sum();
         let lines = scan.lines();
         let slope = field.pixels().slope();
@@ -326,7 +326,7 @@ fn the_times_are_those_of_the_papers_tables_and_memory_is_told() {
     let (far_alone, without_near) = stages(FarFieldSettings { near: None, ..settings() });
     assert_eq!(far_alone, ["scan", "prefix sum", "obscurance", "gather"]);
     assert_eq!(bytes - without_near, 48 * 27 * 4 * size_of::<Vec2>(), "horizons of four segments");
-    let separate = FarFieldSettings { sectors: 18, separate: Some(Separate { blur: true }), ..settings() };
+    let separate = FarFieldSettings { sectors: 18, separate: Some(Separation { blur: true }), ..settings() };
     let want = ["scan", "box average", "prefix sum", "near field", "obscurance", "gather", "blur"];
     assert_eq!(stages(separate).0, want);
     let (thick, _) = stages(FarFieldSettings { thickness: Some(0.1), ..settings() });
@@ -360,7 +360,7 @@ fn what_is_out_of_range_is_refused() {
     for thickness in [0.0, f32::NAN] {
         assert!(refused(FarFieldSettings { thickness: Some(thickness), ..settings() }).contains("thickness"));
     }
-    let separate = Some(Separate { blur: false });
+    let separate = Some(Separation { blur: false });
     assert!(refused(FarFieldSettings { separate, ..settings() }).contains("by 18"));
     let tall = Screen::from_parts(size(4, 4), 0, [1.0, 400.0], vec![1.0; 16], vec![Vec3::NEG_Z; 16]).unwrap();
     let found = FarField::new(settings()).unwrap().shade(&tall, &NoClock);
@@ -368,14 +368,14 @@ fn what_is_out_of_range_is_refused() {
 }
 
 /// Rays through the depth field, which is continuous: what the method converges to (section 8).
-fn by_rays(screen: &Screen, rays: &Traced) -> AoImage {
+fn by_rays(screen: &Screen, rays: &ScreenRays) -> AoImage {
     rays.shade(screen, &NoClock).unwrap().image
 }
 
 /// The estimator alone, from samples `step` square pixels apart in `count` directions.
 fn direct(screen: &Screen, radius: f32, falloff: &Falloff, count: u32, step: f32, joined: bool) -> AoImage {
-    let field = Field::new(screen, None);
-    let table = Table::new(radius, falloff);
+    let field = DepthField::new(screen, None);
+    let table = ObscuranceTable::new(radius, falloff);
     let estimator = Estimator { table: &table, thickness: None };
     let slope = field.pixels().slope();
     let values = screen.each_inner(|pixel| {
@@ -395,7 +395,7 @@ fn direct(screen: &Screen, radius: f32, falloff: &Falloff, count: u32, step: f32
                 let inverse = field.inverse(at + along * distance);
                 let top = (inverse > 0.0).then(|| (across * (start + distance * slope) + depth) / inverse);
                 if let Some(top) = top {
-                    let stand = before.filter(|_| joined).map_or(Stand::Top, Stand::Joined);
+                    let stand = before.filter(|_| joined).map_or(SlabPlacement::Top, SlabPlacement::Joined);
                     hidden += estimator.add(&slice, &mut horizon, top, stand, 1.0);
                 }
                 before = top;
@@ -416,7 +416,7 @@ fn the_estimator_converges_to_rays() {
     ] {
         let screen = built_in(name, 1.0, size(48, 27), 5);
         let radius = settings().radius;
-        let fine = Traced { rays: 512, step_px: 0.1, ..Traced::far(radius, falloff.clone()) };
+        let fine = ScreenRays { rays: 512, step_px: 0.1, ..ScreenRays::far(radius, falloff.clone()) };
         let rays = by_rays(&screen, &fine);
         let error =
             |step, joined| errors(&screen, &rays, &direct(&screen, radius, &falloff, 48, step, joined)).0;

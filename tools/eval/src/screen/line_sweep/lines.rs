@@ -6,7 +6,7 @@ use crate::screen::Screen;
 
 /// Parallel lines of pixels that cover the grid, each pixel once: one pixel to each column, or row, of a line.
 #[derive(Debug)]
-pub(super) struct Lines {
+pub(super) struct SweepLines {
     /// Lines, and pixels a line, those beyond the grid included.
     pub(super) count: usize,
     pub(super) length: usize,
@@ -20,7 +20,7 @@ pub(super) struct Lines {
     pub(super) ahead: Vec2,
 }
 
-impl Lines {
+impl SweepLines {
     pub(super) fn new(screen: &Screen, angle: f32) -> Self {
         let direction = Vec2::new(libm::cosf(angle), libm::sinf(angle));
         let steep = direction.y.abs() > direction.x.abs();
@@ -72,7 +72,7 @@ mod tests {
         let size = Size::new(13, 9).unwrap();
         let screen = Screen::from_parts(size, 2, [1.0, 0.7], vec![2.0; 221], vec![Vec3::NEG_Z; 221]).unwrap();
         for turn in 0..24 {
-            let lines = Lines::new(&screen, turn as f32 * 0.13);
+            let lines = SweepLines::new(&screen, turn as f32 * 0.13);
             let mut seen = vec![0; 17 * 13];
             for (line, along) in (0..lines.count).flat_map(|l| (0..lines.length).map(move |a| (l, a))) {
                 let (x, y) = lines.pixel(line, along);

@@ -7,9 +7,9 @@ use glam::{Vec2, Vec3};
 use psao_server::clock::Clock;
 use rayon::prelude::*;
 
-use self::lines::Lines;
-use self::slice::{Point, Slice};
-use super::{Falloff, Screen, ScreenError, ScreenMethod, Shaded, Stages, check_radius, check_setting};
+use self::lines::SweepLines;
+use self::slice::{HalfPlane, LinePoint};
+use super::{Falloff, Screen, ScreenError, ScreenMethod, Shading, StageTimer, check_radius, check_setting};
 
 /// Line-Sweep Ambient Obscurance (Timonen 2013, Computer Graphics Forum 32(4)): in each of K directions the depth
 /// buffer is walked along parallel lines, once, whatever the radius. A line keeps a stack of the points behind the
@@ -70,15 +70,15 @@ impl LineSweep {
     /// the sweep, which goes along `ahead` in view space.
     fn sweep<'a>(
         &self,
-        line: impl Iterator<Item = (&'a mut f32, Option<Point>)>,
+        line: impl Iterator<Item = (&'a mut f32, Option<LinePoint>)>,
         ahead: Vec2,
-        stack: &mut Vec<Entry>,
+        stack: &mut Vec<StackEntry>,
     ) {
         stack.clear();
         for (hidden, point) in line {
             let Some(point) = point else { continue };
-            let slice = Slice::new(&point, ahead, self.bias * self.radius);
-            let mut entry = Entry::after(stack.last(), point);
+            let slice = HalfPlane::new(&point, ahead, self.bias * self.radius);
+            let mut entry = StackEntry::after(stack.last(), point);
             let mut top = self.top(&slice, stack);
             let mut most = top;
             while let [.., below, last] = stack[..] {
@@ -98,7 +98,7 @@ impl LineSweep {
     }
 
     /// The largest contribution of the last entry of a stack and the edge that leads to it.
-    fn top(&self, slice: &Slice, stack: &[Entry]) -> f32 {
+    fn top(&self, slice: &HalfPlane, stack: &[StackEntry]) -> f32 {
         let Some(entry) = stack.last() else { return 0.0 };
         let end = entry.point.position - slice.position;
         let mut most = self.contribution(slice, end);
@@ -122,7 +122,7 @@ impl LineSweep {
 
     /// Falloff times what a horizon at `to` from the receiver hides of the slice.
     #[inline]
-    fn contribution(&self, slice: &Slice, to: Vec3) -> f32 {
+    fn contribution(&self, slice: &HalfPlane, to: Vec3) -> f32 {
         let distance = to.length();
         // Pixels lie a little beside the line, where the tangent plane is at another angle: what is not above it is
         // not above the line's tangent either.
@@ -142,24 +142,24 @@ impl ScreenMethod for LineSweep {
         format!("line sweep, {} directions", self.directions)
     }
 
-    fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shaded, ScreenError> {
+    fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shading, ScreenError> {
         self.validate()?;
-        let mut stages = Stages::new(clock);
+        let mut stages = StageTimer::new(clock);
         let mut values = vec![1.0_f32; screen.inner().pixels()];
         let mut most = 0;
         let sets = self.directions / 2;
         for set in 0..sets {
-            let lines = Lines::new(screen, std::f32::consts::PI * set as f32 / sets as f32);
+            let lines = SweepLines::new(screen, std::f32::consts::PI * set as f32 / sets as f32);
             let mut hidden = vec![0.0_f32; lines.count * lines.length];
             hidden.par_chunks_mut(lines.length).enumerate().for_each_init(
                 Vec::new,
                 |stack, (line, hidden)| {
-                    let point = |along| Point::at(screen, lines.pixel(line, along), lines.ahead);
+                    let point = |along| LinePoint::at(screen, lines.pixel(line, along), lines.ahead);
                     self.sweep(hidden.iter_mut().enumerate().map(|(i, v)| (v, point(i))), lines.ahead, stack);
                     // The same line from the other end.
                     let back = |along: usize| {
                         let point = point(along)?;
-                        Some(Point { along: -point.along, ..point })
+                        Some(LinePoint { along: -point.along, ..point })
                     };
                     self.sweep(
                         hidden.iter_mut().enumerate().rev().map(|(i, v)| (v, back(i))),
@@ -184,21 +184,21 @@ impl ScreenMethod for LineSweep {
 
 /// A point on the stack, and the edge to it from the one below.
 #[derive(Clone, Copy, Debug)]
-struct Entry {
-    point: Point,
+struct StackEntry {
+    point: LinePoint,
     /// The direction in which the edge began.
     heading: Vec2,
     /// Pixels from end to end of the edge, all on it; 0 when what lies between its ends is not.
     run: u32,
 }
 
-impl Entry {
+impl StackEntry {
     /// How far, as a sine, points of one edge may be from the direction in which it began: of a plane they are on it
     /// to rounding.
     const STRAIGHT: f32 = 2e-3;
 
     /// `point` next to the last of the stack.
-    fn after(last: Option<&Self>, point: Point) -> Self {
+    fn after(last: Option<&Self>, point: LinePoint) -> Self {
         let heading = last.map_or(Vec2::ZERO, |last| (point.flat() - last.point.flat()).normalize_or_zero());
         Self { point, heading, run: 1 }
     }
@@ -229,7 +229,7 @@ mod tests {
 
     use super::*;
     use crate::adapter::SceneView;
-    use crate::screen::Traced;
+    use crate::screen::ScreenRays;
 
     fn screen(width: u32, height: u32, guard: u32) -> Screen {
         let scene = std::sync::Arc::new(Scene::load("colonnade").unwrap());
@@ -239,9 +239,9 @@ mod tests {
     }
 
     /// The largest contribution of all the points before each, one by one.
-    fn naive(method: &LineSweep, line: &[Option<Point>], ahead: Vec2) -> Vec<f32> {
+    fn naive(method: &LineSweep, line: &[Option<LinePoint>], ahead: Vec2) -> Vec<f32> {
         let most = |at: usize| {
-            let slice = Slice::new(line[at].as_ref()?, ahead, method.bias * method.radius);
+            let slice = HalfPlane::new(line[at].as_ref()?, ahead, method.bias * method.radius);
             let before = line[..at].iter().flatten();
             Some(
                 before
@@ -258,10 +258,10 @@ mod tests {
         let method = LineSweep::new(0.6);
         let (mut sum, mut lost, mut more, mut count) = (0.0, 0.0, 0.0, 0);
         for turn in 0..8 {
-            let lines = Lines::new(&screen, turn as f32 * 0.39);
+            let lines = SweepLines::new(&screen, turn as f32 * 0.39);
             for line in 0..lines.count {
-                let points: Vec<Option<Point>> = (0..lines.length)
-                    .map(|i| Point::at(&screen, lines.pixel(line, i), lines.ahead))
+                let points: Vec<Option<LinePoint>> = (0..lines.length)
+                    .map(|i| LinePoint::at(&screen, lines.pixel(line, i), lines.ahead))
                     .collect();
                 let mut found = vec![0.0; points.len()];
                 method.sweep(found.iter_mut().zip(points.iter().copied()), lines.ahead, &mut Vec::new());
@@ -293,18 +293,19 @@ mod tests {
         let falloff = Falloff::Exponential { decay: 3.0 };
         let method = LineSweep { bias: 1e-4, falloff: falloff.clone(), ..LineSweep::new(3.0) };
         let mean = |image: &[f32]| image.iter().map(|v| f64::from(*v)).sum::<f64>() / image.len() as f64;
-        let [found, rays] = [&method as &dyn ScreenMethod, &Traced::far(3.0, falloff)]
+        let [found, rays] = [&method as &dyn ScreenMethod, &ScreenRays::far(3.0, falloff)]
             .map(|method| mean(method.shade(&screen, &NoClock).unwrap().image.values()));
         // The largest of all occluders of every direction, one by one.
         let sets = method.directions / 2;
         let mut hidden = 0.0;
         for set in 0..sets {
-            let lines = Lines::new(&screen, std::f32::consts::PI * set as f32 / sets as f32);
+            let lines = SweepLines::new(&screen, std::f32::consts::PI * set as f32 / sets as f32);
             let mut of_pixels = vec![0.0; lines.count * lines.length];
             for (line, sums) in of_pixels.chunks_mut(lines.length).enumerate() {
                 for ahead in [lines.ahead, -lines.ahead] {
-                    let mut points: Vec<Option<Point>> =
-                        (0..lines.length).map(|i| Point::at(&screen, lines.pixel(line, i), ahead)).collect();
+                    let mut points: Vec<Option<LinePoint>> = (0..lines.length)
+                        .map(|i| LinePoint::at(&screen, lines.pixel(line, i), ahead))
+                        .collect();
                     if ahead != lines.ahead {
                         points.reverse();
                         sums.reverse();

@@ -6,14 +6,14 @@ use crate::screen::Screen;
 
 /// A point of a line.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Point {
+pub(super) struct LinePoint {
     pub(super) position: Vec3,
     pub(super) normal: Vec3,
     /// Its slope along the sweep: with depth, its place in the plane of eye and line.
     pub(super) along: f32,
 }
 
-impl Point {
+impl LinePoint {
     #[inline]
     pub(super) fn at(screen: &Screen, (x, y): (i32, i32), ahead: Vec2) -> Option<Self> {
         let position = screen.position(x, y)?;
@@ -30,7 +30,7 @@ impl Point {
 
 /// The half plane behind a receiver, bounded by the line to the eye.
 #[derive(Debug)]
-pub(super) struct Slice {
+pub(super) struct HalfPlane {
     /// The receiver's, lifted off the surface.
     pub(super) position: Vec3,
     pub(super) normal: Vec3,
@@ -45,8 +45,8 @@ pub(super) struct Slice {
     full: f32,
 }
 
-impl Slice {
-    pub(super) fn new(point: &Point, ahead: Vec2, lift: f32) -> Self {
+impl HalfPlane {
+    pub(super) fn new(point: &LinePoint, ahead: Vec2, lift: f32) -> Self {
         let zenith = -point.position.normalize();
         let behind = -ahead.extend(0.0);
         let side = (behind - zenith * behind.dot(zenith)).normalize();
@@ -88,11 +88,11 @@ mod tests {
 
     #[test]
     fn integrals_are_those_of_brute_force() {
-        let point = |normal: Vec3| Point { position: Vec3::new(0.0, 0.0, 2.0), normal, along: 0.0 };
+        let point = |normal: Vec3| LinePoint { position: Vec3::new(0.0, 0.0, 2.0), normal, along: 0.0 };
         for lean in [-1.2_f32, -0.5, 0.0, 0.4, 1.3] {
             // The sweep goes to the right, so what is behind it is on the left.
             let normal = Vec3::new(-lean.sin(), 0.0, -lean.cos());
-            let slice = Slice::new(&point(normal), Vec2::X, 0.0);
+            let slice = HalfPlane::new(&point(normal), Vec2::X, 0.0);
             for horizon in [0.0_f32, 0.3, 0.9, 1.6, 2.4] {
                 let to = Vec3::new(-horizon.sin(), 0.0, -horizon.cos());
                 let steps = 20_000;

@@ -6,12 +6,12 @@ use psao_server::clock::Clock;
 
 use super::depth::Pixel;
 use super::noise::bits;
-use super::{Falloff, Screen, ScreenError, ScreenMethod, Shaded, Stages, check_radius, check_setting};
-use crate::reference::{directions, frame};
+use super::{Falloff, Screen, ScreenError, ScreenMethod, Shading, StageTimer, check_radius, check_setting};
+use crate::reference::{directions, tangent_frame};
 
 /// How far the origin of a ray is off the surface, along the normal.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Lift {
+pub enum RayBias {
     /// As far as that of a ray of the server ([`AoSettings::bias`]): a sixtieth of the radius. What is nearer is not
     /// met, which for a large radius is much of what a corner hides.
     Server,
@@ -26,7 +26,7 @@ pub enum Lift {
 /// Between pixels the depth field is joined by planes. It knows no more than the screen shows; the geometric
 /// reference, which sees what is hidden and off the screen, is [`crate::reference`].
 #[derive(Clone, Debug, PartialEq)]
-pub struct Traced {
+pub struct ScreenRays {
     /// Length of the rays in metres.
     pub radius: f32,
     /// Rays a pixel, 1 to [`MAX_RAYS`].
@@ -39,24 +39,24 @@ pub struct Traced {
     /// Pixels from step to step, 0.1 to 16.
     pub step_px: f32,
     /// How far rays begin off the surface.
-    pub lift: Lift,
+    pub bias: RayBias,
     /// Seed of the directions.
     pub seed: u64,
 }
 
-impl Traced {
+impl ScreenRays {
     const NAME: &'static str = "traced";
     /// Sets of directions that the pixels choose from, as many as those of the geometric reference.
-    const SETS: usize = 16;
+    const DIRECTION_SETS: usize = 16;
     /// Rays go in at least this many steps, so that those straight at the eye meet what is before it.
-    const LEAST_STEPS: f32 = 8.0;
+    const MIN_STEPS: f32 = 8.0;
     /// Rays go in at most this many steps.
-    const MOST_STEPS: f32 = 65_536.0;
+    const MAX_STEPS: f32 = 65_536.0;
 
     /// 64 rays a pixel of this many metres, linear falloff, no end to what is seen, lifted as the server's.
     pub fn new(radius: f32) -> Self {
-        let (falloff, lift) = (Falloff::Linear, Lift::Server);
-        Self { radius, rays: 64, falloff, thickness: None, step_px: 1.0, lift, seed: 1 }
+        let (falloff, bias) = (Falloff::Linear, RayBias::Server);
+        Self { radius, rays: 64, falloff, thickness: None, step_px: 1.0, bias, seed: 1 }
     }
 
     /// What far-field methods of this radius and falloff are compared with: rays that begin a ten-thousandth of the depth
@@ -64,7 +64,7 @@ impl Traced {
     /// between pixels: in steps of a whole pixel rays pass its tops by, which makes the built-in scenes about 1 % too
     /// bright at 160 x 90.
     pub fn far(radius: f32, falloff: Falloff) -> Self {
-        Self { falloff, step_px: 0.25, lift: Lift::OfDepth(1e-4), ..Self::new(radius) }
+        Self { falloff, step_px: 0.25, bias: RayBias::OfDepth(1e-4), ..Self::new(radius) }
     }
 
     fn validate(&self) -> Result<(), ScreenError> {
@@ -72,19 +72,19 @@ impl Traced {
         check_setting(Self::NAME, "rays", self.rays as f32, 1.0, MAX_RAYS as f32)?;
         check_setting(Self::NAME, "thickness", self.thickness.unwrap_or(1.0), 1e-6, 1e6)?;
         check_setting(Self::NAME, "step", self.step_px, 0.1, 16.0)?;
-        if let Lift::OfDepth(part) = self.lift {
-            check_setting(Self::NAME, "lift", part, 1e-6, 0.1)?;
+        if let RayBias::OfDepth(part) = self.bias {
+            check_setting(Self::NAME, "ray bias", part, 1e-6, 0.1)?;
         }
         self.falloff.validate()
     }
 
     /// Accessibility of one pixel by rays in these directions, turned to its normal.
-    fn pixel(&self, field: &Field<'_>, pixel: &Pixel, turned: Mat3, directions: &[Vec3]) -> f32 {
-        let lift = match self.lift {
-            Lift::Server => AoSettings { radius: self.radius, ..AoSettings::default() }.bias(),
-            Lift::OfDepth(part) => part * pixel.position.z,
+    fn pixel(&self, field: &RayField<'_>, pixel: &Pixel, turned: Mat3, directions: &[Vec3]) -> f32 {
+        let bias = match self.bias {
+            RayBias::Server => AoSettings { radius: self.radius, ..AoSettings::default() }.bias(),
+            RayBias::OfDepth(part) => part * pixel.position.z,
         };
-        let origin = pixel.position + pixel.normal * lift;
+        let origin = pixel.position + pixel.normal * bias;
         if origin.z <= 0.0 {
             return 1.0;
         }
@@ -97,7 +97,7 @@ impl Traced {
     }
 
     /// Distance in metres along the ray to the depth field, if it is met within the radius.
-    fn march(&self, field: &Field<'_>, origin: Vec3, direction: Vec3) -> Option<f32> {
+    fn march(&self, field: &RayField<'_>, origin: Vec3, direction: Vec3) -> Option<f32> {
         let screen = field.screen;
         let mut end = origin + direction * self.radius;
         let nearest = origin.z * 1e-2;
@@ -108,7 +108,7 @@ impl Traced {
         let (from, to) = (screen.project(origin), screen.project(end));
         let (near, far) = (origin.z.recip(), end.z.recip());
         let across = (to - from).abs().max_element() / self.step_px;
-        let steps = across.ceil().clamp(Self::LEAST_STEPS, Self::MOST_STEPS) as u32;
+        let steps = across.ceil().clamp(Self::MIN_STEPS, Self::MAX_STEPS) as u32;
         let mut before = 0.0_f32;
         for step in 1..=steps {
             let part = step as f32 / steps as f32;
@@ -130,13 +130,13 @@ impl Traced {
 
 /// The depth field that rays go through: inverse depths, 0 for sky.
 #[derive(Debug)]
-struct Field<'a> {
+struct RayField<'a> {
     screen: &'a Screen,
     inverse: Vec<f32>,
     thickness: f32,
 }
 
-impl<'a> Field<'a> {
+impl<'a> RayField<'a> {
     fn new(screen: &'a Screen, thickness: Option<f32>) -> Self {
         let inverse = screen.depths().iter().map(|depth| depth.recip()).collect();
         Self { screen, inverse, thickness: thickness.unwrap_or(f32::INFINITY) }
@@ -173,35 +173,35 @@ impl<'a> Field<'a> {
     }
 }
 
-impl ScreenMethod for Traced {
+impl ScreenMethod for ScreenRays {
     fn name(&self) -> &'static str {
         Self::NAME
     }
 
     fn label(&self) -> String {
         let depth = self.thickness.map_or(String::new(), |metres| format!(", {metres} m thick"));
-        let lift = match self.lift {
-            Lift::Server => String::new(),
-            Lift::OfDepth(part) => format!(", lifted by {part} of the depth"),
+        let bias = match self.bias {
+            RayBias::Server => String::new(),
+            RayBias::OfDepth(part) => format!(", lifted by {part} of the depth"),
         };
-        format!("screen-space rays, {} a pixel{depth}{lift}", self.rays)
+        format!("screen-space rays, {} a pixel{depth}{bias}", self.rays)
     }
 
-    fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shaded, ScreenError> {
+    fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shading, ScreenError> {
         self.validate()?;
-        let mut stages = Stages::new(clock);
+        let mut stages = StageTimer::new(clock);
         let settings =
             AoSettings { rays: self.rays, radius: self.radius, seed: self.seed, ..AoSettings::default() };
-        let sets: Vec<Vec<Vec3>> = (0..Self::SETS).map(|set| directions(&settings, set)).collect();
-        let field = Field::new(screen, self.thickness);
+        let sets: Vec<Vec<Vec3>> = (0..Self::DIRECTION_SETS).map(|set| directions(&settings, set)).collect();
+        let field = RayField::new(screen, self.thickness);
         let values = screen.each_inner(|pixel| {
             let choice = bits(screen, &pixel, self.seed);
-            let turned = frame(pixel.normal, (choice >> 32) as u32);
-            self.pixel(&field, &pixel, turned, &sets[choice as usize % Self::SETS])
+            let turned = tangent_frame(pixel.normal, (choice >> 32) as u32);
+            self.pixel(&field, &pixel, turned, &sets[choice as usize % Self::DIRECTION_SETS])
         });
         stages.end("trace");
-        let bytes =
-            Self::SETS * self.rays as usize * size_of::<Vec3>() + field.inverse.len() * size_of::<f32>();
+        let bytes = Self::DIRECTION_SETS * self.rays as usize * size_of::<Vec3>()
+            + field.inverse.len() * size_of::<f32>();
         stages.shaded(screen, values, bytes)
     }
 }
@@ -222,8 +222,8 @@ mod tests {
     #[test]
     fn rays_meet_what_is_in_front_and_tell_how_far() {
         let screen = step();
-        let field = Field::new(&screen, None);
-        let method = Traced::new(4.0);
+        let field = RayField::new(&screen, None);
+        let method = ScreenRays::new(4.0);
         // Along x at a depth of 3 from the right, at the height of the step's middle: its side is at x = 0, where
         // the field falls off over one pixel, 0.19 m wide at that depth.
         let from = Vec3::new(1.0, -0.5, 3.0);
@@ -233,16 +233,16 @@ mod tests {
         assert_eq!(method.march(&field, from, Vec3::NEG_Z), None, "to the eye");
         let wall = method.march(&field, from, Vec3::Z).unwrap();
         assert!((wall - 1.0).abs() < 1e-3, "{wall}");
-        let short = Traced::new(0.5);
+        let short = ScreenRays::new(0.5);
         assert_eq!(short.march(&field, from, Vec3::NEG_X), None, "too far");
     }
 
     #[test]
-    fn what_is_nearer_than_the_lift_is_not_met() {
+    fn what_is_nearer_than_the_bias_is_not_met() {
         // Beside the step, whose side is higher than the lift of so large a radius, and below it.
         let screen = step();
-        let high = Traced { falloff: Falloff::Binary, ..Traced::new(60.0) };
-        let low = Traced::far(60.0, Falloff::Binary);
+        let high = ScreenRays { falloff: Falloff::Binary, ..ScreenRays::new(60.0) };
+        let low = ScreenRays::far(60.0, Falloff::Binary);
         let [high, low] = [high, low].map(|method| {
             let shaded = method.shade(&screen, &psao_server::clock::NoClock).unwrap();
             shaded.image.values()[12 * 32 + 17]
@@ -253,9 +253,9 @@ mod tests {
     #[test]
     fn rays_pass_behind_what_is_thin() {
         let screen = step();
-        let field = Field::new(&screen, Some(0.5));
+        let field = RayField::new(&screen, Some(0.5));
         let from = Vec3::new(1.0, -0.5, 3.0);
-        let thin = Traced { thickness: Some(0.5), ..Traced::new(4.0) };
+        let thin = ScreenRays { thickness: Some(0.5), ..ScreenRays::new(4.0) };
         assert_eq!(thin.march(&field, from, Vec3::NEG_X), None, "1 m behind the step");
         let near = Vec3::new(1.0, -0.5, 2.25);
         let met = thin.march(&field, near, Vec3::NEG_X).unwrap();
@@ -270,7 +270,7 @@ mod tests {
         let plane = |x: f32, y: f32| 0.2 + 0.01 * x - 0.008 * y;
         let depth = (0..192).map(|i| plane((i % 16) as f32 + 0.5, (i / 16) as f32 + 0.5).recip()).collect();
         let screen = Screen::from_parts(size, 0, [1.0, 0.75], depth, vec![Vec3::NEG_Z; 192]).unwrap();
-        let field = Field::new(&screen, None);
+        let field = RayField::new(&screen, None);
         for (x, y) in [(0.5, 0.5), (7.3, 4.9), (15.4, 11.3), (3.0, 9.0)] {
             let found = field.at(Vec2::new(x, y)).unwrap();
             assert!((found - plane(x, y)).abs() < 1e-6, "{x} {y}: {found}");

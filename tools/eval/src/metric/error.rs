@@ -1,10 +1,10 @@
-//! Errors pixel by pixel, and their means, quantiles and largest.
+//! Errors of single pixels: their means, quantiles and maximum.
 
 use psao_reconstruct::AoImage;
 
 use super::{SizeMismatchError, equal_size, obscurance};
 
-/// All the error figures of one pair of images. Units: AO, where 1 is the whole range from closed to open.
+/// All error figures of a pair of images. The unit is AO; 1 is the whole range from closed to open.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Comparison {
     /// Mean absolute error, in `[0, 1]`; the `e_A` of [`obscurance`].
@@ -13,7 +13,7 @@ pub struct Comparison {
     pub rmse: f64,
     /// Peak signal-to-noise ratio in dB, at least 0 for values in `[0, 1]`; infinite for equal images.
     pub psnr: f64,
-    /// Mean of `test - reference`, in `[-1, 1]`: above 0 the test is too bright.
+    /// Mean of `test - reference`, in `[-1, 1]`; above 0 the test is too bright.
     pub bias: f64,
     /// The absolute error that at least 99 % of the pixels do not exceed, in `[0, 1]`.
     pub p99: f64,
@@ -52,7 +52,7 @@ impl Comparison {
         }
         let mae = errors.iter().sum::<f64>() / count;
         let right = errors.iter().filter(|error| **error < obscurance::RIGHT_BELOW).count();
-        // The least rank that leaves at most 1 % of the pixels above it.
+        // The lowest rank that leaves at most 1 % of the pixels above it.
         let rank = (errors.len() * 99).div_ceil(100) - 1;
         let (_, p99, _) = errors.select_nth_unstable_by(rank, f64::total_cmp);
         let p99 = *p99;
@@ -69,7 +69,7 @@ impl Comparison {
     }
 }
 
-/// Mean absolute error, in `[0, 1]`.
+/// Returns the mean absolute error, in `[0, 1]`.
 ///
 /// # Errors
 ///
@@ -79,7 +79,7 @@ pub fn mae(reference: &AoImage, test: &AoImage) -> Result<f64, SizeMismatchError
     Ok(sum / reference.values().len() as f64)
 }
 
-/// Root of the mean squared error, in `[0, 1]`.
+/// Returns the root of the mean squared error, in `[0, 1]`.
 ///
 /// # Errors
 ///
@@ -88,7 +88,7 @@ pub fn rmse(reference: &AoImage, test: &AoImage) -> Result<f64, SizeMismatchErro
     Ok(mean_square(reference, test)?.sqrt())
 }
 
-/// Peak signal-to-noise ratio in dB, `10 log10(1 / MSE)` with a peak of 1.0; infinite for equal images.
+/// Returns the peak signal-to-noise ratio in dB, `10 log10(1 / MSE)` with a peak of 1.0; infinite for equal images.
 ///
 /// # Errors
 ///
@@ -106,7 +106,7 @@ fn decibels(mean_square: f64) -> f64 {
     if mean_square == 0.0 { f64::INFINITY } else { -10.0 * libm::log10(mean_square) }
 }
 
-/// `test - reference` of each pixel, in row order.
+/// Returns `test - reference` of each pixel, in row order.
 pub(super) fn differences<'a>(
     reference: &'a AoImage,
     test: &'a AoImage,

@@ -1,7 +1,7 @@
-//! LPIPS: Zhang, Isola, Efros, Shechtman, Wang, *The Unreasonable Effectiveness of Deep Features as a Perceptual Metric*
-//! (2018), version 0.1 over `AlexNet`.
+//! LPIPS: Zhang, Isola, Efros, Shechtman, Wang, *The Unreasonable Effectiveness of Deep Features as a Perceptual
+//! Metric* (2018), version 0.1 over `AlexNet`.
 //!
-//! The weights are data of others and come from whoever measures, see [`Lpips::from_weights`].
+//! The weights are not part of this crate; the caller provides them, see [`Lpips::from_weights`].
 
 use half::f16;
 use psao_reconstruct::AoImage;
@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::{MetricError, size_of_at_least};
 
-/// One convolution: planes that go in and out, width of the square kernel, step, and zeros around the planes.
+/// A convolution: numbers of input and output planes, side of the square kernel, stride, and zero padding.
 struct Convolution {
     planes_in: usize,
     planes_out: usize,
@@ -18,7 +18,7 @@ struct Convolution {
     pad: usize,
 }
 
-/// `AlexNet`'s convolutions (Krizhevsky 2014). The planes are halved after the first two.
+/// `AlexNet`'s convolutions (Krizhevsky 2014). Max pooling halves the planes after the first two.
 const CONVOLUTIONS: [Convolution; 5] = [
     Convolution { planes_in: 3, planes_out: 64, side: 11, stride: 4, pad: 2 },
     Convolution { planes_in: 64, planes_out: 192, side: 5, stride: 1, pad: 2 },
@@ -28,7 +28,7 @@ const CONVOLUTIONS: [Convolution; 5] = [
 ];
 const POOLED_LAYERS: usize = 2;
 
-/// What the network subtracts from red, green and blue in `[-1, 1]`, and divides them by.
+/// Offsets that the network subtracts from red, green and blue in `[-1, 1]`, and their divisors.
 const CHANNEL_SHIFT: [f32; 3] = [-0.030, -0.088, -0.188];
 const CHANNEL_SCALE: [f32; 3] = [0.458, 0.448, 0.450];
 
@@ -37,7 +37,7 @@ pub struct Lpips {
     layers: Vec<Layer>,
 }
 
-/// A convolution, and what the distance of its planes weighs.
+/// A convolution with its weights, and the weights of its planes in the distance.
 struct Layer {
     shape: &'static Convolution,
     /// By plane out, plane in, row, column.
@@ -50,7 +50,7 @@ struct Layer {
 /// Bytes that are not the weights of the network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum WeightsError {
-    /// The file is of another size.
+    /// The number of bytes is wrong.
     #[error(
         "weights of LPIPS (AlexNet, version 0.1) are {} half floats or as many floats, little endian; {found} bytes are \
          neither",
@@ -69,14 +69,16 @@ pub enum WeightsError {
 }
 
 impl Lpips {
-    /// Numbers in a file of weights.
+    /// Number of weights in a file.
     pub const WEIGHT_COUNT: usize = 2_470_848;
 
-    /// The shortest side of an image in pixels of which anything is left after the first two convolutions.
+    /// Smallest side of an image in pixels that leaves a pixel after the first two convolutions.
     pub const MIN_SIDE: u32 = 31;
 
-    /// The network of these weights: the five convolutions of `AlexNet`, each its kernels (plane out, plane in, row,
-    /// column) and then its biases, then the five heads; [`WEIGHT_COUNT`](Self::WEIGHTS) numbers of 2 or 4 bytes, little endian.
+    /// Makes the network from its weights: [`WEIGHT_COUNT`](Self::WEIGHT_COUNT) numbers of 2 or 4 bytes, little endian.
+    ///
+    /// The five convolutions of `AlexNet` come first, then the five heads. A convolution has its kernels (plane out,
+    /// plane in, row, column) and then its biases.
     ///
     /// # Errors
     ///
@@ -112,13 +114,13 @@ impl Lpips {
         Ok(Self { layers: layers.collect() })
     }
 
-    /// The distance of `test` from `reference`, at least 0, seldom above 1; 0 for equal images, lower is better. AO is
-    /// taken for sRGB grey.
+    /// Returns the distance of `test` from `reference`, at least 0, seldom above 1; 0 for equal images, lower is
+    /// better. AO counts as sRGB grey.
     ///
     /// # Errors
     ///
-    /// [`MetricError::Size`] when the images are not of one size, [`MetricError::TooSmall`] below
-    /// [`MIN_SIDE`](Self::LEAST_SIDE) pixels a side.
+    /// [`MetricError::Size`] when the images differ in size, [`MetricError::TooSmall`] below
+    /// [`MIN_SIDE`](Self::MIN_SIDE) pixels a side.
     pub fn distance(&self, reference: &AoImage, test: &AoImage) -> Result<f64, MetricError> {
         size_of_at_least("LPIPS", Self::MIN_SIDE, reference, test)?;
         let mut planes = [reference, test].map(Planes::of);
@@ -142,7 +144,7 @@ struct Planes {
 }
 
 impl Planes {
-    /// An image as the network takes it: three planes of grey.
+    /// Returns the network's input for an image: three planes of grey.
     fn of(image: &AoImage) -> Self {
         let plane = |(shift, scale): (f32, f32)| {
             image.values().iter().map(move |value| (value * 2.0 - 1.0 - shift) / scale)
@@ -158,7 +160,7 @@ impl Planes {
         self.values.chunks_exact(self.width * self.height)
     }
 
-    /// With zeros around each plane.
+    /// Returns the planes with zeros around each.
     fn padded(&self, pad: usize) -> Self {
         let (width, height) = (self.width + 2 * pad, self.height + 2 * pad);
         let planes = self.values.len() / (self.width * self.height);
@@ -171,7 +173,7 @@ impl Planes {
         Self { width, height, values }
     }
 
-    /// The largest of every 3 x 3 values, in steps of 2.
+    /// Returns the maximum of every 3 x 3 values, in steps of 2.
     fn max_pooled(&self) -> Self {
         let (width, height) = ((self.width - 3) / 2 + 1, (self.height - 3) / 2 + 1);
         let mut values = Vec::with_capacity(self.values.len() / (self.width * self.height) * width * height);
@@ -188,7 +190,7 @@ impl Planes {
 }
 
 impl Layer {
-    /// The convolution, and what is below 0 set to 0.
+    /// Applies the convolution and sets negative values to 0.
     fn convolve(&self, planes: &Planes) -> Planes {
         let Convolution { planes_in, side, stride, pad, .. } = *self.shape;
         let input = planes.padded(pad);
@@ -215,7 +217,7 @@ impl Layer {
         Planes { width, height, values }
     }
 
-    /// Mean over the places of the weighed squared difference of the planes, each place of length 1.
+    /// Returns the mean over the places of the weighted squared difference of the planes, normalised at each place.
     fn distance(&self, pair: &[Planes; 2]) -> f64 {
         let places = pair[0].width * pair[0].height;
         let lengths = pair.each_ref().map(|planes| {
@@ -263,7 +265,7 @@ mod tests {
         assert_eq!(CONVOLUTIONS.iter().map(numbers).sum::<usize>(), Lpips::WEIGHT_COUNT);
     }
 
-    /// A network of arbitrary weights, by loops that follow the definition.
+    /// Compares a layer of arbitrary weights with loops that follow the definition.
     #[test]
     fn a_convolution_equals_its_definition() {
         let shape = &CONVOLUTIONS[2];

@@ -1,22 +1,22 @@
-//! How far an image is from its reference.
+//! Metrics of the difference between an image and its reference.
 //!
-//! | figure | range | better | what it says |
+//! | figure | range | better | meaning |
 //! |---|---|---|---|
 //! | [`Comparison::mae`], the `e_A` of Timonen (2013) | 0 to 1 | lower | mean error |
-//! | [`Comparison::rmse`] | 0 to 1 | lower | as `mae`, large errors count more |
+//! | [`Comparison::rmse`] | 0 to 1 | lower | as `mae`, but large errors count more |
 //! | [`Comparison::psnr`] | dB, from 0 | higher | `rmse` on a logarithmic scale |
 //! | [`Comparison::bias`] | -1 to 1 | near 0 | too bright above 0, too dark below |
 //! | [`Comparison::p99`], [`Comparison::max`] | 0 to 1 | lower | the worst pixels |
-//! | [`Comparison::within_5`], the `e_<5%` of Timonen (2013) | 0 to 1 | higher | share of pixels that are right |
+//! | [`Comparison::within_5`], the `e_<5%` of Timonen (2013) | 0 to 1 | higher | share of pixels with an error below 5 % |
 //! | [`ssim`](mod@ssim) | -1 to 1 | higher | structure in windows of 11 pixels |
-//! | [`flip`](mod@flip) | 0 to 1 | lower | what is seen when the two images alternate |
+//! | [`flip`](mod@flip) | 0 to 1 | lower | visible difference when the two images alternate |
 //! | [`Lpips`] | from 0 | lower | distance of the features of a trained network |
 //!
-//! All are over every pixel of the picture, its background included, which is open in both images. The figures of
-//! [`Comparison`] take one pass; those of [`PerceptualFigures`] take up to seconds for a large picture. LPIPS hardly sees that a
-//! whole picture is too dark, where FLIP does; structural similarity sees noise first.
+//! All figures are over every pixel of the picture. That includes the background, which is open in both images. The
+//! figures of [`Comparison`] take one pass; those of [`PerceptualFigures`] take up to seconds for a large picture. FLIP
+//! detects that a whole picture is too dark, LPIPS hardly does. Structural similarity is most sensitive to noise.
 //!
-//! Sums run in f64 over the pixels in row order, so a figure does not depend on the number of threads.
+//! Sums are in f64 over the pixels in row order, so a figure does not depend on the number of threads.
 
 mod error;
 pub mod flip;
@@ -33,7 +33,7 @@ pub use self::lpips::{Lpips, WeightsError};
 
 /// Two images that cannot be compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("the reference has {reference} pixels and the image under test {test}; compare images of one size")]
+#[error("the reference has {reference} pixels and the image under test {test}; compare images of equal size")]
 pub struct SizeMismatchError {
     /// Size of the reference.
     pub reference: Size,
@@ -41,20 +41,20 @@ pub struct SizeMismatchError {
     pub test: Size,
 }
 
-/// Why there is no figure.
+/// Error of a metric.
 #[derive(Debug, thiserror::Error)]
 pub enum MetricError {
-    /// The images are not of one size.
+    /// The images differ in size.
     #[error(transparent)]
     Size(#[from] SizeMismatchError),
-    /// A metric looks at windows that do not fit into the images.
+    /// The windows of a metric do not fit into the images.
     #[error("{metric} needs images of at least {least} x {least} pixels, not {size}")]
     TooSmall {
         /// Name of the metric.
         metric: &'static str,
         /// Size of the images.
         size: Size,
-        /// The shortest side that would do, in pixels.
+        /// Smallest possible side in pixels.
         least: u32,
     },
     /// The library behind a metric refused the images.
@@ -64,28 +64,28 @@ pub enum MetricError {
         metric: &'static str,
         /// Size of the images.
         size: Size,
-        /// In the library's words.
+        /// The library's error text.
         reason: String,
     },
 }
 
-/// The figures that model how people see.
+/// Figures of metrics that model human vision.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PerceptualFigures {
-    /// Structural similarity, see [`ssim`](mod@ssim); `None` of images below [`ssim::WINDOW`] pixels a side.
+    /// Structural similarity, see [`ssim`](mod@ssim); `None` for images below [`ssim::WINDOW`] pixels a side.
     pub ssim: Option<f64>,
     /// Mean FLIP error, see [`flip`](mod@flip).
     pub flip: f64,
-    /// LPIPS distance; `None` without a network, and of images below [`Lpips::MIN_SIDE`] pixels a side.
+    /// LPIPS distance; `None` without a network, and for images below [`Lpips::MIN_SIDE`] pixels a side.
     pub lpips: Option<f64>,
 }
 
 impl PerceptualFigures {
-    /// Compares `test` with `reference`; LPIPS takes a network.
+    /// Compares `test` with `reference`. LPIPS needs a network.
     ///
     /// # Errors
     ///
-    /// [`MetricError::Size`] when the images are not of one size, [`MetricError::Refused`] when FLIP runs out of memory.
+    /// [`MetricError::Size`] when the images differ in size, [`MetricError::Refused`] when FLIP runs out of memory.
     pub fn new(reference: &AoImage, test: &AoImage, network: Option<&Lpips>) -> Result<Self, MetricError> {
         Ok(Self {
             ssim: if_large_enough(ssim::ssim(reference, test))?,
@@ -106,7 +106,7 @@ fn if_large_enough(figure: Result<f64, MetricError>) -> Result<Option<f64>, Metr
     }
 }
 
-/// Both images' common size.
+/// Returns the common size of both images.
 fn equal_size(reference: &AoImage, test: &AoImage) -> Result<Size, SizeMismatchError> {
     if reference.size() == test.size() {
         Ok(reference.size())
@@ -115,7 +115,7 @@ fn equal_size(reference: &AoImage, test: &AoImage) -> Result<Size, SizeMismatchE
     }
 }
 
-/// As [`equal_size`], at least `least` pixels a side.
+/// Returns the common size of both images, which must be at least `least` pixels a side.
 fn size_of_at_least(
     metric: &'static str,
     least: u32,

@@ -1,19 +1,19 @@
-//! Which setting to choose for a budget: the Pareto front, read from the cheap end.
+//! The best setting for each budget: the Pareto front in the order of rising cost.
 
 use super::pareto_front;
 use crate::sweep::Record;
 
-/// What is to be spent.
+/// A kind of cost.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Cost {
-    /// Mbit/s, everything counted; of streams alone.
+    /// Mbit/s with everything counted. Only streams have it.
     MbitPerSecond,
     /// Milliseconds a picture on the client.
     PictureMs,
 }
 
 impl Cost {
-    /// What a record costs; `None` where it costs nothing of this kind.
+    /// Returns the cost of a record; `None` when it has no cost of this kind.
     #[must_use]
     pub fn of(self, record: &Record) -> Option<f64> {
         match self {
@@ -23,22 +23,24 @@ impl Cost {
     }
 }
 
-/// From this budget on, this is the best that was measured, until the next step.
+/// A step of the front: from this budget to that of the next step, this record is the best.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BudgetStep {
-    /// The least budget.
+    /// Smallest budget.
     pub budget: f64,
-    /// Its place among the records.
+    /// Index of the record.
     pub index: usize,
     /// Its mean absolute error.
     pub mae: f64,
 }
 
-/// The least part of an error that a larger budget must take off to be worth a word.
+/// Smallest relative improvement of the error that makes a step of its own.
 const MIN_IMPROVEMENT: f64 = 0.01;
 
-/// What to choose as the budget grows, by least mean absolute error. Below the first step nothing that was measured fits. What
-/// is better by less than 1 % of the error is passed over: it may be chance.
+/// Returns the best records for growing budgets, by mean absolute error.
+///
+/// No record fits a budget below the first step. An improvement by less than 1 % of the error makes no step, because it
+/// may be chance.
 #[must_use]
 pub fn best_by_budget(records: &[&Record], cost: Cost) -> Vec<BudgetStep> {
     let points: Vec<(f64, f64)> =

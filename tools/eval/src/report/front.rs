@@ -1,9 +1,9 @@
-//! What nothing else beats.
+//! The Pareto front of cost and error.
 
-/// Indices of the points on the Pareto front of least cost and least error, by rising cost.
+/// Returns the indices of the points `(cost, error)` on the Pareto front, by rising cost.
 ///
-/// A point is on it when no other costs no more and errs no more; of equal ones the first is. Points with a figure that is
-/// not finite are left out.
+/// A point is on the front when no other point has at most its cost and at most its error. Of equal points the first is
+/// on the front. Points with a figure that is not finite are left out.
 ///
 /// ```
 /// use psao_eval::report::pareto_front;

@@ -1,8 +1,9 @@
-//! How a cost grows.
+//! The growth of a cost.
 
-/// The exponent p of the power law `cost ~ at^p` that fits the points `(at, cost)` best: least squares of logarithms.
+/// Returns the exponent p of the power law `cost ~ at^p` that fits the points `(at, cost)` best, by least squares of
+/// logarithms.
 ///
-/// `None` when there are not two different places, or a place or cost is not above 0 and finite.
+/// `None` with fewer than two different places, or when a place or cost is not above 0 and finite.
 ///
 /// ```
 /// use psao_eval::report::exponent;
@@ -20,7 +21,7 @@ pub fn power_law_exponent(points: &[(f64, f64)]) -> Option<f64> {
     let mean = |of: &dyn Fn(&(f64, f64)) -> f64| logs.iter().map(of).sum::<f64>() / logs.len() as f64;
     let (x, y) = (mean(&|log| log.0), mean(&|log| log.1));
     let (across, both) = (mean(&|log| (log.0 - x) * (log.0 - x)), mean(&|log| (log.0 - x) * (log.1 - y)));
-    // Equal places differ in their mean by rounding alone; f64 tells those apart that do differ.
+    // Rounding may give equal places a variance above 0, so the places themselves are compared, too.
     (points.iter().any(|point| point.0 != points[0].0) && across > 0.0).then(|| both / across)
 }
 

@@ -1,4 +1,4 @@
-//! What a sweep found, for people: a page that opens offline, a table for spreadsheets, advice in words.
+//! Reports of a sweep's results: a page that opens offline, a table for spreadsheets, advice in words.
 
 mod advice;
 mod csv;
@@ -15,11 +15,11 @@ pub use self::growth::power_law_exponent;
 pub use self::page::{Page, SceneSection, Thumbnail};
 pub use self::table::table;
 
-/// Colours that stay apart for colour-blind readers (Okabe and Ito's palette).
+/// Colours that colour-blind readers can tell apart (Okabe and Ito's palette).
 pub const COLOURS: [&str; 8] =
     ["#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442", "#555555"];
 
-/// Text for SVG and HTML.
+/// Returns text with the special characters of SVG and HTML escaped.
 #[must_use]
 pub fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
@@ -27,13 +27,13 @@ pub fn escape(text: &str) -> String {
 
 #[cfg(test)]
 mod samples {
-    //! Records to draw.
+    //! Sample records for tests.
 
     use crate::sweep::{
         ErrorFigures, MemoryFigures, Record, RecordKind, SettingSummary, Spread, StreamFigures,
     };
 
-    /// A record with these figures; a stream where there are Mbit/s.
+    /// Makes a record with these figures. With Mbit/s it is the record of a stream.
     pub(super) fn record(name: &str, mae: f64, ms: f64, mbit_s: Option<f64>) -> Record {
         let setting = mbit_s.map(|_| SettingSummary {
             profile: name.to_owned(),

@@ -1,4 +1,4 @@
-//! The page: one file that opens offline, without scripts, light or dark as the reader has it.
+//! The HTML page: one file that opens offline, without scripts, light or dark as the reader's system is.
 
 use std::fmt::Write as _;
 
@@ -10,37 +10,37 @@ use super::table::{ms, table};
 use super::{Cost, best_by_budget, escape};
 use crate::sweep::{Record, RecordKind};
 
-/// A picture, or two side by side.
+/// A picture, or two pictures side by side.
 pub struct Thumbnail {
-    /// What it shows.
+    /// Caption.
     pub caption: String,
     /// The bytes of PNG files.
     pub pngs: Vec<Vec<u8>>,
 }
 
-/// A scene.
+/// The section of a scene.
 pub struct SceneSection<'a> {
-    /// Its name.
+    /// Name of the scene.
     pub scene: String,
-    /// What was measured, in the order of the table.
+    /// Measured settings and methods, in the order of the table.
     pub records: Vec<&'a Record>,
-    /// The same moment by every means.
+    /// The same moment by every setting or method.
     pub pictures: Vec<Thumbnail>,
 }
 
-/// All there is to say.
+/// Contents of the page.
 pub struct Page<'a> {
     /// Heading.
     pub title: String,
-    /// Sentences on what was measured and how.
+    /// Sentences about the measurement.
     pub notes: Vec<String>,
-    /// The machine and the program, name and value.
+    /// Facts of the machine and the program: name and value.
     pub machine: Vec<(String, String)>,
-    /// Scenes.
+    /// Sections, one for each scene.
     pub sections: Vec<SceneSection<'a>>,
 }
 
-/// An error of a record.
+/// Selects an error figure of a record.
 type ErrorOf = fn(&Record) -> f64;
 
 const STYLE: &str = ":root{--ink:#1a1a1a;--soft:#5c5c5c;--line:#d8d8d8;--back:#fff;--card:#f6f6f6}\
@@ -65,7 +65,7 @@ svg g{color:var(--soft);stroke:var(--card);stroke-width:1}.legend{display:flex;f
 margin:.6rem 0;font-size:.9rem}.legend svg{width:16px;height:16px;background:none;vertical-align:-3px;margin-right:.3rem}";
 
 impl Page<'_> {
-    /// The page.
+    /// Returns the HTML text.
     #[must_use]
     pub fn html(&self) -> String {
         let mut out = format!(
@@ -107,7 +107,7 @@ impl SceneSection<'_> {
         self.stages(out);
     }
 
-    /// Names of what was measured, in the order of their first mention.
+    /// Returns the names of profiles and methods in the order of their first mention.
     fn families(&self) -> Vec<&str> {
         let mut names: Vec<&str> = Vec::new();
         for record in &self.records {
@@ -148,7 +148,7 @@ impl SceneSection<'_> {
             );
         }
         out.push_str(
-            "<span>- - - front: the least error that each cost buys</span></div>\n<div class=\"plots\">\n",
+            "<span>- - - front: the smallest error for each cost</span></div>\n<div class=\"plots\">\n",
         );
         let figures: [(&str, ErrorOf); 2] =
             [("mean absolute error, e_A", |r| r.error.mae), ("FLIP", |r| r.error.flip)];
@@ -160,8 +160,8 @@ impl SceneSection<'_> {
             }
         }
         out.push_str(
-            "</div>\n<p class=\"note\">Numbers are those of the table below; rest the pointer on a mark for its setting. \
-             Both axes are logarithmic, lower left is better. A dotted line is the best of a method that needs no \
+            "</div>\n<p class=\"note\">Numbers refer to the table below; point at a mark to see its setting. Both axes \
+             are logarithmic, lower left is better. A dotted line is the best result of a method that needs no \
              bytes.</p>\n",
         );
     }

@@ -1,4 +1,4 @@
-//! Error against cost, both on logarithmic axes, as SVG that follows the page's colours.
+//! Plots of error against cost, both on logarithmic axes, as SVG in the page's colours.
 
 use std::fmt::Write as _;
 
@@ -10,12 +10,12 @@ const LEFT: f64 = 62.0;
 const RIGHT: f64 = 16.0;
 const TOP: f64 = 34.0;
 const BOTTOM: f64 = 46.0;
-/// Colours of families. Yellow is too pale on white, dark grey on black.
+/// Colours of families. Yellow is left out because it is too pale on white, dark grey because it is too dark on black.
 pub(super) const FAMILY_COLOURS: [&str; 7] =
     [COLOURS[0], COLOURS[1], COLOURS[2], COLOURS[3], COLOURS[4], COLOURS[5], "#888888"];
-/// Half the width of a mark.
+/// Half the width of a mark, in units of the SVG.
 const MARK_RADIUS: f64 = 5.0;
-/// Room of a mark's number.
+/// Width and height of a mark's number.
 const LABEL_SIZE: (f64, f64) = (15.0, 11.0);
 
 /// One measured setting.
@@ -24,13 +24,13 @@ pub(super) struct Dot {
     pub(super) number: usize,
     /// Cost and error, both above 0.
     pub(super) at: (f64, f64),
-    /// Its family.
+    /// Index of its family.
     pub(super) family: usize,
-    /// What is shown when the pointer rests on it.
+    /// Tooltip.
     pub(super) title: String,
 }
 
-/// Errors of what costs nothing of this kind: lines across the plot.
+/// A line across the plot: the error of a method that has no cost of the plot's kind.
 pub(super) struct ReferenceLine<'a> {
     pub(super) error: f64,
     pub(super) family: usize,
@@ -38,7 +38,7 @@ pub(super) struct ReferenceLine<'a> {
     pub(super) title: String,
 }
 
-/// A plot.
+/// A plot of error against cost.
 pub(super) struct Plot<'a> {
     pub(super) title: &'a str,
     pub(super) across: &'a str,
@@ -47,11 +47,11 @@ pub(super) struct Plot<'a> {
     pub(super) levels: &'a [ReferenceLine<'a>],
 }
 
-/// A rectangle that is taken: left, top, right, bottom.
+/// A rectangle: left, top, right, bottom.
 type Rect = [f64; 4];
 
 impl Plot<'_> {
-    /// The SVG element. What cannot stand on a logarithmic axis is counted below the title.
+    /// Returns the SVG element. A note beside the title counts dots that a logarithmic axis cannot show.
     pub(super) fn svg(&self) -> String {
         let drawn: Vec<&Dot> =
             self.dots.iter().filter(|dot| positive(dot.at.0) && positive(dot.at.1)).collect();
@@ -144,7 +144,7 @@ impl Plot<'_> {
                 colour(level.family),
                 escape(&level.title)
             );
-            // A name stands on its line, unless another stands there.
+            // A name stands on its line unless another name is there.
             if named.iter().all(|other| (other - at).abs() > LABEL_SIZE.1) {
                 named.push(at);
                 let _ = write!(
@@ -164,7 +164,7 @@ fn positive(value: f64) -> bool {
     value > 0.0 && value.is_finite()
 }
 
-/// The front as stairs: at every cost the least error that it buys.
+/// Writes the front as stairs: the smallest error for each cost.
 fn stairs(out: &mut String, places: &[(f64, f64)]) {
     let [(x, y), rest @ ..] = places else { return };
     let mut path = format!("M{x:.1} {TOP}V{y:.1}");
@@ -174,12 +174,12 @@ fn stairs(out: &mut String, places: &[(f64, f64)]) {
     let _ = writeln!(out, "<path class=\"front\" d=\"{path}H{:.1}\"/>", WIDTH - RIGHT);
 }
 
-/// Number of a family's colour.
+/// Returns the number of a family's colour.
 pub(super) const fn colour(family: usize) -> usize {
     family % FAMILY_COLOURS.len()
 }
 
-/// The mark of a family; shapes differ as well as colours, and no two of the first 35 have both in common.
+/// Returns the mark of a family. Marks differ in shape as well as colour; the first 35 combinations are distinct.
 pub(super) fn mark(family: usize, (x, y): (f64, f64)) -> String {
     let polygon = |corners: &[(f64, f64)]| {
         let corners =
@@ -209,7 +209,7 @@ fn numbers(out: &mut String, dots: &[&Dot], places: &[(f64, f64)], best: &[usize
     }
 }
 
-/// Where there is room for numbers, those of the front first.
+/// Finds free places for the numbers of the marks, those of the front first.
 fn label_places(dots: &[&Dot], places: &[(f64, f64)], best: &[usize]) -> Vec<(usize, Rect)> {
     let around = |&(x, y): &(f64, f64)| [x - MARK_RADIUS, y - MARK_RADIUS, x + MARK_RADIUS, y + MARK_RADIUS];
     let mut taken: Vec<Rect> = places.iter().map(around).collect();
@@ -255,10 +255,10 @@ struct Axis {
 }
 
 impl Axis {
-    /// Least span from end to end, as a factor: below, noise would look like a trend.
+    /// Smallest ratio of the ends of an axis. With a smaller one, noise would look like a trend.
     const MIN_SPAN: f64 = 2.0;
 
-    /// From `from` to `to` on the page; `None` of no values. All are above 0.
+    /// Makes an axis from `from` to `to` on the page; `None` without values. All values are above 0.
     fn new(values: impl Iterator<Item = f64>, from: f64, to: f64) -> Option<Self> {
         let (low, high) = values.fold((f64::INFINITY, 0.0), |(low, high), v| (v.min(low), v.max(high)));
         if low > high {
@@ -273,7 +273,7 @@ impl Axis {
         self.from + (self.to - self.from) * share
     }
 
-    /// At most about `most` round values in the range, with their texts.
+    /// Returns about `most` round values in the range at most, with their texts.
     fn ticks(&self, most: usize) -> Vec<(f64, String)> {
         let decades = libm::floor(libm::log10(self.low)) as i32..=libm::ceil(libm::log10(self.high)) as i32;
         let all = |steps: &[f64]| {

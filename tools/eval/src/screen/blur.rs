@@ -1,4 +1,4 @@
-//! Separable blurs that stop at edges: what every noisy method ends with, in the settings of its paper.
+//! Separable blurs that stop at edges. Every noisy method ends with one, with the settings of its paper.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -14,14 +14,14 @@ pub struct Blur {
     pub spacing: u32,
     /// Standard deviation of the Gaussian in taps, above 0 (at least 1e-3) and at most 1000.
     pub sigma: f32,
-    /// Where it stops.
+    /// Edges at which it stops.
     pub edge: EdgeStop,
 }
 
-/// What counts as an edge. Depths differ by `d` metres; the weight of the Gaussian is multiplied by:
+/// Edge-stopping function: the factor of the Gaussian's weight for a tap whose depth differs by `d` metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum EdgeStop {
-    /// 1 everywhere, over sky too.
+    /// 1 everywhere, also over sky.
     None,
     /// `exp(-(d / metres)^2)`: the cross-bilateral blur of HBAO (Bavoil and Sainz 2008).
     Depth {
@@ -30,7 +30,7 @@ pub enum EdgeStop {
     },
     /// `max(0, 1 - d / metres)`: Scalable Ambient Obscurance (`McGuire` et al. 2012).
     Hat {
-        /// Difference that leaves nothing.
+        /// Difference that leaves 0.
         metres: f32,
     },
     /// `exp(-(d / metres)^2)`, times the cosine between the normals to the power of 8: depth and normal, as Filion
@@ -45,7 +45,7 @@ impl Blur {
     /// No blur at all.
     pub const NONE: Self = Self { taps: 0, spacing: 1, sigma: 1.0, edge: EdgeStop::None };
 
-    /// Checks the ranges, in the name of `method`.
+    /// Checks the ranges. Errors name `method`.
     ///
     /// # Errors
     ///
@@ -62,7 +62,7 @@ impl Blur {
         }
     }
 
-    /// What it is called in words.
+    /// Returns its name in words.
     pub fn label(&self) -> String {
         let width = 2 * self.taps + 1;
         match (self.taps, self.edge) {
@@ -72,12 +72,12 @@ impl Blur {
         }
     }
 
-    /// Bytes that [`Blur::apply`] needs beside the values.
+    /// Returns the bytes that [`Blur::apply`] needs beside the values.
     pub(crate) fn heap_bytes(&self, screen: &Screen) -> usize {
         if self.taps == 0 { 0 } else { screen.inner().pixels() * size_of::<f32>() }
     }
 
-    /// Blurs the values of the inner pixels; sky keeps its own. Taps beyond the image are left out.
+    /// Blurs the values of the inner pixels. Sky keeps its values; taps beyond the image are left out.
     pub(crate) fn apply(&self, screen: &Screen, values: &mut [f32]) {
         if self.taps == 0 {
             return;
@@ -90,7 +90,7 @@ impl Blur {
         self.pass(screen, &blurred, values, &weights, [0, 1]);
     }
 
-    /// One pass, along rows or columns.
+    /// Does one pass, along rows or columns.
     fn pass(&self, screen: &Screen, from: &[f32], to: &mut [f32], weights: &[f32], [across, down]: [i32; 2]) {
         let (width, height) = (screen.inner().width() as i32, screen.inner().height() as i32);
         let guard = screen.guard() as i32;
@@ -128,7 +128,7 @@ impl Blur {
 }
 
 impl EdgeStop {
-    /// What is left of a tap whose depth differs by `difference` metres, infinite for sky.
+    /// Returns the factor of a tap whose depth differs by `difference` metres; the difference is infinite for sky.
     #[inline]
     fn weight(self, difference: f32, normal: Vec3, there: impl Fn() -> Vec3) -> f32 {
         let gauss = |metres: f32| {
@@ -172,7 +172,7 @@ mod tests {
         EdgeStop::DepthAndNormal { metres: 0.3 },
     ];
 
-    /// The same sum over the whole square of taps at once: right where no edge is near.
+    /// Compares with a single sum over the square of taps, which is exact where no edge is near.
     #[test]
     fn two_passes_are_the_square_of_taps_where_nothing_stops_them() {
         let screen = screen(&|_, _| 3.0);

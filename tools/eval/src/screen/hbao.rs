@@ -11,13 +11,14 @@ use super::{
 };
 
 /// HBAO (Bavoil, Sainz and Dimitrov 2008, "Image-Space Horizon-Based Ambient Occlusion"; Bavoil and Sainz 2009,
-/// "Multi-Layer Dual-Resolution Screen-Space Ambient Occlusion"): along each direction on the screen the depth buffer
-/// is walked for its horizon, and what lies between the tangent plane and the horizon is hidden: the sine of the
-/// horizon's angle less that of the tangent's, both against the plane of the screen. Each rise of the horizon counts
-/// by the falloff of the sample that made it.
+/// "Multi-Layer Dual-Resolution Screen-Space Ambient Occlusion").
 ///
-/// Directions count by solid angle, without the cosine to the normal of the ray-traced reference: that is the method's
-/// own, and makes it differ from the reference even where it sees everything.
+/// It searches the depth buffer for the horizon along each direction on the screen. Hidden is the part between the
+/// tangent plane and the horizon: the sine of the horizon's angle minus that of the tangent's, both against the plane
+/// of the screen. Each rise of the horizon has the weight of the sample that caused it.
+///
+/// Directions count by solid angle, without the cosine to the normal that the ray-traced reference has. That is part of
+/// the method, and makes it differ from the reference even where it sees everything.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Hbao {
     /// Radius in metres.
@@ -26,13 +27,14 @@ pub struct Hbao {
     pub directions: u32,
     /// Samples a direction, 1 to 1024.
     pub steps: u32,
-    /// Angle above the tangent plane below which nothing hides, in degrees, 0 to 89: against the facets of low meshes.
+    /// Angle above the tangent plane below which nothing hides, in degrees, 0 to 89. It ignores facets of coarse
+    /// meshes.
     pub angle_bias_deg: f32,
     /// Weight of a sample by its distance over the radius.
     pub falloff: Falloff,
     /// Whether directions turn and first steps shift from pixel to pixel.
     pub jitter: bool,
-    /// What takes the noise off.
+    /// Blur that removes the noise.
     pub blur: Blur,
     /// Seed of the noise.
     pub seed: u64,
@@ -41,7 +43,8 @@ pub struct Hbao {
 impl Hbao {
     const NAME: &'static str = "hbao";
 
-    /// At a radius in metres: 8 directions of 10 samples, as Astapov et al. (2021) run it, and a cross-bilateral blur.
+    /// Returns settings for a radius in metres: 8 directions of 10 samples, as in Astapov et al. (2021), and a
+    /// cross-bilateral blur.
     pub fn new(radius: f32) -> Self {
         let edge = EdgeStop::Depth { metres: 0.2 * radius };
         Self {
@@ -56,11 +59,11 @@ impl Hbao {
         }
     }
 
-    /// Whether every setting is in its range.
+    /// Checks that every setting is in its range.
     ///
     /// # Errors
     ///
-    /// [`ScreenError`] names the first that is not.
+    /// [`ScreenError`] names the first setting that is not.
     pub fn validate(&self) -> Result<(), ScreenError> {
         check_radius(self.radius)?;
         check_setting(Self::NAME, "directions", self.directions as f32, 1.0, 256.0)?;
@@ -70,7 +73,7 @@ impl Hbao {
         self.blur.validate(Self::NAME)
     }
 
-    /// Accessibility of one pixel.
+    /// Returns the accessibility of one pixel.
     fn pixel(&self, screen: &Screen, pixel: &Pixel, compass: &DirectionTable, bias: AngleBias) -> f32 {
         let reach = screen.radius_px(self.radius, pixel.position.z);
         // Steps of less than a pixel would read the same sample again.
@@ -92,7 +95,7 @@ impl Hbao {
         1.0 - hidden / self.directions as f32
     }
 
-    /// Weighted sine between tangent and horizon along one direction, given the samples from near to far.
+    /// Returns the weighted sine between tangent and horizon along one direction, from the samples from near to far.
     fn slice(
         &self,
         pixel: &Pixel,
@@ -100,7 +103,7 @@ impl Hbao {
         samples: impl Iterator<Item = Vec3>,
         bias: AngleBias,
     ) -> f32 {
-        // Tangents of angles above the plane of the screen, towards the eye. A normal that faces away leans flat.
+        // Tangents of angles above the plane of the screen, towards the eye. A normal that faces away is clamped.
         let lean = direction.normalize().dot(pixel.normal.truncate()) / pixel.normal.z.min(-1e-4);
         let mut tan_horizon = raised(lean, bias.tan);
         let mut sine = sine(tan_horizon);
@@ -108,8 +111,8 @@ impl Hbao {
         for sample in samples {
             let to = sample - pixel.position;
             let (across, distance) = (to.truncate().length(), to.length());
-            // Pixels lie a little beside the line, where the tangent plane is at another angle: the bias is above
-            // that one.
+            // Pixels lie a little beside the line, where the tangent plane is at another angle. The bias is above that
+            // plane.
             let above = pixel.normal.dot(to) > bias.sin * distance;
             if above && -to.z > tan_horizon * across && distance < self.radius {
                 tan_horizon = -to.z / across.max(f32::MIN_POSITIVE);
@@ -157,13 +160,14 @@ struct AngleBias {
     sin: f32,
 }
 
-/// Tangent of the sum of two angles, given theirs; the second is in `[0, 90)` degrees. At most 90 degrees.
+/// Returns the tangent of the sum of two angles from their tangents, at most that of 90 degrees. The second angle is in
+/// `[0, 90)` degrees.
 fn raised(tan: f32, by: f32) -> f32 {
     let rest = 1.0 - tan * by;
     if rest > 1e-6 { (tan + by) / rest } else { 1e6 }
 }
 
-/// Sine of the angle in `[-90, 90]` degrees with this tangent.
+/// Returns the sine of the angle in `[-90, 90]` degrees with this tangent.
 fn sine(tan: f32) -> f32 {
     if tan.abs() < 1e6 { tan / (1.0 + tan * tan).sqrt() } else { tan.signum() }
 }

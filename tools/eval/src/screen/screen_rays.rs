@@ -1,4 +1,4 @@
-//! Rays through the depth buffer: the best that any screen-space method can do.
+//! Rays through the depth buffer: the best possible result of a screen-space method.
 
 use glam::{Mat3, Vec2, Vec3};
 use psao_server::ao::{AoSettings, MAX_RAYS};
@@ -9,36 +9,37 @@ use super::noise::bits;
 use super::{Falloff, Screen, ScreenError, ScreenMethod, Shading, StageTimer, check_radius, check_setting};
 use crate::reference::{directions, tangent_frame};
 
-/// How far the origin of a ray is off the surface, along the normal.
+/// Distance of a ray's origin from the surface, along the normal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum RayBias {
-    /// As far as that of a ray of the server ([`AoSettings::bias`]): a sixtieth of the radius. What is nearer is not
-    /// met, which for a large radius is much of what a corner hides.
+    /// The bias of the server's rays ([`AoSettings::bias`]): a sixtieth of the radius. Rays miss nearer surfaces, which
+    /// for a large radius are much of what a corner hides.
     Server,
-    /// This part of the pixel's depth, 1e-6 to 0.1, whatever the radius.
+    /// This share of the pixel's depth, 1e-6 to 0.1, whatever the radius.
     OfDepth(f32),
 }
 
-/// The screen-space reference of far-field obscurance (Timonen 2013, section 8): cosine-distributed rays over the
-/// hemisphere of each pixel, stepped through the depth buffer until it is in front of them, each weighted by the falloff
-/// of how far it came.
+/// The screen-space reference of far-field obscurance (Timonen 2013, section 8).
 ///
-/// Between pixels the depth field is joined by planes. It knows no more than the screen shows; the geometric
-/// reference, which sees what is hidden and off the screen, is [`crate::reference`].
+/// Cosine-distributed rays over the hemisphere of each pixel step through the depth buffer until it is in front of
+/// them. A hit has the weight of the falloff at its distance.
+///
+/// Planes join the depth field between pixels. The method knows only what the screen shows. The geometric reference,
+/// which knows hidden surfaces and those off the screen, is [`crate::reference`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct ScreenRays {
     /// Length of the rays in metres.
     pub radius: f32,
     /// Rays a pixel, 1 to [`MAX_RAYS`].
     pub rays: u32,
-    /// Weight of what a ray meets by its distance over the radius.
+    /// Weight of a hit by its distance over the radius.
     pub falloff: Falloff,
-    /// How far the depth field reaches behind what is seen, in metres, 1e-6 to 1e6; `None` is for ever, and joins
-    /// what is near to what is far behind it.
+    /// Thickness of the depth field behind the visible surface in metres, 1e-6 to 1e6. `None` is infinite, and joins
+    /// near surfaces to those far behind them.
     pub thickness: Option<f32>,
-    /// Pixels from step to step, 0.1 to 16.
+    /// Pixels in a step, 0.1 to 16.
     pub step_px: f32,
-    /// How far rays begin off the surface.
+    /// Distance of the rays' origins from the surface.
     pub bias: RayBias,
     /// Seed of the directions.
     pub seed: u64,
@@ -46,23 +47,24 @@ pub struct ScreenRays {
 
 impl ScreenRays {
     const NAME: &'static str = "traced";
-    /// Sets of directions that the pixels choose from, as many as those of the geometric reference.
+    /// Number of sets of directions that the pixels choose from, as for the geometric reference.
     const DIRECTION_SETS: usize = 16;
-    /// Rays go in at least this many steps, so that those straight at the eye meet what is before it.
+    /// Smallest number of steps of a ray, so that rays straight at the eye meet surfaces in front of it.
     const MIN_STEPS: f32 = 8.0;
-    /// Rays go in at most this many steps.
+    /// Largest number of steps of a ray.
     const MAX_STEPS: f32 = 65_536.0;
 
-    /// 64 rays a pixel of this many metres, linear falloff, no end to what is seen, lifted as the server's.
+    /// Returns settings for a radius in metres: 64 rays a pixel, linear falloff, infinite thickness, the server's bias.
     pub fn new(radius: f32) -> Self {
         let (falloff, bias) = (Falloff::Linear, RayBias::Server);
         Self { radius, rays: 64, falloff, thickness: None, step_px: 1.0, bias, seed: 1 }
     }
 
-    /// What far-field methods of this radius and falloff are compared with: rays that begin a ten-thousandth of the depth
-    /// off the surface, so that what is near counts as well, and go in steps of a quarter of a pixel. The field is bent
-    /// between pixels: in steps of a whole pixel rays pass its tops by, which makes the built-in scenes about 1 % too
-    /// bright at 160 x 90.
+    /// Returns the reference settings for far-field methods of this radius and falloff.
+    ///
+    /// Rays begin a ten-thousandth of the depth off the surface, so that near surfaces count as well. They go in steps
+    /// of a quarter of a pixel, because the field is bent between pixels. In steps of a whole pixel, rays miss the tops
+    /// of the field, which makes the built-in scenes about 1 % too bright at 160 x 90.
     pub fn far(radius: f32, falloff: Falloff) -> Self {
         Self { falloff, step_px: 0.25, bias: RayBias::OfDepth(1e-4), ..Self::new(radius) }
     }
@@ -78,7 +80,7 @@ impl ScreenRays {
         self.falloff.validate()
     }
 
-    /// Accessibility of one pixel by rays in these directions, turned to its normal.
+    /// Returns the accessibility of one pixel by rays in these directions, turned to its normal.
     fn pixel(&self, field: &RayField<'_>, pixel: &Pixel, turned: Mat3, directions: &[Vec3]) -> f32 {
         let bias = match self.bias {
             RayBias::Server => AoSettings { radius: self.radius, ..AoSettings::default() }.bias(),
@@ -96,7 +98,7 @@ impl ScreenRays {
         1.0 - hidden / directions.len() as f32
     }
 
-    /// Distance in metres along the ray to the depth field, if it is met within the radius.
+    /// Returns the distance in metres along the ray to the depth field, if the ray meets it within the radius.
     fn march(&self, field: &RayField<'_>, origin: Vec3, direction: Vec3) -> Option<f32> {
         let screen = field.screen;
         let mut end = origin + direction * self.radius;
@@ -104,7 +106,7 @@ impl ScreenRays {
         if end.z < nearest {
             end = origin + direction * ((origin.z - nearest) / -direction.z);
         }
-        // On the screen a ray is straight, and 1 over its depth is linear along it.
+        // On the screen a ray is straight, and the inverse of its depth is linear along it.
         let (from, to) = (screen.project(origin), screen.project(end));
         let (near, far) = (origin.z.recip(), end.z.recip());
         let across = (to - from).abs().max_element() / self.step_px;
@@ -113,10 +115,10 @@ impl ScreenRays {
         for step in 1..=steps {
             let part = step as f32 / steps as f32;
             let (at, inverse) = (from + (to - from) * part, near + (far - near) * part);
-            // How much nearer to the eye the field is than the ray, as a difference of inverse depths.
+            // The distance by which the field is nearer to the eye than the ray, as a difference of inverse depths.
             let nearer = field.at(at)? - inverse;
             if nearer > 0.0 && field.is_inside(inverse, nearer) {
-                // Where the line between the last two differences is zero.
+                // The place where the line between the last two differences is zero.
                 let back = nearer / (nearer - before.min(0.0));
                 let met = part - back / steps as f32;
                 let point = screen.unproject(from + (to - from) * met, (near + (far - near) * met).recip());
@@ -128,7 +130,7 @@ impl ScreenRays {
     }
 }
 
-/// The depth field that rays go through: inverse depths, 0 for sky.
+/// The depth field for rays: inverse depths, 0 for sky.
 #[derive(Debug)]
 struct RayField<'a> {
     screen: &'a Screen,
@@ -142,22 +144,22 @@ impl<'a> RayField<'a> {
         Self { screen, inverse, thickness: thickness.unwrap_or(f32::INFINITY) }
     }
 
-    /// Whether a point of this inverse depth, behind the field by `nearer`, is within its thickness.
+    /// Returns whether a point of this inverse depth, behind the field by `nearer`, is within its thickness.
     #[inline]
     fn is_inside(&self, inverse: f32, nearer: f32) -> bool {
         // The difference of the depths, times both.
         nearer < self.thickness * inverse * (inverse + nearer)
     }
 
-    /// Inverse depth at a place on the grid: planes between the centres of pixels. At outlines (sky, or a step of more
-    /// than the thickness) it is that of the pixel itself. `None` beyond the grid.
+    /// Returns the inverse depth at a place on the grid, on planes between the centres of pixels. At outlines (sky, or
+    /// a jump by more than the thickness) it is that of the pixel itself. `None` beyond the grid.
     #[inline]
     fn at(&self, at: Vec2) -> Option<f32> {
         if !self.screen.covers(at.floor()) {
             return None;
         }
         let (width, height) = (self.screen.size().width() as usize, self.screen.size().height() as usize);
-        // Within half a pixel of the sides the outermost pixels go on.
+        // Within half a pixel of the sides, the outermost pixels are extended.
         let corner = (at - 0.5).max(Vec2::ZERO);
         let (x, y) = (corner.x as usize, corner.y as usize);
         let part = corner - corner.floor();
@@ -212,7 +214,8 @@ mod tests {
 
     use super::*;
 
-    /// 32 x 32 pixels that look 45 degrees to each side: a wall 4 m away with a 1 x 1 m step towards the eye.
+    /// Returns 32 x 32 pixels with a view of 45 degrees to each side: a wall 4 m away with a 1 x 1 m step towards the
+    /// eye.
     fn step() -> Screen {
         let inside = |x: usize, y: usize| (8..16).contains(&x) && (8..16).contains(&y);
         let depth = (0..1024).map(|i| if inside(i % 32, i / 32) { 2.0 } else { 4.0 }).collect();
@@ -224,8 +227,8 @@ mod tests {
         let screen = step();
         let field = RayField::new(&screen, None);
         let method = ScreenRays::new(4.0);
-        // Along x at a depth of 3 from the right, at the height of the step's middle: its side is at x = 0, where
-        // the field falls off over one pixel, 0.19 m wide at that depth.
+        // The ray goes along -x at a depth of 3, at the height of the step's middle. The side of the step is at x = 0,
+        // where the field falls off over one pixel, 0.19 m wide at that depth.
         let from = Vec3::new(1.0, -0.5, 3.0);
         let met = method.march(&field, from, Vec3::NEG_X).unwrap();
         assert!((met - 1.0).abs() < 0.15, "{met}");

@@ -1,4 +1,4 @@
-//! Scenes that strain rays and points: open, closed, tiny, huge, and made of slivers.
+//! Scenes that strain rays and points: open, closed, tiny, huge, or made of slivers.
 
 use std::sync::Arc;
 
@@ -14,7 +14,7 @@ use crate::adapter::SceneView;
 use crate::reference::reference;
 use crate::shapes;
 
-/// Points per square metre of a scene one metre across, and rays of each.
+/// Points per square metre of a scene one metre across, and rays of a point.
 const POINTS_PER_M2: f32 = 64.0;
 const RAYS: u32 = 256;
 /// Half the side of the closed box in metres.
@@ -79,13 +79,13 @@ pub(super) fn cases() -> Vec<Case> {
     ]
 }
 
-/// A scene's points as the fragments of a picture one pixel high, so that a reference can be traced for them.
+/// A scene's points as the fragments of a picture one pixel high, and their reference AO.
 struct PointPicture {
     view: GBuffer,
     image: AoImage,
 }
 
-/// Traces every point of a still scene by the rays of `settings`.
+/// Traces every point of a still scene with the rays of `settings`.
 fn trace(
     scene: &Arc<Scene>,
     points: &ScenePoints,
@@ -109,7 +109,7 @@ fn trace(
     Ok(PointPicture { view, image })
 }
 
-/// Makes a scene of triangles, its points, and their AO.
+/// Makes a scene of triangles, its points and their AO.
 fn traced(
     lists: &[Vec<[Vec3; 3]>],
     per_m2: f32,
@@ -155,8 +155,9 @@ fn closed_box_obscurance() -> Result<f64, StressError> {
     Ok(worst)
 }
 
-/// The obscurance of a point in the closed box by the midpoint rule over the cosine-weighted hemisphere, with the exit
-/// of a box in closed form: nothing in common with the tracer but the definition.
+/// Returns the obscurance of a point in the closed box by the midpoint rule over the cosine-weighted hemisphere.
+///
+/// The distance to the box's walls is in closed form, so only the definition is shared with the tracer.
 fn box_integral(fragment: &Surface, settings: &AoSettings) -> f64 {
     let steps = 64;
     let normal = fragment.normal.as_dvec3();
@@ -176,7 +177,7 @@ fn box_integral(fragment: &Surface, settings: &AoSettings) -> f64 {
     sum / f64::from(steps * steps)
 }
 
-/// Largest AO difference between a scene of unit size and the same scene `scale` times as large.
+/// Returns the largest AO difference between a scene of unit size and the same scene `scale` times as large.
 fn scaled(scale: f32) -> Result<f64, StressError> {
     let at = |scale: f32| {
         let grown = |triangles: Vec<[Vec3; 3]>| -> Vec<[Vec3; 3]> {
@@ -193,7 +194,7 @@ fn scaled(scale: f32) -> Result<f64, StressError> {
     Ok(pairs.map(|(a, b)| f64::from((a - b).abs())).fold(0.0, f64::max))
 }
 
-/// A floor with slivers that stand on it and triangles without area among them.
+/// Returns the number of missing and wrong points on a floor with slivers and triangles without area.
 fn slivers() -> Result<f64, StressError> {
     let mut thin = Vec::new();
     for index in 0_u16..200 {
@@ -218,7 +219,7 @@ fn slivers() -> Result<f64, StressError> {
     };
     let bad =
         (0..found.view.size().pixels()).filter_map(|pixel| found.view.fragment(pixel)).filter(wrong).count();
-    // Values outside [0, 1] or not a number would have been an error above.
+    // AO values outside [0, 1] or NaN would have been an error above.
     Ok(missing + bad as f64)
 }
 

@@ -1,4 +1,4 @@
-//! Measures one setting, or one method.
+//! Measures one setting or one method.
 
 use psao_codec::State;
 use psao_reconstruct::reconstruct::{self, Reconstruction, SurfaceReconstructor};
@@ -13,44 +13,46 @@ use super::{
 use crate::metric::{Comparison, Lpips, PerceptualFigures};
 use crate::screen::ScreenMethod;
 
-/// How often things are run for their times.
+/// Numbers of runs for times.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RunCounts {
-    /// Runs that count, at least 1: of the whole clip, and of each picture.
+    /// Runs that count, at least 1, of the whole clip and of each picture.
     pub repeats: u32,
-    /// Runs of each picture before those.
+    /// Runs of each picture before those that count.
     pub warm_up: u32,
 }
 
-/// The same pictures, references and clock for all that is compared.
+/// The pictures, references and clock that all measurements share.
 pub struct Bench<'a> {
     /// Name of the scene.
     pub scene: &'a str,
     /// Pictures and references, in the order of their times.
     pub views: &'a [View],
-    /// How often.
+    /// Numbers of runs.
     pub runs: RunCounts,
-    /// For LPIPS.
+    /// Network for LPIPS.
     pub network: Option<&'a Lpips>,
-    /// For times.
+    /// Clock for times.
     pub clock: &'a dyn Clock,
 }
 
-/// What was measured, and the first picture.
+/// A record and its first picture.
 pub struct Sample {
-    /// The figures.
+    /// The record.
     pub record: Record,
     /// The first picture.
     pub picture: AoImage,
 }
 
 impl Bench<'_> {
-    /// Runs a stream: traced, encoded, decoded, reconstructed and compared. A picture is drawn with the newest frame that
-    /// began by its time, and the geometry of its own moment. `key` goes into the record.
+    /// Traces, encodes, decodes, reconstructs and compares a stream.
+    ///
+    /// A picture is drawn with the newest frame that began by its time, and with the geometry of its own time. `key`
+    /// goes into the record.
     ///
     /// # Errors
     ///
-    /// [`SweepError`] when the server refuses the setting, or the clients what it sends.
+    /// [`SweepError`] when the server refuses the setting, or the client refuses a frame.
     pub fn stream(&self, key: &str, clip: &Clip<'_>, setting: &Setting) -> Result<Sample, SweepError> {
         let mut run = Run::new(clip, setting, self.clock)?;
         let mut drawn = PictureSeries::default();
@@ -177,7 +179,7 @@ impl Bench<'_> {
             .ok_or(SweepError::NoPictures { seconds: 0.0 })
     }
 
-    /// Draws a picture of a stream as often as it is to be timed; what is kept between frames is made before.
+    /// Draws a picture of a stream once for each timed run. The first run, which makes the indices, is not timed.
     fn draw(&self, state: &State, view: &View, drawn: &mut PictureSeries) -> Result<(), SweepError> {
         let mut found = drawn.client.draw(state, &view.buffer)?;
         for run in 0..self.runs.warm_up + self.runs.repeats.max(1) {
@@ -207,7 +209,7 @@ impl Bench<'_> {
     }
 }
 
-/// A record of nothing.
+/// Returns an empty record.
 pub(super) fn empty() -> Record {
     Record {
         key: String::new(),
@@ -225,7 +227,7 @@ pub(super) fn empty() -> Record {
     }
 }
 
-/// Depth, place, normal and instance of a pixel, and its place and normal at rest where they are known.
+/// Returns the bytes of the largest G-buffer: depth, position, normal, instance, and the place at rest if it is known.
 pub(super) fn buffer_bytes(views: &[View]) -> u64 {
     let bytes = |view: &View| {
         let at_rest = if view.buffer.rest_position().is_some() { 24 } else { 0 };
@@ -234,7 +236,7 @@ pub(super) fn buffer_bytes(views: &[View]) -> u64 {
     views.iter().map(bytes).max().unwrap_or(0)
 }
 
-/// A client that draws either profile.
+/// Reconstructs streams of either profile.
 #[derive(Default)]
 struct ProfileReconstructor {
     surface: SurfaceReconstructor,
@@ -249,12 +251,12 @@ impl ProfileReconstructor {
     }
 }
 
-/// Pictures so far.
+/// Figures and times of the pictures so far.
 #[derive(Default)]
 pub(super) struct PictureSeries {
     client: ProfileReconstructor,
     pictures: Vec<PictureFigures>,
-    /// Of each picture, each run.
+    /// Microseconds of each run of each picture.
     pub(super) micros: Vec<u64>,
     first: Option<AoImage>,
 }
@@ -287,7 +289,7 @@ mod tests {
     use crate::sweep::{FrameBytes, ReferenceRays, picture_times, views};
     use crate::texture::{TextureSettings, VideoClip, VideoCoder, VideoError};
 
-    /// A clock on which every look takes a millisecond.
+    /// A clock that advances by a millisecond at each reading.
     struct Ticks(Cell<u64>);
 
     impl Clock for Ticks {
@@ -296,7 +298,7 @@ mod tests {
         }
     }
 
-    /// Everything is open.
+    /// A method for which everything is open.
     struct Open;
 
     impl ScreenMethod for Open {
@@ -362,7 +364,7 @@ mod tests {
         });
     }
 
-    /// A coder that loses nothing, or the last frame.
+    /// A lossless coder; it loses the last frame unless it is `whole`.
     struct Plain {
         whole: bool,
     }
@@ -406,7 +408,7 @@ mod tests {
     fn times_are_medians_over_frames_and_runs() {
         check(|bench, clip, setting| {
             let record = bench.stream("k", clip, setting).unwrap().record;
-            // Three later frames in each of two runs; each stage is one tick of the clock.
+            // There are three later frames in each of two runs. Each stage takes one tick of the clock.
             assert_eq!(record.stages.len(), 8);
             for stage in &record.stages {
                 let samples = if stage.name == "reconstruct" { 4 } else { 6 };

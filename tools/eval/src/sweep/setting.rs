@@ -1,4 +1,4 @@
-//! What is swept of a stream, and in which combinations.
+//! Swept settings of a stream and their combinations.
 
 use std::fmt;
 
@@ -8,20 +8,20 @@ use psao_server::points::PointSettings;
 use psao_server::server::ServerSettings;
 use serde::{Deserialize, Serialize};
 
-/// The coder of profile `paper` where the range coder is asked for, which it does not have (paper, section 4).
+/// Coder of profile `paper` in place of the range coder, which it does not support (paper, section 4).
 const PAPER_CODER: BlockCoder = BlockCoder::Zstd { level: 15 };
 
 /// Number of swept settings.
 const AXES: usize = 7;
 
-/// One combination.
+/// A combination of values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Setting {
     /// Points per square metre.
     pub per_m2: f32,
     /// Bits of a packed point: 32, 24 or 16.
     pub bits: u8,
-    /// Steps of 1/255 by which AO must move to be sent again.
+    /// Steps of 1/255 by which AO must change to be sent again.
     pub threshold: u8,
     /// Rays a point.
     pub rays: u32,
@@ -34,7 +34,7 @@ pub struct Setting {
 }
 
 impl Setting {
-    /// What the `psao` command does unless told otherwise; the paper's cheapest density (its Table 1).
+    /// Returns the defaults of the `psao` command, with the paper's lowest density (its Table 1).
     #[must_use]
     pub fn usual() -> Self {
         let settings = ServerSettings::default();
@@ -49,7 +49,7 @@ impl Setting {
         }
     }
 
-    /// The settings of a server: `base`, with what is swept in its place.
+    /// Returns the settings of a server: `base` with the swept values in place of its own.
     #[must_use]
     pub fn server(&self, base: ServerSettings) -> ServerSettings {
         let mut settings = base;
@@ -63,7 +63,7 @@ impl Setting {
         settings
     }
 
-    /// In words and numbers.
+    /// Returns the setting as reports and files have it.
     #[must_use]
     pub fn summary(&self) -> SettingSummary {
         SettingSummary {
@@ -82,7 +82,7 @@ impl Setting {
         }
     }
 
-    /// Profile `paper` has no range coder and gets its own.
+    /// Returns the setting with a coder that its profile supports.
     fn possible(self) -> Self {
         if self.profile == Profile::PAPER && self.coder == BlockCoder::Range {
             return Self { coder: PAPER_CODER, ..self };
@@ -120,7 +120,7 @@ impl fmt::Display for SettingSummary {
     }
 }
 
-/// The values of each axis. An empty axis has the usual value alone.
+/// The values of each axis. An empty axis stands for the usual value.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SettingGrid {
     /// Points per square metre.
@@ -140,7 +140,7 @@ pub struct SettingGrid {
 }
 
 impl SettingGrid {
-    /// On every axis the usual value, where it is among the axis' own, and else the first.
+    /// Returns the usual value on each axis that has it or is empty, and the first value on each other axis.
     #[must_use]
     pub fn centre(&self) -> Setting {
         fn of<T: Copy + PartialEq>(values: &[T], usual: T) -> T {
@@ -180,7 +180,7 @@ impl SettingGrid {
         distinct(std::iter::once(self.centre()).chain(settings))
     }
 
-    /// The fastest rate, in frames a second.
+    /// Returns the fastest rate in frames a second.
     #[must_use]
     pub fn fastest(&self) -> f32 {
         self.fps.iter().copied().fold(self.centre().fps, f32::max)
@@ -200,7 +200,7 @@ impl SettingGrid {
     }
 }
 
-/// What is possible, each once, in the order of its first mention.
+/// Returns the settings with supported coders, each once, in the order of their first mention.
 fn distinct(settings: impl IntoIterator<Item = Setting>) -> Vec<Setting> {
     let mut found: Vec<Setting> = Vec::new();
     for setting in settings.into_iter().map(Setting::possible) {

@@ -21,21 +21,23 @@ const SERVER_STAGES: [&str; 3] = ["pose", "find what is in view", "trace rays"];
 /// Name of the method.
 pub const TEXTURE_SPACE: &str = "texture-space";
 
-/// What the server did in a clip.
+/// The server's output for a clip.
 #[derive(Default)]
 struct AtlasClip {
-    /// Of each frame, all of one size once the clip is over.
+    /// Atlas of each frame; all have the same size once the clip is over.
     atlases: Vec<Vec<u8>>,
     stats: Vec<TextureStats>,
     rows: u32,
-    /// By picture.
+    /// Block map of each picture.
     shown: Vec<Option<BlockMap>>,
 }
 
 impl Bench<'_> {
-    /// Runs a texture-space stream: patches in view traced, the atlas coded as video and decoded, looked up and compared.
-    /// As with [`Bench::stream`], a picture is drawn with the newest frame that began by its time. The clip is traced once;
-    /// coding and decoding are repeated. `key` goes into the record.
+    /// Runs a texture-space stream: traces the patches in view, codes and decodes the atlas as video, looks pixels up
+    /// and compares the pictures.
+    ///
+    /// As with [`Bench::stream`], a picture is drawn with the newest frame that began by its time. The clip is traced
+    /// once; coding and decoding are repeated. `key` goes into the record.
     ///
     /// # Errors
     ///
@@ -121,7 +123,7 @@ impl Bench<'_> {
         Ok(shaded)
     }
 
-    /// The patches of a picture's pixels.
+    /// Returns the patches of a picture's pixels.
     fn look(
         &self,
         clip: &Clip<'_>,
@@ -167,7 +169,7 @@ fn stages(shaded: &AtlasClip, encode: Spread, decode: Spread, drawn: &PictureSer
     server.chain(coding.map(|(side, name, ms)| stage(side, name, ms))).chain([looking]).collect()
 }
 
-/// What the stream takes. Points are the texels that the clip's last frame traced.
+/// Returns the size and times of the stream. Its points are the texels that the clip's last frame traced.
 fn figures(
     shaded: &AtlasClip,
     coded: &VideoClip,

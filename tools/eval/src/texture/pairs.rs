@@ -1,13 +1,13 @@
-//! Triangles by twos.
+//! Pairs of triangles.
 
 use std::collections::BTreeMap;
 
 use psao_server::scene::Geometry;
 
-/// A patch of a mesh: a triangle, and the one beyond its longest edge that is still free.
+/// A triangle and, if possible, a neighbour that shares an edge with it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct TrianglePair {
-    /// Number of the first triangle and of its corner that the second does not have.
+    /// The first triangle.
     pub(super) first: PairTriangle,
     /// The second triangle; `None` for a triangle that is left over.
     pub(super) second: Option<PairTriangle>,
@@ -21,14 +21,15 @@ pub(super) struct PairTriangle {
     pub(super) apex: u8,
 }
 
-/// Pairs up the triangles of a mesh: over the longest edges first, so that a rectangle's diagonal is shared and not its
-/// sides. Triangles that meet at an angle, or have different normals along the edge, do not pair: AO need not be
-/// smooth across it.
+/// Pairs the triangles of a mesh.
+///
+/// The longest edges come first, so that the triangles of a rectangle share its diagonal. Triangles that meet at an
+/// angle or have different normals along the edge do not pair, because AO need not be smooth across that edge.
 pub(super) fn pairs(geometry: &Geometry, triangles: &[[u32; 3]]) -> Vec<TrianglePair> {
     let welded = welded(geometry);
     let corner = |triangle: usize, corner: u8| welded[triangles[triangle][usize::from(corner) % 3] as usize];
     let position = |vertex: u32| geometry.positions()[vertex as usize];
-    // Each edge by its corners in the order of its first triangle; the second must have them the other way round.
+    // Edges by their corners in the order of the first triangle. The second triangle has them in the other order.
     let mut open: BTreeMap<(u32, u32), PairTriangle> = BTreeMap::new();
     let mut shared: Vec<(f32, PairTriangle, PairTriangle)> = Vec::new();
     for triangle in 0..triangles.len() {
@@ -74,23 +75,23 @@ pub(super) fn pairs(geometry: &Geometry, triangles: &[[u32; 3]]) -> Vec<Triangle
     pairs
 }
 
-/// Cosine of the most that a pair may bend, 60 degrees.
+/// Cosine of the largest angle between the triangles of a pair, 60 degrees.
 const MIN_FACING_COSINE: f32 = 0.5;
 
-/// The corner opposite the longest edge.
+/// Returns the corner opposite the longest edge.
 fn longest_edge(corners: [glam::Vec3; 3]) -> u8 {
     let length = |apex: usize| (corners[(apex + 1) % 3] - corners[(apex + 2) % 3]).length_squared();
     (0..3_u8).max_by(|&a, &b| length(a.into()).total_cmp(&length(b.into()))).unwrap_or(0)
 }
 
-/// One vertex for all that have the same place and normal.
+/// Returns for each vertex the first vertex with the same position and normal.
 fn welded(geometry: &Geometry) -> Vec<u32> {
     let mut known: BTreeMap<[u32; 6], u32> = BTreeMap::new();
     let both = geometry.positions().iter().zip(geometry.normals());
     (0..)
         .zip(both)
         .map(|(vertex, (position, normal))| {
-            // Adding zero makes one of both zeros.
+            // Adding 0 turns -0 into 0.
             let bits = [position.x, position.y, position.z, normal.x, normal.y, normal.z]
                 .map(|axis| (axis + 0.0).to_bits());
             *known.entry(bits).or_insert(vertex)

@@ -1,4 +1,4 @@
-//! Patches, blocks, and a stream whose video loses nothing.
+//! Tests of patches, of blocks, and of a stream with lossless video.
 
 use std::sync::Arc;
 
@@ -130,7 +130,7 @@ fn a_released_place_is_used_again_and_an_atlas_has_an_end() {
     assert_eq!(atlas.place(Patch(many + 1), Extent { across: 1, down: 1 }), Err(AtlasFullError));
 }
 
-/// Error of a picture whose atlas was sent without loss.
+/// Returns the error of a picture whose atlas was sent without loss.
 fn error(settings: TextureSettings) -> Comparison {
     let (scene, ao) = (cube_on_floor(), AoSettings { rays: 64, ..AoSettings::default() });
     let patches = Arc::new(Patches::new(&scene));

@@ -1,4 +1,4 @@
-//! Which patches are in view, and how near.
+//! The patches in view, and their distances.
 
 use std::collections::BTreeMap;
 
@@ -9,12 +9,12 @@ use rayon::prelude::*;
 use super::{Patch, PatchPoint, Patches};
 use crate::adapter::{FrontHit, SceneView};
 
-/// Where on a patch each pixel of a picture lies, row by row; `None` for background.
+/// The places on patches of a picture's pixels.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PatchLookup {
-    /// Of the picture.
+    /// Size of the picture.
     pub size: Size,
-    /// By pixel.
+    /// Place of each pixel, row by row; `None` for background.
     pub points: Vec<Option<PatchPoint>>,
 }
 
@@ -25,7 +25,7 @@ pub fn patch_lookup(world: &SceneBvh, patches: &Patches, camera: &Camera, size: 
     PatchLookup { size, points }
 }
 
-/// Distance in metres of the nearest pixel of each patch that is in view.
+/// Returns the distance in metres of the nearest pixel of each patch in view.
 pub(super) fn visible(
     world: &SceneBvh,
     patches: &Patches,

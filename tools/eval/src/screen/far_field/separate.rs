@@ -8,37 +8,37 @@ use crate::screen::Screen;
 
 use super::slice::Receiver;
 
-/// Least dot product of two normals of one group.
+/// Smallest dot product of two normals in a group.
 const MIN_NORMAL_DOT: f32 = 0.5;
-/// Largest difference of two depths of one group, by that of its pixel.
+/// Largest difference of two depths in a group, over the depth of its pixel.
 const MAX_DEPTH_RATIO: f32 = 0.03;
-/// Pixels to either side that the selective blur takes in, and how far their values may be off.
+/// Pixels to either side in the selective blur, and the largest difference of their values.
 const BLUR_REACH: usize = 2;
 const BLUR_THRESHOLD: f32 = 0.07;
 
-/// What a pixel gathers the far field for and from.
+/// The receiver for which a pixel gathers the far field, and the pixels from which it gathers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct PixelAverage {
-    /// Averages of the accepted pixels.
+    /// Average of the accepted pixels.
     pub(crate) receiver: Receiver,
     /// A bit for each pixel of the group, row by row.
     accepted: u16,
 }
 
-/// Which of the nine parts of all sectors an inner pixel evaluates.
+/// Returns the part of all sectors, 0 to 8, that an inner pixel evaluates.
 #[inline]
 pub(crate) fn part(x: usize, y: usize) -> usize {
     x % 3 + 3 * (y % 3)
 }
 
-/// First column or row of the group of a pixel: it is in its middle, but at the border, where the group stays inside,
-/// so that all nine parts are in it.
+/// Returns the first column or row of the group of a pixel. The pixel is in the middle of its group, except at the
+/// border. There the group stays inside, so that it has all nine parts.
 #[inline]
 fn group_start(at: usize, len: usize) -> usize {
     at.saturating_sub(1).min(len.saturating_sub(3))
 }
 
-/// Pixels of the group of pixel (`x`, `y`): their bits, columns and rows.
+/// Returns the pixels of the group of pixel (`x`, `y`): their bits, columns and rows.
 fn group(size: Size, x: usize, y: usize) -> impl Iterator<Item = (u16, usize, usize)> {
     let (width, height) = (size.width() as usize, size.height() as usize);
     let (left, top) = (group_start(x, width), group_start(y, height));
@@ -47,10 +47,10 @@ fn group(size: Size, x: usize, y: usize) -> impl Iterator<Item = (u16, usize, us
         .flat_map(move |y| (left..(left + 3).min(width)).map(move |x| (bit(x, y), x, y)))
 }
 
-/// Kernel "Box average": averages places and normals over the pixels of each group that are alike.
+/// Kernel "Box average": averages positions and normals over the similar pixels of each group.
 ///
-/// The paper averages depths. Of a group that is not all accepted, or stands at the border, the mean of places still
-/// lies on the surface.
+/// The paper averages depths. The mean of positions lies on the surface even for a group at the border, or with pixels
+/// that are not accepted.
 pub(crate) fn box_average(screen: &Screen) -> Vec<Option<PixelAverage>> {
     let guard = screen.guard() as i32;
     let mut out = vec![None; screen.inner().pixels()];
@@ -82,8 +82,8 @@ fn average(screen: &Screen, x: usize, y: usize, guard: i32) -> Option<PixelAvera
     Some(PixelAverage { receiver: Receiver::new(position, normals.normalize_or(normal)), accepted })
 }
 
-/// Kernel "Gather": adds to the near field of each pixel the mean of the far field of its group's accepted pixels, of
-/// which each has a ninth.
+/// Kernel "Gather": adds to the near field of each pixel the mean far field of its group's accepted pixels, which
+/// evaluate a ninth each.
 pub(crate) fn gather(size: Size, averaged: &[Option<PixelAverage>], far: &[f32], near: &mut [f32]) {
     let width = size.width() as usize;
     near.par_chunks_mut(width).enumerate().for_each(|(y, row)| {
@@ -98,7 +98,7 @@ pub(crate) fn gather(size: Size, averaged: &[Option<PixelAverage>], far: &[f32],
     });
 }
 
-/// The selective blur: the mean over 5 x 5 pixels of those whose value is at most 7 % off.
+/// Applies the selective blur: the mean over those of 5 x 5 pixels whose value is at most 0.07 off.
 pub(crate) fn blur(size: Size, averaged: &[Option<PixelAverage>], values: &[f32]) -> Vec<f32> {
     let (width, height) = (size.width() as usize, size.height() as usize);
     let mut out = values.to_vec();

@@ -1,4 +1,4 @@
-//! Line-sweep ambient obscurance: every direction in one walk over the depth buffer.
+//! Line-sweep ambient obscurance: one pass over the depth buffer for each direction.
 
 mod lines;
 mod slice;
@@ -11,43 +11,46 @@ use self::lines::SweepLines;
 use self::slice::{HalfPlane, LinePoint};
 use super::{Falloff, Screen, ScreenError, ScreenMethod, Shading, StageTimer, check_radius, check_setting};
 
-/// Line-Sweep Ambient Obscurance (Timonen 2013, Computer Graphics Forum 32(4)): in each of K directions the depth
-/// buffer is walked along parallel lines, once, whatever the radius. A line keeps a stack of the points behind the
-/// sweep that can still be the largest occluder of one to come; a direction is hidden by the one with the largest
-/// product of falloff and integral from horizon to tangent plane, found at a cost that is constant on average.
+/// Line-Sweep Ambient Obscurance (Timonen 2013, Computer Graphics Forum 32(4)).
 ///
-/// A point leaves the stack when the one below it hides more of the current pixel, or when neither hides anything and
-/// it is behind, or on, the line between its neighbours. Runs of points on one line become one edge, whose inside is
-/// still looked at: with a falloff the largest occluder of a wall is rarely at its end. Now and then the stack misses
-/// a larger occluder.
+/// In each of K directions it sweeps the depth buffer once along parallel lines, whatever the radius. A line keeps a
+/// stack of the points behind the sweep that may be the largest occluder of a later point. A direction is hidden by the
+/// occluder with the largest product of falloff and integral from horizon to tangent plane. The search for it has a
+/// constant cost on average.
 ///
-/// One occluder a direction is all: what is above it, and what is nearer than it below its horizon, is left out (Timonen,
-/// far-field obscurance, section 2). A long falloff comes out too bright by that: of what `colonnade` lacks against rays
-/// through the depth buffer at 3 m and exponential falloff 3, nine tenths are lost to the largest of all occluders,
-/// looked for one by one, and only a tenth to the stack. Without falloff, where the largest occluder is the whole horizon
-/// within the radius, most is the stack's: what leaves it would have been the horizon of a later pixel.
+/// A point leaves the stack when the point below it hides more of the current pixel. It also leaves when neither hides
+/// anything and it lies behind, or on, the line between its neighbours. Runs of points on one line become one edge. The
+/// inside of an edge is still searched, because with a falloff the largest occluder of a wall is rarely at its end.
+/// Sometimes the stack misses a larger occluder.
 ///
-/// The method is written from its abstract and from what the far-field paper says of it.
+/// There is only one occluder a direction. Parts above it, and nearer parts below its horizon, are left out (Timonen,
+/// far-field obscurance, section 2). Long falloffs are therefore too bright. `colonnade` at 3 m and exponential falloff
+/// 3 lacks obscurance against rays through the depth buffer. Nine tenths of that are due to the single largest
+/// occluder, searched one by one, and only a tenth to the stack. Without falloff, the largest occluder is the whole
+/// horizon within the radius. Most of the loss is then due to the stack, whose removed points would have been the
+/// horizon of later pixels.
+///
+/// The sources of this implementation are the abstract of the method and its description in the far-field paper.
 ///
 /// The integral is that of a slice through the eye (Timonen, far-field obscurance, Eq. 2), which is exact for one
-/// occluder at one distance. There is no noise and no blur: few directions show as bands, as published.
+/// occluder at one distance. There is no noise and no blur, so few directions show as bands, as published.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LineSweep {
     /// Radius in metres.
     pub radius: f32,
-    /// Directions K, an even number, 2 to 256: two for each set of lines.
+    /// Directions K, an even number from 2 to 256; each set of lines has two.
     pub directions: u32,
     /// Weight of an occluder by its distance over the radius.
     pub falloff: Falloff,
-    /// How far receivers are lifted along their normal, over the radius, 0 to 1: against the facets of meshes. The ray
-    /// tracer's is 1/60.
+    /// Distance of receivers from the surface along their normal, over the radius, 0 to 1. It ignores facets of meshes.
+    /// The ray tracer's is 1/60.
     pub bias: f32,
 }
 
 impl LineSweep {
     const NAME: &'static str = "line-sweep";
 
-    /// 16 directions, linear falloff, the ray tracer's bias, at a radius in metres.
+    /// Returns settings for a radius in metres: 16 directions, linear falloff, the ray tracer's bias.
     pub fn new(radius: f32) -> Self {
         Self { radius, directions: 16, falloff: Falloff::Linear, bias: 1.0 / 60.0 }
     }
@@ -66,8 +69,8 @@ impl LineSweep {
         self.falloff.validate()
     }
 
-    /// Adds to `hidden`, one value a pixel of the line, what the points before each hide of it; `line` in the order of
-    /// the sweep, which goes along `ahead` in view space.
+    /// Adds to the value of each pixel of `line` what the points before it hide. The pixels are in the order of the
+    /// sweep, which goes along `ahead` in view space.
     fn sweep<'a>(
         &self,
         line: impl Iterator<Item = (&'a mut f32, Option<LinePoint>)>,
@@ -97,7 +100,7 @@ impl LineSweep {
         }
     }
 
-    /// The largest contribution of the last entry of a stack and the edge that leads to it.
+    /// Returns the largest contribution of the last entry of a stack and of the edge that leads to it.
     fn top(&self, slice: &HalfPlane, stack: &[StackEntry]) -> f32 {
         let Some(entry) = stack.last() else { return 0.0 };
         let end = entry.point.position - slice.position;
@@ -107,9 +110,9 @@ impl LineSweep {
         {
             let whole = before.point.position - entry.point.position;
             let start = end + whole;
-            // What is below the tangent plane at both ends is so between them.
+            // An edge with both ends below the tangent plane is below it everywhere.
             if end.dot(slice.normal).max(start.dot(slice.normal)) > 0.0 {
-                // From what is nearest to what is furthest of the edge within the radius, closer and closer.
+                // Samples from the nearest place of the edge to the furthest within the radius, denser near the former.
                 let nearest = (-end.dot(whole) / whole.length_squared()).clamp(0.0, 1.0);
                 let reach = (self.radius / whole.length()).min(1.0 - nearest);
                 for part in [0.0, 0.03, 0.06, 0.12, 0.25, 0.5] {
@@ -120,12 +123,12 @@ impl LineSweep {
         most
     }
 
-    /// Falloff times what a horizon at `to` from the receiver hides of the slice.
+    /// Returns the falloff times the share of the slice that a horizon at `to` from the receiver hides.
     #[inline]
     fn contribution(&self, slice: &HalfPlane, to: Vec3) -> f32 {
         let distance = to.length();
-        // Pixels lie a little beside the line, where the tangent plane is at another angle: what is not above it is
-        // not above the line's tangent either.
+        // Pixels lie a little beside the line, where the tangent plane is at another angle. Points that are not above
+        // that plane do not count as above the line's tangent.
         if distance >= self.radius || to.dot(slice.normal) <= 0.0 {
             return 0.0;
         }
@@ -188,22 +191,22 @@ struct StackEntry {
     point: LinePoint,
     /// The direction in which the edge began.
     heading: Vec2,
-    /// Pixels from end to end of the edge, all on it; 0 when what lies between its ends is not.
+    /// Number of pixels of the edge; 0 when the pixels between its ends do not lie on it.
     run: u32,
 }
 
 impl StackEntry {
-    /// How far, as a sine, points of one edge may be from the direction in which it began: of a plane they are on it
+    /// Largest sine of the angle between an edge's first direction and its points. Points of a plane are on the edge up
     /// to rounding.
     const STRAIGHT: f32 = 2e-3;
 
-    /// `point` next to the last of the stack.
+    /// Makes the entry of `point`, which follows the last entry of the stack.
     fn after(last: Option<&Self>, point: LinePoint) -> Self {
         let heading = last.map_or(Vec2::ZERO, |last| (point.flat() - last.point.flat()).normalize_or_zero());
         Self { point, heading, run: 1 }
     }
 
-    /// Itself with the edge from `below`, where `last` between the two is left out.
+    /// Returns the entry with an edge from `below`, when `last` between the two is removed.
     fn merged(&self, last: &Self, below: &Self) -> Self {
         let whole = (self.point.flat() - below.point.flat()).normalize_or_zero();
         let straight =
@@ -212,7 +215,7 @@ impl StackEntry {
         Self { point: self.point, heading: last.heading, run: if one { self.run + last.run } else { 0 } }
     }
 
-    /// Whether it is hidden from the eye by the straight line from `before` to `after`.
+    /// Returns whether the straight line from `before` to `after` hides the point from the eye.
     #[inline]
     fn is_behind(&self, before: &Self, after: &Self) -> bool {
         let start = before.point.flat();
@@ -238,7 +241,7 @@ mod tests {
         Screen::new(&SceneView::new(&world), &scene.camera(1.0), size, guard).unwrap()
     }
 
-    /// The largest contribution of all the points before each, one by one.
+    /// Returns for each point the largest contribution of all points before it, searched one by one.
     fn naive(method: &LineSweep, line: &[Option<LinePoint>], ahead: Vec2) -> Vec<f32> {
         let most = |at: usize| {
             let slice = HalfPlane::new(line[at].as_ref()?, ahead, method.bias * method.radius);
@@ -266,7 +269,7 @@ mod tests {
                 let mut found = vec![0.0; points.len()];
                 method.sweep(found.iter_mut().zip(points.iter().copied()), lines.ahead, &mut Vec::new());
                 for (found, truth) in found.iter().zip(naive(&method, &points, lines.ahead)) {
-                    // Between the pixels of an edge may be a better one than either.
+                    // A place between two pixels of an edge may hide more than either.
                     more += f64::from(found - truth).max(0.0);
                     sum += f64::from(truth);
                     lost += f64::from(truth - found).max(0.0);

@@ -7,9 +7,9 @@ use std::sync::Arc;
 use psao_codec::State;
 use psao_codec::surface::Geometry;
 use psao_eval::adapter::SceneView;
-use psao_eval::metric::{Comparison, Lpips, MetricError, Perceived};
+use psao_eval::metric::{Comparison, Lpips, MetricError, PerceptualFigures};
 use psao_eval::reference::reference;
-use psao_eval::sweep::Figures;
+use psao_eval::sweep::ErrorFigures;
 use psao_proto::SceneInfo;
 use psao_proto::message::{self, CameraPose, PointSource};
 use psao_reconstruct::picture::Picture;
@@ -95,7 +95,7 @@ pub(crate) struct Drawn {
 /// The same view by rays.
 pub(crate) struct Referenced {
     pub(crate) image: AoImage,
-    pub(crate) error: Figures,
+    pub(crate) error: ErrorFigures,
     pub(crate) rays: u32,
     pub(crate) ms: f64,
 }
@@ -153,9 +153,9 @@ impl Shot<'_> {
     }
 
     /// Returns the errors, with the figures of `psao lab sweep`.
-    fn compare(&self, truth: &AoImage, image: &AoImage) -> Result<Figures, MetricError> {
+    fn compare(&self, truth: &AoImage, image: &AoImage) -> Result<ErrorFigures, MetricError> {
         let error = Comparison::new(truth, image)?;
-        Ok(Figures::new(&error, &Perceived::new(truth, image, self.network)?))
+        Ok(ErrorFigures::new(&error, &PerceptualFigures::new(truth, image, self.network)?))
     }
 
     /// Returns the stream's radius and falloff with another number of rays.

@@ -1,5 +1,5 @@
-//! Far-field obscurance and its mipmap method beside rays through the same depth field, as the tables and figures of
-//! Timonen (2013) have them: `cargo run --release -p psao-eval --example far_field -- FOLDER [SCENE [WIDTH [RAYS]]]`.
+//! Compares far-field obscurance and its mipmap method with rays through the same depth field, as in the tables and
+//! figures of Timonen (2013): `cargo run --release -p psao-eval --example far_field -- FOLDER [SCENE [WIDTH [RAYS]]]`.
 
 mod stopwatch;
 
@@ -8,8 +8,8 @@ use std::sync::Arc;
 
 use psao_eval::adapter::SceneView;
 use psao_eval::screen::{
-    Falloff, FarField, FarFieldSettings, Mipmap, MipmapSettings, NearField, Screen, ScreenMethod, Separate,
-    Traced,
+    Falloff, FarField, FarFieldSettings, Mipmap, MipmapSettings, NearField, Screen, ScreenMethod, ScreenRays,
+    Separation,
 };
 use psao_reconstruct::picture::Picture;
 use psao_reconstruct::{AoImage, Size};
@@ -17,17 +17,17 @@ use psao_server::scene::Scene;
 use psao_server::world::SceneBvh;
 use stopwatch::Stopwatch;
 
-/// Radius in metres at which the falloff ends, and its rate: a far field worth the name.
+/// Radius in metres at which the falloff ends, and its rate.
 const RADIUS: f32 = 3.0;
 const FALLOFF: Falloff = Falloff::Exponential { decay: 3.0 };
 
 /// A method with the settings' short name.
 type Named = (&'static str, Box<dyn ScreenMethod>);
 
-/// Every setting that the paper shows, and what this crate adds.
+/// Returns every setting that the paper shows, and those that this crate adds.
 fn methods() -> Result<Vec<Named>, Box<dyn std::error::Error>> {
     let base = || FarFieldSettings { radius: RADIUS, falloff: FALLOFF, ..FarFieldSettings::default() };
-    let separate = |blur| FarFieldSettings { sectors: 18, separate: Some(Separate { blur }), ..base() };
+    let separate = |blur| FarFieldSettings { sectors: 18, separate: Some(Separation { blur }), ..base() };
     let settings = [
         ("8x2", FarFieldSettings { sectors: 8, ..base() }),
         ("16x1", FarFieldSettings { segments: 1, ..base() }),
@@ -71,7 +71,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let screen = Screen::new(&SceneView::new(&world), &scene.camera(1.0), inner, width / 10)?;
     let clock = Stopwatch::start();
     let traced = |thickness| {
-        let rays = Traced { rays, thickness, ..Traced::far(RADIUS, FALLOFF) };
+        let rays = ScreenRays { rays, thickness, ..ScreenRays::far(RADIUS, FALLOFF) };
         rays.shade(&screen, &clock).map(|shaded| shaded.image)
     };
     let (continuous, thick) = (traced(None)?, traced(Some(0.5))?);
@@ -99,7 +99,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// Average difference and share of pixels that are within 5 % (section 8), in per cent.
+/// Returns the average difference and the share of pixels within 5 % (section 8), in per cent.
 fn errors(reference: &AoImage, found: &AoImage) -> (f64, f64) {
     let pairs = || reference.values().iter().zip(found.values());
     let count = pairs().count() as f64;

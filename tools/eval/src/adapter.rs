@@ -1,25 +1,35 @@
-//! The server's world as a client sees it: geometry only, which both sides share.
+//! The server's world as a client sees it: the geometry, which both sides share.
 
 use glam::Vec3;
 use psao_reconstruct::{AtRest, Surface, Surfaces};
 use psao_server::world::{Hit, SceneBvh, SurfaceAt};
 
-use crate::reference::Rays;
+/// A scene into which rays can be traced.
+pub trait RayScene: Sync {
+    /// Returns the distance in metres to the nearest surface from `origin` in the unit direction `direction`, below
+    /// `tmax`; `None` when there is none. Back faces count.
+    fn distance(&self, origin: Vec3, direction: Vec3, tmax: f32) -> Option<f32>;
 
-/// A scene at one moment, to look at ([`Surfaces`]) and to trace references through ([`Rays`]).
+    /// Returns whether a surface is nearer than `tmax` metres.
+    fn occluded(&self, origin: Vec3, direction: Vec3, tmax: f32) -> bool {
+        self.distance(origin, direction, tmax).is_some()
+    }
+}
+
+/// A scene at one moment, for views ([`Surfaces`]) and for tracing references ([`RayScene`]).
 ///
-/// Looking follows glTF 2.0 (section 3.9.2, double sided): the backs of one-sided materials are not drawn.
-/// References count them, as the server's rays do.
+/// Views follow glTF 2.0 (section 3.9.2, double sided): the backs of one-sided materials are not drawn. References
+/// count them, as the server's rays do.
 #[derive(Clone, Copy, Debug)]
 pub struct SceneView<'a> {
     world: &'a SceneBvh,
 }
 
-/// Most backs of one-sided faces that a ray may pass before it counts as meeting nothing.
-const MOST_BACKS: u32 = 256;
+/// Largest number of backs of one-sided faces that a ray passes before it counts as a miss.
+const MAX_BACK_FACES: u32 = 256;
 
 impl<'a> SceneView<'a> {
-    /// Looks at `world` as it is now.
+    /// Makes a view of `world` in its current pose.
     pub fn new(world: &'a SceneBvh) -> Self {
         Self { world }
     }
@@ -29,33 +39,33 @@ impl<'a> SceneView<'a> {
     }
 }
 
-/// The first surface that is drawn along a ray.
-pub(crate) struct Front {
-    /// The hit; its `t` counts from behind the faces that were looked through.
+/// The first drawn surface along a ray.
+pub(crate) struct FrontHit {
+    /// The hit; its `t` counts from behind the last passed face.
     pub(crate) hit: Hit,
-    /// The surface there, of the triangle's front.
+    /// The surface of the triangle's front at the hit.
     pub(crate) at: SurfaceAt,
-    /// Whether its back is seen.
+    /// Whether the ray meets its back.
     pub(crate) back: bool,
     /// Distance from the ray's origin in metres.
     pub(crate) t: f32,
 }
 
 impl SceneView<'_> {
-    /// The nearest surface along a ray, the backs of one-sided faces left out.
-    pub(crate) fn front(&self, origin: Vec3, dir: Vec3, tmax: f32) -> Option<Front> {
+    /// Returns the nearest surface along a ray, without the backs of one-sided faces.
+    pub(crate) fn front_hit(&self, origin: Vec3, dir: Vec3, tmax: f32) -> Option<FrontHit> {
         let scene = self.world.scene();
         let mut from = 0.0_f32;
-        for _ in 0..MOST_BACKS {
+        for _ in 0..MAX_BACK_FACES {
             let hit = self.world.closest(origin + dir * from, dir, tmax - from)?;
             let at = self.world.surface(&hit)?;
             let t = from + hit.t;
             let mesh = &scene.meshes()[scene.instances()[hit.instance.index()].mesh().index()];
             let back = at.facing.dot(dir) > 0.0;
             if !back || scene.material(mesh).double_sided() {
-                return Some(Front { hit, at, back, t });
+                return Some(FrontHit { hit, at, back, t });
             }
-            // On from just behind the face: a few units in the last place of where it is.
+            // The ray continues a few units in the last place behind the face.
             let magnitude = at.position.abs().max_element().max(t);
             from = t + (magnitude * 4.0 * f32::EPSILON).max(f32::MIN_POSITIVE);
         }
@@ -65,7 +75,7 @@ impl SceneView<'_> {
 
 impl Surfaces for SceneView<'_> {
     fn first_hit(&self, origin: Vec3, dir: Vec3, tmax: f32) -> Option<Surface> {
-        let Front { hit, at, back, t } = self.front(origin, dir, tmax)?;
+        let FrontHit { hit, at, back, t } = self.front_hit(origin, dir, tmax)?;
         let turned = |normal: Vec3| if back { -normal } else { normal };
         let rest = self.world.rest_surface(&hit);
         Some(Surface {
@@ -78,7 +88,7 @@ impl Surfaces for SceneView<'_> {
     }
 }
 
-impl Rays for SceneView<'_> {
+impl RayScene for SceneView<'_> {
     fn distance(&self, origin: Vec3, direction: Vec3, tmax: f32) -> Option<f32> {
         self.world.closest(origin, direction, tmax).map(|hit| hit.t)
     }
@@ -130,7 +140,7 @@ mod tests {
         assert!(view.occluded(inside, Vec3::X, 1.0) && !view.occluded(inside, Vec3::X, 0.3));
     }
 
-    /// What the scene's camera sees now.
+    /// Returns the view of the scene's camera at `time_s`.
     fn seen(world: &SceneBvh, time_s: f64) -> GBuffer {
         let camera = world.scene().camera(time_s);
         cast_view(&SceneView::new(world), &camera, Size::new(160, 90).unwrap()).unwrap()
@@ -174,7 +184,7 @@ mod tests {
                 return None;
             }
             let rest = view.first_hit(ray.origin, ray.direction, f32::INFINITY)?.rest.unwrap();
-            // It lies on the triangle that was hit, as it is at rest.
+            // The place lies on the hit triangle at rest.
             let mesh = scene.rest(instance);
             let [a, b, c] =
                 mesh.triangles()[hit.triangle as usize].map(|v| mesh.geometry().positions()[v as usize]);
@@ -209,7 +219,7 @@ mod tests {
             aspect: 1.0,
         };
         let view = cast_view(&SceneView::new(&world), &pose, Size::new(64, 64).unwrap()).unwrap();
-        // The front face, 4 m away and 2 m wide, fills half of what is 4 m wide there.
+        // The front face is 4 m away and 2 m wide. It fills half of a view that is 4 m wide there.
         assert_eq!(view.covered(), 32 * 32);
         assert!((0..view.size().pixels()).filter_map(|p| view.fragment(p)).all(|f| f.normal == Vec3::Z));
     }

@@ -1,4 +1,4 @@
-//! From a scene through a server's frame to a picture, against the reference: what all of the crates together do.
+//! Tests of all crates together: from a scene through a server's frame to a picture, compared with the reference.
 
 use std::sync::Arc;
 
@@ -30,7 +30,7 @@ struct Seen {
 
 const PROFILES: [Profile; 2] = [Profile::PAPER, Profile::SURFACE];
 
-/// A cube on a floor, by points of this density.
+/// Serves and reconstructs a cube on a floor, with points of this density.
 fn cube_on_floor(profile: Profile, per_m2: f32) -> Seen {
     let lists = [shapes::floor(2.0), shapes::cube(Vec3::new(0.0, 0.3, 0.0), 0.3)];
     let scene = Arc::new(Scene::from_triangles("cube on floor", &lists, 0.6).unwrap());
@@ -119,7 +119,7 @@ fn rays_traced_together_agree_with_single_ones() {
         let together = reference(&scene, &view, &settings).unwrap();
         let single = reference_by_single_rays(&scene, &view, &settings).unwrap();
         let difference = Comparison::new(&single, &together).unwrap();
-        // Both are estimates of 1,024 rays; only their noise may differ.
+        // Both are estimates from 1,024 rays; only their noise may differ.
         assert!(difference.mae < 0.002 && difference.max < 0.03, "{kind:?}: {difference:?}");
         assert!(difference.bias.abs() < 5e-4, "{kind:?}: {difference:?}");
     }

@@ -1,11 +1,13 @@
 //! Point-based ambient occlusion streams: references, error metrics, stress cases.
 //!
-//! What a client reconstructs is compared with a picture traced by many rays a pixel ([`reference`](mod@reference)),
-//! in figures ([`metric`]). Geometry is shared knowledge of client and server, so the client looks at the server's
-//! world through [`adapter`]; ambient occlusion reaches it through the stream alone. [`stress`] is a table of cases
-//! that strain the stream on purpose, each with its bound and the worst that was measured. [`screen`] holds the
-//! screen-space methods that the paper and others compare with, each from its own paper, over one input, and [`texture`] the
-//! stream of a texture atlas that it compares with. [`sweep`] measures settings and methods side by side, and [`report`] says what came of it.
+//! The picture that a client reconstructs is compared with a picture traced by many rays a pixel
+//! ([`reference`](mod@reference)), in figures ([`metric`]). Client and server share the geometry, so the client views
+//! the server's world through [`adapter`]. Ambient occlusion reaches it through the stream alone.
+//!
+//! [`stress`] is a table of cases that strain the stream, each with its bound and the worst measured value. [`screen`]
+//! holds the screen-space methods for comparison, each from its own paper, over one input. [`texture`] is the stream of
+//! a texture atlas that the paper compares with. [`sweep`] measures settings and methods side by side, and [`report`]
+//! writes the results.
 //!
 //! # Trace a reference and compare
 //!

@@ -1,4 +1,4 @@
-//! Both profiles on the same points with the same AO, against the reference: what it is worth to look points up at rest.
+//! Tests of both profiles with the same points and AO against the reference: the gain of looking points up at rest.
 
 use std::sync::Arc;
 
@@ -25,7 +25,7 @@ use crate::metric::Comparison;
 use crate::reference::reference;
 use crate::shapes;
 
-/// A scene at one moment, and its points as clients of both profiles have them.
+/// A scene at one moment, and its points as clients of either profile hold them.
 struct Both {
     world: SceneBvh,
     ao: AoSettings,
@@ -61,7 +61,7 @@ impl Both {
         cast_view(&SceneView::new(&self.world), pose, size).unwrap()
     }
 
-    /// Cells and points at rest, each with how far it is from the reference.
+    /// Reconstructs the view from cells and from points at rest, and compares each with the reference.
     fn draw(&self, view: &GBuffer, rays: u32) -> [(Reconstruction, Comparison); 2] {
         let settings = AoSettings { rays, ..self.ao };
         let truth = reference(&SceneView::new(&self.world), view, &settings).unwrap();
@@ -74,7 +74,7 @@ impl Both {
     }
 }
 
-/// AO of an instance's points as they are now.
+/// Returns the AO of an instance's points in their current pose.
 fn trace(world: &SceneBvh, ao: &AoSettings, instance: u32, placed: &[PlacedPoint]) -> Vec<u8> {
     let tracer = Tracer::new(*ao).unwrap();
     let at = world.placement(InstanceId(instance));

@@ -1,5 +1,5 @@
-//! Ambient occlusion of every pixel by many rays: what a reconstruction is compared with (paper, section 4.1,
-//! there with 512 samples a pixel).
+//! Reference pictures: the ambient occlusion of every pixel by many rays (paper, section 4.1, with 512 samples a
+//! pixel).
 
 use glam::{Mat3, Vec2, Vec3};
 use psao_reconstruct::{AoImage, AoImageError, GBuffer, Surface};
@@ -7,45 +7,33 @@ use psao_server::ao::{AoError, AoSettings, Occlusion, Scratch, Tracer};
 use psao_server::points::RayKey;
 use rayon::prelude::*;
 
-use crate::adapter::SceneView;
+use crate::adapter::{RayScene, SceneView};
 
-/// Rays a pixel of the paper's reference (section 4.1).
+/// Number of rays a pixel in the paper's reference (section 4.1).
 pub const PAPER_RAYS: u32 = 512;
 
-/// Sets of directions that the pixels choose from; each pixel turns its set by an angle of its own.
-const SETS: usize = 16;
+/// Number of sets of directions. Each pixel chooses one and turns it by its own angle.
+const DIRECTION_SETS: usize = 16;
 
-/// A scene that rays can be traced through.
-pub trait Rays: Sync {
-    /// Distance in metres to the nearest surface from `origin` in the unit direction `direction`, below `tmax`;
-    /// `None` when there is none. Back faces count.
-    fn distance(&self, origin: Vec3, direction: Vec3, tmax: f32) -> Option<f32>;
-
-    /// Whether anything is nearer than `tmax` metres.
-    fn occluded(&self, origin: Vec3, direction: Vec3, tmax: f32) -> bool {
-        self.distance(origin, direction, tmax).is_some()
-    }
-}
-
-/// Why there is no reference.
+/// Error of tracing a reference.
 #[derive(Debug, thiserror::Error)]
 pub enum ReferenceError {
     /// A setting is out of its range.
     #[error(transparent)]
     Settings(#[from] AoError),
-    /// A pixel's ambient occlusion is not in `[0, 1]`: the scene answered with a distance that is none.
-    #[error("the scene gave a distance that is negative or not a number: {0}")]
+    /// A pixel's ambient occlusion is not in `[0, 1]`, because the scene returned an invalid distance.
+    #[error("the scene returned a distance that is negative or not a number: {0}")]
     Values(#[from] AoImageError),
 }
 
-/// Traces the ambient occlusion of every fragment of `view` with `settings.rays` rays of its own; background
-/// is 1.
+/// Traces the ambient occlusion of every fragment of `view` with `settings.rays` rays; background is 1.
 ///
-/// Radius, falloff and the lift off the surface are those of `settings`, to be the same as the stream's; only
-/// the number of rays differs, [`PAPER_RAYS`] as a rule. Directions are cosine-distributed about the shading
-/// normal and stratified within a pixel; they depend on the seed and the pixel alone, not on the number of
-/// threads. The rays of a pixel are traced together, as a point's are; [`reference_by_single_rays`] is the slow
-/// twin.
+/// `settings` gives radius, falloff and ray bias, which should equal those of the stream. Only the number of rays
+/// differs; it is usually [`PAPER_RAYS`]. Directions are cosine-distributed around the shading normal and stratified
+/// within a pixel. They depend on the seed and the pixel alone, not on the number of threads.
+///
+/// The rays of a pixel are traced together, as those of a point are. [`reference_by_single_rays`] is the slow
+/// counterpart.
 ///
 /// # Errors
 ///
@@ -61,31 +49,38 @@ pub fn reference(
     })
 }
 
-/// As [`reference()`], one ray after the other, with directions of its own, through anything that answers rays:
-/// independent of the server's tracing, and several times slower.
+/// Traces a reference as [`reference()`] does, one ray after the other, through any [`RayScene`].
+///
+/// It has its own directions and does not use the server's tracer. It is several times slower.
 ///
 /// # Errors
 ///
 /// [`ReferenceError::Settings`] when a setting is out of its range, [`ReferenceError::Values`] when the scene
-/// answers with nonsense.
-pub fn reference_by_single_rays<R: Rays + ?Sized>(
+/// returns an invalid distance.
+pub fn reference_by_single_rays<R: RayScene + ?Sized>(
     scene: &R,
     view: &GBuffer,
     settings: &AoSettings,
 ) -> Result<AoImage, ReferenceError> {
     settings.validate()?;
-    let sets: Vec<Vec<Vec3>> = (0..SETS).map(|set| directions(settings, set)).collect();
+    let sets: Vec<Vec<Vec3>> = (0..DIRECTION_SETS).map(|set| directions(settings, set)).collect();
     each_fragment(
         view,
         || (),
         |(), pixel, fragment| {
             let choice = mix(settings.seed ^ mix(pixel as u64));
-            accessibility(scene, fragment, settings, &sets[choice as usize % SETS], (choice >> 32) as u32)
+            accessibility(
+                scene,
+                fragment,
+                settings,
+                &sets[choice as usize % DIRECTION_SETS],
+                (choice >> 32) as u32,
+            )
         },
     )
 }
 
-/// An image of what `shade` says of each fragment, row by row on all threads; `memory` is made once a row.
+/// Returns an image of the values of `shade` at each fragment. Rows run on all threads; `memory` is called once a row.
 fn each_fragment<M>(
     view: &GBuffer,
     memory: impl Fn() -> M + Sync,
@@ -104,8 +99,8 @@ fn each_fragment<M>(
     Ok(AoImage::new(view.size(), values)?)
 }
 
-/// Mean over the directions of `min(distance, R) / R`, or share of them that meet nothing within R.
-fn accessibility<R: Rays + ?Sized>(
+/// Returns the mean over the directions of `min(distance, R) / R`, or the share of directions without a hit within R.
+fn accessibility<R: RayScene + ?Sized>(
     scene: &R,
     fragment: &Surface,
     settings: &AoSettings,
@@ -114,7 +109,7 @@ fn accessibility<R: Rays + ?Sized>(
 ) -> f32 {
     let radius = settings.radius;
     let origin = fragment.position + fragment.normal * settings.bias();
-    let to_world = frame(fragment.normal, turn);
+    let to_world = tangent_frame(fragment.normal, turn);
     let sum: f64 = directions
         .iter()
         .map(|&local| {
@@ -127,11 +122,11 @@ fn accessibility<R: Rays + ?Sized>(
             }
         })
         .sum();
-    // Of unit directions and distances below R the mean is in range; rounding to f32 keeps it there.
+    // The mean of values in [0, 1] is in range, and rounding to f32 keeps it there.
     (sum / directions.len() as f64) as f32
 }
 
-/// A Hammersley set, shifted by an amount of its own, mapped to cosine-distributed directions about +Z.
+/// Returns cosine-distributed directions around +Z: a Hammersley set, shifted by an amount that depends on `set`.
 pub(crate) fn directions(settings: &AoSettings, set: usize) -> Vec<Vec3> {
     let shift = mix(settings.seed.wrapping_add(set as u64 + 1));
     let shift = [fraction(shift as u32), fraction((shift >> 32) as u32)];
@@ -146,8 +141,8 @@ pub(crate) fn directions(settings: &AoSettings, set: usize) -> Vec<Vec3> {
         .collect()
 }
 
-/// A frame whose z axis is `normal`, turned about it by `turn` / 2^32 of a full turn.
-pub(crate) fn frame(normal: Vec3, turn: u32) -> Mat3 {
+/// Returns a frame whose z axis is `normal`, turned around it by `turn` / 2^32 of a full turn.
+pub(crate) fn tangent_frame(normal: Vec3, turn: u32) -> Mat3 {
     let helper = if normal.x.abs() < 0.5 { Vec3::X } else { Vec3::Y };
     let side = normal.cross(helper).normalize();
     let other = normal.cross(side);
@@ -156,12 +151,12 @@ pub(crate) fn frame(normal: Vec3, turn: u32) -> Mat3 {
     Mat3::from_cols(side * cos + other * sin, other * cos - side * sin, normal)
 }
 
-/// `bits` / 2^32, in `[0, 1)`.
+/// Returns `bits` / 2^32, in `[0, 1)`.
 pub(crate) fn fraction(bits: u32) -> f64 {
     f64::from(bits) / 4_294_967_296.0
 }
 
-/// The finaliser of `SplitMix64` (Steele et al. 2014), after its increment.
+/// Hashes a value by the increment and the finaliser of `SplitMix64` (Steele et al. 2014).
 pub(crate) fn mix(value: u64) -> u64 {
     let mut h = value.wrapping_add(0x9E37_79B9_7F4A_7C15);
     h = (h ^ (h >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -181,7 +176,7 @@ mod tests {
         radius: f32,
     }
 
-    impl Rays for Ball {
+    impl RayScene for Ball {
         fn distance(&self, origin: Vec3, direction: Vec3, tmax: f32) -> Option<f32> {
             let floor = -origin.y / direction.y;
             let to = self.centre - origin;
@@ -201,8 +196,8 @@ mod tests {
         AoSettings { rays, radius: 60.0, kind, seed: 7 }
     }
 
-    /// The lift is 1 m at this radius: a ball of radius `r` whose centre is 1 + `h` up hides (r / h)^2 of the
-    /// cosine-weighted hemisphere.
+    /// Returns a ball over the floor. The ray bias is 1 m at a radius of 60 m. A ball of radius `r` with its centre at
+    /// 1 + `h` hides (r / h)^2 of the cosine-weighted hemisphere.
     fn ball() -> Ball {
         Ball { centre: Vec3::new(0.0, 6.0, 0.0), radius: 3.0 }
     }
@@ -223,7 +218,7 @@ mod tests {
     fn obscurance_counts_how_near_the_ball_is() {
         let view = floor_view(Size::new(32, 32).unwrap());
         let image = reference_by_single_rays(&ball(), &view, &settings(256, Occlusion::Obscurance)).unwrap();
-        // The integral over the ball's cap by brute force: cosine weights, distance over R.
+        // The integral over the ball's cap by brute force, with cosine weights and distance over R.
         let steps = 20_000;
         let mut truth = 0.0;
         for step in 0..steps {
@@ -281,7 +276,7 @@ mod tests {
                 fraction(mix(index + 5_000) as u32) as f32 - 0.5,
             );
             let normal = normal.try_normalize().unwrap_or(Vec3::X);
-            let m = frame(normal, (mix(index) >> 16) as u32);
+            let m = tangent_frame(normal, (mix(index) >> 16) as u32);
             assert!((m.transpose() * m - Mat3::IDENTITY).to_cols_array().iter().all(|e| e.abs() < 1e-5));
             assert!((m.determinant() - 1.0).abs() < 1e-5);
             assert_eq!(m.z_axis, normal);

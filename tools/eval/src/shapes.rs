@@ -1,14 +1,14 @@
-//! Triangles of simple shapes, for stress cases and tests.
+//! Simple shapes made of triangles, for stress cases and tests.
 
 use glam::Vec3;
 
-/// Two triangles of a square on y = 0 that reaches `half` metres from the origin, facing up.
+/// Returns the two triangles of a square on y = 0 that faces up and reaches `half` metres from the origin.
 pub(crate) fn floor(half: f32) -> Vec<[Vec3; 3]> {
     let at = |x: f32, z: f32| Vec3::new(x * half, 0.0, z * half);
     vec![[at(-1.0, -1.0), at(1.0, 1.0), at(1.0, -1.0)], [at(-1.0, -1.0), at(-1.0, 1.0), at(1.0, 1.0)]]
 }
 
-/// Twelve triangles of a cube about `centre` whose faces, facing outwards, are `half` metres away.
+/// Returns the twelve triangles of a cube around `centre`. Its faces are `half` metres away and face outwards.
 pub(crate) fn cube(centre: Vec3, half: f32) -> Vec<[Vec3; 3]> {
     let mut triangles = Vec::with_capacity(12);
     for axis in 0..3 {
@@ -24,7 +24,7 @@ pub(crate) fn cube(centre: Vec3, half: f32) -> Vec<[Vec3; 3]> {
     triangles
 }
 
-/// The same triangles seen from the other side.
+/// Returns the same triangles, facing the other way.
 pub(crate) fn inside_out(triangles: &[[Vec3; 3]]) -> Vec<[Vec3; 3]> {
     triangles.iter().map(|&[a, b, c]| [a, c, b]).collect()
 }

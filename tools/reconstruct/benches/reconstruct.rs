@@ -1,7 +1,8 @@
-//! Time of one 1080p reconstruction from cells and from points at rest, all cores and one: `cargo bench -p psao-reconstruct`.
+//! Time of one 1080p reconstruction from cells and from points at rest, all cores and one: `cargo bench -p
+//! psao-reconstruct`.
 //!
-//! Both have the same points. The view is a hall of three walls at 512 points per square metre, as a person sees it; before anything is timed
-//! the picture is compared with the pattern that the points carry.
+//! Both have the same points. The view is a hall of three walls at 512 points per square metre, from the height of a
+//! person's eyes. Before the runs, the picture is compared with the pattern of the points.
 
 #![expect(clippy::expect_used, reason = "a bench that cannot be set up has nothing to time")]
 
@@ -45,12 +46,12 @@ impl Surfaces for Hall {
     }
 }
 
-/// The AO that the points carry: slow waves, so that blending points of one wall keeps them.
+/// Returns the AO of the points: slow waves, so that blending points of one wall keeps them.
 fn pattern(at: Vec3) -> f32 {
     0.5 + 0.5 * libm::sinf(at.x) * libm::cosf(at.y + at.z)
 }
 
-/// The points of each wall: a jittered lattice.
+/// Returns the points of each wall: a jittered lattice.
 fn points() -> [Vec<PointSample>; 3] {
     let spacing = 1.0 / DENSITY.sqrt();
     let across = (SIDE / spacing) as u32;
@@ -71,12 +72,12 @@ fn points() -> [Vec<PointSample>; 3] {
     })
 }
 
-/// Poisson radius of a hexagonal packing of the density, metres.
+/// Returns the Poisson-disk radius of a hexagonal packing of the density in metres.
 fn poisson_radius() -> f32 {
     (1.0 / (2.0 * 3.0_f32.sqrt() * DENSITY)).sqrt()
 }
 
-/// The points in cells of four Poisson radii (paper, section 3.2).
+/// Returns a state with the points in cells of four Poisson-disk radii (paper, section 3.2).
 fn in_cells(points: &[Vec<PointSample>; 3]) -> State {
     let edge = 4.0 * poisson_radius();
     let cells = (SIDE / edge).ceil() as u32 + 2;
@@ -113,7 +114,7 @@ fn in_cells(points: &[Vec<PointSample>; 3]) -> State {
     state
 }
 
-/// The same points on the walls at rest, a set for each.
+/// Returns a state with the same points on the walls at rest, one set for each wall.
 fn at_rest(points: &[Vec<PointSample>; 3]) -> surface::State {
     let step = SIDE / 4096.0;
     let sets = points.each_ref().map(|wall| surface::SetLayout {
@@ -150,7 +151,7 @@ fn view(size: Size) -> GBuffer {
     cast_view(&Hall, &pose, size).expect("the camera is sound")
 }
 
-/// The picture must be the pattern, but for points that the tables lost and for the rims.
+/// Checks that the picture shows the pattern, except at the rims and where the tables lost points.
 fn check(found: &Reconstruction, view: &GBuffer) {
     let mut near = 0;
     for (pixel, value) in found.image.values().iter().enumerate() {
@@ -187,7 +188,7 @@ fn reconstruct_1080p(c: &mut Criterion) {
     group.finish();
     let geometry = rest.geometry(0).expect("it is there");
     let index = SurfaceIndex::new(geometry);
-    println!("index: {:.1} bytes a point", index.bytes() as f64 / geometry.len() as f64);
+    println!("index: {:.1} bytes a point", index.heap_bytes() as f64 / geometry.len() as f64);
     c.bench_function("index of a wall", |b| b.iter(|| SurfaceIndex::new(black_box(geometry))));
 }
 

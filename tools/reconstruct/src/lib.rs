@@ -6,13 +6,13 @@
 //!
 //! | feature | what it adds |
 //! |---|---|
-//! | none | [`AoSampler`] alone: needs `psao-codec`, `glam` and `thiserror`, runs in the calling thread |
+//! | none | [`AoSampler`] alone: depends on `psao-codec`, `glam` and `thiserror`, runs in the calling thread |
 //! | `rayon` | all cores for [`AoSampler::ao_many`], indices and views |
 //! | `view` | `cast_view`, `GBuffer`, `reconstruct`: the AO of each pixel that a camera sees |
-//! | `picture` | `picture`: views as PNG, differences of views; with it comes `view` |
+//! | `picture` | `picture`: views as PNG, differences of views; it turns on `view` |
 //!
-//! Nothing here does I/O: pixels and PNG bytes are returned. Units are metres, Y is up, space is right-handed. AO is
-//! *accessibility* in `[0, 1]`, 1 being open. Every result is the same whatever the number of threads.
+//! The crate does no I/O: it returns pixels and PNG bytes. Units are metres, Y is up, space is right-handed. AO is
+//! *accessibility* in `[0, 1]`; 1 is open. Results do not depend on the number of threads.
 //!
 //! # AO at my vertices
 //!
@@ -23,14 +23,14 @@
 //! use psao_codec::surface::{Geometry, GeometryDigest, Layout, Member, RestPoint, RoundedGeometry, SetLayout, State};
 //! use psao_reconstruct::AoSampler;
 //!
-//! // What came over the wire: sixteen points along a bar, dark at its left end, in a state that holds them.
+//! // The state that a client has decoded: sixteen points along a bar, dark at its left end.
 //! let set = SetLayout {
 //!     origin: [0.0; 3],
 //!     step: 1.0 / 1024.0,
 //!     extent: [1024; 3],
 //!     normal_bits: 4,
 //!     kernel_radius: 0.1,
-//!     // Number and digest of the points are filled in when they are rounded.
+//!     // `Geometry::round` fills in the number and the digest of the points.
 //!     points: 0,
 //!     digest: GeometryDigest::default(),
 //! };
@@ -47,12 +47,12 @@
 //! let mut ao = [None; 3];
 //!
 //! let mut sampler = AoSampler::new(); // one for a stream
-//! sampler.prepare(&state); // after each frame; it works only when geometry came
+//! sampler.prepare(&state); // after each frame; cheap unless new geometry arrived
 //! sampler.ao_many(&state, 0, &positions, &normals, &mut ao)?;
 //!
 //! assert!(ao[0].is_some_and(|ao| (ao - 0.2).abs() < 1e-6), "dark on the left");
 //! assert_eq!(ao[1], Some(1.0), "open on the right");
-//! assert_eq!(ao[2], None, "no point is near: the renderer decides, 1 is usual");
+//! assert_eq!(ao[2], None, "no point is near: the renderer chooses a value, usually 1");
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 

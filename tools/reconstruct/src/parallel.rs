@@ -1,9 +1,9 @@
-//! Loops that take all cores with the feature `rayon` and the calling thread alone without it. Results are the same.
+//! Loops that use all cores with the feature `rayon` and one thread without it. Results are the same.
 
 #[cfg(feature = "rayon")]
 use rayon::prelude::*;
 
-/// Gives `values` in chunks of `size` to `work`, each with its number; returns what it returns, in order.
+/// Calls `work` with the number and the values of each chunk of `size` values; returns the results in order.
 pub(crate) fn chunks<T: Send, R: Send>(
     values: &mut [T],
     size: usize,
@@ -16,7 +16,7 @@ pub(crate) fn chunks<T: Send, R: Send>(
     chunks.enumerate().map(|(number, chunk)| work(number, chunk)).collect()
 }
 
-/// Calls `work` with the numbers below `count`; returns what it returns, in order.
+/// Calls `work` with each number below `count`; returns the results in order.
 pub(crate) fn map<R: Send>(count: u32, work: impl Fn(u32) -> R + Sync + Send) -> Vec<R> {
     #[cfg(feature = "rayon")]
     let numbers = (0..count).into_par_iter();

@@ -1,4 +1,4 @@
-//! Pictures for people: grey images, amplified differences, images side by side, and their PNG bytes.
+//! Pictures to look at: grey images, amplified differences, images side by side, and their PNG bytes.
 //!
 //! # Decode a frame and look at it
 //!
@@ -16,7 +16,7 @@
 //! use psao_codec::paper::PointFormat;
 //! use psao_proto::message::CameraPose;
 //!
-//! // The scene, which client and server share: a floor at y = 0, four metres square.
+//! // Client and server share the scene: a floor at y = 0, four metres square.
 //! struct Floor;
 //!
 //! impl Surfaces for Floor {
@@ -81,13 +81,14 @@ enum Pixels {
 }
 
 /// Width in pixels of the white bar between two pictures of [`Picture::side_by_side`].
-pub const GAP: u32 = 4;
+pub const GAP_PIXELS: u32 = 4;
 
 /// Why a picture could not be made.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum PictureError {
-    /// The two images of a difference are not of one size.
-    #[error("a difference needs two images of one size, not {reference} and {test} pixels")]
+    /// The two images of a difference differ in size.
+    #[error("a difference needs two images of equal size, not {reference} and {test} pixels")]
     SizeMismatch {
         /// Size of the reference.
         reference: Size,
@@ -100,12 +101,12 @@ pub enum PictureError {
         /// The gain asked for.
         gain: f32,
     },
-    /// There is nothing to put side by side.
+    /// The list of pictures is empty.
     #[error("side by side needs at least one picture")]
     Nothing,
-    /// Pictures of different heights do not stand side by side.
+    /// Pictures side by side differ in height.
     #[error(
-        "picture {index} is {found} pixels high and the first one {first}; pictures side by side need one height"
+        "picture {index} is {found} pixels high and the first one {first}; pictures side by side need equal heights"
     )]
     Height {
         /// Position of the picture in the list, from 0.
@@ -118,23 +119,23 @@ pub enum PictureError {
     /// The composition would be too large.
     #[error(transparent)]
     Size(#[from] SizeError),
-    /// The PNG encoder refused.
+    /// The PNG encoder failed.
     #[error("the picture could not be encoded as PNG: {0}")]
     Encode(#[from] image::ImageError),
 }
 
 impl Picture {
-    /// Ambient occlusion as grey, `round(255 * ao)`: open is white, closed is black. Values are linear; no
-    /// transfer curve is applied.
+    /// Makes a grey picture of ambient occlusion, `round(255 * ao)`: open is white, closed is black. Values are linear;
+    /// no transfer curve is applied.
     pub fn grey(image: &AoImage) -> Self {
         Self { size: image.size(), pixels: Pixels::Grey(image.to_bytes()) }
     }
 
-    /// The signed difference `test - reference`, amplified by `gain` and cut at +-1.
+    /// Makes a picture of the difference `test - reference`, amplified by `gain` and clamped to +-1.
     ///
-    /// White is equal. Too bright (the test says more open than it is) goes to red, too dark goes to blue; full
-    /// red or blue is a difference of at least `1 / gain`. With `d = clamp(gain * (test - reference), -1, 1)`
-    /// and `w = round(255 * (1 - |d|))` the colour is `(255, w, w)` for `d >= 0` and `(w, w, 255)` for `d < 0`.
+    /// White means equal, red means too bright (the test is more open than the reference), blue means too dark. Full
+    /// red or blue is a difference of at least `1 / gain`. With `d = clamp(gain * (test - reference), -1, 1)` and `w =
+    /// round(255 * (1 - |d|))` the colour is `(255, w, w)` for `d >= 0` and `(w, w, 255)` for `d < 0`.
     ///
     /// # Errors
     ///
@@ -156,7 +157,7 @@ impl Picture {
         Ok(Self { size: reference.size(), pixels: Pixels::Rgb(rgb) })
     }
 
-    /// Pictures from left to right with white bars of [`GAP`] pixels between them. Grey if all of them are.
+    /// Joins pictures from left to right, with white bars of [`GAP_PIXELS`] between them. Grey if all of them are grey.
     ///
     /// # Errors
     ///
@@ -170,7 +171,7 @@ impl Picture {
             if found != first {
                 return Err(PictureError::Height { index, found, first });
             }
-            width += u64::from(picture.size.width()) + if index > 0 { u64::from(GAP) } else { 0 };
+            width += u64::from(picture.size.width()) + if index > 0 { u64::from(GAP_PIXELS) } else { 0 };
         }
         let size = Size::new(u32::try_from(width).unwrap_or(u32::MAX), first)?;
         let grey = pictures.iter().all(|p| matches!(p.pixels, Pixels::Grey(_)));
@@ -179,7 +180,7 @@ impl Picture {
         for y in 0..first as usize {
             for (index, picture) in pictures.iter().enumerate() {
                 if index > 0 {
-                    out.resize(out.len() + GAP as usize * channels, 255);
+                    out.resize(out.len() + GAP_PIXELS as usize * channels, 255);
                 }
                 picture.push_row(y, grey, &mut out);
             }
@@ -202,12 +203,12 @@ impl Picture {
         }
     }
 
-    /// Width and height.
+    /// Returns width and height.
     pub fn size(&self) -> Size {
         self.size
     }
 
-    /// The colour of the pixel in column `x` and row `y` as red, green, blue; `None` outside the picture.
+    /// Returns the colour of the pixel in column `x` and row `y` as red, green, blue; `None` outside the picture.
     pub fn rgb(&self, x: u32, y: u32) -> Option<[u8; 3]> {
         if x >= self.size.width() || y >= self.size.height() {
             return None;
@@ -219,11 +220,11 @@ impl Picture {
         })
     }
 
-    /// The picture as a PNG file, 8 bits a channel, grey or RGB. The same picture gives the same bytes.
+    /// Returns the bytes of a PNG file, 8 bits a channel, grey or RGB. Equal pictures give equal bytes.
     ///
     /// # Errors
     ///
-    /// [`PictureError::Encode`] when the encoder refuses.
+    /// [`PictureError::Encode`] when the encoder fails.
     pub fn to_png(&self) -> Result<Vec<u8>, PictureError> {
         let (bytes, colour) = match &self.pixels {
             Pixels::Grey(bytes) => (bytes, ExtendedColorType::L8),
@@ -285,15 +286,15 @@ mod tests {
         let a = Picture::grey(&image(2, 2, &[0.0, 1.0, 1.0, 0.0]));
         let b = Picture::difference(&image(1, 2, &[0.0; 2]), &image(1, 2, &[0.0, 1.0]), 1.0).unwrap();
         let both = Picture::side_by_side(&[a.clone(), b]).unwrap();
-        assert_eq!((both.size().width(), both.size().height()), (2 + GAP + 1, 2));
+        assert_eq!((both.size().width(), both.size().height()), (2 + GAP_PIXELS + 1, 2));
         assert_eq!(both.rgb(0, 0), Some([0; 3]));
         assert_eq!(both.rgb(0, 1), Some([255; 3]));
         assert_eq!(both.rgb(2, 1), Some([255; 3]), "the bar is white");
-        assert_eq!(both.rgb(2 + GAP, 1), Some([255, 0, 0]));
+        assert_eq!(both.rgb(2 + GAP_PIXELS, 1), Some([255, 0, 0]));
         let greys = Picture::side_by_side(&[a.clone(), a.clone()]).unwrap();
         let back = image::load_from_memory(&greys.to_png().unwrap()).unwrap();
         assert_eq!(back.color(), image::ColorType::L8);
-        assert_eq!(greys.rgb(2 + GAP + 1, 0), Some([255; 3]));
+        assert_eq!(greys.rgb(2 + GAP_PIXELS + 1, 0), Some([255; 3]));
     }
 
     #[test]

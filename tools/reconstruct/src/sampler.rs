@@ -5,25 +5,25 @@ use psao_codec::StateRef;
 use psao_codec::paper;
 use psao_codec::surface;
 
-use crate::paper::{InstanceCells, Neighbours};
+use crate::paper::{InstanceCells, NeighbourhoodCache};
 use crate::parallel;
-use crate::surface::{Patches, SetIndices, arrived_ao};
+use crate::surface::{PointCache, SetIndices, arrived_ao};
 
-/// Places of one chunk of [`AoSampler::ao_many`], which share what they need of the points around them.
-const CHUNK: usize = 1024;
+/// Number of places in one chunk of [`AoSampler::ao_many`]. The places of a chunk share a cache of points.
+const PLACES_PER_CHUNK: usize = 1024;
 
-/// Returns the accessibility of places: of vertices, of texels of a light map, of fragments that a renderer has.
+/// Blends points into the accessibility of places: vertices, texels of a light map, fragments of a renderer.
 ///
-/// A place is a position in metres and a unit normal in the space that the points of its profile are in:
+/// A place is a position in metres and a unit normal, in the space of the profile's points:
 ///
 /// | profile | position and normal |
 /// |---|---|
 /// | `surface` | on the mesh at rest, before skinning, morphing and any transform: plain vertex attributes |
-/// | `paper` | in the instance's local space as it is posed now. Where an instance only moves rigidly, that is the mesh at rest too; where it deforms, the deformed vertex before the instance's rigid transform |
+/// | `paper` | in the instance's local space in its current pose. For an instance that only moves rigidly, that is the mesh at rest, too; for one that deforms, the deformed vertex before the instance's rigid transform |
 ///
-/// [`prepare`](Self::prepare) makes an index for each set of points of profile `surface`, once for each geometry; then
-/// [`ao`](Self::ao) and [`ao_many`](Self::ao_many) take `&self`, from as many threads as there are. The results are
-/// those of `reconstruct::SurfaceReconstructor` and `reconstruct::cells` for the same places, to the bit.
+/// [`prepare`](Self::prepare) makes an index for each set of points of profile `surface`, once for each geometry.
+/// [`ao`](Self::ao) and [`ao_many`](Self::ao_many) then take `&self`, so any number of threads may call them. The
+/// results are bit-identical to those of `reconstruct::SurfaceReconstructor` and `reconstruct::cells`.
 ///
 /// ```
 /// # use std::sync::Arc;
@@ -43,7 +43,7 @@ const CHUNK: usize = 1024;
 /// # let layout = Layout::new(vec![*geometry.layout()], vec![Member { set: 0 }], &Limits::default())?;
 /// # let state = State::from_parts(Arc::new(layout), vec![Arc::new(geometry)], &values);
 /// let mut sampler = AoSampler::new();
-/// sampler.prepare(&state); // after every frame; it works only when geometry came
+/// sampler.prepare(&state); // after every frame; cheap unless new geometry arrived
 /// let dark = sampler.ao(&state, 0, [0.1, 0.0, 0.0], [0.0, 1.0, 0.0]);
 /// assert!(dark.is_some_and(|ao| (ao - 0.2).abs() < 1e-6));
 /// assert_eq!(sampler.ao(&state, 0, [0.5, 9.0, 0.0], [0.0, 1.0, 0.0]), None, "no point is near");
@@ -54,11 +54,11 @@ pub struct AoSampler {
     pub(crate) indices: SetIndices,
 }
 
-/// Why [`AoSampler::ao_many`] wrote nothing.
+/// Input that [`AoSampler::ao_many`] refuses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SampleError {
-    /// The slices are not of one length.
+    /// The slices differ in length.
     #[error(
         "{positions} positions, {normals} normals and room for {out} values were given; give as many of each"
     )]
@@ -72,10 +72,10 @@ pub enum SampleError {
     },
     /// The stream does not have the instance.
     #[error(
-        "instance {instance} was asked for, but the stream has {instances} instances; use the scene that the stream was made of"
+        "instance {instance} was asked for, but the stream has {instances} instances; use the scene from which the stream was made"
     )]
     Instance {
-        /// The instance asked for.
+        /// The requested instance.
         instance: u32,
         /// Number of instances of the stream's layout.
         instances: usize,
@@ -89,11 +89,10 @@ impl AoSampler {
         Self::default()
     }
 
-    /// Indexes the sets of points whose geometry has come since the last call, and drops indices of geometry that is
-    /// gone.
+    /// Indexes the sets of points whose geometry arrived since the last call, and drops indices of removed geometry.
     ///
-    /// Call it after every frame that was applied. It compares one pointer for each set when nothing came; an index takes
-    /// O(n log n) time and about 30 bytes a point. A stream of profile `paper` needs none.
+    /// Call it after each applied frame. Without new geometry it compares one pointer for each set. Making an index
+    /// takes O(n log n) time and about 30 bytes a point. A stream of profile `paper` needs no index.
     pub fn prepare<'a>(&mut self, state: impl Into<StateRef<'a>>) {
         match state.into() {
             StateRef::Surface(state) => self.indices.prepare(state, |_| true),
@@ -101,11 +100,13 @@ impl AoSampler {
         }
     }
 
-    /// Returns the accessibility at a place of an instance, in `[0, 1]`, 1 being open.
+    /// Returns the accessibility at a place of an instance, in `[0, 1]`; 1 is open.
     ///
-    /// It is the weighted mean of Eq. 4 over the points around the place. `None` when no point supports the place: no
-    /// point has a weight above 0 there (Eq. 4 calls such a place open), what is there is still to come, its geometry
-    /// came after the last [`prepare`](Self::prepare), or the stream does not have the instance. It allocates nothing.
+    /// It is the weighted mean of Eq. 4 over the points around the place. The function allocates nothing.
+    ///
+    /// It returns `None` when no point supports the place. No point may have a weight above 0 there (Eq. 4 calls such a
+    /// place open), the points may not have arrived yet, their geometry may have arrived after the last
+    /// [`prepare`](Self::prepare), or the stream may not have the instance.
     #[must_use]
     pub fn ao<'a>(
         &self,
@@ -127,15 +128,15 @@ impl AoSampler {
         }
     }
 
-    /// Writes the accessibility at many places of an instance to `out`: for each what [`ao`](Self::ao) returns.
+    /// Writes the accessibility at many places of an instance to `out`, for each the result of [`ao`](Self::ao).
     ///
-    /// Places that are near each other in the slices share work, as vertices of a mesh mostly are. With the feature
-    /// `rayon` all cores take part; the values do not depend on it.
+    /// Places near each other in the slices share work; vertices of a mesh mostly are near each other. The feature
+    /// `rayon` uses all cores and does not change the values.
     ///
     /// # Errors
     ///
-    /// [`SampleError`] when the three slices are not of one length, or the stream does not have the instance; `out` is
-    /// then as it was.
+    /// [`SampleError`] when the three slices differ in length, or the stream does not have the instance. `out` is then
+    /// unchanged.
     pub fn ao_many<'a>(
         &self,
         state: impl Into<StateRef<'a>>,
@@ -158,7 +159,7 @@ impl AoSampler {
     /// Returns the memory that the indices take, in bytes.
     #[must_use]
     pub fn heap_bytes(&self) -> usize {
-        self.indices.bytes()
+        self.indices.heap_bytes()
     }
 
     fn many_at_rest(
@@ -175,9 +176,9 @@ impl AoSampler {
             return Ok(());
         };
         let ao = arrived_ao(state);
-        parallel::chunks(out, CHUNK, |chunk, out| {
-            let mut near = Patches::new();
-            for ((position, normal), out) in queries.from(chunk * CHUNK).zip(out) {
+        parallel::chunks(out, PLACES_PER_CHUNK, |chunk, out| {
+            let mut near = PointCache::new();
+            for ((position, normal), out) in queries.from(chunk * PLACES_PER_CHUNK).zip(out) {
                 *out = index.blend_near(&ao, &mut near, instance, &index.query(position, normal)).mean();
             }
         });
@@ -195,9 +196,9 @@ fn many_in_cells(
     let Some(cells) = InstanceCells::of(state, instance) else {
         return Err(SampleError::Instance { instance, instances });
     };
-    parallel::chunks(out, CHUNK, |chunk, out| {
-        let mut near = Neighbours::new();
-        for ((position, normal), out) in queries.from(chunk * CHUNK).zip(out) {
+    parallel::chunks(out, PLACES_PER_CHUNK, |chunk, out| {
+        let mut near = NeighbourhoodCache::new();
+        for ((position, normal), out) in queries.from(chunk * PLACES_PER_CHUNK).zip(out) {
             *out = cells.blend_near(state, &mut near, &cells.query(position, normal)).mean();
         }
     });
@@ -208,14 +209,14 @@ fn check_instance(instance: u32, instances: usize) -> Result<(), SampleError> {
     if (instance as usize) < instances { Ok(()) } else { Err(SampleError::Instance { instance, instances }) }
 }
 
-/// Positions and normals, as many of each.
+/// Positions and normals of places; both slices have the same length.
 struct Queries<'a> {
     positions: &'a [[f32; 3]],
     normals: &'a [[f32; 3]],
 }
 
 impl Queries<'_> {
-    /// The places from number `first` on.
+    /// Returns the places from number `first` on.
     fn from(&self, first: usize) -> impl Iterator<Item = (Vec3, Vec3)> {
         let positions = self.positions[first..].iter().map(|&position| Vec3::from(position));
         positions.zip(self.normals[first..].iter().map(|&normal| Vec3::from(normal)))

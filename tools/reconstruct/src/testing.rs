@@ -1,4 +1,4 @@
-//! Small states for tests, made the way a server makes them: encoder, frame body, `apply`.
+//! Small states for tests, made as a server and a client make them: encoder, frame body, `apply`.
 
 use std::sync::Arc;
 
@@ -20,12 +20,12 @@ pub(crate) struct TestInstance {
     pub(crate) points: Vec<PointSample>,
 }
 
-/// A client's state after one keyframe with these instances.
+/// Returns a client's state after one keyframe with these instances.
 pub(crate) fn state(instances: &[TestInstance]) -> State {
     state_of(PointFormat::Bits32, instances)
 }
 
-/// The same, packed like this.
+/// Returns such a state with points of this format.
 pub(crate) fn state_of(format: PointFormat, instances: &[TestInstance]) -> State {
     let mut first_bucket = 0;
     let layouts = instances.iter().map(|instance| {
@@ -60,8 +60,8 @@ pub(crate) fn state_of(format: PointFormat, instances: &[TestInstance]) -> State
 /// Points of a set: position, normal.
 pub(crate) type Points = Vec<(Vec3, Vec3)>;
 
-/// Sets of points in a lattice from (-1, -1, -1) to (1, 1, 1), and a state of instances of them. `ao` is asked for points by
-/// their numbers in `sets`.
+/// Returns a state of instances of sets of points, in a lattice from (-1, -1, -1) to (1, 1, 1). `ao` gives the AO byte
+/// of an instance's point, by its number in `sets`.
 pub(crate) fn surface_state(
     kernel_radius: f32,
     sets: &[Points],
@@ -102,44 +102,45 @@ fn round(layout: SetLayout, points: &Points) -> RoundedGeometry {
     Geometry::round(layout, &rest.collect::<Vec<_>>())
 }
 
-/// What Eq. 2 to 4 say of a place.
+/// The result of Eq. 2 to 4 at a place.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Reference {
     pub(crate) ao: f64,
     /// Points with a weight above 0.
     pub(crate) blended: u64,
-    /// A criterion is so near its threshold that rounding may decide it either way.
-    pub(crate) close_call: bool,
+    /// Whether a criterion is so near its threshold that rounding may decide it.
+    pub(crate) near_threshold: bool,
 }
 
-/// How near to its threshold a criterion of Eq. 3 is a close call.
+/// How near its threshold a criterion of Eq. 3 may be decided by rounding.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Margins {
-    /// Of the squared cosine.
+    /// Margin of the squared cosine.
     pub(crate) straight: f64,
-    /// Of the distance between place and point, which its direction needs, in metres.
+    /// Least distance between place and point, in metres, at which the direction between them is exact enough.
     pub(crate) away: f64,
 }
 
-/// Computes Eq. 2 to 4 as the paper writes them, in f64, for a place and its normal. `points` are positions, normals and
-/// accessibilities.
+/// Computes Eq. 2 to 4 as the paper writes them, in f64, for a place and its normal. `points` are positions, normals
+/// and accessibilities.
 pub(crate) fn reference(
     points: impl IntoIterator<Item = (DVec3, DVec3, f64)>,
     (x, n_x): (DVec3, DVec3),
     r: f64,
     margins: Margins,
 ) -> Reference {
-    let mut found = Reference { ao: 1.0, blended: 0, close_call: false };
+    let mut found = Reference { ao: 1.0, blended: 0, near_threshold: false };
     let (mut sum, mut weighted) = (0.0, 0.0);
     for (p, n_p, ao) in points {
         let away = (p - x).length();
         let mut alpha = ((r - away) / r).max(0.0);
         let straight = if p == x { 0.0 } else { n_p.dot((p - x) / away).powi(2) };
         if alpha > 0.0 {
-            found.close_call |= alpha < 1e-5 || (n_p.dot(n_x) - 0.1).abs() < 1e-5;
-            found.close_call |= (straight - 0.7).abs() < margins.straight || (p != x && away < margins.away);
+            found.near_threshold |= alpha < 1e-5 || (n_p.dot(n_x) - 0.1).abs() < 1e-5;
+            found.near_threshold |=
+                (straight - 0.7).abs() < margins.straight || (p != x && away < margins.away);
         } else {
-            found.close_call |= away < r * 1.00001;
+            found.near_threshold |= away < r * 1.00001;
         }
         if n_p.dot(n_x) <= 0.1 || straight >= 0.7 {
             alpha = 0.0;
@@ -161,7 +162,7 @@ pub(crate) fn unit() -> impl Strategy<Value = Vec3> {
         .prop_map(Vec3::normalize)
 }
 
-/// Points of a set; half of them on planes of lattice nodes, where cells are many and alike.
+/// Returns points of a set. Half of them lie on planes of lattice nodes, where many cells are alike.
 pub(crate) fn points(most: usize) -> impl Strategy<Value = Points> {
     let point = (prop::array::uniform3(-1.0_f32..1.0), unit(), 0..6_usize);
     let placed = point.prop_map(|(mut at, normal, plane)| {

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use psao_codec::State;
-use psao_eval::sweep::Figures;
+use psao_eval::sweep::ErrorFigures;
 use psao_proto::message::CameraPose;
 use psao_proto::recording::{PlayedFrame, Player, PlayerEvent, ReaderError};
 use psao_proto::{Limits, SceneTable};
@@ -81,7 +81,7 @@ struct Document<'a> {
 struct ReferenceOut<'a> {
     rays: u32,
     ms: f64,
-    error: &'a Figures,
+    error: &'a ErrorFigures,
 }
 
 /// `--camera`.

@@ -1,14 +1,14 @@
-//! The clock that examples hand to the library.
+//! The clock of the examples.
 
 use std::time::Instant;
 
 use psao_server::clock::Clock;
 
-/// Time since a start, by the system's monotonic clock.
+/// A clock that counts from its start, by the system's monotonic clock.
 pub(crate) struct Stopwatch(Instant);
 
 impl Stopwatch {
-    /// Starts to count.
+    /// Starts the clock.
     pub(crate) fn start() -> Self {
         Self(Instant::now())
     }

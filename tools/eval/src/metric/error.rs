@@ -1,10 +1,10 @@
-//! Errors pixel by pixel, and their means, quantiles and largest.
+//! Errors of single pixels: their means, quantiles and maximum.
 
 use psao_reconstruct::AoImage;
 
-use super::{SizeMismatch, obscurance, one_size};
+use super::{SizeMismatchError, equal_size, obscurance};
 
-/// All the error figures of one pair of images. Units: AO, where 1 is the whole range from closed to open.
+/// All error figures of a pair of images. The unit is AO; 1 is the whole range from closed to open.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Comparison {
     /// Mean absolute error, in `[0, 1]`; the `e_A` of [`obscurance`].
@@ -13,7 +13,7 @@ pub struct Comparison {
     pub rmse: f64,
     /// Peak signal-to-noise ratio in dB, at least 0 for values in `[0, 1]`; infinite for equal images.
     pub psnr: f64,
-    /// Mean of `test - reference`, in `[-1, 1]`: above 0 the test is too bright.
+    /// Mean of `test - reference`, in `[-1, 1]`; above 0 the test is too bright.
     pub bias: f64,
     /// The absolute error that at least 99 % of the pixels do not exceed, in `[0, 1]`.
     pub p99: f64,
@@ -28,7 +28,7 @@ impl Comparison {
     ///
     /// # Errors
     ///
-    /// [`SizeMismatch`] when the images are not of one size.
+    /// [`SizeMismatchError`] when the images are not of one size.
     ///
     /// ```
     /// use psao_reconstruct::{AoImage, Size};
@@ -42,7 +42,7 @@ impl Comparison {
     /// assert!((found.psnr - 23.0103).abs() < 1e-4); // 10 log10(1 / 0.005)
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
-    pub fn new(reference: &AoImage, test: &AoImage) -> Result<Self, SizeMismatch> {
+    pub fn new(reference: &AoImage, test: &AoImage) -> Result<Self, SizeMismatchError> {
         let mut errors = differences(reference, test)?.collect::<Vec<_>>();
         let count = errors.len() as f64;
         let bias = errors.iter().sum::<f64>() / count;
@@ -51,8 +51,8 @@ impl Comparison {
             *error = error.abs();
         }
         let mae = errors.iter().sum::<f64>() / count;
-        let right = errors.iter().filter(|error| **error < obscurance::RIGHT).count();
-        // The least rank that leaves at most 1 % of the pixels above it.
+        let right = errors.iter().filter(|error| **error < obscurance::RIGHT_BELOW).count();
+        // The lowest rank that leaves at most 1 % of the pixels above it.
         let rank = (errors.len() * 99).div_ceil(100) - 1;
         let (_, p99, _) = errors.select_nth_unstable_by(rank, f64::total_cmp);
         let p99 = *p99;
@@ -69,35 +69,35 @@ impl Comparison {
     }
 }
 
-/// Mean absolute error, in `[0, 1]`.
+/// Returns the mean absolute error, in `[0, 1]`.
 ///
 /// # Errors
 ///
-/// [`SizeMismatch`] when the images are not of one size.
-pub fn mae(reference: &AoImage, test: &AoImage) -> Result<f64, SizeMismatch> {
+/// [`SizeMismatchError`] when the images are not of one size.
+pub fn mae(reference: &AoImage, test: &AoImage) -> Result<f64, SizeMismatchError> {
     let sum: f64 = differences(reference, test)?.map(f64::abs).sum();
     Ok(sum / reference.values().len() as f64)
 }
 
-/// Root of the mean squared error, in `[0, 1]`.
+/// Returns the root of the mean squared error, in `[0, 1]`.
 ///
 /// # Errors
 ///
-/// [`SizeMismatch`] when the images are not of one size.
-pub fn rmse(reference: &AoImage, test: &AoImage) -> Result<f64, SizeMismatch> {
+/// [`SizeMismatchError`] when the images are not of one size.
+pub fn rmse(reference: &AoImage, test: &AoImage) -> Result<f64, SizeMismatchError> {
     Ok(mean_square(reference, test)?.sqrt())
 }
 
-/// Peak signal-to-noise ratio in dB, `10 log10(1 / MSE)` with a peak of 1.0; infinite for equal images.
+/// Returns the peak signal-to-noise ratio in dB, `10 log10(1 / MSE)` with a peak of 1.0; infinite for equal images.
 ///
 /// # Errors
 ///
-/// [`SizeMismatch`] when the images are not of one size.
-pub fn psnr(reference: &AoImage, test: &AoImage) -> Result<f64, SizeMismatch> {
+/// [`SizeMismatchError`] when the images are not of one size.
+pub fn psnr(reference: &AoImage, test: &AoImage) -> Result<f64, SizeMismatchError> {
     Ok(decibels(mean_square(reference, test)?))
 }
 
-fn mean_square(reference: &AoImage, test: &AoImage) -> Result<f64, SizeMismatch> {
+fn mean_square(reference: &AoImage, test: &AoImage) -> Result<f64, SizeMismatchError> {
     let sum: f64 = differences(reference, test)?.map(|e| e * e).sum();
     Ok(sum / reference.values().len() as f64)
 }
@@ -106,12 +106,12 @@ fn decibels(mean_square: f64) -> f64 {
     if mean_square == 0.0 { f64::INFINITY } else { -10.0 * libm::log10(mean_square) }
 }
 
-/// `test - reference` of each pixel, in row order.
+/// Returns `test - reference` of each pixel, in row order.
 pub(super) fn differences<'a>(
     reference: &'a AoImage,
     test: &'a AoImage,
-) -> Result<impl Iterator<Item = f64> + 'a, SizeMismatch> {
-    one_size(reference, test)?;
+) -> Result<impl Iterator<Item = f64> + 'a, SizeMismatchError> {
+    equal_size(reference, test)?;
     Ok(reference.values().iter().zip(test.values()).map(|(r, t)| f64::from(*t) - f64::from(*r)))
 }
 
@@ -171,7 +171,7 @@ mod tests {
         let (a, b) = (image(2, 3, vec![0.0; 6]), image(3, 2, vec![0.0; 6]));
         assert!(mae(&a, &b).is_err() && rmse(&a, &b).is_err() && psnr(&a, &b).is_err());
         let error = Comparison::new(&a, &b).unwrap_err();
-        assert_eq!(error, SizeMismatch { reference: a.size(), test: b.size() });
+        assert_eq!(error, SizeMismatchError { reference: a.size(), test: b.size() });
     }
 
     proptest! {
@@ -184,7 +184,7 @@ mod tests {
             prop_assert_eq!(all.mae, mae(&r, &t).unwrap());
             prop_assert_eq!(all.rmse, rmse(&r, &t).unwrap());
             prop_assert_eq!(all.psnr, psnr(&r, &t).unwrap());
-            prop_assert_eq!(all.within_5, obscurance::right(&r, &t).unwrap());
+            prop_assert_eq!(all.within_5, obscurance::share_right(&r, &t).unwrap());
             prop_assert!(all.bias.abs() <= all.mae + 1e-12);
             prop_assert!(all.mae <= all.rmse + 1e-12 && all.rmse <= all.max + 1e-12 && all.p99 <= all.max);
             prop_assert!(all.psnr >= 0.0);

@@ -1,16 +1,16 @@
-//! LPIPS: Zhang, Isola, Efros, Shechtman, Wang, *The Unreasonable Effectiveness of Deep Features as a Perceptual Metric*
-//! (2018), version 0.1 over `AlexNet`.
+//! LPIPS: Zhang, Isola, Efros, Shechtman, Wang, *The Unreasonable Effectiveness of Deep Features as a Perceptual
+//! Metric* (2018), version 0.1 over `AlexNet`.
 //!
-//! The weights are data of others and come from whoever measures, see [`Lpips::from_weights`].
+//! The weights are not part of this crate; the caller provides them, see [`Lpips::from_weights`].
 
 use half::f16;
 use psao_reconstruct::AoImage;
 use rayon::prelude::*;
 
-use super::{MetricError, roomy};
+use super::{MetricError, size_of_at_least};
 
-/// One convolution: planes that go in and out, width of the square kernel, step, and zeros around the planes.
-struct Shape {
+/// A convolution: numbers of input and output planes, side of the square kernel, stride, and zero padding.
+struct Convolution {
     planes_in: usize,
     planes_out: usize,
     side: usize,
@@ -18,28 +18,28 @@ struct Shape {
     pad: usize,
 }
 
-/// `AlexNet`'s convolutions (Krizhevsky 2014). The planes are halved after the first two.
-const SHAPES: [Shape; 5] = [
-    Shape { planes_in: 3, planes_out: 64, side: 11, stride: 4, pad: 2 },
-    Shape { planes_in: 64, planes_out: 192, side: 5, stride: 1, pad: 2 },
-    Shape { planes_in: 192, planes_out: 384, side: 3, stride: 1, pad: 1 },
-    Shape { planes_in: 384, planes_out: 256, side: 3, stride: 1, pad: 1 },
-    Shape { planes_in: 256, planes_out: 256, side: 3, stride: 1, pad: 1 },
+/// `AlexNet`'s convolutions (Krizhevsky 2014). Max pooling halves the planes after the first two.
+const CONVOLUTIONS: [Convolution; 5] = [
+    Convolution { planes_in: 3, planes_out: 64, side: 11, stride: 4, pad: 2 },
+    Convolution { planes_in: 64, planes_out: 192, side: 5, stride: 1, pad: 2 },
+    Convolution { planes_in: 192, planes_out: 384, side: 3, stride: 1, pad: 1 },
+    Convolution { planes_in: 384, planes_out: 256, side: 3, stride: 1, pad: 1 },
+    Convolution { planes_in: 256, planes_out: 256, side: 3, stride: 1, pad: 1 },
 ];
-const HALVED_AFTER: usize = 2;
+const POOLED_LAYERS: usize = 2;
 
-/// What the network subtracts from red, green and blue in `[-1, 1]`, and divides them by.
-const SHIFT: [f32; 3] = [-0.030, -0.088, -0.188];
-const SCALE: [f32; 3] = [0.458, 0.448, 0.450];
+/// Offsets that the network subtracts from red, green and blue in `[-1, 1]`, and their divisors.
+const CHANNEL_SHIFT: [f32; 3] = [-0.030, -0.088, -0.188];
+const CHANNEL_SCALE: [f32; 3] = [0.458, 0.448, 0.450];
 
 /// The network, ready to compare.
 pub struct Lpips {
     layers: Vec<Layer>,
 }
 
-/// A convolution, and what the distance of its planes weighs.
+/// A convolution with its weights, and the weights of its planes in the distance.
 struct Layer {
-    shape: &'static Shape,
+    shape: &'static Convolution,
     /// By plane out, plane in, row, column.
     weights: Vec<f32>,
     bias: Vec<f32>,
@@ -50,11 +50,11 @@ struct Layer {
 /// Bytes that are not the weights of the network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum WeightsError {
-    /// The file is of another size.
+    /// The number of bytes is wrong.
     #[error(
         "weights of LPIPS (AlexNet, version 0.1) are {} half floats or as many floats, little endian; {found} bytes are \
          neither",
-        Lpips::WEIGHTS
+        Lpips::WEIGHT_COUNT
     )]
     Length {
         /// Bytes given.
@@ -69,22 +69,24 @@ pub enum WeightsError {
 }
 
 impl Lpips {
-    /// Numbers in a file of weights.
-    pub const WEIGHTS: usize = 2_470_848;
+    /// Number of weights in a file.
+    pub const WEIGHT_COUNT: usize = 2_470_848;
 
-    /// The shortest side of an image in pixels of which anything is left after the first two convolutions.
-    pub const LEAST_SIDE: u32 = 31;
+    /// Smallest side of an image in pixels that leaves a pixel after the first two convolutions.
+    pub const MIN_SIDE: u32 = 31;
 
-    /// The network of these weights: the five convolutions of `AlexNet`, each its kernels (plane out, plane in, row,
-    /// column) and then its biases, then the five heads; [`WEIGHTS`](Self::WEIGHTS) numbers of 2 or 4 bytes, little endian.
+    /// Makes the network from its weights: [`WEIGHT_COUNT`](Self::WEIGHT_COUNT) numbers of 2 or 4 bytes, little endian.
+    ///
+    /// The five convolutions of `AlexNet` come first, then the five heads. A convolution has its kernels (plane out,
+    /// plane in, row, column) and then its biases.
     ///
     /// # Errors
     ///
     /// [`WeightsError`] when the bytes are too few, too many, or not finite.
     pub fn from_weights(bytes: &[u8]) -> Result<Self, WeightsError> {
-        let numbers: Vec<f32> = if bytes.len() == Self::WEIGHTS * 2 {
+        let numbers: Vec<f32> = if bytes.len() == Self::WEIGHT_COUNT * 2 {
             bytes.as_chunks().0.iter().map(|bytes| f16::from_le_bytes(*bytes).to_f32()).collect()
-        } else if bytes.len() == Self::WEIGHTS * 4 {
+        } else if bytes.len() == Self::WEIGHT_COUNT * 4 {
             bytes.as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect()
         } else {
             return Err(WeightsError::Length { found: bytes.len() });
@@ -98,7 +100,7 @@ impl Lpips {
             rest = left;
             taken.to_vec()
         };
-        let kernels: Vec<_> = SHAPES
+        let kernels: Vec<_> = CONVOLUTIONS
             .iter()
             .map(|shape| {
                 let count = shape.planes_out * shape.planes_in * shape.side * shape.side;
@@ -112,20 +114,20 @@ impl Lpips {
         Ok(Self { layers: layers.collect() })
     }
 
-    /// The distance of `test` from `reference`, at least 0, seldom above 1; 0 for equal images, lower is better. AO is
-    /// taken for sRGB grey.
+    /// Returns the distance of `test` from `reference`, at least 0, seldom above 1; 0 for equal images, lower is
+    /// better. AO counts as sRGB grey.
     ///
     /// # Errors
     ///
-    /// [`MetricError::Size`] when the images are not of one size, [`MetricError::TooSmall`] below
-    /// [`LEAST_SIDE`](Self::LEAST_SIDE) pixels a side.
+    /// [`MetricError::Size`] when the images differ in size, [`MetricError::TooSmall`] below
+    /// [`MIN_SIDE`](Self::MIN_SIDE) pixels a side.
     pub fn distance(&self, reference: &AoImage, test: &AoImage) -> Result<f64, MetricError> {
-        roomy("LPIPS", Self::LEAST_SIDE, reference, test)?;
+        size_of_at_least("LPIPS", Self::MIN_SIDE, reference, test)?;
         let mut planes = [reference, test].map(Planes::of);
         let mut distance = 0.0;
         for (index, layer) in self.layers.iter().enumerate() {
-            if (1..=HALVED_AFTER).contains(&index) {
-                planes = planes.map(|planes| planes.halved());
+            if (1..=POOLED_LAYERS).contains(&index) {
+                planes = planes.map(|planes| planes.max_pooled());
             }
             planes = planes.map(|planes| layer.convolve(&planes));
             distance += layer.distance(&planes);
@@ -142,7 +144,7 @@ struct Planes {
 }
 
 impl Planes {
-    /// An image as the network takes it: three planes of grey.
+    /// Returns the network's input for an image: three planes of grey.
     fn of(image: &AoImage) -> Self {
         let plane = |(shift, scale): (f32, f32)| {
             image.values().iter().map(move |value| (value * 2.0 - 1.0 - shift) / scale)
@@ -150,7 +152,7 @@ impl Planes {
         Self {
             width: image.size().width() as usize,
             height: image.size().height() as usize,
-            values: SHIFT.into_iter().zip(SCALE).flat_map(plane).collect(),
+            values: CHANNEL_SHIFT.into_iter().zip(CHANNEL_SCALE).flat_map(plane).collect(),
         }
     }
 
@@ -158,7 +160,7 @@ impl Planes {
         self.values.chunks_exact(self.width * self.height)
     }
 
-    /// With zeros around each plane.
+    /// Returns the planes with zeros around each.
     fn padded(&self, pad: usize) -> Self {
         let (width, height) = (self.width + 2 * pad, self.height + 2 * pad);
         let planes = self.values.len() / (self.width * self.height);
@@ -171,8 +173,8 @@ impl Planes {
         Self { width, height, values }
     }
 
-    /// The largest of every 3 x 3 values, in steps of 2.
-    fn halved(&self) -> Self {
+    /// Returns the maximum of every 3 x 3 values, in steps of 2.
+    fn max_pooled(&self) -> Self {
         let (width, height) = ((self.width - 3) / 2 + 1, (self.height - 3) / 2 + 1);
         let mut values = Vec::with_capacity(self.values.len() / (self.width * self.height) * width * height);
         for plane in self.planes() {
@@ -188,9 +190,9 @@ impl Planes {
 }
 
 impl Layer {
-    /// The convolution, and what is below 0 set to 0.
+    /// Applies the convolution and sets negative values to 0.
     fn convolve(&self, planes: &Planes) -> Planes {
-        let Shape { planes_in, side, stride, pad, .. } = *self.shape;
+        let Convolution { planes_in, side, stride, pad, .. } = *self.shape;
         let input = planes.padded(pad);
         let (width, height) = ((input.width - side) / stride + 1, (input.height - side) / stride + 1);
         let mut values = vec![0.0; self.bias.len() * width * height];
@@ -215,7 +217,7 @@ impl Layer {
         Planes { width, height, values }
     }
 
-    /// Mean over the places of the weighed squared difference of the planes, each place of length 1.
+    /// Returns the mean over the places of the weighted squared difference of the planes, normalised at each place.
     fn distance(&self, pair: &[Planes; 2]) -> f64 {
         let places = pair[0].width * pair[0].height;
         let lengths = pair.each_ref().map(|planes| {
@@ -246,27 +248,27 @@ mod tests {
 
     #[test]
     fn weights_of_another_size_or_not_finite_are_refused() {
-        for found in [0, 1, Lpips::WEIGHTS * 2 - 1, Lpips::WEIGHTS * 4 + 1] {
+        for found in [0, 1, Lpips::WEIGHT_COUNT * 2 - 1, Lpips::WEIGHT_COUNT * 4 + 1] {
             let refused = Lpips::from_weights(&vec![0; found]).err();
             assert_eq!(refused, Some(WeightsError::Length { found }));
         }
-        let mut bytes = vec![0; Lpips::WEIGHTS * 2];
+        let mut bytes = vec![0; Lpips::WEIGHT_COUNT * 2];
         bytes[20..22].copy_from_slice(&f16::NAN.to_le_bytes());
         assert_eq!(Lpips::from_weights(&bytes).err(), Some(WeightsError::Value { index: 10 }));
     }
 
     #[test]
     fn the_shapes_use_up_the_weights() {
-        let numbers = |shape: &Shape| {
+        let numbers = |shape: &Convolution| {
             shape.planes_out * (shape.planes_in * shape.side * shape.side + 2) // kernel, bias, head
         };
-        assert_eq!(SHAPES.iter().map(numbers).sum::<usize>(), Lpips::WEIGHTS);
+        assert_eq!(CONVOLUTIONS.iter().map(numbers).sum::<usize>(), Lpips::WEIGHT_COUNT);
     }
 
-    /// A network of arbitrary weights, by loops that follow the definition.
+    /// Compares a layer of arbitrary weights with loops that follow the definition.
     #[test]
     fn a_convolution_equals_its_definition() {
-        let shape = &SHAPES[2];
+        let shape = &CONVOLUTIONS[2];
         let number = |index: usize| (index * 2_654_435_761 % 1_000) as f32 / 1_000.0 - 0.5;
         let (width, height) = (5, 4);
         let planes = Planes { width, height, values: (0..192 * width * height).map(number).collect() };
@@ -292,11 +294,11 @@ mod tests {
 
     #[test]
     fn the_least_side_is_the_least() {
-        let network = Lpips::from_weights(&vec![0; Lpips::WEIGHTS * 2]).unwrap();
+        let network = Lpips::from_weights(&vec![0; Lpips::WEIGHT_COUNT * 2]).unwrap();
         let grey =
             |side| AoImage::new(Size::new(side, side).unwrap(), vec![0.5; (side * side) as usize]).unwrap();
         let of = |side| network.distance(&grey(side), &grey(side));
-        assert_eq!(of(Lpips::LEAST_SIDE).unwrap(), 0.0);
-        assert!(matches!(of(Lpips::LEAST_SIDE - 1), Err(MetricError::TooSmall { .. })));
+        assert_eq!(of(Lpips::MIN_SIDE).unwrap(), 0.0);
+        assert!(matches!(of(Lpips::MIN_SIDE - 1), Err(MetricError::TooSmall { .. })));
     }
 }

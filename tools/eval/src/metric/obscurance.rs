@@ -1,35 +1,37 @@
-//! The error figures of Timonen, *Screen-Space Far-Field Ambient Obscurance* (2013), section 8: `e_A`, the average variation
-//! of a pixel from the traced value, which is [`mae`](super::mae), and `e_<5%`, the share of the pixels within 5 % of it.
-//! Both are of the whole range of AO, not of the traced value.
+//! The error figures of Timonen, *Screen-Space Far-Field Ambient Obscurance* (2013), section 8.
+//!
+//! `e_A` is the average variation of a pixel from the traced value, which is [`mae`](super::mae). `e_<5%` is the share
+//! of the pixels within 5 % of it. Both refer to the whole range of AO, not to the traced value.
 
 use psao_reconstruct::AoImage;
 
 use super::error::differences;
-use super::{MetricError, SizeMismatch};
+use super::{MetricError, SizeMismatchError};
 
-/// The error within which a pixel counts as right: 5 % of the range.
-pub const RIGHT: f64 = 0.05;
+/// Error below which a pixel counts as right: 5 % of the range.
+pub const RIGHT_BELOW: f64 = 0.05;
 
-/// The error that is black in [`error_map`]: 20 % of the range (Timonen 2013, figure 7).
-pub const BLACK: f64 = 0.2;
+/// Error from which [`error_map`] is black: 20 % of the range (Timonen 2013, figure 7).
+pub const BLACK_FROM: f64 = 0.2;
 
-/// `e_<5%`: the share of the pixels whose error is below [`RIGHT`], in `[0, 1]`; higher is better.
+/// Returns `e_<5%`: the share of the pixels with an error below [`RIGHT_BELOW`], in `[0, 1]`; higher is better.
 ///
 /// # Errors
 ///
-/// [`SizeMismatch`] when the images are not of one size.
-pub fn right(reference: &AoImage, test: &AoImage) -> Result<f64, SizeMismatch> {
-    let right = differences(reference, test)?.filter(|error| error.abs() < RIGHT).count();
+/// [`SizeMismatchError`] when the images are not of one size.
+pub fn share_right(reference: &AoImage, test: &AoImage) -> Result<f64, SizeMismatchError> {
+    let right = differences(reference, test)?.filter(|error| error.abs() < RIGHT_BELOW).count();
     Ok(right as f64 / reference.values().len() as f64)
 }
 
-/// The error of each pixel as grey: white is none, black is [`BLACK`] or more (Timonen 2013, figure 7).
+/// Returns the error of each pixel as grey: white is no error, black is [`BLACK_FROM`] or more (Timonen 2013, figure
+/// 7).
 ///
 /// # Errors
 ///
-/// [`MetricError::Size`] when the images are not of one size.
+/// [`MetricError::Size`] when the images differ in size.
 pub fn error_map(reference: &AoImage, test: &AoImage) -> Result<AoImage, MetricError> {
-    let grey = |error: f64| (1.0 - error.abs() / BLACK).max(0.0) as f32;
+    let grey = |error: f64| (1.0 - error.abs() / BLACK_FROM).max(0.0) as f32;
     let values = differences(reference, test)?.map(grey).collect();
     let size = reference.size();
     AoImage::new(size, values).map_err(|error| MetricError::Refused {
@@ -52,7 +54,7 @@ mod tests {
     #[test]
     fn a_pixel_is_right_below_a_twentieth_of_the_range() {
         let (reference, test) = (image(&[0.5, 0.5, 0.5, 0.0]), image(&[0.5, 0.54, 0.44, 0.0625]));
-        assert_eq!(right(&reference, &test).unwrap(), 0.5);
+        assert_eq!(share_right(&reference, &test).unwrap(), 0.5);
     }
 
     #[test]

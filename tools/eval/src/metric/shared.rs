@@ -1,11 +1,11 @@
-//! The figures of independent implementations, where the shared data is at hand: in the folder that `PSAO_SHARED` names,
-//! or in `shared` beside the repository.
+//! Comparison with the figures of independent implementations. They are in the folder that `PSAO_SHARED` names, or in
+//! `shared` beside the repository; without them the tests are skipped.
 
 use psao_reconstruct::{AoImage, Size};
 
 use super::{Comparison, Lpips, flip, ssim};
 
-/// `metrics` of the shared data, and its table of figures.
+/// Returns the folder `metrics` of the shared data and its table of figures.
 fn shared() -> Option<(String, serde_json::Value)> {
     let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared").to_owned();
     let folder = format!("{}/metrics", std::env::var("PSAO_SHARED").unwrap_or(beside));
@@ -19,7 +19,7 @@ fn shared() -> Option<(String, serde_json::Value)> {
     Some((folder, serde_json::from_str(&text).unwrap()))
 }
 
-/// Calls `check` with the name, the two images and the figures of every grey pair.
+/// Calls `check` for every grey pair with its name, its two images and its figures.
 fn each_pair(mut check: impl FnMut(&str, &AoImage, &AoImage, &serde_json::Value)) {
     let Some((folder, json)) = shared() else { return };
     let mut compared = 0;

@@ -1,25 +1,26 @@
-//! Structural similarity: Wang, Bovik, Sheikh, Simoncelli, *Image Quality Assessment: From Error Visibility to Structural
-//! Similarity* (2004).
+//! Structural similarity: Wang, Bovik, Sheikh, Simoncelli, *Image Quality Assessment: From Error Visibility to
+//! Structural Similarity* (2004).
 //!
-//! There are variants that differ by a tenth. This is the authors' own: Gaussian windows of 11 x 11 taps with a standard
-//! deviation of 1.5 pixels, population variances and covariance, `K1 = 0.01`, `K2 = 0.03`, and the mean over the windows that
-//! lie in the image as a whole.
+//! Variants of the metric differ by a tenth. This is the authors' own. It has Gaussian windows of 11 x 11 taps with a
+//! standard deviation of 1.5 pixels, population variances and covariance, `K1 = 0.01` and `K2 = 0.03`. The result is
+//! the mean over the windows that lie entirely in the image.
 
 use iqa::{Image, SsimOptions};
 use psao_reconstruct::AoImage;
 
-use super::{MetricError, roomy};
+use super::{MetricError, size_of_at_least};
 
 /// Width and height of a window in pixels.
 pub const WINDOW: u32 = 11;
 
-/// Mean structural similarity, in `[-1, 1]`; 1 for equal images, higher is better. AO is rounded to 16 bits.
+/// Returns the mean structural similarity, in `[-1, 1]`; 1 for equal images, higher is better. AO is rounded to 16
+/// bits.
 ///
 /// # Errors
 ///
-/// [`MetricError::Size`] when the images are not of one size, [`MetricError::TooSmall`] below [`WINDOW`] pixels a side.
+/// [`MetricError::Size`] when the images differ in size, [`MetricError::TooSmall`] below [`WINDOW`] pixels a side.
 pub fn ssim(reference: &AoImage, test: &AoImage) -> Result<f64, MetricError> {
-    let size = roomy("SSIM", WINDOW, reference, test)?;
+    let size = size_of_at_least("SSIM", WINDOW, reference, test)?;
     let refused =
         |error: iqa::Error| MetricError::Refused { metric: "SSIM", size, reason: error.to_string() };
     let grey = |image: &AoImage| {

@@ -1,19 +1,19 @@
-//! Which setting to choose for a budget: the Pareto front, read from the cheap end.
+//! The best setting for each budget: the Pareto front in the order of rising cost.
 
-use super::front;
+use super::pareto_front;
 use crate::sweep::Record;
 
-/// What is to be spent.
+/// A kind of cost.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Cost {
-    /// Mbit/s, everything counted; of streams alone.
+    /// Mbit/s with everything counted. Only streams have it.
     MbitPerSecond,
     /// Milliseconds a picture on the client.
     PictureMs,
 }
 
 impl Cost {
-    /// What a record costs; `None` where it costs nothing of this kind.
+    /// Returns the cost of a record; `None` when it has no cost of this kind.
     #[must_use]
     pub fn of(self, record: &Record) -> Option<f64> {
         match self {
@@ -23,30 +23,32 @@ impl Cost {
     }
 }
 
-/// From this budget on, this is the best that was measured, until the next step.
+/// A step of the front: from this budget to that of the next step, this record is the best.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Step {
-    /// The least budget.
+pub struct BudgetStep {
+    /// Smallest budget.
     pub budget: f64,
-    /// Its place among the records.
+    /// Index of the record.
     pub index: usize,
     /// Its mean absolute error.
     pub mae: f64,
 }
 
-/// The least part of an error that a larger budget must take off to be worth a word.
-const WORTH: f64 = 0.01;
+/// Smallest relative improvement of the error that makes a step of its own.
+const MIN_IMPROVEMENT: f64 = 0.01;
 
-/// What to choose as the budget grows, by least mean absolute error. Below the first step nothing that was measured fits. What
-/// is better by less than 1 % of the error is passed over: it may be chance.
+/// Returns the best records for growing budgets, by mean absolute error.
+///
+/// No record fits a budget below the first step. An improvement by less than 1 % of the error makes no step, because it
+/// may be chance.
 #[must_use]
-pub fn steps(records: &[&Record], cost: Cost) -> Vec<Step> {
+pub fn best_by_budget(records: &[&Record], cost: Cost) -> Vec<BudgetStep> {
     let points: Vec<(f64, f64)> =
         records.iter().map(|record| (cost.of(record).unwrap_or(f64::NAN), record.error.mae)).collect();
-    let step = |index: usize| Step { budget: points[index].0, index, mae: points[index].1 };
-    let mut found: Vec<Step> = Vec::new();
-    for step in front(&points).into_iter().map(step) {
-        if found.last().is_none_or(|last| step.mae < last.mae * (1.0 - WORTH)) {
+    let step = |index: usize| BudgetStep { budget: points[index].0, index, mae: points[index].1 };
+    let mut found: Vec<BudgetStep> = Vec::new();
+    for step in pareto_front(&points).into_iter().map(step) {
+        if found.last().is_none_or(|last| step.mae < last.mae * (1.0 - MIN_IMPROVEMENT)) {
             found.push(step);
         }
     }
@@ -67,7 +69,7 @@ mod tests {
             record("ssao", 0.08, 2.0, None),
         ];
         let records: Vec<&Record> = records.iter().collect();
-        let chosen = |cost| steps(&records, cost).iter().map(|step| step.index).collect::<Vec<_>>();
+        let chosen = |cost| best_by_budget(&records, cost).iter().map(|step| step.index).collect::<Vec<_>>();
         assert_eq!(chosen(Cost::MbitPerSecond), [0, 2], "a method sends nothing and is no choice of stream");
         assert_eq!(chosen(Cost::PictureMs), [3, 1, 0, 2]);
     }
@@ -76,7 +78,8 @@ mod tests {
     fn what_is_hardly_better_is_no_advice() {
         let records = [0.02, 0.0199, 0.01985, 0.0197].map(|mae| record("surface", mae, 1.0 / mae, Some(1.0)));
         let records: Vec<&Record> = records.iter().collect();
-        let chosen: Vec<usize> = steps(&records, Cost::PictureMs).iter().map(|step| step.index).collect();
+        let chosen: Vec<usize> =
+            best_by_budget(&records, Cost::PictureMs).iter().map(|step| step.index).collect();
         assert_eq!(chosen, [0, 3]);
     }
 }

@@ -1,94 +1,94 @@
-//! A line for each setting or method.
+//! One line of comma-separated values for each setting or method.
 
-use std::fmt::Write as _;
+use ::csv::WriterBuilder;
 
-use crate::sweep::{Entry, Kind};
+use crate::sweep::{RecordAtRadius, RecordKind, SettingSummary, StreamFigures};
 
-const HEADS: &str = "scene,kind,name,label,points_per_m2,bits,rays,threshold,fps,coder,mae,rmse,psnr_db,bias,p99,max,\
-within_5,ssim,flip,lpips,paper_mbit_s,wire_mbit_s,first_state_bytes,later_bytes,changed_points,points,frames,server_ms,\
-server_ms_low,server_ms_high,first_frame_ms,picture_ms,picture_ms_low,picture_ms_high,picture_bytes,state_bytes,\
-largest_frame_bytes,working_bytes,server_bytes,key,radius_m,reach_px,directions,samples_along,levels,samples_per_pixel";
+/// A column: its head, and the text of its cell.
+type Column = (&'static str, fn(&RecordAtRadius<'_>) -> String);
 
-/// All records as comma-separated values with a head line. What a record does not have is empty; so is the PSNR of equal
-/// pictures.
+const COLUMNS: [Column; 46] = [
+    ("scene", |entry| entry.record.scene.clone()),
+    ("kind", |entry| kind(entry.record.kind).to_owned()),
+    ("name", |entry| entry.record.name.clone()),
+    ("label", |entry| entry.record.label.clone()),
+    ("points_per_m2", |entry| setting(entry, |setting| setting.points_per_m2)),
+    ("bits", |entry| setting(entry, |setting| setting.bits)),
+    ("rays", |entry| setting(entry, |setting| setting.rays)),
+    ("threshold", |entry| setting(entry, |setting| setting.threshold)),
+    ("fps", |entry| setting(entry, |setting| setting.fps)),
+    ("coder", |entry| setting(entry, |setting| setting.coder.clone())),
+    ("mae", |entry| entry.record.error.mae.to_string()),
+    ("rmse", |entry| entry.record.error.rmse.to_string()),
+    ("psnr_db", |entry| some(entry.record.error.psnr_db)),
+    ("bias", |entry| entry.record.error.bias.to_string()),
+    ("p99", |entry| entry.record.error.p99.to_string()),
+    ("max", |entry| entry.record.error.max.to_string()),
+    ("within_5", |entry| entry.record.error.within_5.to_string()),
+    ("ssim", |entry| some(entry.record.error.ssim)),
+    ("flip", |entry| entry.record.error.flip.to_string()),
+    ("lpips", |entry| some(entry.record.error.lpips)),
+    ("paper_mbit_s", |entry| stream(entry, |stream| stream.paper_mbit_s)),
+    ("wire_mbit_s", |entry| stream(entry, |stream| stream.wire_mbit_s)),
+    ("first_state_bytes", |entry| stream(entry, |stream| stream.first_state_bytes)),
+    ("later_bytes", |entry| stream(entry, |stream| stream.later_bytes)),
+    ("changed_points", |entry| stream(entry, |stream| stream.changed_points)),
+    ("points", |entry| stream(entry, |stream| stream.points)),
+    ("frames", |entry| stream(entry, |stream| stream.frames)),
+    ("server_ms", |entry| stream(entry, |stream| stream.server_ms.median)),
+    ("server_ms_low", |entry| stream(entry, |stream| stream.server_ms.low)),
+    ("server_ms_high", |entry| stream(entry, |stream| stream.server_ms.high)),
+    ("first_frame_ms", |entry| stream(entry, |stream| stream.first_frame_ms)),
+    ("picture_ms", |entry| entry.record.picture_ms.median.to_string()),
+    ("picture_ms_low", |entry| entry.record.picture_ms.low.to_string()),
+    ("picture_ms_high", |entry| entry.record.picture_ms.high.to_string()),
+    ("picture_bytes", |entry| entry.record.memory.picture_bytes.to_string()),
+    ("state_bytes", |entry| some(entry.record.memory.state_bytes)),
+    ("largest_frame_bytes", |entry| some(entry.record.memory.largest_frame_bytes)),
+    ("working_bytes", |entry| some(entry.record.memory.working_bytes)),
+    ("server_bytes", |entry| some(entry.record.memory.server_bytes)),
+    ("key", |entry| entry.record.key.clone()),
+    ("radius_m", |entry| entry.radius_m.to_string()),
+    ("reach_px", |entry| some(entry.reach_px)),
+    ("directions", |entry| some(entry.sampling.and_then(|sampling| sampling.directions))),
+    ("samples_along", |entry| some(entry.sampling.and_then(|sampling| sampling.along))),
+    ("levels", |entry| some(entry.sampling.map(|sampling| sampling.levels))),
+    ("samples_per_pixel", |entry| some(entry.sampling.map(|sampling| sampling.per_pixel))),
+];
+
+/// Returns all records as comma-separated values (RFC 4180) after a line of column heads.
+///
+/// The cell of a missing figure is empty. So is that of the PSNR of equal pictures.
 #[must_use]
-pub fn csv<'a>(entries: impl IntoIterator<Item = Entry<'a>>) -> String {
-    let mut out = format!("{HEADS}\n");
+pub fn csv<'a>(entries: impl IntoIterator<Item = RecordAtRadius<'a>>) -> String {
+    let mut writer = WriterBuilder::new().from_writer(Vec::new());
+    // Writing to memory cannot fail, and every line has a cell for each column.
+    let _ = writer.write_record(COLUMNS.map(|(head, _)| head));
     for entry in entries {
-        let cells = cells(&entry);
-        let cells: Vec<String> = cells.into_iter().map(|cell| quoted(&cell)).collect();
-        let _ = writeln!(out, "{}", cells.join(","));
+        let _ = writer.write_record(COLUMNS.map(|(_, cell)| cell(&entry)));
     }
-    out
+    let bytes = writer.into_inner().unwrap_or_default();
+    String::from_utf8(bytes).unwrap_or_default()
 }
 
-fn cells(entry: &Entry<'_>) -> Vec<String> {
-    fn some(value: Option<impl ToString>) -> String {
-        value.map_or_else(String::new, |value| value.to_string())
+const fn kind(kind: RecordKind) -> &'static str {
+    match kind {
+        RecordKind::Stream => "stream",
+        RecordKind::Screen => "screen",
+        RecordKind::Texture => "texture",
     }
-    let record = entry.record;
-    let (setting, stream, error) = (record.setting.as_ref(), record.stream.as_ref(), &record.error);
-    let kind = match record.kind {
-        Kind::Stream => "stream",
-        Kind::Screen => "screen",
-        Kind::Texture => "texture",
-    };
-    let mut cells = vec![record.scene.clone(), kind.to_owned(), record.name.clone(), record.label.clone()];
-    cells.extend([
-        some(setting.map(|setting| setting.points_per_m2)),
-        some(setting.map(|setting| setting.bits)),
-        some(setting.map(|setting| setting.rays)),
-        some(setting.map(|setting| setting.threshold)),
-        some(setting.map(|setting| setting.fps)),
-        some(setting.map(|setting| &setting.coder)),
-    ]);
-    cells.extend([error.mae, error.rmse].map(|figure| figure.to_string()));
-    cells.push(some(error.psnr_db));
-    cells.extend([error.bias, error.p99, error.max, error.within_5].map(|figure| figure.to_string()));
-    cells.extend([some(error.ssim), error.flip.to_string(), some(error.lpips)]);
-    cells.extend([
-        some(stream.map(|stream| stream.paper_mbit_s)),
-        some(stream.map(|stream| stream.wire_mbit_s)),
-        some(stream.map(|stream| stream.first_state_bytes)),
-        some(stream.map(|stream| stream.later_bytes)),
-        some(stream.map(|stream| stream.changed_points)),
-        some(stream.map(|stream| stream.points)),
-        some(stream.map(|stream| stream.frames)),
-        some(stream.map(|stream| stream.server_ms.median)),
-        some(stream.map(|stream| stream.server_ms.low)),
-        some(stream.map(|stream| stream.server_ms.high)),
-        some(stream.map(|stream| stream.first_frame_ms)),
-    ]);
-    let spread = &record.picture_ms;
-    cells.extend([spread.median, spread.low, spread.high].map(|ms| ms.to_string()));
-    let memory = &record.memory;
-    cells.extend([
-        memory.picture_bytes.to_string(),
-        some(memory.state_bytes),
-        some(memory.largest_frame_bytes),
-        some(memory.working_bytes),
-        some(memory.server_bytes),
-        record.key.clone(),
-        entry.radius_m.to_string(),
-        some(entry.reach_px),
-    ]);
-    let sampling = entry.sampling.as_ref();
-    cells.extend([
-        some(sampling.and_then(|sampling| sampling.directions)),
-        some(sampling.and_then(|sampling| sampling.along)),
-        some(sampling.map(|sampling| sampling.levels)),
-        some(sampling.map(|sampling| sampling.per_pixel)),
-    ]);
-    cells
 }
 
-/// RFC 4180: in quotes where it must be.
-fn quoted(cell: &str) -> String {
-    if cell.contains([',', '"', '\n', '\r']) {
-        format!("\"{}\"", cell.replace('"', "\"\""))
-    } else {
-        cell.to_owned()
-    }
+fn setting<T: ToString>(entry: &RecordAtRadius<'_>, figure: fn(&SettingSummary) -> T) -> String {
+    some(entry.record.setting.as_ref().map(figure))
+}
+
+fn stream<T: ToString>(entry: &RecordAtRadius<'_>, figure: fn(&StreamFigures) -> T) -> String {
+    some(entry.record.stream.as_ref().map(figure))
+}
+
+fn some(value: Option<impl ToString>) -> String {
+    value.map_or_else(String::new, |value| value.to_string())
 }
 
 #[cfg(test)]
@@ -101,7 +101,7 @@ mod tests {
     fn every_line_has_the_cells_of_the_head() {
         let records = [record("surface", 0.02, 5.0, Some(1.0)), record("ssao", 0.08, 2.0, None)];
         let sampling = Some(Sampling { directions: None, along: None, levels: 3, per_pixel: 96 });
-        let entry = |record| Entry { record, radius_m: 0.5, reach_px: Some(40.5), sampling };
+        let entry = |record| RecordAtRadius { record, radius_m: 0.5, reach_px: Some(40.5), sampling };
         let text = csv(records.iter().map(entry));
         let lines: Vec<&str> = text.lines().collect();
         assert_eq!(lines.len(), 3);
@@ -110,12 +110,15 @@ mod tests {
         for (line, record) in lines[1..].iter().zip(&records) {
             // The label holds commas of its own.
             let commas = line.matches(',').count() - record.label.matches(',').count();
-            assert_eq!(commas, HEADS.matches(',').count(), "{line}");
+            assert_eq!(commas, COLUMNS.len() - 1, "{line}");
         }
     }
 
     #[test]
     fn quotes_are_doubled() {
-        assert_eq!(quoted("a \"b\", c"), "\"a \"\"b\"\", c\"");
+        let mut record = record("ssao", 0.08, 2.0, None);
+        record.label = "a \"b\", c".to_owned();
+        let text = csv([RecordAtRadius { record: &record, radius_m: 0.5, reach_px: None, sampling: None }]);
+        assert!(text.contains(",\"a \"\"b\"\", c\","), "{text}");
     }
 }

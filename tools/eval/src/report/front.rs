@@ -1,18 +1,18 @@
-//! What nothing else beats.
+//! The Pareto front of cost and error.
 
-/// Indices of the points on the Pareto front of least cost and least error, by rising cost.
+/// Returns the indices of the points `(cost, error)` on the Pareto front, by rising cost.
 ///
-/// A point is on it when no other costs no more and errs no more; of equal ones the first is. Points with a figure that is
-/// not finite are left out.
+/// A point is on the front when no other point has at most its cost and at most its error. Of equal points the first is
+/// on the front. Points with a figure that is not finite are left out.
 ///
 /// ```
-/// use psao_eval::report::front;
+/// use psao_eval::report::pareto_front;
 ///
 /// // The third costs more than the first and is no better.
-/// assert_eq!(front(&[(2.0, 0.3), (5.0, 0.1), (3.0, 0.3), (1.0, 0.9)]), [3, 0, 1]);
+/// assert_eq!(pareto_front(&[(2.0, 0.3), (5.0, 0.1), (3.0, 0.3), (1.0, 0.9)]), [3, 0, 1]);
 /// ```
 #[must_use]
-pub fn front(points: &[(f64, f64)]) -> Vec<usize> {
+pub fn pareto_front(points: &[(f64, f64)]) -> Vec<usize> {
     let finite = |&index: &usize| points[index].0.is_finite() && points[index].1.is_finite();
     let mut order: Vec<usize> = (0..points.len()).filter(finite).collect();
     order.sort_by(|&a, &b| {
@@ -36,15 +36,15 @@ mod tests {
 
     #[test]
     fn what_is_not_finite_is_left_out() {
-        assert_eq!(front(&[(f64::NAN, 0.1), (1.0, f64::INFINITY), (2.0, 0.5)]), [2]);
-        assert_eq!(front(&[]), [0_usize; 0]);
+        assert_eq!(pareto_front(&[(f64::NAN, 0.1), (1.0, f64::INFINITY), (2.0, 0.5)]), [2]);
+        assert_eq!(pareto_front(&[]), [0_usize; 0]);
     }
 
     proptest! {
         #[test]
         fn the_front_is_what_no_other_point_beats(points in prop::collection::vec((0_u8..12, 0_u8..12), 0..40)) {
             let points: Vec<(f64, f64)> = points.into_iter().map(|(x, y)| (x.into(), y.into())).collect();
-            let found = front(&points);
+            let found = pareto_front(&points);
             for (index, &(x, y)) in points.iter().enumerate() {
                 let beaten = points.iter().enumerate().any(|(other, &(cost, error))| {
                     cost <= x && error <= y && ((cost, error) != (x, y) || other < index)

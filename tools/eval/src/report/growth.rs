@@ -1,8 +1,9 @@
-//! How a cost grows.
+//! The growth of a cost.
 
-/// The exponent p of the power law `cost ~ at^p` that fits the points `(at, cost)` best: least squares of logarithms.
+/// Returns the exponent p of the power law `cost ~ at^p` that fits the points `(at, cost)` best, by least squares of
+/// logarithms.
 ///
-/// `None` when there are not two different places, or a place or cost is not above 0 and finite.
+/// `None` with fewer than two different places, or when a place or cost is not above 0 and finite.
 ///
 /// ```
 /// use psao_eval::report::exponent;
@@ -11,7 +12,7 @@
 /// assert!((p - 2.0).abs() < 1e-12, "quadratic");
 /// ```
 #[must_use]
-pub fn exponent(points: &[(f64, f64)]) -> Option<f64> {
+pub fn power_law_exponent(points: &[(f64, f64)]) -> Option<f64> {
     let usable = |value: f64| value > 0.0 && value.is_finite();
     if !points.iter().all(|&(at, cost)| usable(at) && usable(cost)) {
         return None;
@@ -20,7 +21,7 @@ pub fn exponent(points: &[(f64, f64)]) -> Option<f64> {
     let mean = |of: &dyn Fn(&(f64, f64)) -> f64| logs.iter().map(of).sum::<f64>() / logs.len() as f64;
     let (x, y) = (mean(&|log| log.0), mean(&|log| log.1));
     let (across, both) = (mean(&|log| (log.0 - x) * (log.0 - x)), mean(&|log| (log.0 - x) * (log.1 - y)));
-    // Equal places differ in their mean by rounding alone; f64 tells those apart that do differ.
+    // Rounding may give equal places a variance above 0, so the places themselves are compared, too.
     (points.iter().any(|point| point.0 != points[0].0) && across > 0.0).then(|| both / across)
 }
 
@@ -41,14 +42,14 @@ mod tests {
             &[(1.0, 0.0), (2.0, 1.0)],
         ];
         for points in none {
-            assert_eq!(exponent(points), None, "{points:?}");
+            assert_eq!(power_law_exponent(points), None, "{points:?}");
         }
     }
 
     #[test]
     fn points_off_the_line_pull_it_evenly() {
         // Logarithms to base 2: (0, 0), (1, 3), (2, 2); the slope of least squares is 1.
-        let found = exponent(&[(1.0, 1.0), (2.0, 8.0), (4.0, 4.0)]).unwrap();
+        let found = power_law_exponent(&[(1.0, 1.0), (2.0, 8.0), (4.0, 4.0)]).unwrap();
         assert!((found - 1.0).abs() < 1e-12, "{found}");
     }
 
@@ -57,7 +58,7 @@ mod tests {
         fn a_power_law_gives_its_exponent(p in -3.0..3.0_f64, scale in 1e-3..1e3_f64, at in prop::collection::vec(0.01..100.0_f64, 2..9)) {
             prop_assume!(at.iter().any(|place| (place / at[0]).ln().abs() > 0.01));
             let points: Vec<(f64, f64)> = at.iter().map(|&at| (at, scale * at.powf(p))).collect();
-            let found = exponent(&points).unwrap();
+            let found = power_law_exponent(&points).unwrap();
             prop_assert!((found - p).abs() < 1e-9, "{} {}", found, p);
         }
     }

@@ -1,4 +1,4 @@
-//! What a sweep found, for people: a page that opens offline, a table for spreadsheets, advice in words.
+//! Reports of a sweep's results: a page that opens offline, a table for spreadsheets, advice in words.
 
 mod advice;
 mod csv;
@@ -8,18 +8,18 @@ mod page;
 mod plot;
 mod table;
 
-pub use self::advice::{Cost, Step, steps};
+pub use self::advice::{BudgetStep, Cost, best_by_budget};
 pub use self::csv::csv;
-pub use self::front::front;
-pub use self::growth::exponent;
-pub use self::page::{Page, Section, Thumbnail};
+pub use self::front::pareto_front;
+pub use self::growth::power_law_exponent;
+pub use self::page::{Page, SceneSection, Thumbnail};
 pub use self::table::table;
 
-/// Colours that stay apart for colour-blind readers (Okabe and Ito's palette).
+/// Colours that colour-blind readers can tell apart (Okabe and Ito's palette).
 pub const COLOURS: [&str; 8] =
     ["#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442", "#555555"];
 
-/// Text for SVG and HTML.
+/// Returns text with the special characters of SVG and HTML escaped.
 #[must_use]
 pub fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
@@ -27,13 +27,15 @@ pub fn escape(text: &str) -> String {
 
 #[cfg(test)]
 mod samples {
-    //! Records to draw.
+    //! Sample records for tests.
 
-    use crate::sweep::{Described, Figures, Kind, Memory, Record, Spread, StreamFigures};
+    use crate::sweep::{
+        ErrorFigures, MemoryFigures, Record, RecordKind, SettingSummary, Spread, StreamFigures,
+    };
 
-    /// A record with these figures; a stream where there are Mbit/s.
+    /// Makes a record with these figures. With Mbit/s it is the record of a stream.
     pub(super) fn record(name: &str, mae: f64, ms: f64, mbit_s: Option<f64>) -> Record {
-        let setting = mbit_s.map(|_| Described {
+        let setting = mbit_s.map(|_| SettingSummary {
             profile: name.to_owned(),
             points_per_m2: 512.0,
             bits: 32,
@@ -46,11 +48,11 @@ mod samples {
         Record {
             key: format!("{name} {mae}"),
             scene: "a <scene>".to_owned(),
-            kind: if mbit_s.is_some() { Kind::Stream } else { Kind::Screen },
+            kind: if mbit_s.is_some() { RecordKind::Stream } else { RecordKind::Screen },
             name: name.to_owned(),
             label: setting.as_ref().map_or_else(|| format!("{name}, 8 steps"), ToString::to_string),
             setting,
-            error: Figures { mae, flip: mae * 2.0, psnr_db: Some(30.0), ..Figures::default() },
+            error: ErrorFigures { mae, flip: mae * 2.0, psnr_db: Some(30.0), ..ErrorFigures::default() },
             pictures: Vec::new(),
             picture_ms: spread,
             stages: Vec::new(),
@@ -66,7 +68,7 @@ mod samples {
                 first_frame_ms: 100.0,
                 server_ms: spread,
             }),
-            memory: Memory::default(),
+            memory: MemoryFigures::default(),
         }
     }
 }

@@ -1,47 +1,47 @@
-//! The page: one file that opens offline, without scripts, light or dark as the reader has it.
+//! The HTML page: one file that opens offline, without scripts, light or dark as the reader's system is.
 
 use std::fmt::Write as _;
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 
-use super::plot::{Dot, FAMILY_COLOURS, Level, Plot, colour, mark};
+use super::plot::{Dot, FAMILY_COLOURS, Plot, ReferenceLine, colour, mark};
 use super::table::{ms, table};
-use super::{Cost, escape, steps};
-use crate::sweep::{Kind, Record};
+use super::{Cost, best_by_budget, escape};
+use crate::sweep::{Record, RecordKind};
 
-/// A picture, or two side by side.
+/// A picture, or two pictures side by side.
 pub struct Thumbnail {
-    /// What it shows.
+    /// Caption.
     pub caption: String,
     /// The bytes of PNG files.
     pub pngs: Vec<Vec<u8>>,
 }
 
-/// A scene.
-pub struct Section<'a> {
-    /// Its name.
+/// The section of a scene.
+pub struct SceneSection<'a> {
+    /// Name of the scene.
     pub scene: String,
-    /// What was measured, in the order of the table.
+    /// Measured settings and methods, in the order of the table.
     pub records: Vec<&'a Record>,
-    /// The same moment by every means.
+    /// The same moment by every setting or method.
     pub pictures: Vec<Thumbnail>,
 }
 
-/// All there is to say.
+/// Contents of the page.
 pub struct Page<'a> {
     /// Heading.
     pub title: String,
-    /// Sentences on what was measured and how.
+    /// Sentences about the measurement.
     pub notes: Vec<String>,
-    /// The machine and the program, name and value.
+    /// Facts of the machine and the program: name and value.
     pub machine: Vec<(String, String)>,
-    /// Scenes.
-    pub sections: Vec<Section<'a>>,
+    /// Sections, one for each scene.
+    pub sections: Vec<SceneSection<'a>>,
 }
 
-/// An error of a record.
-type Figure = fn(&Record) -> f64;
+/// Selects an error figure of a record.
+type ErrorOf = fn(&Record) -> f64;
 
 const STYLE: &str = ":root{--ink:#1a1a1a;--soft:#5c5c5c;--line:#d8d8d8;--back:#fff;--card:#f6f6f6}\
 @media(prefers-color-scheme:dark){:root{--ink:#e8e8e8;--soft:#a5a5a5;--line:#3a3a3a;--back:#161618;--card:#1f1f22}}\
@@ -65,7 +65,7 @@ svg g{color:var(--soft);stroke:var(--card);stroke-width:1}.legend{display:flex;f
 margin:.6rem 0;font-size:.9rem}.legend svg{width:16px;height:16px;background:none;vertical-align:-3px;margin-right:.3rem}";
 
 impl Page<'_> {
-    /// The page.
+    /// Returns the HTML text.
     #[must_use]
     pub fn html(&self) -> String {
         let mut out = format!(
@@ -95,7 +95,7 @@ fn family_colours() -> String {
     (0..).zip(FAMILY_COLOURS).map(rule).collect()
 }
 
-impl Section<'_> {
+impl SceneSection<'_> {
     fn html(&self, out: &mut String) {
         let _ = writeln!(out, "<h2>{}</h2>", escape(&self.scene));
         self.thumbnails(out);
@@ -107,7 +107,7 @@ impl Section<'_> {
         self.stages(out);
     }
 
-    /// Names of what was measured, in the order of their first mention.
+    /// Returns the names of profiles and methods in the order of their first mention.
     fn families(&self) -> Vec<&str> {
         let mut names: Vec<&str> = Vec::new();
         for record in &self.records {
@@ -148,9 +148,9 @@ impl Section<'_> {
             );
         }
         out.push_str(
-            "<span>- - - front: the least error that each cost buys</span></div>\n<div class=\"plots\">\n",
+            "<span>- - - front: the smallest error for each cost</span></div>\n<div class=\"plots\">\n",
         );
-        let figures: [(&str, Figure); 2] =
+        let figures: [(&str, ErrorOf); 2] =
             [("mean absolute error, e_A", |r| r.error.mae), ("FLIP", |r| r.error.flip)];
         for (up, error) in figures {
             for cost in [Cost::PictureMs, Cost::MbitPerSecond] {
@@ -160,13 +160,13 @@ impl Section<'_> {
             }
         }
         out.push_str(
-            "</div>\n<p class=\"note\">Numbers are those of the table below; rest the pointer on a mark for its setting. \
-             Both axes are logarithmic, lower left is better. A dotted line is the best of a method that needs no \
+            "</div>\n<p class=\"note\">Numbers refer to the table below; point at a mark to see its setting. Both axes \
+             are logarithmic, lower left is better. A dotted line is the best result of a method that needs no \
              bytes.</p>\n",
         );
     }
 
-    fn plot(&self, families: &[&str], cost: Cost, up: &str, error: Figure) -> String {
+    fn plot(&self, families: &[&str], cost: Cost, up: &str, error: ErrorOf) -> String {
         let family = |record: &Record| families.iter().position(|name| *name == record.name).unwrap_or(0);
         let title = |record: &Record| {
             let mbit_s = record.stream.map_or_else(String::new, |s| format!(", {:.3} Mbit/s", s.wire_mbit_s));
@@ -181,11 +181,15 @@ impl Section<'_> {
         let free = |name: &&str| {
             let of_name = self.records.iter().filter(|record| record.name == **name);
             let best = of_name.min_by(|a, b| error(a).total_cmp(&error(b)))?;
-            let level =
-                Level { error: error(best), family: family(best), name: &best.name, title: title(best) };
-            (cost == Cost::MbitPerSecond && best.kind == Kind::Screen).then_some(level)
+            let level = ReferenceLine {
+                error: error(best),
+                family: family(best),
+                name: &best.name,
+                title: title(best),
+            };
+            (cost == Cost::MbitPerSecond && best.kind == RecordKind::Screen).then_some(level)
         };
-        let levels: Vec<Level> = families.iter().filter_map(free).collect();
+        let levels: Vec<ReferenceLine> = families.iter().filter_map(free).collect();
         let (across, heading) = match cost {
             Cost::PictureMs => ("milliseconds a picture, on the client", "run time"),
             Cost::MbitPerSecond => ("Mbit/s, everything on the wire", "bandwidth"),
@@ -199,7 +203,7 @@ impl Section<'_> {
             (Cost::MbitPerSecond, "Mbit/s", "What to choose for a bandwidth"),
             (Cost::PictureMs, "ms a picture", "What to choose for a time on the client"),
         ] {
-            let steps = steps(&self.records, cost);
+            let steps = best_by_budget(&self.records, cost);
             if steps.is_empty() {
                 continue;
             }
@@ -271,7 +275,7 @@ mod tests {
             title: "a & b".to_owned(),
             notes: vec!["<script>".to_owned()],
             machine: vec![("cores".to_owned(), "2".to_owned())],
-            sections: vec![Section {
+            sections: vec![SceneSection {
                 scene: records[0].scene.clone(),
                 records: records.iter().collect(),
                 pictures: vec![Thumbnail { caption: "p".to_owned(), pngs: vec![vec![1, 2, 3]] }],

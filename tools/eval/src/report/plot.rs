@@ -1,8 +1,8 @@
-//! Error against cost, both on logarithmic axes, as SVG that follows the page's colours.
+//! Plots of error against cost, both on logarithmic axes, as SVG in the page's colours.
 
 use std::fmt::Write as _;
 
-use super::{COLOURS, escape, front};
+use super::{COLOURS, escape, pareto_front};
 
 const WIDTH: f64 = 640.0;
 const HEIGHT: f64 = 400.0;
@@ -10,13 +10,13 @@ const LEFT: f64 = 62.0;
 const RIGHT: f64 = 16.0;
 const TOP: f64 = 34.0;
 const BOTTOM: f64 = 46.0;
-/// Colours of families. Yellow is too pale on white, dark grey on black.
+/// Colours of families. Yellow is left out because it is too pale on white, dark grey because it is too dark on black.
 pub(super) const FAMILY_COLOURS: [&str; 7] =
     [COLOURS[0], COLOURS[1], COLOURS[2], COLOURS[3], COLOURS[4], COLOURS[5], "#888888"];
-/// Half the width of a mark.
-const MARK: f64 = 5.0;
-/// Room of a mark's number.
-const LABEL: (f64, f64) = (15.0, 11.0);
+/// Half the width of a mark, in units of the SVG.
+const MARK_RADIUS: f64 = 5.0;
+/// Width and height of a mark's number.
+const LABEL_SIZE: (f64, f64) = (15.0, 11.0);
 
 /// One measured setting.
 pub(super) struct Dot {
@@ -24,34 +24,34 @@ pub(super) struct Dot {
     pub(super) number: usize,
     /// Cost and error, both above 0.
     pub(super) at: (f64, f64),
-    /// Its family.
+    /// Index of its family.
     pub(super) family: usize,
-    /// What is shown when the pointer rests on it.
+    /// Tooltip.
     pub(super) title: String,
 }
 
-/// Errors of what costs nothing of this kind: lines across the plot.
-pub(super) struct Level<'a> {
+/// A line across the plot: the error of a method that has no cost of the plot's kind.
+pub(super) struct ReferenceLine<'a> {
     pub(super) error: f64,
     pub(super) family: usize,
     pub(super) name: &'a str,
     pub(super) title: String,
 }
 
-/// A plot.
+/// A plot of error against cost.
 pub(super) struct Plot<'a> {
     pub(super) title: &'a str,
     pub(super) across: &'a str,
     pub(super) up: &'a str,
     pub(super) dots: &'a [Dot],
-    pub(super) levels: &'a [Level<'a>],
+    pub(super) levels: &'a [ReferenceLine<'a>],
 }
 
-/// A rectangle that is taken: left, top, right, bottom.
-type Taken = [f64; 4];
+/// A rectangle: left, top, right, bottom.
+type Rect = [f64; 4];
 
 impl Plot<'_> {
-    /// The SVG element. What cannot stand on a logarithmic axis is counted below the title.
+    /// Returns the SVG element. A note beside the title counts dots that a logarithmic axis cannot show.
     pub(super) fn svg(&self) -> String {
         let drawn: Vec<&Dot> =
             self.dots.iter().filter(|dot| positive(dot.at.0) && positive(dot.at.1)).collect();
@@ -81,7 +81,7 @@ impl Plot<'_> {
         self.lines(&mut out, &y);
         let places: Vec<(f64, f64)> =
             drawn.iter().map(|dot| (x.place(dot.at.0), y.place(dot.at.1))).collect();
-        let best = front(&drawn.iter().map(|dot| dot.at).collect::<Vec<_>>());
+        let best = pareto_front(&drawn.iter().map(|dot| dot.at).collect::<Vec<_>>());
         stairs(&mut out, &best.iter().map(|&index| places[index]).collect::<Vec<_>>());
         for (dot, place) in drawn.iter().zip(&places) {
             let _ = writeln!(
@@ -144,8 +144,8 @@ impl Plot<'_> {
                 colour(level.family),
                 escape(&level.title)
             );
-            // A name stands on its line, unless another stands there.
-            if named.iter().all(|other| (other - at).abs() > LABEL.1) {
+            // A name stands on its line unless another name is there.
+            if named.iter().all(|other| (other - at).abs() > LABEL_SIZE.1) {
                 named.push(at);
                 let _ = write!(
                     out,
@@ -164,7 +164,7 @@ fn positive(value: f64) -> bool {
     value > 0.0 && value.is_finite()
 }
 
-/// The front as stairs: at every cost the least error that it buys.
+/// Writes the front as stairs: the smallest error for each cost.
 fn stairs(out: &mut String, places: &[(f64, f64)]) {
     let [(x, y), rest @ ..] = places else { return };
     let mut path = format!("M{x:.1} {TOP}V{y:.1}");
@@ -174,19 +174,20 @@ fn stairs(out: &mut String, places: &[(f64, f64)]) {
     let _ = writeln!(out, "<path class=\"front\" d=\"{path}H{:.1}\"/>", WIDTH - RIGHT);
 }
 
-/// Number of a family's colour.
+/// Returns the number of a family's colour.
 pub(super) const fn colour(family: usize) -> usize {
     family % FAMILY_COLOURS.len()
 }
 
-/// The mark of a family; shapes differ as well as colours, and no two of the first 35 have both in common.
+/// Returns the mark of a family. Marks differ in shape as well as colour; the first 35 combinations are distinct.
 pub(super) fn mark(family: usize, (x, y): (f64, f64)) -> String {
     let polygon = |corners: &[(f64, f64)]| {
-        let corners = corners.iter().map(|(dx, dy)| format!("{:.1},{:.1}", x + dx * MARK, y + dy * MARK));
+        let corners =
+            corners.iter().map(|(dx, dy)| format!("{:.1},{:.1}", x + dx * MARK_RADIUS, y + dy * MARK_RADIUS));
         format!("<polygon points=\"{}\"/>", corners.collect::<Vec<_>>().join(" "))
     };
     match family % 5 {
-        0 => format!("<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{MARK}\"/>"),
+        0 => format!("<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{MARK_RADIUS}\"/>"),
         1 => polygon(&[(-0.9, -0.9), (0.9, -0.9), (0.9, 0.9), (-0.9, 0.9)]),
         2 => polygon(&[(0.0, -1.15), (1.1, 0.85), (-1.1, 0.85)]),
         3 => polygon(&[(0.0, -1.25), (1.25, 0.0), (0.0, 1.25), (-1.25, 0.0)]),
@@ -196,7 +197,7 @@ pub(super) fn mark(family: usize, (x, y): (f64, f64)) -> String {
 
 /// Writes numbers beside the marks.
 fn numbers(out: &mut String, dots: &[&Dot], places: &[(f64, f64)], best: &[usize]) {
-    for (index, spot) in spots(dots, places, best) {
+    for (index, spot) in label_places(dots, places, best) {
         let class = if best.contains(&index) { "best" } else { "number" };
         let _ = writeln!(
             out,
@@ -208,16 +209,16 @@ fn numbers(out: &mut String, dots: &[&Dot], places: &[(f64, f64)], best: &[usize
     }
 }
 
-/// Where there is room for numbers, those of the front first.
-fn spots(dots: &[&Dot], places: &[(f64, f64)], best: &[usize]) -> Vec<(usize, Taken)> {
-    let around = |&(x, y): &(f64, f64)| [x - MARK, y - MARK, x + MARK, y + MARK];
-    let mut taken: Vec<Taken> = places.iter().map(around).collect();
+/// Finds free places for the numbers of the marks, those of the front first.
+fn label_places(dots: &[&Dot], places: &[(f64, f64)], best: &[usize]) -> Vec<(usize, Rect)> {
+    let around = |&(x, y): &(f64, f64)| [x - MARK_RADIUS, y - MARK_RADIUS, x + MARK_RADIUS, y + MARK_RADIUS];
+    let mut taken: Vec<Rect> = places.iter().map(around).collect();
     let mut found = Vec::new();
     let rest = (0..dots.len()).filter(|index| !best.contains(index));
     for index in best.iter().copied().chain(rest) {
         let (x, y) = places[index];
-        let (wide, high) = (LABEL.0 * if dots[index].number > 9 { 1.0 } else { 0.55 }, LABEL.1);
-        let (near, far) = (MARK + 2.0, MARK + 5.0);
+        let (wide, high) = (LABEL_SIZE.0 * if dots[index].number > 9 { 1.0 } else { 0.55 }, LABEL_SIZE.1);
+        let (near, far) = (MARK_RADIUS + 2.0, MARK_RADIUS + 5.0);
         let around = [
             (x + near, y - near - high),
             (x - near - wide, y + near),
@@ -241,7 +242,7 @@ fn spots(dots: &[&Dot], places: &[(f64, f64)], best: &[usize]) -> Vec<(usize, Ta
     found
 }
 
-fn overlap(a: &Taken, b: &Taken) -> bool {
+fn overlap(a: &Rect, b: &Rect) -> bool {
     a[0] < b[2] && b[0] < a[2] && a[1] < b[3] && b[1] < a[3]
 }
 
@@ -254,16 +255,16 @@ struct Axis {
 }
 
 impl Axis {
-    /// Least span from end to end, as a factor: below, noise would look like a trend.
-    const LEAST: f64 = 2.0;
+    /// Smallest ratio of the ends of an axis. With a smaller one, noise would look like a trend.
+    const MIN_SPAN: f64 = 2.0;
 
-    /// From `from` to `to` on the page; `None` of no values. All are above 0.
+    /// Makes an axis from `from` to `to` on the page; `None` without values. All values are above 0.
     fn new(values: impl Iterator<Item = f64>, from: f64, to: f64) -> Option<Self> {
         let (low, high) = values.fold((f64::INFINITY, 0.0), |(low, high), v| (v.min(low), v.max(high)));
         if low > high {
             return None;
         }
-        let spare = (Self::LEAST / (high / low)).max(1.0).sqrt();
+        let spare = (Self::MIN_SPAN / (high / low)).max(1.0).sqrt();
         Some(Self { low: low / spare, high: high * spare, from, to })
     }
 
@@ -272,7 +273,7 @@ impl Axis {
         self.from + (self.to - self.from) * share
     }
 
-    /// At most about `most` round values in the range, with their texts.
+    /// Returns about `most` round values in the range at most, with their texts.
     fn ticks(&self, most: usize) -> Vec<(f64, String)> {
         let decades = libm::floor(libm::log10(self.low)) as i32..=libm::ceil(libm::log10(self.high)) as i32;
         let all = |steps: &[f64]| {
@@ -351,11 +352,12 @@ mod tests {
         let dot = |number| Dot { number, at: (1.0, 1.0), family: 0, title: String::new() };
         let dots: Vec<Dot> = (0..40).map(dot).collect();
         let places: Vec<(f64, f64)> = (0..40).map(|n| (200.0 + f64::from(n) * 3.0, 200.0)).collect();
-        let found = spots(&dots.iter().collect::<Vec<_>>(), &places, &[39, 20]);
+        let found = label_places(&dots.iter().collect::<Vec<_>>(), &places, &[39, 20]);
         assert!(found.len() > 4 && found.len() < 40 && found[0].0 == 39, "{}", found.len());
         for (index, (_, spot)) in found.iter().enumerate() {
             assert!(found[..index].iter().all(|(_, other)| !overlap(spot, other)));
-            let mark = |&(x, y): &(f64, f64)| [x - MARK, y - MARK, x + MARK, y + MARK];
+            let mark =
+                |&(x, y): &(f64, f64)| [x - MARK_RADIUS, y - MARK_RADIUS, x + MARK_RADIUS, y + MARK_RADIUS];
             assert!(places.iter().all(|place| !overlap(spot, &mark(place))));
         }
     }

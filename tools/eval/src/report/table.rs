@@ -2,7 +2,7 @@
 
 use crate::sweep::Record;
 
-/// A column: its head, what it says of a record, and whether it is for pages alone, which have room.
+/// A column: its head, its text for a record, and whether only wide tables have it.
 struct Column {
     head: &'static str,
     of: fn(&Record) -> Option<String>,
@@ -45,8 +45,9 @@ const COLUMNS: [Column; 22] = [
     }),
 ];
 
-/// Heads and rows, one row a record: its number from 1, its name, its settings, its figures. Columns in which nothing stands are left
-/// out; `wide` has all the others.
+/// Returns the heads and the rows of a table, one row a record: number from 1, name, settings, figures.
+///
+/// Empty columns are left out. A `wide` table has all other columns, as on a page.
 #[must_use]
 pub fn table(records: &[&Record], wide: bool) -> (Vec<String>, Vec<Vec<String>>) {
     let used = COLUMNS.iter().filter(|column| wide || !column.page);
@@ -61,7 +62,7 @@ pub fn table(records: &[&Record], wide: bool) -> (Vec<String>, Vec<Vec<String>>)
     (heads.map(str::to_owned).collect(), (1..).zip(records).map(row).collect())
 }
 
-/// Milliseconds with three figures.
+/// Formats milliseconds with three significant figures.
 pub(super) fn ms(value: f64) -> String {
     let decimals = match value {
         v if v < 10.0 => 2,

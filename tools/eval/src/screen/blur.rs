@@ -1,4 +1,4 @@
-//! Separable blurs that stop at edges: what every noisy method ends with, in the settings of its paper.
+//! Separable blurs that stop at edges. Every noisy method ends with one, with the settings of its paper.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -14,14 +14,14 @@ pub struct Blur {
     pub spacing: u32,
     /// Standard deviation of the Gaussian in taps, above 0 (at least 1e-3) and at most 1000.
     pub sigma: f32,
-    /// Where it stops.
-    pub edge: Edge,
+    /// Edges at which it stops.
+    pub edge: EdgeStop,
 }
 
-/// What counts as an edge. Depths differ by `d` metres; the weight of the Gaussian is multiplied by:
+/// Edge-stopping function: the factor of the Gaussian's weight for a tap whose depth differs by `d` metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Edge {
-    /// 1 everywhere, over sky too.
+pub enum EdgeStop {
+    /// 1 everywhere, also over sky.
     None,
     /// `exp(-(d / metres)^2)`: the cross-bilateral blur of HBAO (Bavoil and Sainz 2008).
     Depth {
@@ -30,7 +30,7 @@ pub enum Edge {
     },
     /// `max(0, 1 - d / metres)`: Scalable Ambient Obscurance (`McGuire` et al. 2012).
     Hat {
-        /// Difference that leaves nothing.
+        /// Difference that leaves 0.
         metres: f32,
     },
     /// `exp(-(d / metres)^2)`, times the cosine between the normals to the power of 8: depth and normal, as Filion
@@ -43,9 +43,9 @@ pub enum Edge {
 
 impl Blur {
     /// No blur at all.
-    pub const NONE: Self = Self { taps: 0, spacing: 1, sigma: 1.0, edge: Edge::None };
+    pub const NONE: Self = Self { taps: 0, spacing: 1, sigma: 1.0, edge: EdgeStop::None };
 
-    /// Checks the ranges, in the name of `method`.
+    /// Checks the ranges. Errors name `method`.
     ///
     /// # Errors
     ///
@@ -55,29 +55,29 @@ impl Blur {
         check_setting(method, "spacing of the blur", self.spacing as f32, 1.0, 64.0)?;
         check_setting(method, "sigma of the blur", self.sigma, 1e-3, 1e3)?;
         match self.edge {
-            Edge::None => Ok(()),
-            Edge::Depth { metres } | Edge::Hat { metres } | Edge::DepthAndNormal { metres } => {
+            EdgeStop::None => Ok(()),
+            EdgeStop::Depth { metres } | EdgeStop::Hat { metres } | EdgeStop::DepthAndNormal { metres } => {
                 check_setting(method, "edge of the blur", metres, 1e-6, 1e6)
             }
         }
     }
 
-    /// What it is called in words.
+    /// Returns its name in words.
     pub fn label(&self) -> String {
         let width = 2 * self.taps + 1;
         match (self.taps, self.edge) {
             (0, _) => "no blur".to_owned(),
-            (_, Edge::None) => format!("Gaussian of {width}"),
+            (_, EdgeStop::None) => format!("Gaussian of {width}"),
             _ => format!("bilateral of {width}"),
         }
     }
 
-    /// Bytes that [`Blur::apply`] needs beside the values.
-    pub(crate) fn bytes(&self, screen: &Screen) -> usize {
+    /// Returns the bytes that [`Blur::apply`] needs beside the values.
+    pub(crate) fn heap_bytes(&self, screen: &Screen) -> usize {
         if self.taps == 0 { 0 } else { screen.inner().pixels() * size_of::<f32>() }
     }
 
-    /// Blurs the values of the inner pixels; sky keeps its own. Taps beyond the image are left out.
+    /// Blurs the values of the inner pixels. Sky keeps its values; taps beyond the image are left out.
     pub(crate) fn apply(&self, screen: &Screen, values: &mut [f32]) {
         if self.taps == 0 {
             return;
@@ -90,7 +90,7 @@ impl Blur {
         self.pass(screen, &blurred, values, &weights, [0, 1]);
     }
 
-    /// One pass, along rows or columns.
+    /// Does one pass, along rows or columns.
     fn pass(&self, screen: &Screen, from: &[f32], to: &mut [f32], weights: &[f32], [across, down]: [i32; 2]) {
         let (width, height) = (screen.inner().width() as i32, screen.inner().height() as i32);
         let guard = screen.guard() as i32;
@@ -127,8 +127,8 @@ impl Blur {
     }
 }
 
-impl Edge {
-    /// What is left of a tap whose depth differs by `difference` metres, infinite for sky.
+impl EdgeStop {
+    /// Returns the factor of a tap whose depth differs by `difference` metres; the difference is infinite for sky.
     #[inline]
     fn weight(self, difference: f32, normal: Vec3, there: impl Fn() -> Vec3) -> f32 {
         let gauss = |metres: f32| {
@@ -165,18 +165,18 @@ mod tests {
         (0..140).map(|i| (mix(i) % 1000) as f32 / 1000.0).collect()
     }
 
-    const EDGES: [Edge; 4] = [
-        Edge::None,
-        Edge::Depth { metres: 0.3 },
-        Edge::Hat { metres: 0.3 },
-        Edge::DepthAndNormal { metres: 0.3 },
+    const EDGES: [EdgeStop; 4] = [
+        EdgeStop::None,
+        EdgeStop::Depth { metres: 0.3 },
+        EdgeStop::Hat { metres: 0.3 },
+        EdgeStop::DepthAndNormal { metres: 0.3 },
     ];
 
-    /// The same sum over the whole square of taps at once: right where no edge is near.
+    /// Compares with a single sum over the square of taps, which is exact where no edge is near.
     #[test]
     fn two_passes_are_the_square_of_taps_where_nothing_stops_them() {
         let screen = screen(&|_, _| 3.0);
-        for edge in [Edge::None, Edge::Depth { metres: 0.3 }, Edge::Hat { metres: 0.3 }] {
+        for edge in [EdgeStop::None, EdgeStop::Depth { metres: 0.3 }, EdgeStop::Hat { metres: 0.3 }] {
             let blur = Blur { taps: 2, spacing: 2, sigma: 1.5, edge };
             let from = noise();
             let mut values = from.clone();
@@ -224,20 +224,20 @@ mod tests {
             assert!((0..140).all(|i| values[i] == if i % 14 < 7 { 0.0 } else { 1.0 }), "{edge:?}");
         }
         let mut values: Vec<f32> = (0..140).map(|i| if i % 14 < 7 { 0.0 } else { 1.0 }).collect();
-        Blur { taps: 4, spacing: 1, sigma: 3.0, edge: Edge::None }.apply(&screen, &mut values);
+        Blur { taps: 4, spacing: 1, sigma: 3.0, edge: EdgeStop::None }.apply(&screen, &mut values);
         assert!(values[6] > 0.2 && values[7] < 0.8);
     }
 
     #[test]
     fn settings_out_of_range_are_refused_in_the_name_of_the_method() {
-        let good = Blur { taps: 2, spacing: 1, sigma: 1.5, edge: Edge::Hat { metres: 1.0 } };
+        let good = Blur { taps: 2, spacing: 1, sigma: 1.5, edge: EdgeStop::Hat { metres: 1.0 } };
         assert_eq!(good.validate("x"), Ok(()));
         let bad = [
             Blur { taps: 65, ..good },
             Blur { spacing: 0, ..good },
             Blur { sigma: 0.0, ..good },
             Blur { sigma: f32::NAN, ..good },
-            Blur { edge: Edge::Depth { metres: -1.0 }, ..good },
+            Blur { edge: EdgeStop::Depth { metres: -1.0 }, ..good },
         ];
         for blur in bad {
             assert!(matches!(blur.validate("x"), Err(ScreenError::Setting { method: "x", .. })), "{blur:?}");

@@ -9,9 +9,10 @@ use super::ScreenError;
 
 /// Linear depth and view-space normals of a view, and of a guard band of pixels around it.
 ///
-/// View space: the eye at the origin, x to the right, y *down*, z into the view, metres. Pixels are those of the whole
-/// grid, guard band included: (0, 0) is the top left of the guard band, (`guard`, `guard`) that of the image, and the
-/// centre of pixel (x, y) lies at (x + 0.5, y + 0.5). Methods read all of the grid and shade the inner pixels.
+/// View space has the eye at the origin, x to the right, y *down*, z into the view, in metres. Pixels are those of the
+/// whole grid, including the guard band. (0, 0) is the top left of the guard band, (`guard`, `guard`) that of the
+/// image. The centre of pixel (x, y) lies at (x + 0.5, y + 0.5). Methods read the whole grid and shade the inner
+/// pixels.
 ///
 /// ```
 /// use glam::Vec3;
@@ -35,26 +36,28 @@ pub struct Screen {
     focal: Vec2,
     /// Slope per pixel: 1 over `focal`.
     slope: Vec2,
-    /// Where the view's axis meets the grid.
+    /// Place on the grid where the view's axis meets it.
     centre: Vec2,
     depth: Vec<f32>,
     normal: Vec<Vec3>,
 }
 
 impl Screen {
-    /// The widest guard band, pixels on each side.
+    /// Largest guard band in pixels on each side.
     pub const MAX_GUARD: u32 = 4_096;
 
-    /// How far the length of a normal may be from 1.
+    /// Tolerance of a normal's length around 1.
     const UNIT_TOLERANCE: f32 = 1e-3;
 
-    /// Looks at `scene` through `pose`: the inner pixels are those of [`cast_view`](psao_reconstruct::cast_view()) with the same
-    /// pose and size, and `guard` more on each side continue their grid.
+    /// Casts a view of `scene` with the camera of `pose`.
+    ///
+    /// The inner pixels are those of [`cast_view`](psao_reconstruct::cast_view()) with the same pose and size. `guard`
+    /// more pixels on each side continue their grid.
     ///
     /// # Errors
     ///
-    /// [`ScreenError`] when the pose is degenerate, the guard band or the whole too large, or the scene answers with a
-    /// depth of 0 or a normal that is not unit.
+    /// [`ScreenError`] when the pose is degenerate, the guard band or the whole is too large, or the scene returns a
+    /// depth of 0 or a normal that is not of unit length.
     pub fn new<S: Surfaces + ?Sized>(
         scene: &S,
         pose: &CameraPose,
@@ -81,15 +84,15 @@ impl Screen {
         Self::from_parts(inner, guard, camera.tangents().map(|t| t as f32), depth, normal)
     }
 
-    /// Makes a screen of an image of `inner` pixels and `guard` more on each side.
+    /// Makes a screen of an image of `inner` pixels, and `guard` more on each side.
     ///
     /// `tangents` are those of the half angles of view of the *inner* image, across and down. `depth` holds metres
-    /// along the view's axis, infinite for sky, and `normal` unit normals in view space, row by row from the top left
-    /// of the guard band; normals of sky do not matter.
+    /// along the view's axis, infinite for sky. `normal` holds unit normals in view space; those of sky do not matter.
+    /// Both are row by row from the top left of the guard band.
     ///
     /// # Errors
     ///
-    /// [`ScreenError`] names what does not fit, and the first pixel that is none.
+    /// [`ScreenError`] names the part that does not fit, and the first invalid pixel.
     pub fn from_parts(
         inner: Size,
         guard: u32,
@@ -126,89 +129,89 @@ impl Screen {
         Ok(Self { inner, size, guard, tangents, focal, slope, centre, depth, normal })
     }
 
-    /// Size of the image without guard band: of what methods shade.
+    /// Returns the size of the image without guard band, which methods shade.
     pub fn inner(&self) -> Size {
         self.inner
     }
 
-    /// Size of the grid, guard band included.
+    /// Returns the size of the grid, including the guard band.
     pub fn size(&self) -> Size {
         self.size
     }
 
-    /// Pixels of guard band on each side.
+    /// Returns the pixels of the guard band on each side.
     pub fn guard(&self) -> u32 {
         self.guard
     }
 
-    /// Tangents of the half angles of view of the inner image, across and down.
+    /// Returns the tangents of the half angles of view of the inner image, across and down.
     pub fn tangents(&self) -> [f32; 2] {
         self.tangents
     }
 
-    /// Depths of the grid in metres along the view's axis, row by row; infinite for sky.
+    /// Returns the depths of the grid in metres along the view's axis, row by row; infinite for sky.
     pub fn depths(&self) -> &[f32] {
         &self.depth
     }
 
-    /// Unit normals of the grid in view space, row by row; zero for sky.
+    /// Returns the unit normals of the grid in view space, row by row; zero for sky.
     pub fn normals(&self) -> &[Vec3] {
         &self.normal
     }
 
-    /// Depth of pixel (`x`, `y`) of the grid in metres; infinite for sky and beyond the grid.
+    /// Returns the depth of pixel (`x`, `y`) of the grid in metres; infinite for sky and beyond the grid.
     #[inline]
     pub fn depth(&self, x: i32, y: i32) -> f32 {
         self.index(x, y).map_or(f32::INFINITY, |index| self.depth[index])
     }
 
-    /// Unit normal of pixel (`x`, `y`) of the grid in view space; zero for sky and beyond the grid.
+    /// Returns the unit normal of pixel (`x`, `y`) of the grid in view space; zero for sky and beyond the grid.
     #[inline]
     pub fn normal(&self, x: i32, y: i32) -> Vec3 {
         self.index(x, y).map_or(Vec3::ZERO, |index| self.normal[index])
     }
 
-    /// Whether the pixel with this (whole) number of column and row is on the grid.
+    /// Returns whether the pixel with these (whole) numbers of column and row is on the grid.
     #[inline]
     pub(crate) fn covers(&self, pixel: Vec2) -> bool {
         pixel.cmpge(Vec2::ZERO).all()
             && pixel.cmplt(Vec2::new(self.size.width() as f32, self.size.height() as f32)).all()
     }
 
-    /// Where the surface of pixel (`x`, `y`) of the grid is, in metres, view space; `None` for sky and beyond the
-    /// grid.
+    /// Returns the position of the surface at pixel (`x`, `y`) of the grid, in metres, view space; `None` for sky and
+    /// beyond the grid.
     #[inline]
     pub fn position(&self, x: i32, y: i32) -> Option<Vec3> {
         let depth = self.depth(x, y);
         (depth < f32::INFINITY).then(|| self.unproject(Vec2::new(x as f32 + 0.5, y as f32 + 0.5), depth))
     }
 
-    /// The point in view space at `depth` metres that is seen at `at` on the grid, in pixels.
+    /// Returns the point of view space at `depth` metres that projects to the place `at` of the grid, in pixels.
     #[inline]
     pub fn unproject(&self, at: Vec2, depth: f32) -> Vec3 {
         ((at - self.centre) * self.slope * depth).extend(depth)
     }
 
-    /// Where on the grid, in pixels, a point of view space is seen; its z must be above 0.
+    /// Returns the place on the grid, in pixels, to which a point of view space projects; its z must be above 0.
     #[inline]
     pub fn project(&self, point: Vec3) -> Vec2 {
         point.truncate() / point.z * self.focal + self.centre
     }
 
-    /// Slope per pixel, across and down: what one pixel spans at 1 m, in metres.
+    /// Returns the slope per pixel, across and down. It is the size of a pixel at 1 m, in metres.
     pub fn slope(&self) -> Vec2 {
         self.slope
     }
 
-    /// Length in pixels, across and down, of `radius` metres square to the view's axis at `depth` metres; infinite
-    /// depth gives 0.
+    /// Returns the length in pixels, across and down, of `radius` metres perpendicular to the view's axis at `depth`
+    /// metres. Infinite depth gives 0.
     #[inline]
     pub fn radius_px(&self, radius: f32, depth: f32) -> Vec2 {
         self.focal * (radius / depth)
     }
 
-    /// An image of what `shade` makes of each inner pixel that shows a surface, given its place on the grid; sky is 1.
-    /// Rows go over all threads.
+    /// Returns an image of the values of `shade` at each inner pixel that shows a surface; sky is 1. Rows are spread
+    /// over all threads.
     pub(crate) fn each_inner(&self, shade: impl Fn(Pixel) -> f32 + Sync) -> Vec<f32> {
         let mut values = vec![1.0_f32; self.inner.pixels()];
         let guard = self.guard as i32;
@@ -223,7 +226,7 @@ impl Screen {
         values
     }
 
-    /// The image of values that methods computed; rounding below 0 and above 1 is taken off.
+    /// Makes an image of computed values, clamped to `[0, 1]` because of rounding.
     pub(crate) fn image(&self, mut values: Vec<f32>) -> Result<AoImage, ScreenError> {
         for value in &mut values {
             *value = value.clamp(0.0, 1.0);
@@ -231,7 +234,7 @@ impl Screen {
         Ok(AoImage::new(self.inner, values)?)
     }
 
-    /// Place in the buffers of pixel (`x`, `y`) of the grid.
+    /// Returns the index in the buffers of pixel (`x`, `y`) of the grid.
     #[inline]
     fn index(&self, x: i32, y: i32) -> Option<usize> {
         let inside = (x as u32) < self.size.width() && (y as u32) < self.size.height();
@@ -246,13 +249,13 @@ pub(crate) struct Pixel {
     pub(crate) x: i32,
     /// Row on the grid.
     pub(crate) y: i32,
-    /// Where the surface is, view space, metres.
+    /// Position of the surface in metres, view space.
     pub(crate) position: Vec3,
     /// Its unit normal, view space.
     pub(crate) normal: Vec3,
 }
 
-/// The size of an image with its guard band.
+/// Returns the size of an image with its guard band.
 fn with_guard(inner: Size, guard: u32) -> Result<Size, ScreenError> {
     if guard > Screen::MAX_GUARD {
         return Err(ScreenError::Guard { guard });
@@ -372,7 +375,7 @@ mod tests {
         let back = make(reversed.map(|depth| NEAR / depth)).unwrap();
         assert!((0..3).all(|x| (back.depth(x, 0) - linear.depth(x, 0)).abs() < 1e-6
             || back.depth(x, 0) == linear.depth(x, 0)));
-        // Not reversed, the sky is 1: what is no more than a metre away cannot be told from that, what is at the near plane can.
+        // Not reversed, the sky is 1. Depths up to a metre cannot be distinguished from metres, the near plane can.
         let normalised = metres.map(|metres| 1.0 - NEAR / metres);
         assert_eq!(make(normalised.map(|depth| NEAR / (1.0 - depth))).unwrap().position(1, 0), None);
         let at_near = [NEAR; 6].map(|metres| 1.0 - NEAR / metres);

@@ -1,4 +1,4 @@
-//! How much an occluder counts, by its distance.
+//! Falloffs: the weight of an occluder by its distance.
 
 use std::sync::Arc;
 
@@ -6,8 +6,8 @@ use super::ScreenError;
 
 /// Weight of an occluder by its distance over the radius R: 1 at 0, 0 from 1 on, and never rising between.
 ///
-/// All methods share it, so that their pictures differ by the method and not by what they estimate: obscurance is the
-/// cosine-weighted mean of the weights of what the rays meet, accessibility is 1 less that.
+/// All methods share it, so that their pictures differ by the method and not by the estimated quantity. Obscurance is
+/// the cosine-weighted mean of the weights of the hits; accessibility is 1 minus obscurance.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Falloff {
     /// `1 - s`: the ray tracer's obscurance ([`Occlusion::Obscurance`](psao_server::ao::Occlusion)), and the
@@ -19,8 +19,8 @@ pub enum Falloff {
     Quadratic,
     /// `(1 - s^2)^3`: Scalable Ambient Obscurance (`McGuire` et al. 2012).
     Cubic,
-    /// `exp(-decay s)`, shifted and scaled to reach 0 at R: the kind that far-field obscurance is shown with (Timonen
-    /// 2013, section 8). `decay` is in `(0, 50]`.
+    /// `exp(-decay s)`, shifted and scaled to reach 0 at R. Far-field obscurance is shown with it (Timonen 2013,
+    /// section 8). `decay` is in `(0, 50]`.
     Exponential {
         /// Rate of decay per radius.
         decay: f32,
@@ -34,19 +34,19 @@ pub enum Falloff {
 pub struct Samples(Arc<[f32]>);
 
 impl Falloff {
-    /// Most samples of [`Falloff::sampled`].
+    /// Largest number of samples of [`Falloff::sampled`].
     pub const MAX_SAMPLES: usize = 65_536;
-    /// The largest rate of [`Falloff::Exponential`].
+    /// Largest rate of [`Falloff::Exponential`].
     pub const MAX_DECAY: f32 = 50.0;
 
-    /// A falloff of its own shape: at least two samples in `[0, 1]` at equal steps from 0 to R. From R on it is 0,
-    /// whatever the last sample.
+    /// Makes a falloff of any shape from at least two samples in `[0, 1]` at equal steps from 0 to R. From R on it is
+    /// 0, whatever the last sample.
     ///
     /// # Errors
     ///
-    /// [`ScreenError::Falloff`] when there are too few or too many samples or one is not in `[0, 1]`;
-    /// [`ScreenError::NotMonotone`] when one is above the one before: methods that look for the largest weighted
-    /// occluder, or keep a horizon, would be wrong without a word.
+    /// [`ScreenError::Falloff`] when there are too few or too many samples, or one is not in `[0, 1]`.
+    /// [`ScreenError::NotMonotone`] when a sample is above the one before. With such a falloff, methods that search the
+    /// largest weighted occluder, or keep a horizon, would be silently wrong.
     pub fn sampled(samples: &[f32]) -> Result<Self, ScreenError> {
         if !(2..=Self::MAX_SAMPLES).contains(&samples.len()) {
             return Err(ScreenError::Falloff { what: "the number of samples", value: samples.len() as f32 });
@@ -78,7 +78,8 @@ impl Falloff {
         }
     }
 
-    /// Weight at `s`, a distance over the radius, in `[0, 1]`; 0 from 1 on, and for NaN. Below 0 counts as 0.
+    /// Returns the weight at `s`, a distance over the radius, in `[0, 1]`; 0 from 1 on, and for NaN. Below 0 counts as
+    /// 0.
     #[inline]
     pub fn weight(&self, s: f32) -> f32 {
         if s.is_nan() || s >= 1.0 {
@@ -106,7 +107,7 @@ impl Falloff {
         }
     }
 
-    /// What it is called in words and plots.
+    /// Returns its name for texts and plots.
     pub fn label(&self) -> String {
         match self {
             Self::Linear => "linear falloff".to_owned(),

@@ -4,20 +4,21 @@ use glam::{Vec2, Vec3};
 use psao_server::clock::Clock;
 
 use super::depth::Pixel;
-use super::noise::{Compass, bits, pair};
+use super::noise::{DirectionTable, bits, pair};
 use super::{
-    Blur, Edge, Falloff, Sampling, Screen, ScreenError, ScreenMethod, Shaded, Stages, check_radius,
+    Blur, EdgeStop, Falloff, Sampling, Screen, ScreenError, ScreenMethod, Shading, StageTimer, check_radius,
     check_setting,
 };
 
 /// HBAO (Bavoil, Sainz and Dimitrov 2008, "Image-Space Horizon-Based Ambient Occlusion"; Bavoil and Sainz 2009,
-/// "Multi-Layer Dual-Resolution Screen-Space Ambient Occlusion"): along each direction on the screen the depth buffer
-/// is walked for its horizon, and what lies between the tangent plane and the horizon is hidden: the sine of the
-/// horizon's angle less that of the tangent's, both against the plane of the screen. Each rise of the horizon counts
-/// by the falloff of the sample that made it.
+/// "Multi-Layer Dual-Resolution Screen-Space Ambient Occlusion").
 ///
-/// Directions count by solid angle, without the cosine to the normal of the ray-traced reference: that is the method's
-/// own, and makes it differ from the reference even where it sees everything.
+/// It searches the depth buffer for the horizon along each direction on the screen. Hidden is the part between the
+/// tangent plane and the horizon: the sine of the horizon's angle minus that of the tangent's, both against the plane
+/// of the screen. Each rise of the horizon has the weight of the sample that caused it.
+///
+/// Directions count by solid angle, without the cosine to the normal that the ray-traced reference has. That is part of
+/// the method, and makes it differ from the reference even where it sees everything.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Hbao {
     /// Radius in metres.
@@ -26,13 +27,14 @@ pub struct Hbao {
     pub directions: u32,
     /// Samples a direction, 1 to 1024.
     pub steps: u32,
-    /// Angle above the tangent plane below which nothing hides, in degrees, 0 to 89: against the facets of low meshes.
+    /// Angle above the tangent plane below which nothing hides, in degrees, 0 to 89. It ignores facets of coarse
+    /// meshes.
     pub angle_bias_deg: f32,
     /// Weight of a sample by its distance over the radius.
     pub falloff: Falloff,
     /// Whether directions turn and first steps shift from pixel to pixel.
     pub jitter: bool,
-    /// What takes the noise off.
+    /// Blur that removes the noise.
     pub blur: Blur,
     /// Seed of the noise.
     pub seed: u64,
@@ -41,9 +43,10 @@ pub struct Hbao {
 impl Hbao {
     const NAME: &'static str = "hbao";
 
-    /// At a radius in metres: 8 directions of 10 samples, as Astapov et al. (2021) run it, and a cross-bilateral blur.
+    /// Returns settings for a radius in metres: 8 directions of 10 samples, as in Astapov et al. (2021), and a
+    /// cross-bilateral blur.
     pub fn new(radius: f32) -> Self {
-        let edge = Edge::Depth { metres: 0.2 * radius };
+        let edge = EdgeStop::Depth { metres: 0.2 * radius };
         Self {
             radius,
             directions: 8,
@@ -56,11 +59,11 @@ impl Hbao {
         }
     }
 
-    /// Whether every setting is in its range.
+    /// Checks that every setting is in its range.
     ///
     /// # Errors
     ///
-    /// [`ScreenError`] names the first that is not.
+    /// [`ScreenError`] names the first setting that is not.
     pub fn validate(&self) -> Result<(), ScreenError> {
         check_radius(self.radius)?;
         check_setting(Self::NAME, "directions", self.directions as f32, 1.0, 256.0)?;
@@ -70,8 +73,8 @@ impl Hbao {
         self.blur.validate(Self::NAME)
     }
 
-    /// Accessibility of one pixel.
-    fn pixel(&self, screen: &Screen, pixel: &Pixel, compass: &Compass, bias: Bias) -> f32 {
+    /// Returns the accessibility of one pixel.
+    fn pixel(&self, screen: &Screen, pixel: &Pixel, compass: &DirectionTable, bias: AngleBias) -> f32 {
         let reach = screen.radius_px(self.radius, pixel.position.z);
         // Steps of less than a pixel would read the same sample again.
         let step = (reach / (self.steps + 1) as f32).max(Vec2::ONE);
@@ -92,9 +95,15 @@ impl Hbao {
         1.0 - hidden / self.directions as f32
     }
 
-    /// Weighted sine between tangent and horizon along one direction, given the samples from near to far.
-    fn slice(&self, pixel: &Pixel, direction: Vec2, samples: impl Iterator<Item = Vec3>, bias: Bias) -> f32 {
-        // Tangents of angles above the plane of the screen, towards the eye. A normal that faces away leans flat.
+    /// Returns the weighted sine between tangent and horizon along one direction, from the samples from near to far.
+    fn slice(
+        &self,
+        pixel: &Pixel,
+        direction: Vec2,
+        samples: impl Iterator<Item = Vec3>,
+        bias: AngleBias,
+    ) -> f32 {
+        // Tangents of angles above the plane of the screen, towards the eye. A normal that faces away is clamped.
         let lean = direction.normalize().dot(pixel.normal.truncate()) / pixel.normal.z.min(-1e-4);
         let mut tan_horizon = raised(lean, bias.tan);
         let mut sine = sine(tan_horizon);
@@ -102,8 +111,8 @@ impl Hbao {
         for sample in samples {
             let to = sample - pixel.position;
             let (across, distance) = (to.truncate().length(), to.length());
-            // Pixels lie a little beside the line, where the tangent plane is at another angle: the bias is above
-            // that one.
+            // Pixels lie a little beside the line, where the tangent plane is at another angle. The bias is above that
+            // plane.
             let above = pixel.normal.dot(to) > bias.sin * distance;
             if above && -to.z > tan_horizon * across && distance < self.radius {
                 tan_horizon = -to.z / across.max(f32::MIN_POSITIVE);
@@ -129,35 +138,36 @@ impl ScreenMethod for Hbao {
         Some(Sampling::directed(self.directions, self.steps, 0))
     }
 
-    fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shaded, ScreenError> {
+    fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shading, ScreenError> {
         self.validate()?;
-        let mut stages = Stages::new(clock);
-        let compass = Compass::new();
+        let mut stages = StageTimer::new(clock);
+        let compass = DirectionTable::new();
         let angle = self.angle_bias_deg.to_radians();
         // A plane is flat only to rounding.
-        let bias = Bias { tan: libm::tanf(angle), sin: libm::sinf(angle).max(1e-3) };
+        let bias = AngleBias { tan: libm::tanf(angle), sin: libm::sinf(angle).max(1e-3) };
         let mut values = screen.each_inner(|pixel| self.pixel(screen, &pixel, &compass, bias));
         stages.end("sample");
         self.blur.apply(screen, &mut values);
         stages.end("blur");
-        stages.shaded(screen, values, Compass::BYTES + self.blur.bytes(screen))
+        stages.shaded(screen, values, DirectionTable::BYTES + self.blur.heap_bytes(screen))
     }
 }
 
 /// Tangent and sine of the angle bias.
 #[derive(Clone, Copy, Debug)]
-struct Bias {
+struct AngleBias {
     tan: f32,
     sin: f32,
 }
 
-/// Tangent of the sum of two angles, given theirs; the second is in `[0, 90)` degrees. At most 90 degrees.
+/// Returns the tangent of the sum of two angles from their tangents, at most that of 90 degrees. The second angle is in
+/// `[0, 90)` degrees.
 fn raised(tan: f32, by: f32) -> f32 {
     let rest = 1.0 - tan * by;
     if rest > 1e-6 { (tan + by) / rest } else { 1e6 }
 }
 
-/// Sine of the angle in `[-90, 90]` degrees with this tangent.
+/// Returns the sine of the angle in `[-90, 90]` degrees with this tangent.
 fn sine(tan: f32) -> f32 {
     if tan.abs() < 1e6 { tan / (1.0 + tan * tan).sqrt() } else { tan.signum() }
 }
@@ -185,7 +195,7 @@ mod tests {
         // Up 45 degrees at 0.5, then a hidden sample, then straight on up to 60 degrees further out.
         let far = at(0.8, 0.8 * 3.0_f32.sqrt());
         let samples = [at(0.0, 0.0), at(0.5, 0.5), at(0.7, 0.1), far, at(0.1, 3.0)];
-        let hidden = method.slice(&pixel, Vec2::X, samples.into_iter(), Bias { tan: 0.0, sin: 0.0 });
+        let hidden = method.slice(&pixel, Vec2::X, samples.into_iter(), AngleBias { tan: 0.0, sin: 0.0 });
         let (near, sin45, sin60) = (0.5_f32, 0.5_f32.sqrt(), 0.75_f32.sqrt());
         let want = sin45 * (1.0 - near / 4.0) + (sin60 - sin45) * (1.0 - 2.56 / 4.0);
         assert!((hidden - want).abs() < 1e-6, "{hidden} {want}");

@@ -5,10 +5,10 @@ use psao_server::clock::Clock;
 use rayon::prelude::*;
 
 use super::depth::Pixel;
-use super::far_field::field::Pixels;
-use super::far_field::slice::{Estimator, Receiver, Slice, Stand};
-use super::far_field::table::Table;
-use super::{Falloff, Screen, ScreenError, ScreenMethod, Shaded, Stages, check_radius, check_setting};
+use super::far_field::field::SquarePixels;
+use super::far_field::slice::{Estimator, Receiver, SlabPlacement, Slice};
+use super::far_field::table::ObscuranceTable;
+use super::{Falloff, Screen, ScreenError, ScreenMethod, Shading, StageTimer, check_radius, check_setting};
 
 const NAME: &str = "mipmap";
 
@@ -21,29 +21,30 @@ pub struct MipmapSettings {
     pub falloff: Falloff,
     /// K: directions of every pixel, 4 to 256; the paper takes 16.
     pub sectors: u32,
-    /// By how much each step is longer than the one before, 1.01 to 4; the paper takes 1.5.
+    /// Factor by which each step is longer than the one before, 1.01 to 4; the paper takes 1.5.
     pub growth: f32,
-    /// Pixels from which on samples count, 0 to 4096; 15 is the far field of intervals of 10 pixels (section 8).
+    /// Distance in pixels from which samples count, 0 to 4096; 15 is the far field of intervals of 10 pixels (section
+    /// 8).
     pub start: f32,
-    /// Thickness of the depth field in metres (section 11): then levels hold the nearest depth and nothing is
+    /// Thickness of the depth field in metres (section 11). Levels then hold the nearest depth and are not
     /// interpolated. `None` is a continuous field, whose levels are means.
     pub thickness: Option<f32>,
 }
 
 impl Default for MipmapSettings {
-    /// K = 16 with steps 1.5 times as long as the one before, over the ray tracer's own 0.6 m and falloff.
+    /// Returns K = 16 and steps 1.5 times as long as the one before, with the ray tracer's 0.6 m and falloff.
     fn default() -> Self {
         Self { radius: 0.6, falloff: Falloff::Linear, sectors: 16, growth: 1.5, start: 0.0, thickness: None }
     }
 }
 
-/// Point samples along K directions of each pixel, further apart and from coarser levels the further away they are.
+/// Point samples along K directions of each pixel. With distance they are further apart and from coarser levels.
 ///
 /// Stages: `mipmap` and `obscurance`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mipmap {
     settings: MipmapSettings,
-    table: Table,
+    table: ObscuranceTable,
 }
 
 impl Mipmap {
@@ -59,16 +60,16 @@ impl Mipmap {
         check_setting(NAME, "the growth of steps", settings.growth, 1.01, 4.0)?;
         check_setting(NAME, "the start", settings.start, 0.0, 4_096.0)?;
         check_setting(NAME, "the thickness", settings.thickness.unwrap_or(1.0), 1e-6, 1e6)?;
-        let table = Table::new(settings.radius, &settings.falloff);
+        let table = ObscuranceTable::new(settings.radius, &settings.falloff);
         Ok(Self { settings, table })
     }
 
-    /// The settings.
+    /// Returns the settings.
     pub fn settings(&self) -> &MipmapSettings {
         &self.settings
     }
 
-    /// Distances of the samples in square pixels, up to `end`.
+    /// Returns the distances of the samples in square pixels, up to `end`.
     fn distances(&self, end: f32) -> Vec<f32> {
         let (mut distance, mut step) = (1.0, 1.0);
         let mut distances = Vec::new();
@@ -82,7 +83,7 @@ impl Mipmap {
         distances
     }
 
-    /// Level whose pixels are as wide as a sector at a distance.
+    /// Returns the level whose pixels are as wide as a sector at a distance.
     fn level(&self, distance: f32) -> f32 {
         let half = libm::tanf(std::f32::consts::PI / self.settings.sectors as f32);
         libm::log2f((2.0 * distance * half).max(1.0))
@@ -107,11 +108,11 @@ impl ScreenMethod for Mipmap {
         label
     }
 
-    fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shaded, ScreenError> {
-        let mut stages = Stages::new(clock);
-        let levels = Levels::new(screen, self.settings.thickness.is_some());
+    fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shading, ScreenError> {
+        let mut stages = StageTimer::new(clock);
+        let levels = MipLevels::new(screen, self.settings.thickness.is_some());
         stages.end("mipmap");
-        let pixels = Pixels::new(screen);
+        let pixels = SquarePixels::new(screen);
         let samples: Vec<(f32, f32)> = self
             .distances(2.0 * pixels.half().length())
             .into_iter()
@@ -138,18 +139,18 @@ impl ScreenMethod for Mipmap {
     }
 }
 
-/// What all pixels share.
+/// Inputs that all pixels share.
 struct Gather<'a> {
     method: &'a Mipmap,
-    levels: &'a Levels,
-    pixels: &'a Pixels,
+    levels: &'a MipLevels,
+    pixels: &'a SquarePixels,
     estimator: &'a Estimator<'a>,
     /// Distances and levels.
     samples: &'a [(f32, f32)],
 }
 
 impl Gather<'_> {
-    /// Obscurance of one slice, over the width of its sector.
+    /// Returns the obscurance of one slice over the width of its sector.
     fn slice(&self, pixel: &Pixel, along: Vec2) -> f32 {
         let receiver = Receiver::new(pixel.position, pixel.normal);
         let slice = Slice::new(&receiver, along);
@@ -164,13 +165,13 @@ impl Gather<'_> {
             let inverse = self.levels.inverse(self.pixels.on_grid(at + along * distance), level);
             if inverse > 0.0 {
                 let sight = across * (start + distance * slope) + depth;
-                hidden += self.estimator.add(&slice, &mut horizon, sight / inverse, Stand::Top, 1.0);
+                hidden += self.estimator.add(&slice, &mut horizon, sight / inverse, SlabPlacement::Top, 1.0);
             }
         };
         for &(distance, level) in self.samples.iter().take_while(|(distance, _)| *distance < end) {
             sample(distance, level);
         }
-        // One more at the very edge of the depth field.
+        // One more sample at the very edge of the depth field.
         if end == edge && edge >= self.method.settings.start.max(1.0) {
             sample(edge, self.method.level(edge));
         }
@@ -178,35 +179,35 @@ impl Gather<'_> {
     }
 }
 
-/// Distance to the last place within `half` of the middle, half a pixel inside.
+/// Returns the distance to the last place within `half` of the middle, half a pixel inside.
 fn to_edge(half: Vec2, at: Vec2, along: Vec2) -> f32 {
     let side = (half - 0.5).max(Vec2::ZERO) - at * along.signum();
     let distance = side / along.abs().max(Vec2::splat(f32::MIN_POSITIVE));
     distance.min_element().max(0.0)
 }
 
-/// Levels of inverse depth, each half the one before; sky is 0. The means of inverse depths keep planes what they are,
-/// and have a place for sky.
+/// Levels of inverse depth, each half the size of the one before; sky is 0. Means of inverse depths preserve planes,
+/// and can represent sky.
 #[derive(Debug)]
-struct Levels {
-    levels: Vec<Level>,
-    /// Whether nothing may be interpolated.
+struct MipLevels {
+    levels: Vec<MipLevel>,
+    /// Whether values are not interpolated.
     snapped: bool,
 }
 
 #[derive(Debug)]
-struct Level {
+struct MipLevel {
     width: usize,
     height: usize,
     inverse: Vec<f32>,
 }
 
-impl Levels {
-    /// Levels down to a single pixel, of means, or, `snapped`, of the nearest.
+impl MipLevels {
+    /// Makes levels down to a single pixel: of means, or of the nearest depths if `snapped`.
     fn new(screen: &Screen, snapped: bool) -> Self {
         let (width, height) = (screen.size().width() as usize, screen.size().height() as usize);
         let inverse = screen.depths().iter().map(|depth| depth.recip()).collect();
-        let mut levels = vec![Level { width, height, inverse }];
+        let mut levels = vec![MipLevel { width, height, inverse }];
         while let Some(level) = levels.last().filter(|level| level.width > 1 || level.height > 1) {
             let half = level.half(snapped);
             levels.push(half);
@@ -218,7 +219,7 @@ impl Levels {
         self.levels.iter().map(|level| size_of_val(level.inverse.as_slice())).sum()
     }
 
-    /// Inverse depth at a place on the grid, in pixels, between two levels and the pixels of each; 0 is sky.
+    /// Returns the inverse depth at a place on the grid in pixels, interpolated in and between two levels; 0 is sky.
     fn inverse(&self, at: Vec2, level: f32) -> f32 {
         let level = level.clamp(0.0, (self.levels.len() - 1) as f32);
         let lower = level as usize;
@@ -235,8 +236,8 @@ impl Levels {
     }
 }
 
-impl Level {
-    /// The next level: each pixel covers two by two of this one, or what there is of them.
+impl MipLevel {
+    /// Returns the next level. Each of its pixels covers up to two by two pixels of this level.
     fn half(&self, nearest: bool) -> Self {
         let (width, height) = (self.width.div_ceil(2), self.height.div_ceil(2));
         let mut inverse = vec![0.0; width * height];
@@ -251,14 +252,14 @@ impl Level {
         Self { width, height, inverse }
     }
 
-    /// The pixel over a place, or the last one on its side.
+    /// Returns the pixel at a place, or the last pixel on that side.
     #[inline]
     fn at(&self, x: f32, y: f32) -> f32 {
         let (x, y) = ((x.max(0.0) as usize).min(self.width - 1), (y.max(0.0) as usize).min(self.height - 1));
         self.inverse[y * self.width + x]
     }
 
-    /// Between the four pixels about a place.
+    /// Interpolates between the four pixels around a place.
     #[inline]
     fn between(&self, at: Vec2) -> f32 {
         let corner = (at - 0.5).floor();
@@ -293,11 +294,11 @@ mod tests {
     #[test]
     fn levels_are_means_or_the_nearest() {
         let screen = screen(4, 3, 0, |x, y| [1.0, 2.0, 4.0, f32::INFINITY][x as usize] * (1 << y) as f32);
-        let means = Levels::new(&screen, false);
+        let means = MipLevels::new(&screen, false);
         let sizes: Vec<_> = means.levels.iter().map(|level| (level.width, level.height)).collect();
         assert_eq!(sizes, [(4, 3), (2, 2), (1, 1)]);
         assert_eq!(means.levels[1].inverse, [0.5625, 0.09375, 0.1875, 0.03125]);
-        let near = Levels::new(&screen, true);
+        let near = MipLevels::new(&screen, true);
         assert_eq!(near.levels[1].inverse, [1.0, 0.25, 0.25, 0.0625]);
         assert_eq!(near.levels[2].inverse, [1.0]);
         assert_eq!(near.inverse(Vec2::new(3.9, 0.1), 1.7), 0.25, "the pixel itself, of the level itself");

@@ -1,7 +1,7 @@
-//! Ambient occlusion from what is on the screen alone: the methods that point-based ambient occlusion is compared
-//! with, each from its own paper, all over one input ([`Screen`]) and with one set of falloffs ([`Falloff`]).
+//! Screen-space ambient occlusion, for comparison with point-based ambient occlusion.
 //!
-//! What none of them can know is what the screen does not show; the geometric reference, which knows all, is
+//! Each method follows its own paper. All share one input ([`Screen`]) and one set of falloffs ([`Falloff`]). No method
+//! knows surfaces that the screen does not show. The geometric reference, which knows all surfaces, is
 //! [`crate::reference`].
 
 mod blur;
@@ -15,122 +15,122 @@ mod noise;
 mod pyramid;
 mod pyramid_hbao;
 mod scalable;
+mod screen_rays;
 mod ssao;
 mod ssao_plus;
 #[cfg(test)]
 mod tests;
-mod traced;
 
 use psao_reconstruct::{AoImage, AoImageError, CameraError, Size, SizeError};
 use psao_server::clock::Clock;
 use serde::Serialize;
 
-pub use self::blur::{Blur, Edge};
+pub use self::blur::{Blur, EdgeStop};
 pub use self::depth::Screen;
 pub use self::falloff::{Falloff, Samples};
-pub use self::far_field::{FarField, FarFieldSettings, NearField, Separate};
+pub use self::far_field::{FarField, FarFieldSettings, NearField, Separation};
 pub use self::hbao::Hbao;
 pub use self::line_sweep::LineSweep;
 pub use self::mipmap::{Mipmap, MipmapSettings};
 pub use self::pyramid_hbao::PyramidHbao;
 pub use self::scalable::Scalable;
+pub use self::screen_rays::{RayBias, ScreenRays};
 pub use self::ssao::Ssao;
 pub use self::ssao_plus::SsaoPlus;
-pub use self::traced::{Lift, Traced};
 
-/// A way to shade a screen.
+/// A screen-space method.
 pub trait ScreenMethod: Sync {
-    /// Short name, as on a command line: letters, digits and dashes.
+    /// Returns the short name, as on a command line: letters, digits and dashes.
     fn name(&self) -> &'static str;
 
-    /// The settings in words, for plots and tables.
+    /// Returns the settings in words, for plots and tables.
     fn label(&self) -> String;
 
-    /// What it reads for a pixel, where that is a fixed number of samples of depth.
+    /// Returns the samples of depth that the method reads for a pixel; `None` where their number varies.
     fn sampling(&self) -> Option<Sampling> {
         None
     }
 
-    /// Accessibility of the inner pixels of `screen`; sky is 1. The same on any number of threads.
+    /// Computes the accessibility of the inner pixels of `screen`; sky is 1. It is the same on any number of threads.
     ///
-    /// `clock` is read for the times of the stages only.
+    /// The method reads `clock` only for the times of the stages.
     ///
     /// # Errors
     ///
     /// [`ScreenError`] when a setting is out of its range.
-    fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shaded, ScreenError>;
+    fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shading, ScreenError>;
 }
 
-/// Samples of depth that a method reads for a pixel, those beyond its radius included.
+/// Samples of depth that a method reads for a pixel, including those beyond its radius.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Sampling {
-    /// Directions D; `None` of a method that has none.
+    /// Directions D; `None` for a method without directions.
     pub directions: Option<u32>,
-    /// Samples a direction S, of all levels together; `None` without directions.
+    /// Samples S of a direction, on all levels together; `None` without directions.
     pub along: Option<u32>,
     /// Levels of depth L above the buffer itself.
     pub levels: u32,
-    /// Samples in all.
+    /// Total number of samples.
     pub per_pixel: u32,
 }
 
 impl Sampling {
-    /// Of `directions` with `along` samples each.
+    /// Makes the sampling of `directions` with `along` samples each.
     pub(crate) fn directed(directions: u32, along: u32, levels: u32) -> Self {
         Self { directions: Some(directions), along: Some(along), levels, per_pixel: directions * along }
     }
 }
 
-/// What a method made of a screen.
+/// Result of a method.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Shaded {
+pub struct Shading {
     /// Accessibility in `[0, 1]` of the inner pixels.
     pub image: AoImage,
-    /// Time of each stage in microseconds, in the order they ran.
+    /// Time of each stage in microseconds, in the order of the stages.
     pub stages: Vec<(&'static str, u64)>,
-    /// Working memory in bytes at its largest: buffers beside the screen itself, the image included.
+    /// Largest working memory in bytes: all buffers except the screen itself, the image included.
     pub bytes: usize,
 }
 
-impl Shaded {
-    /// Time of all stages in microseconds.
+impl Shading {
+    /// Returns the time of all stages in microseconds.
     pub fn micros(&self) -> u64 {
         self.stages.iter().map(|(_, micros)| micros).sum()
     }
 }
 
-/// Reads the clock between the stages of a method.
-pub(crate) struct Stages<'a> {
+/// Stopwatch for the stages of a method.
+pub(crate) struct StageTimer<'a> {
     clock: &'a dyn Clock,
     since: u64,
     done: Vec<(&'static str, u64)>,
 }
 
-impl<'a> Stages<'a> {
+impl<'a> StageTimer<'a> {
     pub(crate) fn new(clock: &'a dyn Clock) -> Self {
         Self { clock, since: clock.micros(), done: Vec::new() }
     }
 
-    /// What ran since the last call, or since the beginning, is `stage`.
+    /// Ends `stage`, which began at the last call or when the timer was made.
     pub(crate) fn end(&mut self, stage: &'static str) {
         let now = self.clock.micros();
         self.done.push((stage, now.saturating_sub(self.since)));
         self.since = now;
     }
 
-    /// The result: accessibilities of the inner pixels, and the bytes that were needed beside them.
+    /// Makes the result from the accessibilities of the inner pixels and the bytes of all other buffers.
     pub(crate) fn shaded(
         self,
         screen: &Screen,
         values: Vec<f32>,
         bytes: usize,
-    ) -> Result<Shaded, ScreenError> {
+    ) -> Result<Shading, ScreenError> {
         let bytes = bytes + values.len() * size_of::<f32>();
-        Ok(Shaded { image: screen.image(values)?, stages: self.done, bytes })
+        Ok(Shading { image: screen.image(values)?, stages: self.done, bytes })
     }
 }
 
-/// A screen that cannot be made, or a setting of a method that is out of its range.
+/// Error of a screen or of a method's setting.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ScreenError {
@@ -143,7 +143,7 @@ pub enum ScreenError {
     /// The guard band is too wide.
     #[error("a guard band of {guard} pixels: choose at most {}", Screen::MAX_GUARD)]
     Guard {
-        /// Pixels asked for on each side.
+        /// Requested pixels on each side.
         guard: u32,
     },
     /// A buffer does not fill the image with its guard band.
@@ -156,13 +156,13 @@ pub enum ScreenError {
         /// Values given.
         found: usize,
     },
-    /// Tangents of the half angles of view are not above 0 and finite.
+    /// A tangent of the half angles of view is not above 0 and finite.
     #[error("tangents of view of {0} by {1}: both must be above 0 and finite", tangents[0], tangents[1])]
     Tangents {
-        /// As given, across and down.
+        /// The given tangents, across and down.
         tangents: [f32; 2],
     },
-    /// A depth is not a positive distance into the view. Reversed and normalised depths must be made linear first.
+    /// A depth is not a positive distance into the view. Convert reversed and normalised depths to linear ones first.
     #[error(
         "pixel ({x}, {y}) of the guarded screen has depth {depth}; depths are metres above 0, infinite for sky"
     )]
@@ -187,7 +187,7 @@ pub enum ScreenError {
     /// The radius is not a length.
     #[error("an AO radius of {radius} m: choose {} to {}", MIN_RADIUS, MAX_RADIUS)]
     Radius {
-        /// As given.
+        /// The given value.
         radius: f32,
     },
     /// A setting of a method is out of its range.
@@ -197,7 +197,7 @@ pub enum ScreenError {
         method: &'static str,
         /// The setting's name.
         setting: &'static str,
-        /// As given.
+        /// The given value.
         value: f32,
         /// The least it may be.
         least: f32,
@@ -211,9 +211,9 @@ pub enum ScreenError {
         Falloff::MAX_DECAY
     )]
     Falloff {
-        /// Which parameter.
+        /// Name of the parameter.
         what: &'static str,
-        /// As given.
+        /// The given value.
         value: f32,
     },
     /// A falloff rises with distance.
@@ -226,17 +226,17 @@ pub enum ScreenError {
         /// Its value.
         value: f32,
     },
-    /// A method made a value that is none: an error of the method.
-    #[error("a screen-space method made a value out of range: {0}")]
+    /// A method computed a value out of range. That is a fault of the method.
+    #[error("a screen-space method computed a value out of range: {0}")]
     Values(#[from] AoImageError),
 }
 
-/// The least AO radius in metres, as that of the ray tracer.
+/// Smallest AO radius in metres, as for the ray tracer.
 pub const MIN_RADIUS: f32 = 1e-6;
-/// The largest AO radius in metres, as that of the ray tracer.
+/// Largest AO radius in metres, as for the ray tracer.
 pub const MAX_RADIUS: f32 = 1e6;
 
-/// Refuses a radius that is not a length: 0, negative, NaN, or beyond what squares of f32 hold.
+/// Refuses a radius that is 0, negative, NaN, or too large for its square in f32.
 ///
 /// # Errors
 ///
@@ -245,7 +245,7 @@ pub fn check_radius(radius: f32) -> Result<(), ScreenError> {
     if (MIN_RADIUS..=MAX_RADIUS).contains(&radius) { Ok(()) } else { Err(ScreenError::Radius { radius }) }
 }
 
-/// Refuses a setting that is not in `least..=most`, NaN included.
+/// Refuses a setting that is not in `least..=most`, including NaN.
 pub(crate) fn check_setting(
     method: &'static str,
     setting: &'static str,

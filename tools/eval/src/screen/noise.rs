@@ -1,4 +1,4 @@
-//! What differs from pixel to pixel on purpose: noise that is the same on every machine.
+//! Noise that differs from pixel to pixel and is the same on every machine.
 
 use glam::Vec2;
 
@@ -6,38 +6,38 @@ use super::Screen;
 use super::depth::Pixel;
 use crate::reference::{fraction, mix};
 
-/// Random bits of one pixel; they do not depend on the guard band.
+/// Returns random bits of a pixel. They do not depend on the guard band.
 pub(crate) fn bits(screen: &Screen, pixel: &Pixel, seed: u64) -> u64 {
     let guard = screen.guard() as i32;
     let place = ((pixel.y - guard) as u64) << 32 | (pixel.x - guard) as u64;
     mix(seed ^ mix(place))
 }
 
-/// The `index`-th pair of numbers in `[0, 1)` of a pixel with these bits.
+/// Returns the `index`-th pair of numbers in `[0, 1)` of a pixel with these bits.
 #[inline]
 pub(crate) fn pair(bits: u64, index: usize) -> Vec2 {
     let bits = mix(bits.wrapping_add(index as u64));
     Vec2::new(unit(bits as u32), unit((bits >> 32) as u32))
 }
 
-/// A length in `[0, 1)` for the `index`-th of a set of points: a low-discrepancy sequence, so that any set has even
-/// ones.
+/// Returns a length in `[0, 1)` for the `index`-th of a set of points. The lengths are a low-discrepancy sequence, so
+/// any set has even ones.
 pub(crate) fn length(index: u32) -> f32 {
     // Multiples of the golden ratio, in units of 2^-32.
     unit(index.wrapping_mul(0x9E37_79B9).wrapping_add(0x8000_0000))
 }
 
-/// 24 of the bits as a number in `[0, 1)`, which f32 holds exactly.
+/// Returns 24 of the bits as a number in `[0, 1)`, which f32 holds exactly.
 #[inline]
 fn unit(bits: u32) -> f32 {
     fraction(bits & 0xFFFF_FF00) as f32
 }
 
-/// Unit vectors of the whole turn, looked up instead of computed.
+/// Table of unit vectors over the whole turn.
 #[derive(Debug)]
-pub(crate) struct Compass(Vec<Vec2>);
+pub(crate) struct DirectionTable(Vec<Vec2>);
 
-impl Compass {
+impl DirectionTable {
     const POINTS: usize = 4_096;
 
     /// The size of the table in bytes.
@@ -49,7 +49,7 @@ impl Compass {
         Self((0..Self::POINTS).map(at).collect())
     }
 
-    /// The unit vector at `turns` of a turn, at least 0; counted from x towards y.
+    /// Returns the unit vector at `turns` of a turn, from x towards y; `turns` is at least 0.
     #[inline]
     pub(crate) fn at(&self, turns: f32) -> Vec2 {
         self.0[(turns * Self::POINTS as f32) as usize % Self::POINTS]
@@ -62,7 +62,7 @@ mod tests {
 
     #[test]
     fn the_compass_turns_once_and_its_vectors_are_unit() {
-        let compass = Compass::new();
+        let compass = DirectionTable::new();
         assert_eq!([0.0, 1.0, 7.0].map(|turns| compass.at(turns)), [Vec2::X; 3]);
         assert!((compass.at(0.25) - Vec2::Y).length() < 1e-6);
         for index in 0..1_000 {

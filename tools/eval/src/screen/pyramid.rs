@@ -1,28 +1,28 @@
-//! Smaller and smaller copies of the depth field.
+//! A pyramid of smaller and smaller copies of the depth field.
 
 use glam::Vec2;
 use rayon::prelude::*;
 
 use super::Screen;
 
-/// How a pixel of the next level comes from the pixels that it covers.
+/// Reduction of the covered pixels to a pixel of the next level.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Reduce {
-    /// Their mean; sky when one of them is, the limit of a mean with a far plane at infinity.
+    /// Their mean; sky when one of them is sky, which is the limit for a far plane at infinity.
     Mean,
-    /// One of them, by turns along rows and columns: the rotated grid of `McGuire` et al. (2012), for a
-    /// factor of 2. Every depth is one of the original's.
+    /// One of them, alternating along rows and columns: the rotated grid of `McGuire` et al. (2012), for a factor of 2.
+    /// Every depth is one of the screen's.
     Pick,
 }
 
-/// Levels of depth; level 0 is the screen itself and not kept here.
+/// Levels of depth above level 0, which is the screen itself.
 #[derive(Debug)]
 pub(crate) struct DepthPyramid {
-    levels: Vec<Level>,
+    levels: Vec<PyramidLevel>,
 }
 
 #[derive(Debug)]
-struct Level {
+struct PyramidLevel {
     width: usize,
     height: usize,
     /// Pixels of the screen per pixel of this level.
@@ -31,10 +31,10 @@ struct Level {
 }
 
 impl DepthPyramid {
-    /// Makes `levels` levels above the screen's own, each smaller by `factor` on each side, rounded up; fewer when one
-    /// has shrunk to a single pixel.
+    /// Makes `levels` levels above the screen's own, each smaller by `factor` on each side, rounded up. There are fewer
+    /// levels when one has a single pixel.
     pub(crate) fn new(screen: &Screen, factor: usize, levels: usize, reduce: Reduce) -> Self {
-        let mut made: Vec<Level> = Vec::new();
+        let mut made: Vec<PyramidLevel> = Vec::new();
         let (mut width, mut height) = (screen.size().width() as usize, screen.size().height() as usize);
         let mut scale = 1;
         while made.len() < levels && (width > 1 || height > 1) {
@@ -42,23 +42,23 @@ impl DepthPyramid {
             let depth = reduced(below, [width, height], factor, reduce);
             (width, height) = (width.div_ceil(factor), height.div_ceil(factor));
             scale *= factor as i32;
-            made.push(Level { width, height, scale, depth });
+            made.push(PyramidLevel { width, height, scale, depth });
         }
         Self { levels: made }
     }
 
-    /// The highest level; 0 when there is only the screen.
+    /// Returns the number of the highest level; 0 when there is only the screen.
     pub(crate) fn top(&self) -> usize {
         self.levels.len()
     }
 
-    /// Memory in bytes.
+    /// Returns the size on the heap in bytes.
     pub(crate) fn bytes(&self) -> usize {
         self.levels.iter().map(|level| level.depth.len() * size_of::<f32>()).sum()
     }
 
-    /// Centre, in pixels of the screen's grid, and depth of the pixel of `level` over `at`; `None` for sky, and beyond
-    /// the grid.
+    /// Returns the centre, in pixels of the screen's grid, and the depth of the pixel of `level` at `at`; `None` for
+    /// sky and beyond the grid.
     #[inline]
     pub(crate) fn read(&self, screen: &Screen, level: usize, at: Vec2) -> Option<(Vec2, f32)> {
         let (x, y) = (at.x.floor() as i32, at.y.floor() as i32);
@@ -66,7 +66,7 @@ impl DepthPyramid {
             (1, x, y, screen.depth(x, y))
         } else {
             let level = &self.levels[level - 1];
-            // Halves round down, so that what is just left of the grid stays there.
+            // The division rounds down, so that places just left of the grid stay outside.
             let (x, y) = (x.div_euclid(level.scale), y.div_euclid(level.scale));
             let inside = (x as u32 as usize) < level.width && (y as u32 as usize) < level.height;
             (
@@ -80,7 +80,7 @@ impl DepthPyramid {
     }
 }
 
-/// The next level above `depth`, whose sides are `width` and `height`.
+/// Returns the next level above `depth`, whose sides are `width` and `height`.
 fn reduced(depth: &[f32], [width, height]: [usize; 2], factor: usize, reduce: Reduce) -> Vec<f32> {
     let small = width.div_ceil(factor);
     let mut made = vec![0.0; small * height.div_ceil(factor)];

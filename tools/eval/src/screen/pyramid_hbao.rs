@@ -1,30 +1,32 @@
-//! Pyramid HBAO: horizons from a pyramid of mean depths.
+//! Pyramid HBAO: horizons in a pyramid of mean depths.
 
 use glam::Vec2;
 use psao_server::clock::Clock;
 
 use super::depth::Pixel;
-use super::noise::{Compass, bits, pair};
+use super::noise::{DirectionTable, bits, pair};
 use super::pyramid::{DepthPyramid, Reduce};
 use super::{
-    Blur, Edge, Falloff, Sampling, Screen, ScreenError, ScreenMethod, Shaded, Stages, check_radius,
+    Blur, EdgeStop, Falloff, Sampling, Screen, ScreenError, ScreenMethod, Shading, StageTimer, check_radius,
     check_setting,
 };
 
-/// Pyramid HBAO (Astapov, Frolov and Galaktionov 2021). Along each of D random directions it takes a few samples of
-/// the depth buffer, then as many of each level of a pyramid of means whose pixels, and steps, are K = 3 times as
-/// large (sections 3.3 and 3.4). A direction is hidden by the sample with the largest product of falloff and sine of
-/// its angle above the tangent plane (Eq. 8); the mean over the directions is taken from 1.
+/// Pyramid HBAO (Astapov, Frolov and Galaktionov 2021).
 ///
-/// The reach in pixels is `step_px * samples * (1 + 3 + ... + 3^levels)`, whatever the radius: more levels for larger
-/// ones. The paper leaves the range of the random first step open; here it is 0.5 to 1.5 of `step_px`.
+/// Along each of D random directions it takes a few samples of the depth buffer, then as many of each level of a
+/// pyramid of means. Pixels and steps of a level are K = 3 times as large as those below (sections 3.3 and 3.4). A
+/// direction is hidden by the sample with the largest product of falloff and sine of its angle above the tangent plane
+/// (Eq. 8). Accessibility is 1 minus the mean over the directions.
+///
+/// The reach in pixels is `step_px * samples * (1 + 3 + ... + 3^levels)`, whatever the radius. Larger radii need more
+/// levels. The paper leaves the range of the random first step open; here it is 0.5 to 1.5 of `step_px`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PyramidHbao {
     /// Radius in metres.
     pub radius: f32,
     /// Directions D, 1 to 256.
     pub directions: u32,
-    /// Samples a direction takes of each level, 1 to 256.
+    /// Samples of a direction on each level, 1 to 256.
     pub samples: u32,
     /// Levels of the pyramid above the depth buffer, 0 to 8.
     pub levels: u32,
@@ -32,7 +34,7 @@ pub struct PyramidHbao {
     pub step_px: f32,
     /// Weight of a sample by its distance over the radius; the paper's is linear (Eq. 7).
     pub falloff: Falloff,
-    /// What takes the noise off; the paper's is a plain Gaussian of 5 taps (section 3.5).
+    /// Blur that removes the noise; the paper's is a plain Gaussian of 5 taps (section 3.5).
     pub blur: Blur,
     /// Seed of the noise.
     pub seed: u64,
@@ -40,12 +42,13 @@ pub struct PyramidHbao {
 
 impl PyramidHbao {
     const NAME: &'static str = "pyramid-hbao";
-    /// By how much levels shrink (section 3.3).
+    /// Factor by which levels shrink (section 3.3).
     const K: usize = 3;
     const MAX_LEVELS: u32 = 8;
 
-    /// The paper's settings, at a radius in metres: 8 directions, linear falloff, a Gaussian of 5 taps with sigma 1.5.
-    /// Samples and levels are not published; 4 of each of 4 (the depth buffer and 3 more) reach 160 pixels.
+    /// Returns the paper's settings for a radius in metres: 8 directions, linear falloff, a Gaussian of 5 taps with
+    /// sigma 1.5. Samples and levels are not published; 4 samples on each of 4 levels (the depth buffer and 3 more)
+    /// reach 160 pixels.
     pub fn new(radius: f32) -> Self {
         Self {
             radius,
@@ -54,12 +57,12 @@ impl PyramidHbao {
             levels: 3,
             step_px: 1.0,
             falloff: Falloff::Linear,
-            blur: Blur { taps: 2, spacing: 1, sigma: 1.5, edge: Edge::None },
+            blur: Blur { taps: 2, spacing: 1, sigma: 1.5, edge: EdgeStop::None },
             seed: 1,
         }
     }
 
-    /// The same with as few levels as reach `pixels`, 8 at most.
+    /// Returns the same settings with the fewest levels that reach `pixels`, at most 8.
     #[must_use]
     pub fn reaching(self, pixels: f32) -> Self {
         let reach = |levels| Self { levels, ..self.clone() }.reach_px();
@@ -68,18 +71,18 @@ impl PyramidHbao {
         Self { levels, ..self }
     }
 
-    /// How far a direction goes in pixels where its first step is not shifted.
+    /// Returns the reach of a direction in pixels when its first step is not shifted.
     #[must_use]
     pub fn reach_px(&self) -> f32 {
         let steps: f32 = (0..=self.levels).map(|level| (Self::K as f32).powi(level as i32)).sum();
         self.step_px * self.samples as f32 * steps
     }
 
-    /// Whether every setting is in its range.
+    /// Checks that every setting is in its range.
     ///
     /// # Errors
     ///
-    /// [`ScreenError`] names the first that is not.
+    /// [`ScreenError`] names the first setting that is not.
     pub fn validate(&self) -> Result<(), ScreenError> {
         check_radius(self.radius)?;
         check_setting(Self::NAME, "directions", self.directions as f32, 1.0, 256.0)?;
@@ -90,13 +93,13 @@ impl PyramidHbao {
         self.blur.validate(Self::NAME)
     }
 
-    /// Accessibility of one pixel.
-    fn pixel(&self, screen: &Screen, pyramid: &DepthPyramid, compass: &Compass, pixel: &Pixel) -> f32 {
+    /// Returns the accessibility of one pixel.
+    fn pixel(&self, screen: &Screen, pyramid: &DepthPyramid, compass: &DirectionTable, pixel: &Pixel) -> f32 {
         let noise = bits(screen, pixel, self.seed);
         let centre = Vec2::new(pixel.x as f32, pixel.y as f32) + 0.5;
         let hidden: f32 = (0..self.directions)
             .map(|index| {
-                // Section 3.5: directions at random, and the first step too.
+                // Section 3.5: random directions and a random first step.
                 let chance = pair(noise, index as usize);
                 let direction = compass.at(chance.x);
                 let (mut step, mut along) = (self.step_px * (0.5 + chance.y), 0.0);
@@ -116,7 +119,7 @@ impl PyramidHbao {
         1.0 - hidden / self.directions as f32
     }
 
-    /// Falloff times sine above the tangent plane (Eq. 8) of the sample at `depth` metres over `at`.
+    /// Returns the falloff times sine above the tangent plane (Eq. 8) of the sample at `depth` metres over `at`.
     #[inline]
     fn contribution(&self, screen: &Screen, pixel: &Pixel, at: Vec2, depth: f32) -> f32 {
         let to = screen.unproject(at, depth) - pixel.position;
@@ -142,17 +145,17 @@ impl ScreenMethod for PyramidHbao {
         Some(Sampling::directed(self.directions, self.samples * (self.levels + 1), self.levels))
     }
 
-    fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shaded, ScreenError> {
+    fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shading, ScreenError> {
         self.validate()?;
-        let mut stages = Stages::new(clock);
+        let mut stages = StageTimer::new(clock);
         let pyramid = DepthPyramid::new(screen, Self::K, self.levels as usize, Reduce::Mean);
         stages.end("pyramid");
-        let compass = Compass::new();
+        let compass = DirectionTable::new();
         let mut values = screen.each_inner(|pixel| self.pixel(screen, &pyramid, &compass, &pixel));
         stages.end("sample");
         self.blur.apply(screen, &mut values);
         stages.end("blur");
-        stages.shaded(screen, values, pyramid.bytes() + Compass::BYTES + self.blur.bytes(screen))
+        stages.shaded(screen, values, pyramid.bytes() + DirectionTable::BYTES + self.blur.heap_bytes(screen))
     }
 }
 
@@ -182,7 +185,7 @@ mod tests {
 
     #[test]
     fn a_sample_counts_by_its_angle_and_distance_whatever_the_level() {
-        // A wall 2 m away, but for a block of 9 x 9 pixels on the right that is 1.5 m away.
+        // A wall 2 m away, except for a block of 9 x 9 pixels on the right that is 1.5 m away.
         let depth = |i: usize| if (18..27).contains(&(i % 27)) && i / 27 < 9 { 1.5 } else { 2.0 };
         let size = Size::new(27, 9).unwrap();
         let depths = (0..27 * 9).map(depth).collect();

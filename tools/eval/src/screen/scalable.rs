@@ -4,54 +4,55 @@ use glam::Vec2;
 use psao_server::clock::Clock;
 
 use super::depth::Pixel;
-use super::noise::Compass;
+use super::noise::DirectionTable;
 use super::pyramid::{DepthPyramid, Reduce};
 use super::{
-    Blur, Edge, Falloff, Sampling, Screen, ScreenError, ScreenMethod, Shaded, Stages, check_radius,
+    Blur, EdgeStop, Falloff, Sampling, Screen, ScreenError, ScreenMethod, Shading, StageTimer, check_radius,
     check_setting,
 };
 
-/// Scalable Ambient Obscurance (`McGuire`, Mara and Luebke 2012), after Alchemy (`McGuire` et al. 2011): taps on a
-/// spiral about the pixel, far ones on coarser levels of depth so that they stay in cache, each adding `falloff *
-/// max(0, (v . n - bias) / (v . v + epsilon))`, then the mean over squares of 2 x 2 pixels without an edge and a
-/// bilateral blur in two passes. Normals are the screen's own, not rebuilt from depth.
+/// Scalable Ambient Obscurance (`McGuire`, Mara and Luebke 2012), after Alchemy (`McGuire` et al. 2011).
 ///
-/// Lengths of the paper are for a radius of 1 m; here they are shares of the radius, which is the same at 1 m and
-/// looks the same at any.
+/// Taps lie on a spiral around the pixel; far taps read coarser levels of depth, which stay in cache. Each tap adds
+/// `falloff * max(0, (v . n - bias) / (v . v + epsilon))`. Then follow the mean over squares of 2 x 2 pixels without an
+/// edge, and a bilateral blur in two passes. Normals are those of the screen and not rebuilt from depth.
+///
+/// Lengths in the paper are for a radius of 1 m. Here they are shares of the radius, which gives the same picture at
+/// any scale.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scalable {
     /// Radius r in metres.
     pub radius: f32,
     /// Taps s on the spiral, 1 to 1024.
     pub taps: u32,
-    /// Turns of the spiral, 1 to 1024; best without a factor in common with the taps.
+    /// Turns of the spiral, 1 to 1024; best coprime to the taps.
     pub turns: u32,
-    /// Strength, 0 to 1000: the paper's sigma, which it leaves to taste.
+    /// Strength, 0 to 1000: the paper's sigma, which the paper does not fix.
     pub intensity: f32,
     /// Height over the tangent plane below which nothing hides, over the radius, 0 to 1.
     pub bias: f32,
-    /// Added to squared distances, over the squared radius, 0 to 1: keeps near taps from counting without bound.
+    /// Addend of squared distances, over the squared radius, 0 to 1. It bounds the contribution of near taps.
     pub epsilon: f32,
     /// Levels of depth above the buffer itself, 0 to 16.
     pub levels: u32,
     /// Weight of a tap by its distance over the radius; the paper's is cubic.
     pub falloff: Falloff,
-    /// What takes the noise off.
+    /// Blur that removes the noise.
     pub blur: Blur,
 }
 
 impl Scalable {
     const NAME: &'static str = "scalable";
-    /// Logarithm of the distance in pixels from which taps use level 1 (the paper's q').
+    /// A tap 2^(this + n) pixels away reads level n (the paper's q').
     const LOG_FIRST_LEVEL: u32 = 3;
     const MAX_LEVELS: u32 = 16;
     /// Difference in depth, over the radius, above which neighbours in a square of 2 x 2 are not averaged.
     const QUAD_EDGE: f32 = 0.02;
 
-    /// Usual settings, at a radius in metres: 9 taps on 7 turns, five levels, blur of 4 taps on each side, 2 apart.
-    /// The intensity is 0.4, which makes a right-angled corner as dark as the ray tracer's obscurance does.
+    /// Returns usual settings for a radius in metres: 9 taps on 7 turns, five levels, a blur of 4 taps on each side, 2
+    /// pixels apart. With the intensity of 0.4, a right-angled corner is as dark as with the ray tracer's obscurance.
     pub fn new(radius: f32) -> Self {
-        let edge = Edge::Hat { metres: 0.15 * radius };
+        let edge = EdgeStop::Hat { metres: 0.15 * radius };
         Self {
             radius,
             taps: 9,
@@ -65,8 +66,8 @@ impl Scalable {
         }
     }
 
-    /// The same with this many taps and as many levels as reach `pixels`. The turns are next to the golden section of
-    /// the taps without a factor in common with them, which spreads any number of taps evenly.
+    /// Returns the same settings with this many taps and the levels that reach `pixels`. The number of turns is coprime
+    /// to the taps and next to their golden section, which spreads any number of taps evenly.
     #[must_use]
     pub fn spread(self, taps: u32, pixels: f32) -> Self {
         let golden = (f64::from(taps) * 0.618_033_988_749_894_8) as u32;
@@ -74,11 +75,11 @@ impl Scalable {
         Self { taps, turns, levels: level_at(pixels, Self::MAX_LEVELS as usize) as u32, ..self }
     }
 
-    /// Whether every setting is in its range.
+    /// Checks that every setting is in its range.
     ///
     /// # Errors
     ///
-    /// [`ScreenError`] names the first that is not.
+    /// [`ScreenError`] names the first setting that is not.
     pub fn validate(&self) -> Result<(), ScreenError> {
         check_radius(self.radius)?;
         check_setting(Self::NAME, "taps", self.taps as f32, 1.0, 1024.0)?;
@@ -91,8 +92,8 @@ impl Scalable {
         self.blur.validate(Self::NAME)
     }
 
-    /// Accessibility of one pixel.
-    fn pixel(&self, screen: &Screen, pyramid: &DepthPyramid, compass: &Compass, pixel: &Pixel) -> f32 {
+    /// Returns the accessibility of one pixel.
+    fn pixel(&self, screen: &Screen, pyramid: &DepthPyramid, compass: &DirectionTable, pixel: &Pixel) -> f32 {
         let reach = screen.radius_px(self.radius, pixel.position.z);
         let centre = Vec2::new(pixel.x as f32, pixel.y as f32) + 0.5;
         let start = turn_of(pixel.x - screen.guard() as i32, pixel.y - screen.guard() as i32);
@@ -107,7 +108,7 @@ impl Scalable {
             let square = to.length_squared();
             let above = to.dot(pixel.normal) - bias;
             if above > 0.0 {
-                // Of the dimension 1 over length: times the radius.
+                // The quotient has the dimension 1 over length, so the radius makes it a number.
                 let hides = above / (square + epsilon) * self.radius;
                 sum += self.falloff.weight(square.sqrt() / self.radius) * hides;
             }
@@ -129,22 +130,22 @@ impl ScreenMethod for Scalable {
         Some(Sampling { directions: None, along: None, levels: self.levels, per_pixel: self.taps })
     }
 
-    fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shaded, ScreenError> {
+    fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shading, ScreenError> {
         self.validate()?;
-        let mut stages = Stages::new(clock);
+        let mut stages = StageTimer::new(clock);
         let pyramid = DepthPyramid::new(screen, 2, self.levels as usize, Reduce::Pick);
         stages.end("levels");
-        let compass = Compass::new();
+        let compass = DirectionTable::new();
         let mut values = screen.each_inner(|pixel| self.pixel(screen, &pyramid, &compass, &pixel));
         average_quads(screen, &mut values, Self::QUAD_EDGE * self.radius);
         stages.end("sample");
         self.blur.apply(screen, &mut values);
         stages.end("blur");
-        stages.shaded(screen, values, pyramid.bytes() + Compass::BYTES + self.blur.bytes(screen))
+        stages.shaded(screen, values, pyramid.bytes() + DirectionTable::BYTES + self.blur.heap_bytes(screen))
     }
 }
 
-/// Averages the values of inner pixels two by two, across and then down, where their depths differ by less than `edge`
+/// Averages the values of pairs of inner pixels, across and then down, where their depths differ by less than `edge`
 /// metres.
 fn average_quads(screen: &Screen, values: &mut [f32], edge: f32) {
     let (width, guard) = (screen.inner().width() as usize, screen.guard() as i32);
@@ -164,14 +165,14 @@ fn average_quads(screen: &Screen, values: &mut [f32], edge: f32) {
     }
 }
 
-/// Where in the turn the spiral of an image's pixel begins, in turns: the paper's hash `30 (x xor y) + 10 x y`, in
+/// Returns the start of the spiral of an image's pixel in turns: the paper's hash `30 (x xor y) + 10 x y`, which is in
 /// radians.
 fn turn_of(x: i32, y: i32) -> f32 {
     let hash = i64::from(x ^ y) * 30 + i64::from(x) * i64::from(y) * 10;
     (hash as f64 / std::f64::consts::TAU).rem_euclid(1.0) as f32
 }
 
-/// Whether no number but 1 divides both.
+/// Returns whether only 1 divides both numbers.
 fn coprime(mut a: u32, mut b: u32) -> bool {
     while b != 0 {
         (a, b) = (b, a % b);
@@ -179,7 +180,7 @@ fn coprime(mut a: u32, mut b: u32) -> bool {
     a == 1
 }
 
-/// The level for a tap this many pixels away: as many pixels apart on it, whatever the distance.
+/// Returns the level of a tap this many pixels away. On it, taps at any distance are about as many pixels apart.
 #[inline]
 fn level_at(pixels: f32, top: usize) -> usize {
     let log = (pixels as u32).checked_ilog2().unwrap_or(0);
@@ -204,7 +205,7 @@ mod tests {
         for taps in [1, 2, 9, 32, 64, 96, 128, 224, 1024] {
             let method = Scalable::new(1.0).spread(taps, 100.0);
             method.validate().unwrap();
-            // Taps fall on as many directions as there are taps, no two on one.
+            // Each tap has its own direction.
             let mut places: Vec<u32> = (0..taps).map(|tap| tap * method.turns % taps).collect();
             places.sort_unstable();
             assert!(places.into_iter().eq(0..taps), "{taps} on {} turns", method.turns);
@@ -218,7 +219,7 @@ mod tests {
     fn squares_are_averaged_up_to_edges() {
         use glam::Vec3;
         use psao_reconstruct::Size;
-        // Five columns and three rows; the fourth column is far behind the third.
+        // There are five columns and three rows; the fourth column is far behind the third.
         let depth = (0..15).map(|i| if i % 5 == 3 { 9.0 } else { 2.0 }).collect();
         let size = Size::new(5, 3).unwrap();
         let screen = Screen::from_parts(size, 0, [1.0; 2], depth, vec![Vec3::NEG_Z; 15]).unwrap();

@@ -1,31 +1,32 @@
-//! The first screen-space ambient occlusion: points in a sphere, counted against the depth buffer.
+//! The first screen-space ambient occlusion: points in a sphere, compared with the depth buffer.
 
 use glam::Vec3;
 use psao_server::clock::Clock;
 
 use super::noise::{bits, pair};
 use super::{
-    Blur, Edge, Falloff, Screen, ScreenError, ScreenMethod, Shaded, Stages, check_radius, check_setting,
+    Blur, EdgeStop, Falloff, Screen, ScreenError, ScreenMethod, Shading, StageTimer, check_radius,
+    check_setting,
 };
 use crate::reference::fraction;
 
-/// SSAO as in `CryEngine` 2 (Mittring 2007, "Finding Next Gen: `CryEngine` 2"): the share of points of a sphere about
+/// SSAO as in `CryEngine` 2 (Mittring 2007, "Finding Next Gen: `CryEngine` 2"): the share of points of a sphere around
 /// the surface that are in front of the depth buffer.
 ///
-/// It knows no normals, so an open plane hides half of its points and is 0.5; edges that stand out are brighter, and
-/// whatever lies behind an outline gets a halo. With `doubled` an open plane is open, as later engines have it.
+/// It uses no normals, so an open plane hides half of its points and has the value 0.5. Convex edges are brighter, and
+/// surfaces behind an outline get a halo. With `doubled` an open plane is open, as in later engines.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Ssao {
     /// Radius of the sphere in metres.
     pub radius: f32,
     /// Points in the sphere, 1 to 1024.
     pub points: u32,
-    /// Weight of a surface in front by how much nearer to the eye than the receiver it is, over the radius: the range
-    /// check. What lies deeper than the receiver but in front of its point counts in full.
+    /// Range check: weight of a surface in front, by how much nearer to the eye than the receiver it is, over the
+    /// radius. Surfaces deeper than the receiver but in front of its point count in full.
     pub falloff: Falloff,
-    /// Twice the share, at most 1.
+    /// Whether the value is twice the share, at most 1.
     pub doubled: bool,
-    /// What takes the noise off.
+    /// Blur that removes the noise.
     pub blur: Blur,
     /// Seed of the noise.
     pub seed: u64,
@@ -34,9 +35,9 @@ pub struct Ssao {
 impl Ssao {
     const NAME: &'static str = "ssao";
 
-    /// At a radius in metres: 16 points, mirrored anew in each pixel, and a small blur.
+    /// Returns settings for a radius in metres: 16 points, mirrored differently in each pixel, and a small blur.
     pub fn new(radius: f32) -> Self {
-        let edge = Edge::Depth { metres: 0.2 * radius };
+        let edge = EdgeStop::Depth { metres: 0.2 * radius };
         Self {
             radius,
             points: 16,
@@ -65,9 +66,9 @@ impl ScreenMethod for Ssao {
         format!("SSAO, {} points{doubled}, {}", self.points, self.blur.label())
     }
 
-    fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shaded, ScreenError> {
+    fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shading, ScreenError> {
         self.validate()?;
-        let mut stages = Stages::new(clock);
+        let mut stages = StageTimer::new(clock);
         let sphere = sphere(self.points, self.radius);
         let gain = if self.doubled { 2.0 } else { 1.0 };
         let mut values = screen.each_inner(|pixel| {
@@ -79,13 +80,15 @@ impl ScreenMethod for Ssao {
         stages.end("sample");
         self.blur.apply(screen, &mut values);
         stages.end("blur");
-        stages.shaded(screen, values, sphere.len() * size_of::<Vec3>() + self.blur.bytes(screen))
+        stages.shaded(screen, values, sphere.len() * size_of::<Vec3>() + self.blur.heap_bytes(screen))
     }
 }
 
-/// Share of the points `position` + offset that are more than `bias` metres behind what the depth buffer has in front
-/// of them, each weighted by the falloff of how much nearer than `position` that is. Points beyond the grid are left
-/// out; 0 when there are no others.
+/// Returns the weighted share of the points `position` + offset that are more than `bias` metres behind the depth
+/// buffer.
+///
+/// The weight of a point is the falloff of the distance by which the depth buffer is nearer than `position`. Points
+/// beyond the grid are left out; 0 when there are no others.
 pub(super) fn covered(
     screen: &Screen,
     position: Vec3,
@@ -114,8 +117,8 @@ pub(super) fn covered(
     if seen == 0 { 0.0 } else { hidden / seen as f32 }
 }
 
-/// Points spread through a sphere: even directions (a Hammersley set), lengths evenly spread, so that near ones are
-/// denser.
+/// Returns points in a sphere with even directions (a Hammersley set) and even lengths, so that points are denser near
+/// the centre.
 fn sphere(points: u32, radius: f32) -> Vec<Vec3> {
     (0..points)
         .map(|point| {
@@ -126,7 +129,7 @@ fn sphere(points: u32, radius: f32) -> Vec<Vec3> {
         .collect()
 }
 
-/// A direction of the sphere from two numbers in `[0, 1)`; even ones give even ones.
+/// Returns a direction from two numbers in `[0, 1)`. Even numbers give even directions.
 fn direction([along, turn]: [f32; 2]) -> Vec3 {
     let z = 1.0 - 2.0 * along;
     let across = (1.0 - z * z).max(0.0).sqrt();

@@ -1,4 +1,4 @@
-//! Ambient occlusion from a hemisphere of points about the normal.
+//! Ambient occlusion from points in a hemisphere around the normal.
 
 use glam::Vec3;
 use psao_server::ao::AoSettings;
@@ -7,30 +7,30 @@ use psao_server::clock::Clock;
 use super::noise::{bits, length};
 use super::ssao::covered;
 use super::{
-    Blur, Edge, Falloff, Screen, ScreenError, ScreenMethod, Shaded, Stages, check_radius, check_setting,
+    Blur, EdgeStop, Falloff, Screen, ScreenError, ScreenMethod, Shading, StageTimer, check_radius,
+    check_setting,
 };
-use crate::reference::{directions, frame};
+use crate::reference::{directions, tangent_frame};
 
 /// SSAO with a hemisphere along the normal, a range check and a bilateral blur: Filion and `McNaughton` 2008 ("Effects
-/// and Techniques"), called SSAO+ by Astapov et al. (2021, section 2.2). The SSAO that
-/// the PSAO paper compares with (its section on baselines) is of this kind.
+/// and Techniques"), called SSAO+ by Astapov et al. (2021, section 2.2). The SSAO that the PSAO paper compares with
+/// (its section on baselines) is of this kind.
 ///
-/// Points lie along cosine-distributed directions at evenly spread lengths. Behind an occluder that goes on for ever
-/// the share of hidden ones is then exactly `1 - distance / R`: the ray tracer's obscurance, with no falloff added.
-/// Depths are those of the nearest pixel, so planes that are seen at a grazing angle, where a pixel spans more depth
-/// than the bias, darken a little.
+/// Points lie along cosine-distributed directions at even lengths. So the share of points hidden by an infinitely thick
+/// occluder is exactly `1 - distance / R`, the ray tracer's obscurance, without an added falloff. Depths are those of
+/// the nearest pixel. Planes at a grazing angle darken a little, because a pixel spans more depth there than the bias.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SsaoPlus {
     /// Radius of the hemisphere in metres.
     pub radius: f32,
     /// Points in the hemisphere, 1 to 1024.
     pub points: u32,
-    /// Weight of a surface in front by how much nearer to the eye than the receiver it is, over the radius: the range
-    /// check.
+    /// Range check: weight of a surface in front, by how much nearer to the eye than the receiver it is, over the
+    /// radius.
     pub falloff: Falloff,
-    /// How far behind the depth buffer a point counts as hidden, over the radius, 0 to 1: against acne.
+    /// Distance behind the depth buffer from which a point counts as hidden, over the radius, 0 to 1. It prevents acne.
     pub bias: f32,
-    /// What takes the noise off.
+    /// Blur that removes the noise.
     pub blur: Blur,
     /// Seed of the points and the noise.
     pub seed: u64,
@@ -39,9 +39,9 @@ pub struct SsaoPlus {
 impl SsaoPlus {
     const NAME: &'static str = "ssao-plus";
 
-    /// Usual settings, at a radius in metres: 16 points, a bilateral blur of 5 x 5 pixels.
+    /// Returns usual settings for a radius in metres: 16 points, a bilateral blur of 5 x 5 pixels.
     pub fn new(radius: f32) -> Self {
-        let edge = Edge::DepthAndNormal { metres: 0.2 * radius };
+        let edge = EdgeStop::DepthAndNormal { metres: 0.2 * radius };
         Self {
             radius,
             points: 16,
@@ -70,9 +70,9 @@ impl ScreenMethod for SsaoPlus {
         format!("SSAO+, {} points, {}", self.points, self.blur.label())
     }
 
-    fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shaded, ScreenError> {
+    fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shading, ScreenError> {
         self.validate()?;
-        let mut stages = Stages::new(clock);
+        let mut stages = StageTimer::new(clock);
         let rays = AoSettings { rays: self.points, seed: self.seed, ..AoSettings::default() };
         let hemisphere: Vec<Vec3> = (0..self.points)
             .zip(directions(&rays, 0))
@@ -80,13 +80,13 @@ impl ScreenMethod for SsaoPlus {
             .collect();
         let bias = self.bias * self.radius;
         let mut values = screen.each_inner(|pixel| {
-            let turned = frame(pixel.normal, bits(screen, &pixel, self.seed) as u32);
+            let turned = tangent_frame(pixel.normal, bits(screen, &pixel, self.seed) as u32);
             let offsets = hemisphere.iter().map(|&offset| turned * offset);
             1.0 - covered(screen, pixel.position, offsets, bias, self.radius, &self.falloff)
         });
         stages.end("sample");
         self.blur.apply(screen, &mut values);
         stages.end("blur");
-        stages.shaded(screen, values, hemisphere.len() * size_of::<Vec3>() + self.blur.bytes(screen))
+        stages.shaded(screen, values, hemisphere.len() * size_of::<Vec3>() + self.blur.heap_bytes(screen))
     }
 }

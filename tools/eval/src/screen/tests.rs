@@ -1,4 +1,4 @@
-//! What all the methods promise, on scenes whose answer is known.
+//! Tests of properties that all methods share, on scenes with known results.
 
 use std::sync::Arc;
 
@@ -16,7 +16,7 @@ use crate::metric::mae;
 use crate::reference::reference;
 use crate::sweep::screen_methods;
 
-/// Planes without end, each a point and a normal.
+/// Infinite planes, each a point and a normal.
 struct Planes(Vec<[Vec3; 2]>);
 
 impl Surfaces for Planes {
@@ -38,16 +38,16 @@ fn pose(eye: [f32; 3], target: [f32; 3], up: [f32; 3]) -> CameraPose {
     CameraPose { eye, target, up, fov_y_deg: 50.0, aspect: 1.5 }
 }
 
-/// A floor on y = 0 and a wall on z = 0, seen from where both face the eye at about 45 degrees.
+/// Returns a floor on y = 0 and a wall on z = 0, which both face the eye at about 45 degrees.
 fn corner(up: [f32; 3], guard: u32) -> Screen {
     let planes = Planes(vec![[Vec3::ZERO, Vec3::Y], [Vec3::ZERO, Vec3::Z]]);
     Screen::new(&planes, &pose([0.0, 1.5, 1.6], [0.0; 3], up), size(120, 80), guard).unwrap()
 }
 
-/// All methods at a radius.
+/// Returns all methods for a radius.
 fn all(radius: f32) -> Vec<Box<dyn ScreenMethod>> {
     vec![
-        Box::new(Traced { rays: 16, ..Traced::new(radius) }),
+        Box::new(ScreenRays { rays: 16, ..ScreenRays::new(radius) }),
         Box::new(Ssao { doubled: true, ..Ssao::new(radius) }),
         Box::new(SsaoPlus::new(radius)),
         Box::new(Hbao::new(radius)),
@@ -57,12 +57,12 @@ fn all(radius: f32) -> Vec<Box<dyn ScreenMethod>> {
     ]
 }
 
-/// Every method that is measured, with every setting.
+/// Returns every measured method with every setting.
 fn every() -> Vec<Box<dyn ScreenMethod>> {
     screen_methods(&AoSettings { radius: 0.6, ..AoSettings::default() }).unwrap()
 }
 
-fn shade(method: &dyn ScreenMethod, screen: &Screen) -> Shaded {
+fn shade(method: &dyn ScreenMethod, screen: &Screen) -> Shading {
     method.shade(screen, &NoClock).unwrap()
 }
 
@@ -90,8 +90,8 @@ fn a_plane_is_open() {
         let screen = Screen::new(planes, &pose, size(96, 64), 16).unwrap();
         for method in all(0.6) {
             let found = shade(&*method, &screen);
-            // Points of a sphere fall behind a slanted plane unevenly; all others know the plane by its normal.
-            // Points of a hemisphere near its rim, too, where a pixel spans more depth than the bias.
+            // A slanted plane divides the points of a sphere unevenly. All other methods know the plane by its normal.
+            // So do points near the rim of a hemisphere, where a pixel spans more depth than the bias.
             let (least, average) = match method.name() {
                 "ssao" => (0.6, 0.9),
                 "ssao-plus" => (0.9, 0.99),
@@ -107,13 +107,13 @@ fn a_plane_is_open() {
     }
 }
 
-/// Mean accessibility of what is in the given sixth of a radius from a wall at right angles that never ends.
+/// Returns the mean accessibility in the given sixth of a radius from an infinite wall at a right angle.
 fn in_sixth(sixth: usize, falloff: &Falloff) -> f64 {
     let places = (0..8).map(|place| (sixth as f64 + (f64::from(place) + 0.5) / 8.0) / 6.0);
     places.map(|away| beside_a_wall(away, falloff)).sum::<f64>() / 8.0
 }
 
-/// Accessibility of a place `away` radii from such a wall, by quadrature.
+/// Computes the accessibility `away` radii from such a wall by quadrature.
 fn beside_a_wall(away: f64, falloff: &Falloff) -> f64 {
     let (steps, mut hidden) = (200, 0.0);
     for i in 0..steps {
@@ -129,7 +129,7 @@ fn beside_a_wall(away: f64, falloff: &Falloff) -> f64 {
     1.0 - hidden / f64::from(steps * steps)
 }
 
-/// Mean accessibility in `image` of the floor of [`corner`], seen upright, in sixths of a radius from the wall.
+/// Returns the mean accessibility of the floor of [`corner`] in `image`, upright, in sixths of a radius from the wall.
 fn away_from_the_wall(image: &AoImage, radius: f32) -> [f64; 6] {
     let camera = Camera::new(&pose([0.0, 1.5, 1.6], [0.0; 3], [0.0, 1.0, 0.0])).unwrap();
     let mut bins = [(0.0, 0); 6];
@@ -150,8 +150,8 @@ fn away_from_the_wall(image: &AoImage, radius: f32) -> [f64; 6] {
 fn a_corner_darkens_towards_its_edge_and_comes_near_the_truth() {
     let screen = corner([0.0, 1.0, 0.0], 40);
     for method in all(0.6) {
-        // Rays have noise alone. A single occluder for each direction hides too little near the edge, and Scalable's
-        // formula is another one; HBAO has no cosine, SSAO no normal.
+        // Rays only have noise. A single occluder for each direction hides too little near the edge. Scalable has a
+        // different formula, HBAO no cosine, and SSAO no normal.
         let bound = match method.name() {
             "traced" => 0.015,
             "ssao-plus" | "hbao" => 0.07,
@@ -175,7 +175,7 @@ fn rays_find_the_truth_for_every_falloff() {
     let sampled = Falloff::sampled(&[1.0, 0.9, 0.2, 0.1]).unwrap();
     let exponential = Falloff::Exponential { decay: 3.0 };
     for falloff in [Falloff::Binary, Falloff::Quadratic, Falloff::Cubic, exponential, sampled] {
-        let method = Traced { rays: 64, falloff: falloff.clone(), ..Traced::new(0.6) };
+        let method = ScreenRays { rays: 64, falloff: falloff.clone(), ..ScreenRays::new(0.6) };
         for (sixth, found) in away_from_the_wall(&shade(&method, &screen).image, 0.6).into_iter().enumerate()
         {
             let truth = in_sixth(sixth, &falloff);
@@ -190,7 +190,7 @@ fn without_jitter_and_blur_what_is_alike_is_shaded_alike() {
     let method = Hbao { jitter: false, blur: Blur::NONE, ..Hbao::new(0.6) };
     let spread = |method: &Hbao| {
         let image = shade(method, &screen).image;
-        // Along the edge, which runs across the picture.
+        // Along the edge, which crosses the picture.
         let row = (50..70).map(|x| image.get(x, 44).unwrap());
         row.clone().fold(0.0, f32::max) - row.fold(1.0, f32::min)
     };
@@ -215,7 +215,7 @@ fn sky_is_open_and_hides_nothing() {
         let image = shade(&*method, &plate).image;
         assert!((0..16).all(|y| image.get(0, y) == Some(1.0) && image.get(23, y) == Some(1.0)));
         let darkest = image.values().iter().copied().fold(1.0, f32::min);
-        // A sphere's points are even only in the mean.
+        // The points of a sphere are even only on average.
         let least = if method.name() == "ssao" { 0.8 } else { 0.99 };
         assert!(darkest >= least, "{}: {darkest}", method.name());
     }
@@ -239,11 +239,11 @@ fn single_pixels_and_guard_bands_of_any_width_are_fine() {
 
 #[test]
 fn a_guard_band_shows_what_is_beside_the_image() {
-    // The same view with and without: at the sides they differ, and the guarded one is darker.
+    // Views with and without a guard band differ at the sides; the one with it is darker.
     let [bare, guarded] = [0, 40].map(|guard| corner([1.0, 0.0, 0.0], guard));
     for method in all(0.6) {
         let [bare, guarded] = [&bare, &guarded].map(|screen| shade(&*method, screen).image);
-        // Points of a sphere that leave the screen may be those that are hidden.
+        // The points of a sphere that leave the screen may be the hidden ones.
         let darker = mean(&guarded) < mean(&bare) + 0.002 || method.name() == "ssao";
         assert!(darker, "{}: {} {}", method.name(), mean(&guarded), mean(&bare));
         assert_ne!(bare, guarded, "{}", method.name());
@@ -271,7 +271,7 @@ fn settings_out_of_range_are_refused() {
     let rising = Falloff::Exponential { decay: -1.0 };
     let (ssao, plus, hbao) = (Ssao::new(0.6), SsaoPlus::new(0.6), Hbao::new(0.6));
     let (pyramid, scalable, sweep) = (PyramidHbao::new(0.6), Scalable::new(0.6), LineSweep::new(0.6));
-    let traced = Traced::new(0.6);
+    let traced = ScreenRays::new(0.6);
     let bad: Vec<Box<dyn ScreenMethod>> = vec![
         Box::new(Ssao { points: 0, ..ssao.clone() }),
         Box::new(Ssao { falloff: rising.clone(), ..ssao }),
@@ -288,10 +288,10 @@ fn settings_out_of_range_are_refused() {
         Box::new(LineSweep { directions: 7, ..sweep.clone() }),
         Box::new(LineSweep { directions: 258, ..sweep.clone() }),
         Box::new(LineSweep { falloff: rising, ..sweep }),
-        Box::new(Traced { rays: 0, ..traced.clone() }),
-        Box::new(Traced { thickness: Some(0.0), ..traced.clone() }),
-        Box::new(Traced { step_px: f32::NAN, ..traced.clone() }),
-        Box::new(Traced { lift: Lift::OfDepth(0.5), ..traced }),
+        Box::new(ScreenRays { rays: 0, ..traced.clone() }),
+        Box::new(ScreenRays { thickness: Some(0.0), ..traced.clone() }),
+        Box::new(ScreenRays { step_px: f32::NAN, ..traced.clone() }),
+        Box::new(ScreenRays { bias: RayBias::OfDepth(0.5), ..traced }),
     ];
     for method in bad {
         let found = method.shade(&screen, &NoClock);
@@ -313,7 +313,7 @@ fn one_thread_and_four_shade_the_same() {
 
 #[test]
 fn turning_the_camera_about_its_axis_changes_little() {
-    // Square pixels, so that the disc in the middle of the picture shows the same.
+    // The pixels are square, so that the disc in the middle of the picture looks the same.
     let middle = |image: &AoImage| {
         let disc = |x: i32, y: i32| (x - 60).pow(2) + (y - 40).pow(2) < 38 * 38;
         let inside = (0..120).flat_map(|x| (0..80).map(move |y| (x, y))).filter(|&(x, y)| disc(x, y));
@@ -331,7 +331,7 @@ fn turning_the_camera_about_its_axis_changes_little() {
 
 #[test]
 fn stages_take_the_time_that_the_clock_says() {
-    /// Every reading is 10 us after the one before.
+    /// A clock that advances by 10 us at each reading.
     struct Ticks(std::cell::Cell<u64>);
     impl Clock for Ticks {
         fn micros(&self) -> u64 {
@@ -359,7 +359,7 @@ fn on_a_built_in_scene_each_is_as_far_from_the_reference_as_it_should_be() {
     for method in all(0.6) {
         let found = mae(&truth, &shade(&*method, &screen).image).unwrap();
         let bound = match method.name() {
-            // What is seen has no end in depth: halos behind every outline.
+            // Surfaces are infinitely thick, so there are halos behind every outline.
             "traced" => 0.09,
             "line-sweep" => 0.04,
             "ssao-plus" => 0.05,

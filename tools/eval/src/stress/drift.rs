@@ -1,4 +1,4 @@
-//! A value that drifts more slowly than the threshold: the client must still follow (stream design, bounded error).
+//! A value that drifts by less than the threshold a frame. The client must still follow (bounded error).
 
 use std::sync::Arc;
 
@@ -11,7 +11,7 @@ use psao_codec::quant::unorm;
 
 use super::{Case, StressError};
 
-/// Frames of the drift.
+/// Number of frames of the drift.
 const FRAMES: u32 = 10_000;
 /// The paper's threshold, in steps of 1/255.
 const THRESHOLD: u8 = 8;
@@ -41,13 +41,13 @@ pub(super) fn cases() -> Vec<Case> {
     ]
 }
 
-/// The AO at a frame: two slow waves that visit the whole range, at most a tenth of a step a frame.
+/// Returns the AO at a frame: two slow waves over the whole range, of at most a tenth of a step a frame.
 fn drift(frame: u32) -> f64 {
     let t = f64::from(frame);
     0.5 + 0.35 * libm::sin(t / 1_300.0) + 0.15 * libm::cos(t / 470.0)
 }
 
-/// Encoder, frame and client as in a real stream; the point is put when the server's own rule says so.
+/// Sends the drifting point through encoder, frame and client, when the server's own rule says so.
 fn worst_difference(format: PointFormat) -> Result<f64, StressError> {
     let grid = Grid::new([0.0; 3], 1.0, [1; 3]).map_err(StressError::new)?;
     let instance = InstanceLayout { grid, first_bucket: 0, bucket_count: 1, kernel_radius: 0.5 };

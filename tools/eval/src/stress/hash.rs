@@ -1,4 +1,4 @@
-//! Eq. 1 in a table with a power of two of buckets, and its ids in 32 bits (paper, section 3.2).
+//! The hash of Eq. 1 in a table with a power of two of buckets, and its ids in 32 bits (paper, section 3.2).
 
 use std::collections::BTreeSet;
 
@@ -6,8 +6,8 @@ use psao_codec::paper::{ENTRIES_PER_BUCKET, bucket_of, cell_id};
 
 use super::{Case, StressError};
 
-/// Dimensions of the grid whose ids wrap: the product with the factor 31 of Eq. 1 passes 2^32.
-const WRAPPING: [u32; 3] = [260, 260, 2050];
+/// Dimensions of a grid whose ids wrap: the product with the factor 31 of Eq. 1 exceeds 2^32.
+const WRAPPING_GRID: [u32; 3] = [260, 260, 2050];
 
 pub(super) fn cases() -> Vec<Case> {
     vec![
@@ -68,10 +68,11 @@ pub(super) fn cases() -> Vec<Case> {
     ]
 }
 
-/// Percentage of the cells of the wall x = dims[0] / 2 that find no slot in `scale` times the paper's table.
+/// Returns the percentage of the cells of the wall x = dims[0] / 2 that find no entry in `scale` times the paper's
+/// table.
 fn lost(dims: [u32; 3], scale: u32, hash: fn([u32; 3], [u32; 3]) -> u32) -> f64 {
     let cells = dims[1] * dims[2];
-    // 4 slots a cell over 8 entries a bucket, next power of two (paper, section 3.2).
+    // 4 entries a cell over 8 entries a bucket, rounded up to a power of two (paper, section 3.2).
     let buckets = (cells * 4).div_ceil(ENTRIES_PER_BUCKET as u32).next_power_of_two() * scale;
     let mut wanted = vec![0_usize; buckets as usize];
     for y in 0..dims[1] {
@@ -87,8 +88,8 @@ fn eq1(cell: [u32; 3], dims: [u32; 3]) -> u32 {
     cell_id(cell, dims)
 }
 
-/// A dense index through the finaliser of `SplitMix64` (Steele et al. 2014), low half: every bit of the index
-/// reaches every bit of the result.
+/// Hashes a dense index by the finaliser of `SplitMix64` (Steele et al. 2014). Every bit of the index affects every bit
+/// of the result.
 fn mixed(cell: [u32; 3], dims: [u32; 3]) -> u32 {
     let [x, y, z] = cell.map(u64::from);
     let [dx, dy, _] = dims.map(u64::from);
@@ -98,14 +99,14 @@ fn mixed(cell: [u32; 3], dims: [u32; 3]) -> u32 {
     (h ^ (h >> 31)) as u32
 }
 
-/// Only the last layer passes 2^32, and by less than a layer: what wraps can only meet the first one.
+/// Counts the pairs of cells that share an id. Only ids of the last layer wrap, and only into those of the first layer.
 fn shared_ids() -> Result<f64, StressError> {
     let layer = |z: u32| {
-        let rows = 0..WRAPPING[1];
-        rows.flat_map(move |y| (0..WRAPPING[0]).map(move |x| cell_id([x, y, z], WRAPPING)))
+        let rows = 0..WRAPPING_GRID[1];
+        rows.flat_map(move |y| (0..WRAPPING_GRID[0]).map(move |x| cell_id([x, y, z], WRAPPING_GRID)))
     };
     let first: BTreeSet<u32> = layer(0).collect();
-    Ok(layer(WRAPPING[2] - 1).filter(|id| first.contains(id)).count() as f64)
+    Ok(layer(WRAPPING_GRID[2] - 1).filter(|id| first.contains(id)).count() as f64)
 }
 
 #[cfg(test)]
@@ -114,9 +115,9 @@ mod tests {
 
     #[test]
     fn the_documented_pair_shares_an_id() {
-        assert_eq!(cell_id([4, 0, 0], WRAPPING), cell_id([0, 245, 2049], WRAPPING));
+        assert_eq!(cell_id([4, 0, 0], WRAPPING_GRID), cell_id([0, 245, 2049], WRAPPING_GRID));
         assert_eq!(
-            u64::from(cell_id([259, 259, 2048], WRAPPING)),
+            u64::from(cell_id([259, 259, 2048], WRAPPING_GRID)),
             259 + 259 * 260 * 17 + 2048 * 260 * 260 * 31
         );
         assert!(shared_ids().unwrap() > 0.0);

@@ -1,8 +1,8 @@
-//! Cases that strain the stream on purpose, each with its bound and the worst that was measured.
+//! Cases that strain the stream on purpose, each with its bound and its worst measured value.
 //!
-//! A case is a small, deterministic computation that ends in one number. [`Case::run`] measures it and says
-//! whether the bound holds, whether a documented limit of the paper's own structures shows, or whether the
-//! case fails. The whole table takes a few seconds.
+//! A case is a small, deterministic computation that ends in one number. [`Case::run`] measures that number and judges
+//! it: the bound holds, a documented limit of the paper's own structures shows, or the case fails. The whole table
+//! takes a few seconds.
 
 mod drift;
 mod hash;
@@ -11,18 +11,18 @@ mod overflow;
 mod positions;
 mod scenes;
 
-/// What a case found.
+/// Result of a case.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outcome {
     /// Short name, unique in the table, for example `eq1-plane-256`.
     pub name: &'static str,
-    /// What is strained and measured, in one sentence.
+    /// What the case strains and measures, in one sentence.
     pub what: &'static str,
-    /// The bound and where it comes from, in words.
+    /// The bound and its origin, in words.
     pub bound_text: &'static str,
-    /// The largest value with which the bound holds, in `unit`.
+    /// Largest value within the bound, in `unit`.
     pub bound: f64,
-    /// The worst value that was measured, in `unit`.
+    /// Worst measured value, in `unit`.
     pub worst: f64,
     /// Unit of `bound` and `worst`, for example `%` or `degrees`.
     pub unit: &'static str,
@@ -35,7 +35,7 @@ pub struct Outcome {
 pub enum Verdict {
     /// The bound holds.
     Holds,
-    /// The bound does not hold, but by no more than is documented of the structure under test, which is the
+    /// The bound does not hold, but the value is within the documented limit of the structure under test, which is the
     /// paper's own.
     KnownLimit,
     /// The bound does not hold.
@@ -59,13 +59,13 @@ pub struct Case {
     what: &'static str,
     bound_text: &'static str,
     bound: f64,
-    /// Up to where a broken bound is the documented behaviour of the paper's structure.
+    /// Documented limit of the paper's structure, if it is beyond the bound.
     documented: Option<f64>,
     unit: &'static str,
     measure: fn() -> Result<f64, StressError>,
 }
 
-/// A case that could not be measured at all, because something it is built from refused its input.
+/// A case that could not be set up, because one of its parts refused its input.
 #[derive(Debug, thiserror::Error)]
 #[error("a stress case could not be set up: {0}")]
 pub struct StressError(#[from] Box<dyn std::error::Error + Send + Sync>);
@@ -77,16 +77,16 @@ impl StressError {
 }
 
 impl Case {
-    /// Short name, unique in the table.
+    /// Returns the short name, which is unique in the table.
     pub fn name(&self) -> &'static str {
         self.name
     }
 
-    /// Measures and judges. The same on every machine.
+    /// Measures and judges the case. The result is the same on every machine.
     ///
     /// # Errors
     ///
-    /// [`StressError`] when the case could not be set up; that is a fault of the case, not a verdict.
+    /// [`StressError`] when the case could not be set up. That is a fault of the case and not a verdict.
     pub fn run(&self) -> Result<Outcome, StressError> {
         let worst = (self.measure)()?;
         Ok(Outcome {
@@ -112,7 +112,7 @@ impl Case {
     }
 }
 
-/// All cases, in the order of the stream: cells, points, changes, scenes.
+/// Returns all cases, in the order of the stream: cells, points, changes, scenes.
 ///
 /// ```
 /// use psao_eval::stress::{Verdict, cases};

@@ -1,16 +1,16 @@
-//! Normals in 8 bits, 4 in the 16-bit packing: how far the octahedral code is off (paper, section 3.2).
+//! Error of octahedral normals in 8 bits, or 4 in the 16-bit packing (paper, section 3.2).
 
 use glam::DVec3;
 use psao_codec::quant::oct;
 
 use super::Case;
 
-/// Directions measured on the spiral.
+/// Number of measured directions on the spiral.
 const DIRECTIONS: u32 = 400_000;
 
-/// Where the two encoders are worst, found by a search that climbed from the worst directions of a dense
-/// spiral; each is measured with all signs.
-const WORST: [DVec3; 3] = [
+/// The worst directions of the two encoders. A search that climbed from the worst directions of a dense spiral found
+/// them. Each is measured with all signs.
+const WORST_DIRECTIONS: [DVec3; 3] = [
     DVec3::new(0.577_350_282_656_106_7, 0.577_350_466_676_335_8, 0.577_350_058_236_362_3),
     DVec3::new(0.611_856_24, 0.611_855_89, 0.501_262_71),
     DVec3::new(0.538_126_79, 0.538_126_94, 0.648_721_01),
@@ -70,17 +70,17 @@ pub(super) fn cases() -> Vec<Case> {
     ]
 }
 
-/// What the best of the four codes of `BITS` bits an axis around a normal stands for.
+/// Returns the decoded normal of the best of the four codes around a normal, with `BITS` bits an axis.
 fn best_of_four<const BITS: u32>(normal: [f32; 3]) -> [f32; 3] {
     oct::decode_bits(BITS, oct::encode_bits(BITS, normal))
 }
 
-/// Largest angle in degrees, over a spiral of directions that covers the sphere evenly and [`WORST`], and the mean
-/// over the spiral.
+/// Returns the largest angle in degrees over an even spiral of directions and [`WORST_DIRECTIONS`], and the mean over
+/// the spiral.
 fn errors(code: fn([f32; 3]) -> [f32; 3]) -> (f64, f64) {
     let angle = |direction: DVec3| {
         let decoded = DVec3::from(code(direction.as_vec3().to_array()).map(f64::from));
-        // atan2 keeps its precision at small angles, where acos has none.
+        // atan2 is precise at small angles, where acos is not.
         libm::atan2(direction.cross(decoded).length(), direction.dot(decoded)).to_degrees()
     };
     let (mut worst, mut sum) = (0.0_f64, 0.0_f64);
@@ -89,7 +89,7 @@ fn errors(code: fn([f32; 3]) -> [f32; 3]) -> (f64, f64) {
         worst = worst.max(found);
         sum += found;
     }
-    for direction in WORST {
+    for direction in WORST_DIRECTIONS {
         for signs in 0..8 {
             let sign = |bit: u32| if signs >> bit & 1 == 0 { 1.0 } else { -1.0 };
             worst = worst.max(angle(direction * DVec3::new(sign(0), sign(1), sign(2))));
@@ -98,7 +98,7 @@ fn errors(code: fn([f32; 3]) -> [f32; 3]) -> (f64, f64) {
     (worst, sum / f64::from(DIRECTIONS))
 }
 
-/// Direction `index` of `count` on a golden-angle spiral from pole to pole.
+/// Returns direction `index` of `count` on a golden-angle spiral from pole to pole.
 fn spiral(index: u32, count: u32) -> DVec3 {
     let z = 1.0 - (2.0 * f64::from(index) + 1.0) / f64::from(count);
     let across = (1.0 - z * z).max(0.0).sqrt();

@@ -1,4 +1,4 @@
-//! Tables that are too small: what does not fit must be counted, to the point (paper, section 3.2).
+//! Tables that are too small. Points that do not fit must be counted exactly (paper, section 3.2).
 
 use std::sync::Arc;
 
@@ -11,7 +11,7 @@ use psao_codec::paper::{
 
 use super::{Case, StressError};
 
-/// Points put into each table.
+/// Number of points put into each table.
 const POINTS: u32 = 400;
 
 pub(super) fn cases() -> Vec<Case> {
@@ -43,8 +43,8 @@ pub(super) fn cases() -> Vec<Case> {
     ]
 }
 
-/// Fills a table, then takes every other point out. The result is the number of points that are unaccounted for,
-/// or all of them if the table did not overflow the way (`reason`) that it was made to.
+/// Fills a table, then takes every other point out. Returns the number of points that are unaccounted for, or all
+/// points if the table did not overflow for the expected `reason`.
 fn unaccounted(
     dims: [u32; 3],
     bucket_count: u32,
@@ -74,7 +74,7 @@ fn unaccounted(
     Ok(f64::from(worst))
 }
 
-/// Sends a frame and says how many of the `put` points neither the counts nor the client's cells explain.
+/// Sends a frame. Returns the number of `put` points that the counts or the client's cells do not account for.
 fn settle(
     encoder: &mut paper::Encoder,
     client: &mut State,
@@ -94,7 +94,7 @@ fn settle(
     Ok(put.abs_diff(counts.points_stored + counts.unplaced()).max(held.abs_diff(counts.points_stored)))
 }
 
-/// Point number `point`, cell by cell through the grid.
+/// Returns point number `point`; consecutive points go through the grid cell by cell.
 fn sample(point: u32, dims: [u32; 3]) -> PointSample {
     let cell = [point % dims[0], point / dims[0] % dims[1], point / (dims[0] * dims[1]) % dims[2]];
     PointSample {

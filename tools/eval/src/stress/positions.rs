@@ -1,12 +1,12 @@
-//! Positions in 5 bits an axis of a cell, 3 or 2 in the narrow packings: how far a point is off when it comes out (paper, section 3.2).
+//! Error of packed positions: 5 bits an axis of a cell, 3 or 2 in the narrow packings (paper, section 3.2).
 
 use psao_codec::paper::{Grid, PointFormat};
 
 use super::{Case, StressError};
 
-/// Points measured per grid.
+/// Number of measured points in a grid.
 const POINTS: u32 = 50_000;
-/// Cells along each axis of every grid here.
+/// Number of cells along each axis of a grid.
 const CELLS: u32 = 64;
 /// Half a step of 1/31 of a cell, the codec's own bound, in cells.
 const HALF_STEP: f64 = 0.5 / 31.0;
@@ -70,7 +70,7 @@ pub(super) fn cases() -> Vec<Case> {
     ]
 }
 
-/// Largest error on one axis, in metres, over points spread through a grid at `origin` with cells of `edge`.
+/// Returns the largest error on one axis in metres, over points spread through a grid at `origin` with cells of `edge`.
 fn worst(format: PointFormat, origin: [f32; 3], edge: f32) -> Result<f64, StressError> {
     let grid = Grid::new(origin, edge, [CELLS; 3]).map_err(StressError::new)?;
     let mut worst = 0.0_f64;
@@ -89,8 +89,8 @@ fn worst(format: PointFormat, origin: [f32; 3], edge: f32) -> Result<f64, Stress
     Ok(worst)
 }
 
-/// Point `index` of the additive recurrence with the generalised golden ratio, in `[0, 1)` on each axis
-/// (Roberts 2018): even in space, and never on a lattice that rounding might favour.
+/// Returns point `index` of the additive recurrence with the generalised golden ratio, in `[0, 1)` on each axis
+/// (Roberts 2018). The points are even in space and lie on no lattice that rounding might favour.
 fn spread(index: u32) -> [f64; 3] {
     let ratio = 1.220_744_084_605_759_5_f64;
     let step = [1.0 / ratio, 1.0 / (ratio * ratio), 1.0 / (ratio * ratio * ratio)];

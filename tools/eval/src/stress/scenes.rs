@@ -1,4 +1,4 @@
-//! Scenes that strain rays and points: open, closed, tiny, huge, and made of slivers.
+//! Scenes that strain rays and points: open, closed, tiny, huge, or made of slivers.
 
 use std::sync::Arc;
 
@@ -14,11 +14,11 @@ use crate::adapter::SceneView;
 use crate::reference::reference;
 use crate::shapes;
 
-/// Points per square metre of a scene one metre across, and rays of each.
-const PER_M2: f32 = 64.0;
+/// Points per square metre of a scene one metre across, and rays of a point.
+const POINTS_PER_M2: f32 = 64.0;
 const RAYS: u32 = 256;
 /// Half the side of the closed box in metres.
-const HALF: f32 = 0.5;
+const HALF_SIDE: f32 = 0.5;
 
 pub(super) fn cases() -> Vec<Case> {
     vec![
@@ -79,14 +79,18 @@ pub(super) fn cases() -> Vec<Case> {
     ]
 }
 
-/// A scene's points as the fragments of a picture one pixel high, so that a reference can be traced for them.
-struct Traced {
+/// A scene's points as the fragments of a picture one pixel high, and their reference AO.
+struct PointPicture {
     view: GBuffer,
     image: AoImage,
 }
 
-/// Traces every point of a still scene by the rays of `settings`.
-fn trace(scene: &Arc<Scene>, points: &ScenePoints, settings: &AoSettings) -> Result<Traced, StressError> {
+/// Traces every point of a still scene with the rays of `settings`.
+fn trace(
+    scene: &Arc<Scene>,
+    points: &ScenePoints,
+    settings: &AoSettings,
+) -> Result<PointPicture, StressError> {
     let world = SceneBvh::new(scene, &scene.pose(0.0));
     let mut fragments = Vec::new();
     for (instance, of) in (0_u32..).zip(scene.instances()) {
@@ -102,15 +106,15 @@ fn trace(scene: &Arc<Scene>, points: &ScenePoints, settings: &AoSettings) -> Res
     let size = Size::new(width, 1).map_err(StressError::new)?;
     let view = GBuffer::from_fragments(size, fragments).map_err(StressError::new)?;
     let image = reference(&SceneView::new(&world), &view, settings).map_err(StressError::new)?;
-    Ok(Traced { view, image })
+    Ok(PointPicture { view, image })
 }
 
-/// Makes a scene of triangles, its points, and their AO.
+/// Makes a scene of triangles, its points and their AO.
 fn traced(
     lists: &[Vec<[Vec3; 3]>],
     per_m2: f32,
     settings: &AoSettings,
-) -> Result<(ScenePoints, Traced), StressError> {
+) -> Result<(ScenePoints, PointPicture), StressError> {
     let scene = Scene::from_triangles("stress", lists, settings.radius).map_err(StressError::new)?;
     let scene = Arc::new(scene);
     let wanted = PointSettings { per_m2, minimum: 16, seed: 1 };
@@ -124,13 +128,13 @@ fn settings(radius: f32, kind: Occlusion) -> AoSettings {
 }
 
 fn open_plane(kind: Occlusion) -> Result<f64, StressError> {
-    let (_, found) = traced(&[shapes::floor(2.0)], PER_M2, &settings(0.6, kind))?;
+    let (_, found) = traced(&[shapes::floor(2.0)], POINTS_PER_M2, &settings(0.6, kind))?;
     Ok(found.image.values().iter().map(|&ao| f64::from(1.0 - ao)).fold(0.0, f64::max))
 }
 
-fn closed_box(kind: Occlusion) -> Result<Traced, StressError> {
-    let walls = shapes::inside_out(&shapes::cube(Vec3::ZERO, HALF));
-    Ok(traced(&[walls], PER_M2, &settings(2.0, kind))?.1)
+fn closed_box(kind: Occlusion) -> Result<PointPicture, StressError> {
+    let walls = shapes::inside_out(&shapes::cube(Vec3::ZERO, HALF_SIDE));
+    Ok(traced(&[walls], POINTS_PER_M2, &settings(2.0, kind))?.1)
 }
 
 fn closed_box_binary() -> Result<f64, StressError> {
@@ -151,8 +155,9 @@ fn closed_box_obscurance() -> Result<f64, StressError> {
     Ok(worst)
 }
 
-/// The obscurance of a point in the closed box by the midpoint rule over the cosine-weighted hemisphere, with the exit
-/// of a box in closed form: nothing in common with the tracer but the definition.
+/// Returns the obscurance of a point in the closed box by the midpoint rule over the cosine-weighted hemisphere.
+///
+/// The distance to the box's walls is in closed form, so only the definition is shared with the tracer.
 fn box_integral(fragment: &Surface, settings: &AoSettings) -> f64 {
     let steps = 64;
     let normal = fragment.normal.as_dvec3();
@@ -165,21 +170,21 @@ fn box_integral(fragment: &Surface, settings: &AoSettings) -> f64 {
             let turn = (f64::from(b) + 0.5) / f64::from(steps) * std::f64::consts::TAU;
             let flat = side * libm::cos(turn) + other * libm::sin(turn);
             let direction = flat * across.sqrt() + normal * (1.0 - across).sqrt();
-            let walls = (glam::DVec3::splat(f64::from(HALF)).copysign(direction) - origin) / direction;
+            let walls = (glam::DVec3::splat(f64::from(HALF_SIDE)).copysign(direction) - origin) / direction;
             sum += walls.min_element().min(f64::from(settings.radius)) / f64::from(settings.radius);
         }
     }
     sum / f64::from(steps * steps)
 }
 
-/// Largest AO difference between a scene of unit size and the same scene `scale` times as large.
+/// Returns the largest AO difference between a scene of unit size and the same scene `scale` times as large.
 fn scaled(scale: f32) -> Result<f64, StressError> {
     let at = |scale: f32| {
         let grown = |triangles: Vec<[Vec3; 3]>| -> Vec<[Vec3; 3]> {
             triangles.into_iter().map(|triangle| triangle.map(|corner| corner * scale)).collect()
         };
         let lists = [grown(shapes::floor(0.5)), grown(shapes::cube(Vec3::new(0.1, 0.15, 0.05), 0.15))];
-        traced(&lists, PER_M2 / (scale * scale), &settings(0.6 * scale, Occlusion::Obscurance))
+        traced(&lists, POINTS_PER_M2 / (scale * scale), &settings(0.6 * scale, Occlusion::Obscurance))
     };
     let (unit, other) = (at(1.0)?.1.image, at(scale)?.1.image);
     if unit.size() != other.size() {
@@ -189,7 +194,7 @@ fn scaled(scale: f32) -> Result<f64, StressError> {
     Ok(pairs.map(|(a, b)| f64::from((a - b).abs())).fold(0.0, f64::max))
 }
 
-/// A floor with slivers that stand on it and triangles without area among them.
+/// Returns the number of missing and wrong points on a floor with slivers and triangles without area.
 fn slivers() -> Result<f64, StressError> {
     let mut thin = Vec::new();
     for index in 0_u16..200 {
@@ -214,7 +219,7 @@ fn slivers() -> Result<f64, StressError> {
     };
     let bad =
         (0..found.view.size().pixels()).filter_map(|pixel| found.view.fragment(pixel)).filter(wrong).count();
-    // Values outside [0, 1] or not a number would have been an error above.
+    // AO values outside [0, 1] or NaN would have been an error above.
     Ok(missing + bad as f64)
 }
 
@@ -228,17 +233,17 @@ mod tests {
             let settings = settings(radius, Occlusion::Obscurance);
             box_integral(&Surface { t: 0.0, position, normal, instance: 0, rest: None }, &settings)
         };
-        assert_eq!(at(Vec3::NEG_Y * HALF, Vec3::Y, 0.1), 1.0);
-        let middles = [Vec3::X, Vec3::NEG_Y, Vec3::Z].map(|normal| at(-normal * HALF, normal, 2.0));
+        assert_eq!(at(Vec3::NEG_Y * HALF_SIDE, Vec3::Y, 0.1), 1.0);
+        let middles = [Vec3::X, Vec3::NEG_Y, Vec3::Z].map(|normal| at(-normal * HALF_SIDE, normal, 2.0));
         assert!(middles.iter().all(|m| (m - middles[0]).abs() < 1e-3), "{middles:?}");
-        let corner = at(Vec3::new(0.49, -HALF, 0.49), Vec3::Y, 2.0);
+        let corner = at(Vec3::new(0.49, -HALF_SIDE, 0.49), Vec3::Y, 2.0);
         assert!(corner < middles[0] && corner > 0.1, "{corner} {middles:?}");
     }
 
     #[test]
     fn a_change_of_geometry_would_show() {
         let near = [shapes::floor(0.5), shapes::cube(Vec3::new(0.1, 0.15, 0.05), 0.15)];
-        let (points, found) = traced(&near, PER_M2, &settings(0.6, Occlusion::Obscurance)).unwrap();
+        let (points, found) = traced(&near, POINTS_PER_M2, &settings(0.6, Occlusion::Obscurance)).unwrap();
         assert_eq!(points.total(), 64 + 35);
         let [low, high] = [f32::min as fn(f32, f32) -> f32, f32::max]
             .map(|f| found.image.values().iter().copied().reduce(f).unwrap());

@@ -1,4 +1,4 @@
-//! Measures one setting, or one method.
+//! Measures one setting or one method.
 
 use psao_codec::State;
 use psao_reconstruct::reconstruct::{self, Reconstruction, SurfaceReconstructor};
@@ -8,52 +8,55 @@ use psao_server::server::StageMicros;
 
 use super::run::{Clip, Run};
 use super::{
-    Figures, Kind, Memory, PictureFigures, Record, Setting, Spread, Stage, StreamFigures, SweepError, View,
+    ErrorFigures, MemoryFigures, PictureFigures, Record, RecordKind, Setting, Spread, StageTime,
+    StreamFigures, SweepError, View,
 };
-use crate::metric::{Comparison, Lpips, Perceived};
+use crate::metric::{Comparison, Lpips, PerceptualFigures};
 use crate::screen::ScreenMethod;
 
-/// How often things are run for their times.
+/// Numbers of runs for times.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Runs {
-    /// Runs that count, at least 1: of the whole clip, and of each picture.
+pub struct RunCounts {
+    /// Runs that count, at least 1, of the whole clip and of each picture.
     pub repeats: u32,
-    /// Runs of each picture before those.
+    /// Runs of each picture before those that count.
     pub warm_up: u32,
 }
 
-/// The same pictures, references and clock for all that is compared.
+/// The pictures, references and clock that all measurements share.
 pub struct Bench<'a> {
     /// Name of the scene.
     pub scene: &'a str,
     /// Pictures and references, in the order of their times.
     pub views: &'a [View],
-    /// How often.
-    pub runs: Runs,
-    /// For LPIPS.
+    /// Numbers of runs.
+    pub runs: RunCounts,
+    /// Network for LPIPS.
     pub network: Option<&'a Lpips>,
-    /// For times.
+    /// Clock for times.
     pub clock: &'a dyn Clock,
 }
 
-/// What was measured, and the first picture.
+/// A record and its first picture.
 pub struct Sample {
-    /// The figures.
+    /// The record.
     pub record: Record,
     /// The first picture.
     pub picture: AoImage,
 }
 
 impl Bench<'_> {
-    /// Runs a stream: traced, encoded, decoded, reconstructed and compared. A picture is drawn with the newest frame that
-    /// began by its time, and the geometry of its own moment. `key` goes into the record.
+    /// Traces, encodes, decodes, reconstructs and compares a stream.
+    ///
+    /// A picture is drawn with the newest frame that began by its time, and with the geometry of its own time. `key`
+    /// goes into the record.
     ///
     /// # Errors
     ///
-    /// [`SweepError`] when the server refuses the setting, or the clients what it sends.
+    /// [`SweepError`] when the server refuses the setting, or the client refuses a frame.
     pub fn stream(&self, key: &str, clip: &Clip<'_>, setting: &Setting) -> Result<Sample, SweepError> {
         let mut run = Run::new(clip, setting, self.clock)?;
-        let mut drawn = Drawn::default();
+        let mut drawn = PictureSeries::default();
         for frame in 0..run.frames {
             run.frame(frame)?;
             for view in self.views.iter().filter(|view| run.frame_at(view.time_s) == frame) {
@@ -75,8 +78,12 @@ impl Bench<'_> {
         let client = [("apply", decode), ("reconstruct", Spread::of_micros(&drawn.micros))];
         let server = (0..).zip(StageMicros::NAMES).map(|(stage, name)| (name, took.server_stage(stage)));
         let stages = server
-            .map(|(name, ms)| Stage { side: "server".to_owned(), name: name.to_owned(), ms })
-            .chain(client.map(|(name, ms)| Stage { side: "client".to_owned(), name: name.to_owned(), ms }));
+            .map(|(name, ms)| StageTime { side: "server".to_owned(), name: name.to_owned(), ms })
+            .chain(client.map(|(name, ms)| StageTime {
+                side: "client".to_owned(),
+                name: name.to_owned(),
+                ms,
+            }));
         let seconds = f64::from(bytes.frames.saturating_sub(1)) / f64::from(setting.fps);
         let mbit_s = |bytes: u64| bytes as f64 * 8.0 / 1e6 / seconds;
         let later: Vec<u64> = took.server.iter().map(StageMicros::total).collect();
@@ -92,21 +99,21 @@ impl Bench<'_> {
             first_frame_ms: took.first as f64 / 1e3,
             server_ms: Spread::of_micros(&later),
         };
-        let described = setting.described();
+        let summary = setting.summary();
         let picture_ms =
             drawn.micros.iter().map(|micros| decode.median + *micros as f64 / 1e3).collect::<Vec<_>>();
         drawn
             .sample(Record {
                 key: key.to_owned(),
                 scene: self.scene.to_owned(),
-                kind: Kind::Stream,
-                name: described.profile.clone(),
-                label: described.to_string(),
-                setting: Some(described),
+                kind: RecordKind::Stream,
+                name: summary.profile.clone(),
+                label: summary.to_string(),
+                setting: Some(summary),
                 picture_ms: Spread::of(picture_ms),
                 stages: stages.collect(),
                 stream: Some(figures),
-                memory: Memory {
+                memory: MemoryFigures {
                     picture_bytes: buffer_bytes(self.views),
                     state_bytes: Some(state_bytes),
                     largest_frame_bytes: Some(bytes.largest),
@@ -124,7 +131,7 @@ impl Bench<'_> {
     ///
     /// [`SweepError`] when the method refuses its settings or a picture.
     pub fn method(&self, key: &str, method: &dyn ScreenMethod) -> Result<Sample, SweepError> {
-        let mut drawn = Drawn::default();
+        let mut drawn = PictureSeries::default();
         let mut stages: Vec<(&'static str, Vec<u64>)> = Vec::new();
         let mut working = 0;
         for view in self.views {
@@ -149,7 +156,7 @@ impl Bench<'_> {
         }
         let picture_ms = Spread::of_micros(&drawn.micros);
         let screen = self.views.iter().map(|view| view.screen.size().pixels() * (4 + 12)).max();
-        let stage = |(name, samples): &(&'static str, Vec<u64>)| Stage {
+        let stage = |(name, samples): &(&'static str, Vec<u64>)| StageTime {
             side: "client".to_owned(),
             name: (*name).to_owned(),
             ms: Spread::of_micros(samples),
@@ -158,23 +165,23 @@ impl Bench<'_> {
             .sample(Record {
                 key: key.to_owned(),
                 scene: self.scene.to_owned(),
-                kind: Kind::Screen,
+                kind: RecordKind::Screen,
                 name: method.name().to_owned(),
                 label: method.label(),
                 picture_ms,
                 stages: stages.iter().map(stage).collect(),
-                memory: Memory {
+                memory: MemoryFigures {
                     picture_bytes: screen.unwrap_or(0) as u64,
                     working_bytes: Some(working as u64),
-                    ..Memory::default()
+                    ..MemoryFigures::default()
                 },
                 ..empty()
             })
             .ok_or(SweepError::NoPictures { seconds: 0.0 })
     }
 
-    /// Draws a picture of a stream as often as it is to be timed; what is kept between frames is made before.
-    fn draw(&self, state: &State, view: &View, drawn: &mut Drawn) -> Result<(), SweepError> {
+    /// Draws a picture of a stream once for each timed run. The first run, which makes the indices, is not timed.
+    fn draw(&self, state: &State, view: &View, drawn: &mut PictureSeries) -> Result<(), SweepError> {
         let mut found = drawn.client.draw(state, &view.buffer)?;
         for run in 0..self.runs.warm_up + self.runs.repeats.max(1) {
             let start = self.clock.micros();
@@ -192,36 +199,36 @@ impl Bench<'_> {
         view: &View,
         image: AoImage,
         unsupported: f64,
-        drawn: &mut Drawn,
+        drawn: &mut PictureSeries,
     ) -> Result<(), SweepError> {
         let error = Comparison::new(&view.truth, &image).map_err(crate::metric::MetricError::from)?;
-        let perceived = Perceived::new(&view.truth, &image, self.network)?;
-        let error = Figures::new(&error, &perceived);
+        let perceived = PerceptualFigures::new(&view.truth, &image, self.network)?;
+        let error = ErrorFigures::new(&error, &perceived);
         drawn.pictures.push(PictureFigures { time_s: view.time_s, unsupported, error });
         drawn.first.get_or_insert(image);
         Ok(())
     }
 }
 
-/// A record of nothing.
+/// Returns an empty record.
 pub(super) fn empty() -> Record {
     Record {
         key: String::new(),
         scene: String::new(),
-        kind: Kind::Stream,
+        kind: RecordKind::Stream,
         name: String::new(),
         label: String::new(),
         setting: None,
-        error: Figures::default(),
+        error: ErrorFigures::default(),
         pictures: Vec::new(),
         picture_ms: Spread::default(),
         stages: Vec::new(),
         stream: None,
-        memory: Memory::default(),
+        memory: MemoryFigures::default(),
     }
 }
 
-/// Depth, place, normal and instance of a pixel, and its place and normal at rest where they are known.
+/// Returns the bytes of the largest G-buffer: depth, position, normal, instance, and the place at rest if it is known.
 pub(super) fn buffer_bytes(views: &[View]) -> u64 {
     let bytes = |view: &View| {
         let at_rest = if view.buffer.rest_position().is_some() { 24 } else { 0 };
@@ -230,13 +237,13 @@ pub(super) fn buffer_bytes(views: &[View]) -> u64 {
     views.iter().map(bytes).max().unwrap_or(0)
 }
 
-/// A client that draws either profile.
+/// Reconstructs streams of either profile.
 #[derive(Default)]
-struct Client {
+struct ProfileReconstructor {
     surface: SurfaceReconstructor,
 }
 
-impl Client {
+impl ProfileReconstructor {
     fn draw(&mut self, state: &State, buffer: &GBuffer) -> Result<Reconstruction, ReconstructError> {
         match state {
             State::Paper(state) => reconstruct::cells(state, buffer),
@@ -245,20 +252,20 @@ impl Client {
     }
 }
 
-/// Pictures so far.
+/// Figures and times of the pictures so far.
 #[derive(Default)]
-pub(super) struct Drawn {
-    client: Client,
+pub(super) struct PictureSeries {
+    client: ProfileReconstructor,
     pictures: Vec<PictureFigures>,
-    /// Of each picture, each run.
+    /// Microseconds of each run of each picture.
     pub(super) micros: Vec<u64>,
     first: Option<AoImage>,
 }
 
-impl Drawn {
+impl PictureSeries {
     pub(super) fn sample(self, mut record: Record) -> Option<Sample> {
-        let errors: Vec<Figures> = self.pictures.iter().map(|picture| picture.error).collect();
-        record.error = Figures::pooled(&errors)?;
+        let errors: Vec<ErrorFigures> = self.pictures.iter().map(|picture| picture.error).collect();
+        record.error = ErrorFigures::pooled(&errors)?;
         record.pictures = self.pictures;
         Some(Sample { record, picture: self.first? })
     }
@@ -278,12 +285,12 @@ mod tests {
     use psao_server::server::ServerSettings;
 
     use super::*;
-    use crate::screen::{Screen, ScreenError, Shaded};
+    use crate::screen::{Screen, ScreenError, Shading};
     use crate::shapes;
-    use crate::sweep::{Bytes, Truth, picture_times, views};
-    use crate::texture::{Coded, TextureSettings, VideoCoder, VideoError};
+    use crate::sweep::{FrameBytes, ReferenceRays, picture_times, views};
+    use crate::texture::{TextureSettings, VideoClip, VideoCoder, VideoError};
 
-    /// A clock on which every look takes a millisecond.
+    /// A clock that advances by a millisecond at each reading.
     struct Ticks(Cell<u64>);
 
     impl Clock for Ticks {
@@ -292,7 +299,7 @@ mod tests {
         }
     }
 
-    /// Everything is open.
+    /// A method for which everything is open.
     struct Open;
 
     impl ScreenMethod for Open {
@@ -304,15 +311,15 @@ mod tests {
             "open".to_owned()
         }
 
-        fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shaded, ScreenError> {
+        fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shading, ScreenError> {
             let start = clock.micros();
             let image = AoImage::new(screen.inner(), vec![1.0; screen.inner().pixels()])?;
-            Ok(Shaded { image, stages: vec![("fill", clock.micros() - start)], bytes: 4 })
+            Ok(Shading { image, stages: vec![("fill", clock.micros() - start)], bytes: 4 })
         }
     }
 
-    fn count(info: &FrameInfo) -> Bytes {
-        Bytes { paper: info.body_bytes() - u64::from(info.header_bytes), wire: info.body_bytes() }
+    fn count(info: &FrameInfo) -> FrameBytes {
+        FrameBytes { paper: info.body_bytes() - u64::from(info.header_bytes), wire: info.body_bytes() }
     }
 
     fn check(look: impl FnOnce(&Bench<'_>, &Clip<'_>, &Setting)) {
@@ -326,12 +333,12 @@ mod tests {
         let ao = AoSettings { rays: 32, ..base.ao };
         let times = picture_times(0.4, 20.0, 2);
         let size = Size::new(24, 16).unwrap();
-        let views = views(&scene, &times, size, 2, &Truth::Scene(ao), &|| ()).unwrap();
+        let views = views(&scene, &times, size, 2, &ReferenceRays::Scene(ao), &|| ()).unwrap();
         let clock = Ticks(Cell::new(0));
         let bench = Bench {
             scene: "cube on floor",
             views: &views,
-            runs: Runs { repeats: 2, warm_up: 1 },
+            runs: RunCounts { repeats: 2, warm_up: 1 },
             network: None,
             clock: &clock,
         };
@@ -358,7 +365,7 @@ mod tests {
         });
     }
 
-    /// A coder that loses nothing, or the last frame.
+    /// A lossless coder; it loses the last frame unless it is `whole`.
     struct Plain {
         whole: bool,
     }
@@ -368,11 +375,11 @@ mod tests {
             "plain".to_owned()
         }
 
-        fn code(&self, size: Size, _fps: f32, frames: &[Vec<u8>]) -> Result<Coded, VideoError> {
+        fn code(&self, size: Size, _fps: f32, frames: &[Vec<u8>]) -> Result<VideoClip, VideoError> {
             assert!(frames.iter().all(|frame| frame.len() == size.pixels()));
             let kept = &frames[..frames.len() - usize::from(!self.whole)];
             let bytes = kept.iter().map(|frame| frame.len() as u64).collect();
-            Ok(Coded { bytes, frames: kept.to_vec(), encode_micros: 4_000, decode_micros: 8_000 })
+            Ok(VideoClip { bytes, frames: kept.to_vec(), encode_micros: 4_000, decode_micros: 8_000 })
         }
     }
 
@@ -384,7 +391,10 @@ mod tests {
             let Sample { record, .. } = texture(true).unwrap();
             let open = bench.method("o", &Open).unwrap().record;
             assert!(record.error.mae < open.error.mae / 2.0, "{record:?}");
-            assert_eq!((record.kind, record.label.as_str()), (Kind::Texture, "1/8, 16 rays, 10 Hz, plain"));
+            assert_eq!(
+                (record.kind, record.label.as_str()),
+                (RecordKind::Texture, "1/8, 16 rays, 10 Hz, plain")
+            );
             let (stream, texels) = (record.stream.unwrap(), record.memory.state_bytes.unwrap());
             assert_eq!(stream.frames, 4);
             assert!(stream.first_state_bytes > texels, "and where blocks are");
@@ -399,7 +409,7 @@ mod tests {
     fn times_are_medians_over_frames_and_runs() {
         check(|bench, clip, setting| {
             let record = bench.stream("k", clip, setting).unwrap().record;
-            // Three later frames in each of two runs; each stage is one tick of the clock.
+            // There are three later frames in each of two runs. Each stage takes one tick of the clock.
             assert_eq!(record.stages.len(), 8);
             for stage in &record.stages {
                 let samples = if stage.name == "reconstruct" { 4 } else { 6 };

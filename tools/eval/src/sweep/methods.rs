@@ -1,24 +1,24 @@
-//! The screen-space methods that are measured, each with the settings that its own paper varies.
+//! The measured screen-space methods, each with the settings that its own paper varies.
 
 use psao_server::ao::{AoSettings, Occlusion};
 
 use crate::screen::{
     Blur, Falloff, FarField, FarFieldSettings, Hbao, LineSweep, Mipmap, MipmapSettings, PyramidHbao,
-    Scalable, ScreenError, ScreenMethod, Separate, Ssao, SsaoPlus, Traced,
+    Scalable, ScreenError, ScreenMethod, ScreenRays, Separation, Ssao, SsaoPlus,
 };
 
-/// Every method that is measured beside a stream whose AO is that of `ao`, within its radius; cheapest settings first. Those
-/// of one name are one method with different settings.
+/// Returns every method to measure beside a stream with the AO of `ao`, within its radius. Entries of one name are one
+/// method with different settings, the cheapest first.
 ///
-/// Far-field obscurance has its slabs at their points but for one setting: midway they come closer to rays through the depth
-/// buffer ([`far_field_methods`]), but not to those through the scene ([`FarFieldSettings::midway`]).
+/// Far-field obscurance has its slabs at their points in all settings except one. Slabs midway come closer to rays
+/// through the depth buffer ([`far_field_methods`]), but not to rays through the scene ([`FarFieldSettings::midway`]).
 ///
-/// Against obscurance each method has the falloff of its own paper, as its `new` does; against binary occlusion all have
-/// [`Falloff::Binary`].
+/// Against obscurance, each method has the falloff of its own paper, as its `new` does. Against binary occlusion, all
+/// have [`Falloff::Binary`].
 ///
 /// # Errors
 ///
-/// [`ScreenError`] when a method does not take the radius.
+/// [`ScreenError`] when a method refuses the radius.
 pub fn screen_methods(ao: &AoSettings) -> Result<Vec<Box<dyn ScreenMethod>>, ScreenError> {
     let AoSettings { radius, seed, .. } = *ao;
     let falloff = |own: Falloff| match ao.kind {
@@ -60,28 +60,31 @@ pub fn screen_methods(ao: &AoSettings) -> Result<Vec<Box<dyn ScreenMethod>>, Scr
     for growth in [2.0, 1.5] {
         all.push(Box::new(Mipmap::new(MipmapSettings { growth, ..mipmap.clone() })?));
     }
-    let separate = Some(Separate { blur: true });
+    let separate = Some(Separation { blur: true });
     all.push(Box::new(FarField::new(FarFieldSettings { sectors: 18, separate, ..far.clone() })?));
     for (sectors, interval) in [(8, 20), (8, 10), (16, 10), (16, 5)] {
         all.push(Box::new(FarField::new(FarFieldSettings { sectors, interval, ..far.clone() })?));
     }
     all.push(Box::new(FarField::new(FarFieldSettings { midway: true, ..far })?));
-    let traced = Traced { seed, ..Traced::new(radius) };
-    let traced = Traced { falloff: falloff(traced.falloff.clone()), ..traced };
+    let traced = ScreenRays { seed, ..ScreenRays::new(radius) };
+    let traced = ScreenRays { falloff: falloff(traced.falloff.clone()), ..traced };
     for rays in [16, 64, 256] {
-        all.push(Box::new(Traced { rays, ..traced.clone() }));
+        all.push(Box::new(ScreenRays { rays, ..traced.clone() }));
     }
     Ok(all)
 }
 
-/// Far-field obscurance with the settings that its paper shows (Timonen 2013, section 8), with slabs at their points and
-/// midway and closer together than there, and what it compares with. All have the radius and the falloff of `reference`.
+/// Returns far-field obscurance with the settings that its paper shows (Timonen 2013, section 8), and the methods that
+/// it is compared with there.
+///
+/// Slabs stand at their points, midway, and closer together than in the paper. All methods have the radius and the
+/// falloff of `reference`.
 ///
 /// # Errors
 ///
-/// [`ScreenError`] when a method does not take them.
-pub fn far_field_methods(reference: &Traced) -> Result<Vec<Box<dyn ScreenMethod>>, ScreenError> {
-    let Traced { radius, falloff, .. } = reference;
+/// [`ScreenError`] when a method refuses them.
+pub fn far_field_methods(reference: &ScreenRays) -> Result<Vec<Box<dyn ScreenMethod>>, ScreenError> {
+    let ScreenRays { radius, falloff, .. } = reference;
     let (radius, falloff) = (*radius, || falloff.clone());
     let mut all: Vec<Box<dyn ScreenMethod>> = Vec::new();
     let far = |settings| FarField::new(settings).map(Box::new);
@@ -92,10 +95,10 @@ pub fn far_field_methods(reference: &Traced) -> Result<Vec<Box<dyn ScreenMethod>
                 all.push(far(FarFieldSettings { sectors, interval, ..base() })?);
             }
         }
-        let separate = Some(Separate { blur: true });
+        let separate = Some(Separation { blur: true });
         all.push(far(FarFieldSettings { sectors: 18, separate, ..base() })?);
     }
-    // Slabs closer and closer together, at their points: what they make too bright goes away.
+    // Slabs closer and closer together, at their points: the excess brightness vanishes.
     for density in [1, 2, 4, 8] {
         let base = FarFieldSettings { radius, falloff: falloff(), ..FarFieldSettings::default() };
         all.push(far(FarFieldSettings { interval: 2, density, ..base })?);
@@ -106,20 +109,24 @@ pub fn far_field_methods(reference: &Traced) -> Result<Vec<Box<dyn ScreenMethod>
     Ok(all)
 }
 
-/// Pyramid HBAO and what its paper compares it with (Astapov et al. 2021, section 4) at one radius of several, the smallest of
-/// which is `smallest_m`; the radius of `ao` is `reach_px` pixels long ([`reach_px`](super::reach_px())):
+/// Returns pyramid HBAO and the methods that its paper compares it with (Astapov et al. 2021, section 4), at one of
+/// several radii.
 ///
-/// * Pyramid HBAO, D = 8, as ever 4 samples a direction of each level, with as few levels as reach `reach_px`.
-/// * HBAO with D = 8 and S = 10 at the smallest radius; both grow as the radius does (section 3.1). It has no angle bias: the
-///   paper gives it none (Eq. 5), nor pyramid HBAO.
-/// * Scalable AO with as many taps in all as Pyramid HBAO has samples.
+/// The smallest of the radii is `smallest_m`. The radius of `ao` is `reach_px` pixels long
+/// ([`reach_px`](super::reach_px())).
 ///
-/// All have the linear falloff and end with the plain Gaussian of that paper, so that they differ in what they sample.
+/// * Pyramid HBAO has D = 8 directions, 4 samples a direction on each level, and the fewest levels that reach `reach_px`.
+/// * HBAO has D = 8 and S = 10 at the smallest radius; both grow in proportion to the radius (section 3.1). It has no
+///   angle bias, because the paper gives none to it (Eq. 5) or to pyramid HBAO.
+/// * Scalable AO has as many taps as pyramid HBAO has samples.
+///
+/// All have the linear falloff and end with the plain Gaussian of that paper, so that they differ only in their
+/// samples.
 ///
 /// # Errors
 ///
-/// [`ScreenError`] when a method does not take the radius, or HBAO would need more directions or samples than it takes: the
-/// radius is then more than 32 times the smallest.
+/// [`ScreenError`] when a method refuses the radius. HBAO refuses one of more than 32 times the smallest, because it
+/// would need too many directions.
 pub fn pyramid_methods(
     ao: &AoSettings,
     smallest_m: f32,
@@ -151,7 +158,7 @@ mod tests {
 
     #[test]
     fn methods_stand_together_by_name_and_no_two_are_the_same() {
-        let far = far_field_methods(&Traced::far(3.0, Falloff::Linear)).unwrap();
+        let far = far_field_methods(&ScreenRays::far(3.0, Falloff::Linear)).unwrap();
         let by_kind = [Occlusion::Obscurance, Occlusion::Binary]
             .map(|kind| screen_methods(&AoSettings { kind, ..AoSettings::default() }).unwrap());
         for all in by_kind.into_iter().chain([far]) {

@@ -1,13 +1,13 @@
-//! Settings and methods swept over a clip, each measured in the same way against the same references.
+//! Sweeps of settings and methods over a clip. All are measured in the same way against the same references.
 //!
 //! [`views`] draws the pictures of a clip and traces their references, once. A [`Bench`] then runs a stream from the
-//! scene to those pictures ([`Bench::stream`], [`Bench::texture`]), or a screen-space method over them ([`Bench::method`]), and gives a
-//! [`Record`] of what it cost and how far off it was. [`Grid`] says which settings there are.
+//! scene to those pictures ([`Bench::stream`], [`Bench::texture`]), or a screen-space method over them
+//! ([`Bench::method`]). The result is a [`Record`] of cost and error. [`SettingGrid`] lists the settings.
 //!
-//! What times are taken over: of a stream's server, encoder and decoder, every frame after the first state in each of
-//! [`Runs::repeats`] runs of the whole clip, which must all give the same bytes; of reconstruction and of screen-space
-//! methods, [`Runs::repeats`] runs a picture after [`Runs::warm_up`] that do not count. Nothing here reads a clock but the
-//! one that is handed in.
+//! Times of a stream's server, encoder and decoder cover every frame after the first state, in each of
+//! [`RunCounts::repeats`] runs of the whole clip. All runs must give the same bytes. Times of reconstruction and of
+//! screen-space methods cover [`RunCounts::repeats`] runs a picture, after [`RunCounts::warm_up`] runs that do not
+//! count. The caller provides the clock.
 
 mod bench;
 mod methods;
@@ -22,27 +22,30 @@ use psao_proto::message::MessageError;
 use psao_reconstruct::{CameraError, ReconstructError};
 use psao_server::server::ServerError;
 
-pub use self::bench::{Bench, Runs, Sample};
+pub use self::bench::{Bench, RunCounts, Sample};
 pub use self::methods::{far_field_methods, pyramid_methods, screen_methods};
-pub use self::record::{Entry, Figures, Kind, Memory, PictureFigures, Record, Spread, Stage, StreamFigures};
-pub use self::run::{Bytes, Clip};
-pub use self::setting::{Described, Grid, Setting};
+pub use self::record::{
+    ErrorFigures, MemoryFigures, PictureFigures, Record, RecordAtRadius, RecordKind, Spread, StageTime,
+    StreamFigures,
+};
+pub use self::run::{Clip, FrameBytes};
+pub use self::setting::{Setting, SettingGrid, SettingSummary};
 pub use self::texture::TEXTURE_SPACE;
-pub use self::views::{Truth, View, picture_times, reach_px, views};
+pub use self::views::{ReferenceRays, View, picture_times, reach_px, views};
 
 use crate::metric::MetricError;
 use crate::reference::ReferenceError;
 use crate::screen::ScreenError;
 use crate::texture::{TextureError, VideoError};
 
-/// Why something could not be measured.
+/// Error of a measurement.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SweepError {
-    /// The server refused the setting, or could not go on.
+    /// The server refused the setting, or failed.
     #[error(transparent)]
     Server(#[from] ServerError),
-    /// The scene's tables do not fit their messages.
+    /// The scene's tables do not fit into their messages.
     #[error(transparent)]
     Table(#[from] MessageError),
     /// A camera of the scene is degenerate.
@@ -69,18 +72,18 @@ pub enum SweepError {
     /// The client refused a frame.
     #[error("frame {frame}: {error}")]
     Frame {
-        /// Which frame.
+        /// The frame.
         frame: FrameIndex,
-        /// The decoder's words.
+        /// Error of the decoder.
         error: FrameError,
     },
-    /// A repeated run gave another state.
-    #[error("run {run} ended in another state than the first: the stream is not the same every time")]
+    /// A repeated run ended in another state.
+    #[error("run {run} ended in another state than the first run: the stream is not reproducible")]
     Repeat {
         /// Number of the run, from 1.
         run: u32,
     },
-    /// There is no picture to measure.
+    /// The clip has no picture to measure.
     #[error("a clip of {seconds} s has no picture; ask for at least one")]
     NoPictures {
         /// Length of the clip.

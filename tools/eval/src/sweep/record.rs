@@ -1,78 +1,77 @@
-//! What is known of a setting or method once it is measured; `docs/evaluate-json.md` of the repository describes the
-//! fields as files have them.
+//! Results of a measured setting or method. `docs/evaluate-json.md` of the repository describes the fields in files.
 
 use serde::{Deserialize, Serialize};
 
-use super::Described;
-use crate::metric::{Comparison, Perceived};
+use super::SettingSummary;
+use crate::metric::{Comparison, PerceptualFigures};
 use crate::screen::Sampling;
 
-/// A stream, or a method that needs none.
+/// Kind of a record: a stream, or a method without a stream.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Kind {
-    /// Points from a server.
+pub enum RecordKind {
+    /// A stream of points.
     Stream,
-    /// Out of the picture's own depth and normals.
+    /// A screen-space method: it uses the picture's own depth and normals.
     Screen,
-    /// An atlas of texels from a server, as video.
+    /// A texture-space stream: an atlas of texels as video.
     Texture,
 }
 
-/// One line of results.
+/// Results of one setting or method.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Record {
-    /// Digest of all that the figures depend on.
+    /// Digest of everything that the figures depend on.
     pub key: String,
     /// Name of the scene.
     pub scene: String,
-    /// What was measured.
-    pub kind: Kind,
-    /// The profile, or the method's name.
+    /// Kind of what was measured.
+    pub kind: RecordKind,
+    /// Name of the profile or the method.
     pub name: String,
     /// The settings in words.
     pub label: String,
-    /// Of a stream.
-    pub setting: Option<Described>,
-    /// Over all pictures.
-    pub error: Figures,
-    /// Each picture.
+    /// The setting of a stream.
+    pub setting: Option<SettingSummary>,
+    /// Errors over all pictures.
+    pub error: ErrorFigures,
+    /// Figures of each picture.
     pub pictures: Vec<PictureFigures>,
-    /// Milliseconds that a client takes for the AO of a picture: of a stream applying a frame and reconstructing, of a
-    /// method its stages.
+    /// Milliseconds that a client takes for the AO of a picture. For a stream they cover applying a frame and
+    /// reconstruction, for a method all stages.
     pub picture_ms: Spread,
-    /// Each stage, on the server first.
-    pub stages: Vec<Stage>,
-    /// Of a stream.
+    /// Times of the stages, those of the server first.
+    pub stages: Vec<StageTime>,
+    /// Figures of a stream.
     pub stream: Option<StreamFigures>,
-    /// Working sets.
-    pub memory: Memory,
+    /// Sizes of working sets.
+    pub memory: MemoryFigures,
 }
 
 impl Record {
-    /// Name and settings.
+    /// Returns the name and the settings.
     #[must_use]
     pub fn title(&self) -> String {
         format!("{}: {}", self.name, self.label)
     }
 }
 
-/// A record among those of several radii.
+/// A record of a sweep over several radii.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Entry<'a> {
-    /// What was measured.
+pub struct RecordAtRadius<'a> {
+    /// The record.
     #[serde(flatten)]
     pub record: &'a Record,
-    /// Radius of the reference, and of what was measured, in metres.
+    /// Radius of the reference and of the measured method, in metres.
     pub radius_m: f32,
-    /// Its length in pixels, where settings were chosen by it ([`reach_px`](super::reach_px())).
+    /// Length of the radius in pixels, where settings depend on it ([`reach_px`](super::reach_px())).
     pub reach_px: Option<f32>,
-    /// Samples of a method that reads a fixed number.
+    /// Samples of a method that reads a fixed number of them.
     pub sampling: Option<Sampling>,
 }
 
-impl Entry<'_> {
-    /// Milliseconds of all stages on the client but the blur.
+impl RecordAtRadius<'_> {
+    /// Returns the milliseconds of all client stages except the blur.
     #[must_use]
     pub fn ms_without_blur(&self) -> f64 {
         let stages = self.record.stages.iter();
@@ -85,7 +84,7 @@ impl Entry<'_> {
 
 /// Errors against the reference, see [`crate::metric`] for the ranges.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Figures {
+pub struct ErrorFigures {
     /// Mean absolute error, `e_A`.
     pub mae: f64,
     /// Root of the mean squared error.
@@ -94,13 +93,13 @@ pub struct Figures {
     pub psnr_db: Option<f64>,
     /// Mean of picture less reference.
     pub bias: f64,
-    /// What 99 % of the pixels do not exceed.
+    /// Error that 99 % of the pixels do not exceed.
     pub p99: f64,
     /// The largest error.
     pub max: f64,
     /// Share of the pixels within 5 %, `e_<5%`.
     pub within_5: f64,
-    /// Structural similarity; `None` of pictures too small for a window.
+    /// Structural similarity; `None` for pictures too small for a window.
     pub ssim: Option<f64>,
     /// Mean FLIP error.
     pub flip: f64,
@@ -108,10 +107,10 @@ pub struct Figures {
     pub lpips: Option<f64>,
 }
 
-impl Figures {
-    /// Of one picture.
+impl ErrorFigures {
+    /// Makes the figures of one picture.
     #[must_use]
-    pub fn new(error: &Comparison, perceived: &Perceived) -> Self {
+    pub fn new(error: &Comparison, perceived: &PerceptualFigures) -> Self {
         Self {
             mae: error.mae,
             rmse: error.rmse,
@@ -126,8 +125,9 @@ impl Figures {
         }
     }
 
-    /// Of several pictures of one size: means; RMSE and PSNR of all their pixels together; the largest P99 and maximum.
-    /// `None` of none.
+    /// Pools the figures of several pictures of equal size; `None` without pictures.
+    ///
+    /// RMSE and PSNR are those of all pixels together. P99 and maximum are the largest. All other figures are means.
     #[must_use]
     pub fn pooled(pictures: &[Self]) -> Option<Self> {
         let first = pictures.first()?;
@@ -154,33 +154,33 @@ impl Figures {
     }
 }
 
-/// One picture.
+/// Figures of one picture.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PictureFigures {
-    /// When in the clip.
+    /// Time in the clip, in seconds.
     pub time_s: f64,
-    /// Share of the fragments that no point supports; 0 of a method.
+    /// Share of the fragments that no point supports; 0 for a method.
     pub unsupported: f64,
     /// Its errors.
     #[serde(flatten)]
-    pub error: Figures,
+    pub error: ErrorFigures,
 }
 
-/// Samples of one figure.
+/// Quartiles of the samples of a figure.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Spread {
-    /// Half of the samples are no larger.
+    /// Half of the samples are at most this large.
     pub median: f64,
-    /// A quarter is no larger.
+    /// A quarter of the samples are at most this large.
     pub low: f64,
-    /// Three quarters are no larger.
+    /// Three quarters of the samples are at most this large.
     pub high: f64,
-    /// How many there were; 0 when there is no figure.
+    /// Number of samples; 0 when there is no figure.
     pub samples: u64,
 }
 
 impl Spread {
-    /// Of samples in any order, which are taken for finite.
+    /// Returns the quartiles of finite samples in any order.
     #[must_use]
     pub fn of(mut samples: Vec<f64>) -> Self {
         samples.sort_by(f64::total_cmp);
@@ -191,16 +191,16 @@ impl Spread {
         Self { median: quantile(2), low: quantile(1), high: quantile(3), samples: samples.len() as u64 }
     }
 
-    /// Of microseconds, in milliseconds.
+    /// Returns the quartiles of times in microseconds, in milliseconds.
     #[must_use]
     pub fn of_micros(samples: &[u64]) -> Self {
         Self::of(samples.iter().map(|&micros| micros as f64 / 1e3).collect())
     }
 }
 
-/// One stage of the work.
+/// Times of one stage.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Stage {
+pub struct StageTime {
     /// `server` or `client`.
     pub side: String,
     /// Its name.
@@ -209,7 +209,7 @@ pub struct Stage {
     pub ms: Spread,
 }
 
-/// What a stream takes. Bytes are the same on any machine.
+/// Size and times of a stream. Bytes are the same on any machine.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StreamFigures {
     /// Frames of the clip, the first state included.
@@ -224,7 +224,7 @@ pub struct StreamFigures {
     pub later_bytes: u64,
     /// Points sent in later frames.
     pub changed_points: u64,
-    /// Mbit/s of later frames, of what the paper counts: blocks that hold points.
+    /// Mbit/s of later frames as the paper counts: blocks that hold points.
     pub paper_mbit_s: f64,
     /// Mbit/s of later frames, everything counted.
     pub wire_mbit_s: f64,
@@ -234,18 +234,18 @@ pub struct StreamFigures {
     pub server_ms: Spread,
 }
 
-/// Bytes of working sets, counted from what they hold.
+/// Bytes of working sets, computed from their contents.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Memory {
-    /// What the client needs of the picture: the G-buffer, or depth and normals with their guard band.
+pub struct MemoryFigures {
+    /// The client's input for a picture: the G-buffer, or depth and normals with their guard band.
     pub picture_bytes: u64,
-    /// What a client holds of a stream: its whole state, written without compression.
+    /// The client's state of a stream, written without compression.
     pub state_bytes: Option<u64>,
     /// The largest frame body of a stream.
     pub largest_frame_bytes: Option<u64>,
-    /// What a method allocates besides, as it says itself.
+    /// Memory that a method allocates besides, by its own count.
     pub working_bytes: Option<u64>,
-    /// What the server of a stream holds after the last frame, see [`psao_server::server::ServerMemory`].
+    /// Memory of a stream's server after the last frame, see [`psao_server::server::ServerMemory`].
     pub server_bytes: Option<u64>,
 }
 
@@ -253,9 +253,9 @@ pub struct Memory {
 mod tests {
     use super::*;
 
-    fn figures(mae: f64, rmse: f64, lpips: Option<f64>) -> Figures {
+    fn figures(mae: f64, rmse: f64, lpips: Option<f64>) -> ErrorFigures {
         let psnr_db = (rmse > 0.0).then(|| -20.0 * libm::log10(rmse));
-        Figures {
+        ErrorFigures {
             mae,
             rmse,
             psnr_db,
@@ -271,13 +271,14 @@ mod tests {
 
     #[test]
     fn pooled_figures_are_those_of_all_pixels() {
-        let pooled = Figures::pooled(&[figures(0.1, 0.3, Some(0.2)), figures(0.0, 0.4, Some(0.4))]).unwrap();
+        let pooled =
+            ErrorFigures::pooled(&[figures(0.1, 0.3, Some(0.2)), figures(0.0, 0.4, Some(0.4))]).unwrap();
         assert!((pooled.mae - 0.05).abs() < 1e-12 && (pooled.rmse - 0.125_f64.sqrt()).abs() < 1e-12);
         assert!((pooled.psnr_db.unwrap() - 9.0309).abs() < 1e-4, "{pooled:?}");
         assert_eq!((pooled.p99, pooled.max, pooled.ssim), (0.4, 0.4, Some(1.0)));
         assert!((pooled.lpips.unwrap() - 0.3).abs() < 1e-12);
-        assert_eq!(Figures::pooled(&[figures(0.0, 0.0, None)]).unwrap().psnr_db, None);
-        assert_eq!(Figures::pooled(&[]), None);
+        assert_eq!(ErrorFigures::pooled(&[figures(0.0, 0.0, None)]).unwrap().psnr_db, None);
+        assert_eq!(ErrorFigures::pooled(&[]), None);
     }
 
     #[test]

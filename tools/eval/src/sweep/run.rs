@@ -1,4 +1,4 @@
-//! One run of a clip: what the server makes of it, and a client that follows.
+//! One run of a clip, by a server and a client.
 
 use std::sync::Arc;
 
@@ -15,10 +15,10 @@ use super::{Setting, Spread, SweepError};
 
 /// Bytes of a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Bytes {
-    /// What the paper counts: blocks that hold points.
+pub struct FrameBytes {
+    /// Bytes that the paper counts: blocks that hold points.
     pub paper: u64,
-    /// Everything on the wire.
+    /// All bytes on the wire.
     pub wire: u64,
 }
 
@@ -26,30 +26,30 @@ pub struct Bytes {
 pub struct Clip<'a> {
     /// The scene.
     pub scene: &'a Arc<Scene>,
-    /// Settings of the server that are not swept.
+    /// Server settings that are not swept.
     pub base: ServerSettings,
-    /// Length in seconds; a stream has as many frames as begin in it, at least 2.
+    /// Length in seconds. A stream has the frames that begin in it, at least 2.
     pub seconds: f64,
-    /// Where points are kept between runs.
+    /// Cache that keeps points between runs.
     pub cache: Option<&'a dyn PointCache>,
     /// Counts the bytes of a frame.
-    pub count: fn(&FrameInfo) -> Bytes,
+    pub count: fn(&FrameInfo) -> FrameBytes,
 }
 
-/// Bytes of a clip.
+/// Bytes of all frames of a clip.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Counted {
+pub(super) struct ClipBytes {
     pub(super) frames: u32,
     pub(super) table: u64,
     pub(super) first: u64,
     pub(super) largest: u64,
     pub(super) changed: u64,
-    pub(super) later: Bytes,
+    pub(super) later: FrameBytes,
 }
 
-/// Microseconds of a clip.
+/// Times of a clip in microseconds.
 #[derive(Default)]
-pub(super) struct Took {
+pub(super) struct ClipTimes {
     pub(super) first: u64,
     /// By later frame, then stage.
     pub(super) server: Vec<StageMicros>,
@@ -57,7 +57,7 @@ pub(super) struct Took {
     pub(super) decode: Vec<u64>,
 }
 
-impl Took {
+impl ClipTimes {
     pub(super) fn add(&mut self, other: Self) {
         self.server.extend(other.server);
         self.decode.extend(other.decode);
@@ -78,8 +78,8 @@ pub(super) struct Run<'a> {
     pub(super) fps: f64,
     pub(super) frames: u32,
     pub(super) points: u32,
-    pub(super) bytes: Counted,
-    pub(super) took: Took,
+    pub(super) bytes: ClipBytes,
+    pub(super) took: ClipTimes,
 }
 
 impl<'a> Run<'a> {
@@ -93,7 +93,7 @@ impl<'a> Run<'a> {
         let settings = ServerSettings { frames_hint: frames, ..setting.server(clip.base) };
         let server = Server::with_cache(Arc::clone(clip.scene), settings, clip.cache, Arc::new(|_| ()))?;
         let table = server.table();
-        let bytes = Counted { frames, table: table_bytes(table)?, ..Counted::default() };
+        let bytes = ClipBytes { frames, table: table_bytes(table)?, ..ClipBytes::default() };
         Ok(Self {
             clip,
             clock,
@@ -104,11 +104,11 @@ impl<'a> Run<'a> {
             fps,
             frames,
             bytes,
-            took: Took::default(),
+            took: ClipTimes::default(),
         })
     }
 
-    /// The newest frame that has begun by this time.
+    /// Returns the newest frame that has begun by this time.
     pub(super) fn frame_at(&self, time_s: f64) -> u32 {
         frame_at(time_s, self.fps, self.frames)
     }
@@ -141,7 +141,7 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// Bytes of the whole state without compression.
+    /// Returns the bytes of the whole state without compression.
     pub(super) fn keyframe_bytes(&self) -> Result<u64, SweepError> {
         let last = self.frames - 1;
         let body = self.server.keyframe(FrameIndex(last), self.time(last), BlockCoder::Stored)?;
@@ -149,12 +149,12 @@ impl<'a> Run<'a> {
     }
 }
 
-/// Frames that begin in a clip, at least 2.
+/// Returns the number of frames that begin in a clip, at least 2.
 pub(super) fn frames(seconds: f64, fps: f64) -> u32 {
     (seconds * fps + 1e-6).max(2.0) as u32
 }
 
-/// The newest of `frames` frames that has begun by this time.
+/// Returns the newest of `frames` frames that has begun by this time.
 pub(super) fn frame_at(time_s: f64, fps: f64, frames: u32) -> u32 {
     ((time_s * fps + 1e-6) as u32).min(frames - 1)
 }

@@ -1,4 +1,4 @@
-//! What is swept of a stream, and in which combinations.
+//! Swept settings of a stream and their combinations.
 
 use std::fmt;
 
@@ -8,17 +8,20 @@ use psao_server::points::PointSettings;
 use psao_server::server::ServerSettings;
 use serde::{Deserialize, Serialize};
 
-/// The coder of profile `paper` where the range coder is asked for, which it does not have (paper, section 4).
+/// Coder of profile `paper` in place of the range coder, which it does not support (paper, section 4).
 const PAPER_CODER: BlockCoder = BlockCoder::Zstd { level: 15 };
 
-/// One combination.
+/// Number of swept settings.
+const AXES: usize = 7;
+
+/// A combination of values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Setting {
     /// Points per square metre.
     pub per_m2: f32,
     /// Bits of a packed point: 32, 24 or 16.
     pub bits: u8,
-    /// Steps of 1/255 by which AO must move to be sent again.
+    /// Steps of 1/255 by which AO must change to be sent again.
     pub threshold: u8,
     /// Rays a point.
     pub rays: u32,
@@ -31,7 +34,7 @@ pub struct Setting {
 }
 
 impl Setting {
-    /// What the `psao` command does unless told otherwise; the paper's cheapest density (its Table 1).
+    /// Returns the defaults of the `psao` command, with the paper's lowest density (its Table 1).
     #[must_use]
     pub fn usual() -> Self {
         let settings = ServerSettings::default();
@@ -46,7 +49,7 @@ impl Setting {
         }
     }
 
-    /// The settings of a server: `base`, with what is swept in its place.
+    /// Returns the settings of a server: `base` with the swept values in place of its own.
     #[must_use]
     pub fn server(&self, base: ServerSettings) -> ServerSettings {
         let mut settings = base;
@@ -60,10 +63,10 @@ impl Setting {
         settings
     }
 
-    /// In words and numbers.
+    /// Returns the setting as reports and files have it.
     #[must_use]
-    pub fn described(&self) -> Described {
-        Described {
+    pub fn summary(&self) -> SettingSummary {
+        SettingSummary {
             profile: self.profile.to_string(),
             points_per_m2: self.per_m2,
             bits: self.bits,
@@ -79,7 +82,7 @@ impl Setting {
         }
     }
 
-    /// Profile `paper` has no range coder and gets its own.
+    /// Returns the setting with a coder that its profile supports.
     fn possible(self) -> Self {
         if self.profile == Profile::PAPER && self.coder == BlockCoder::Range {
             return Self { coder: PAPER_CODER, ..self };
@@ -90,7 +93,7 @@ impl Setting {
 
 /// A setting as reports and files have it; shown without its profile.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Described {
+pub struct SettingSummary {
     /// `surface` or `paper`.
     pub profile: String,
     /// Points per square metre.
@@ -107,7 +110,7 @@ pub struct Described {
     pub coder: String,
 }
 
-impl fmt::Display for Described {
+impl fmt::Display for SettingSummary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
@@ -117,9 +120,9 @@ impl fmt::Display for Described {
     }
 }
 
-/// The values of each axis. An empty axis has the usual value alone.
+/// The values of each axis. An empty axis stands for the usual value.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Grid {
+pub struct SettingGrid {
     /// Points per square metre.
     pub per_m2: Vec<f32>,
     /// Bits of a packed point.
@@ -136,11 +139,8 @@ pub struct Grid {
     pub profile: Vec<Profile>,
 }
 
-/// Sets one axis of a setting.
-type Put<'a> = Box<dyn Fn(&Setting) -> Setting + 'a>;
-
-impl Grid {
-    /// On every axis the usual value, where it is among the axis' own, and else the first.
+impl SettingGrid {
+    /// Returns the usual value on each axis that has it or is empty, and the first value on each other axis.
     #[must_use]
     pub fn centre(&self) -> Setting {
         fn of<T: Copy + PartialEq>(values: &[T], usual: T) -> T {
@@ -159,47 +159,48 @@ impl Grid {
         .possible()
     }
 
-    /// The centre, then what differs from it on one axis.
+    /// Returns the centre, then the settings that differ from it on one axis.
     #[must_use]
     pub fn one_at_a_time(&self) -> Vec<Setting> {
         let centre = self.centre();
-        let others = self.axes().into_iter().flatten().map(|put| put(&centre));
-        distinct(std::iter::once(centre).chain(others))
+        distinct(std::iter::once(centre).chain(self.variants(&centre).into_iter().flatten()))
     }
 
-    /// Every combination, the centre first.
+    /// Returns every combination, the centre first.
     #[must_use]
     pub fn full(&self) -> Vec<Setting> {
         let mut settings = vec![self.centre()];
-        for axis in self.axes().iter().filter(|axis| !axis.is_empty()) {
-            settings = settings.iter().flat_map(|setting| axis.iter().map(move |put| put(setting))).collect();
+        for axis in 0..AXES {
+            let varied = |setting: &Setting| std::mem::take(&mut self.variants(setting)[axis]);
+            let varied: Vec<Setting> = settings.iter().flat_map(varied).collect();
+            if !varied.is_empty() {
+                settings = varied;
+            }
         }
         distinct(std::iter::once(self.centre()).chain(settings))
     }
 
-    /// The fastest rate, in frames a second.
+    /// Returns the fastest rate in frames a second.
     #[must_use]
     pub fn fastest(&self) -> f32 {
         self.fps.iter().copied().fold(self.centre().fps, f32::max)
     }
 
-    fn axes(&self) -> [Vec<Put<'_>>; 7] {
-        fn axis<'a, T: Copy>(values: &'a [T], put: fn(T, &Setting) -> Setting) -> Vec<Put<'a>> {
-            values.iter().map(|&value| Box::new(move |from: &Setting| put(value, from)) as Put<'a>).collect()
-        }
+    /// Returns for each axis the settings that have its values in place of `from`'s.
+    fn variants(&self, from: &Setting) -> [Vec<Setting>; AXES] {
         [
-            axis(&self.per_m2, |per_m2, from| Setting { per_m2, ..*from }),
-            axis(&self.bits, |bits, from| Setting { bits, ..*from }),
-            axis(&self.threshold, |threshold, from| Setting { threshold, ..*from }),
-            axis(&self.rays, |rays, from| Setting { rays, ..*from }),
-            axis(&self.fps, |fps, from| Setting { fps, ..*from }),
-            axis(&self.coder, |coder, from| Setting { coder, ..*from }),
-            axis(&self.profile, |profile, from| Setting { profile, ..*from }),
+            self.per_m2.iter().map(|&per_m2| Setting { per_m2, ..*from }).collect(),
+            self.bits.iter().map(|&bits| Setting { bits, ..*from }).collect(),
+            self.threshold.iter().map(|&threshold| Setting { threshold, ..*from }).collect(),
+            self.rays.iter().map(|&rays| Setting { rays, ..*from }).collect(),
+            self.fps.iter().map(|&fps| Setting { fps, ..*from }).collect(),
+            self.coder.iter().map(|&coder| Setting { coder, ..*from }).collect(),
+            self.profile.iter().map(|&profile| Setting { profile, ..*from }).collect(),
         ]
     }
 }
 
-/// What is possible, each once, in the order of its first mention.
+/// Returns the settings with supported coders, each once, in the order of their first mention.
 fn distinct(settings: impl IntoIterator<Item = Setting>) -> Vec<Setting> {
     let mut found: Vec<Setting> = Vec::new();
     for setting in settings.into_iter().map(Setting::possible) {
@@ -214,13 +215,13 @@ fn distinct(settings: impl IntoIterator<Item = Setting>) -> Vec<Setting> {
 mod tests {
     use super::*;
 
-    fn grid() -> Grid {
-        Grid {
+    fn grid() -> SettingGrid {
+        SettingGrid {
             per_m2: vec![256.0, 512.0],
             threshold: vec![2, 4, 16],
             profile: vec![Profile::SURFACE, Profile::PAPER],
             coder: vec![BlockCoder::Range, PAPER_CODER],
-            ..Grid::default()
+            ..SettingGrid::default()
         }
     }
 
@@ -228,7 +229,7 @@ mod tests {
     fn the_centre_is_usual_where_it_can_be() {
         let centre = grid().centre();
         assert_eq!((centre.per_m2, centre.threshold, centre.rays), (512.0, 2, 192));
-        assert_eq!(Grid::default().one_at_a_time(), [Setting::usual()]);
+        assert_eq!(SettingGrid::default().one_at_a_time(), [Setting::usual()]);
     }
 
     #[test]

@@ -6,11 +6,14 @@ use psao_proto::message::CameraPose;
 use psao_reconstruct::{Camera, Size};
 use psao_server::world::SceneBvh;
 
-use super::bench::{Drawn, buffer_bytes, empty};
+use super::bench::{PictureSeries, buffer_bytes, empty};
 use super::run::{frame_at, frames};
-use super::{Bench, Clip, Kind, Memory, Record, Sample, Spread, Stage, StreamFigures, SweepError};
+use super::{
+    Bench, Clip, MemoryFigures, Record, RecordKind, Sample, Spread, StageTime, StreamFigures, SweepError,
+};
 use crate::texture::{
-    Atlas, Coded, Look, Patches, Shown, TextureServer, TextureSettings, TextureStats, VideoCoder, look,
+    Atlas, BlockMap, PatchLookup, Patches, TextureServer, TextureSettings, TextureStats, VideoClip,
+    VideoCoder, patch_lookup,
 };
 
 /// Stages of a server's frame, in order.
@@ -18,21 +21,23 @@ const SERVER_STAGES: [&str; 3] = ["pose", "find what is in view", "trace rays"];
 /// Name of the method.
 pub const TEXTURE_SPACE: &str = "texture-space";
 
-/// What the server did in a clip.
+/// The server's output for a clip.
 #[derive(Default)]
-struct Shaded {
-    /// Of each frame, all of one size once the clip is over.
+struct AtlasClip {
+    /// Atlas of each frame; all have the same size once the clip is over.
     atlases: Vec<Vec<u8>>,
     stats: Vec<TextureStats>,
     rows: u32,
-    /// By picture.
-    shown: Vec<Option<Shown>>,
+    /// Block map of each picture.
+    shown: Vec<Option<BlockMap>>,
 }
 
 impl Bench<'_> {
-    /// Runs a texture-space stream: patches in view traced, the atlas coded as video and decoded, looked up and compared.
-    /// As with [`Bench::stream`], a picture is drawn with the newest frame that began by its time. The clip is traced once;
-    /// coding and decoding are repeated. `key` goes into the record.
+    /// Runs a texture-space stream: traces the patches in view, codes and decodes the atlas as video, looks pixels up
+    /// and compares the pictures.
+    ///
+    /// As with [`Bench::stream`], a picture is drawn with the newest frame that began by its time. The clip is traced
+    /// once; coding and decoding are repeated. `key` goes into the record.
     ///
     /// # Errors
     ///
@@ -49,7 +54,7 @@ impl Bench<'_> {
         let frame_at = |time_s| frame_at(time_s, f64::from(settings.fps), count);
         let shaded = self.shade(clip, settings, &patches, count, &frame_at)?;
         let size = Size::new(Atlas::WIDTH, shaded.rows.max(1)).map_err(crate::screen::ScreenError::from)?;
-        let mut coded: Option<Coded> = None;
+        let mut coded: Option<VideoClip> = None;
         let (mut encode, mut decode) = (Vec::new(), Vec::new());
         for _ in 0..self.runs.repeats.max(1) {
             let run = coder.code(size, settings.fps, &shaded.atlases)?;
@@ -59,7 +64,7 @@ impl Bench<'_> {
             coded = Some(run);
         }
         let coded = coded.ok_or(SweepError::NoPictures { seconds: clip.seconds })?;
-        let mut drawn = Drawn::default();
+        let mut drawn = PictureSeries::default();
         for (view, shown) in self.views.iter().zip(&shaded.shown) {
             let looked = self.look(clip, &patches, view.time_s, view.truth.size())?;
             let atlas = &coded.frames[frame_at(view.time_s) as usize];
@@ -72,17 +77,17 @@ impl Bench<'_> {
         let record = Record {
             key: key.to_owned(),
             scene: self.scene.to_owned(),
-            kind: Kind::Texture,
+            kind: RecordKind::Texture,
             name: TEXTURE_SPACE.to_owned(),
             label: format!("{}, {}", settings.label(), coder.label()),
             picture_ms: Spread::of(picture_ms),
             stages: stages(&shaded, encode, decode, &drawn),
             stream: Some(figures(&shaded, &coded, settings, encode)),
-            memory: Memory {
+            memory: MemoryFigures {
                 picture_bytes: buffer_bytes(self.views),
                 state_bytes: Some(size.pixels() as u64),
                 largest_frame_bytes: coded.bytes.iter().max().copied(),
-                ..Memory::default()
+                ..MemoryFigures::default()
             },
             ..empty()
         };
@@ -97,9 +102,9 @@ impl Bench<'_> {
         patches: &Arc<Patches>,
         count: u32,
         frame_at: &dyn Fn(f64) -> u32,
-    ) -> Result<Shaded, SweepError> {
+    ) -> Result<AtlasClip, SweepError> {
         let mut server = TextureServer::new(clip.scene, patches, *settings, &clip.base.ao)?;
-        let mut shaded = Shaded { shown: vec![None; self.views.len()], ..Shaded::default() };
+        let mut shaded = AtlasClip { shown: vec![None; self.views.len()], ..AtlasClip::default() };
         let aspect = self.views.first().map_or(1.0, |view| view.truth.size().aspect());
         for frame in 0..count {
             let time_s = f64::from(frame) / f64::from(settings.fps);
@@ -108,7 +113,7 @@ impl Bench<'_> {
             shaded.atlases.push(server.texels().to_vec());
             for (shown, view) in shaded.shown.iter_mut().zip(self.views) {
                 if frame_at(view.time_s) == frame {
-                    *shown = Some(server.shown());
+                    *shown = Some(server.block_map());
                 }
             }
         }
@@ -118,20 +123,26 @@ impl Bench<'_> {
         Ok(shaded)
     }
 
-    /// The patches of a picture's pixels.
-    fn look(&self, clip: &Clip<'_>, patches: &Patches, time_s: f64, size: Size) -> Result<Look, SweepError> {
+    /// Returns the patches of a picture's pixels.
+    fn look(
+        &self,
+        clip: &Clip<'_>,
+        patches: &Patches,
+        time_s: f64,
+        size: Size,
+    ) -> Result<PatchLookup, SweepError> {
         let world = SceneBvh::new(clip.scene, &clip.scene.pose(time_s));
         let camera = Camera::new(&CameraPose { aspect: size.aspect(), ..clip.scene.camera(time_s) })?;
-        Ok(look(&world, patches, &camera, size))
+        Ok(patch_lookup(&world, patches, &camera, size))
     }
 
     fn look_up(
         &self,
-        shown: &Shown,
+        shown: &BlockMap,
         atlas: &[u8],
-        looked: &Look,
+        looked: &PatchLookup,
         view: &super::View,
-        drawn: &mut Drawn,
+        drawn: &mut PictureSeries,
     ) -> Result<(), SweepError> {
         let picture = || shown.picture(atlas, looked).map_err(crate::screen::ScreenError::from);
         let mut found = picture()?;
@@ -146,8 +157,8 @@ impl Bench<'_> {
     }
 }
 
-fn stages(shaded: &Shaded, encode: Spread, decode: Spread, drawn: &Drawn) -> Vec<Stage> {
-    let stage = |side: &str, name: &str, ms| Stage { side: side.to_owned(), name: name.to_owned(), ms };
+fn stages(shaded: &AtlasClip, encode: Spread, decode: Spread, drawn: &PictureSeries) -> Vec<StageTime> {
+    let stage = |side: &str, name: &str, ms| StageTime { side: side.to_owned(), name: name.to_owned(), ms };
     let later = &shaded.stats[1..];
     let server = SERVER_STAGES.iter().enumerate().map(|(number, name)| {
         let micros: Vec<u64> = later.iter().map(|frame| frame.micros[number]).collect();
@@ -158,8 +169,13 @@ fn stages(shaded: &Shaded, encode: Spread, decode: Spread, drawn: &Drawn) -> Vec
     server.chain(coding.map(|(side, name, ms)| stage(side, name, ms))).chain([looking]).collect()
 }
 
-/// What the stream takes. Points are the texels that the clip's last frame traced.
-fn figures(shaded: &Shaded, coded: &Coded, settings: &TextureSettings, encode: Spread) -> StreamFigures {
+/// Returns the size and times of the stream. Its points are the texels that the clip's last frame traced.
+fn figures(
+    shaded: &AtlasClip,
+    coded: &VideoClip,
+    settings: &TextureSettings,
+    encode: Spread,
+) -> StreamFigures {
     let frames = shaded.stats.len() as u32;
     let seconds = f64::from(frames - 1) / f64::from(settings.fps);
     let mbit_s = |bytes: u64| bytes as f64 * 8.0 / 1e6 / seconds;

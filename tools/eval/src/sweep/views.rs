@@ -12,43 +12,44 @@ use psao_server::world::SceneBvh;
 use super::SweepError;
 use crate::adapter::SceneView;
 use crate::reference::reference;
-use crate::screen::{Screen, ScreenError, ScreenMethod, Traced};
+use crate::screen::{Screen, ScreenError, ScreenMethod, ScreenRays};
 
-/// What pictures are compared with.
+/// The rays of the references that pictures are compared with.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Truth {
-    /// Rays through the scene, which know what is hidden and off the screen.
+pub enum ReferenceRays {
+    /// Rays through the scene. They meet hidden surfaces and those off the screen.
     Scene(AoSettings),
-    /// Rays through the depth buffer: the best that a method can do that sees no more (Timonen 2013, section 8).
-    Screen(Traced),
+    /// Rays through the depth buffer: the best possible result from what the screen shows (Timonen 2013, section 8).
+    Screen(ScreenRays),
 }
 
-/// One picture: what is seen, and its AO by many rays.
+/// A view, and its AO by many rays.
 pub struct View {
-    /// When.
+    /// Time in the clip, in seconds.
     pub time_s: f64,
-    /// For reconstruction.
+    /// Input of reconstruction.
     pub buffer: GBuffer,
-    /// For screen-space methods.
+    /// Input of screen-space methods.
     pub screen: Screen,
     /// The reference.
     pub truth: AoImage,
 }
 
-/// Looks at `scene` through its own camera at each of the times, and traces the references.
+/// Casts views of `scene` with its own camera at each of the times, and traces the references.
 ///
-/// The screens have a guard band of `guard` pixels; geometry is that of the moment of the picture, also where a stream
-/// is behind. `done` hears of each picture.
+/// The screens have a guard band of `guard` pixels. Geometry is that of the picture's time, even where a stream is
+/// behind. `done` is called after each picture.
 ///
 /// # Errors
 ///
-/// [`SweepError`] when a camera is degenerate, a setting of the rays out of range, or the screen with its guard band too large.
+/// [`SweepError`] when a camera is degenerate, a setting of the rays is out of range, or the screen with its guard band
+/// is too large.
 pub fn views(
     scene: &Arc<Scene>,
     times_s: &[f64],
     size: Size,
     guard: u32,
-    truth: &Truth,
+    truth: &ReferenceRays,
     done: &dyn Fn(),
 ) -> Result<Vec<View>, SweepError> {
     let look = |&time_s: &f64| {
@@ -58,8 +59,8 @@ pub fn views(
         let buffer = cast_view(&seen, &camera, size)?;
         let screen = Screen::new(&seen, &camera, size, guard)?;
         let truth = match truth {
-            Truth::Scene(ao) => reference(&seen, &buffer, ao)?,
-            Truth::Screen(rays) => rays.shade(&screen, &NoClock)?.image,
+            ReferenceRays::Scene(ao) => reference(&seen, &buffer, ao)?,
+            ReferenceRays::Screen(rays) => rays.shade(&screen, &NoClock)?.image,
         };
         done();
         Ok(View { time_s, buffer, screen, truth })
@@ -67,8 +68,10 @@ pub fn views(
     times_s.iter().map(look).collect()
 }
 
-/// Pixels that `radius_m` metres square to the view are long, across, at the median distance of what a clip of these
-/// pictures shows; 0 where it shows nothing. Every fourth pixel each way is looked at.
+/// Returns the horizontal length in pixels of `radius_m` metres, perpendicular to the view, at the median depth of a
+/// clip's pictures.
+///
+/// It samples every fourth pixel each way, and returns 0 when the pictures show no surface.
 ///
 /// # Errors
 ///
@@ -88,11 +91,11 @@ pub fn reach_px(scene: &Arc<Scene>, times_s: &[f64], size: Size, radius_m: f32) 
     Ok(found.get(found.len() / 2).copied().unwrap_or(0.0))
 }
 
-/// Times of `count` pictures of a clip of `seconds` that is shown at `rate` frames a second, ascending.
+/// Returns ascending times of `count` pictures of a clip of `seconds` that is shown at `rate` frames a second.
 ///
-/// The clip falls into `count` equal parts, and the golden ratio says where in its part each picture lies: a stream with
-/// fewer frames a second is then seen at every age, not at one. The first frame, in which all is new, is left out where
-/// there are others; a clip of fewer frames has fewer pictures.
+/// The clip is cut into `count` equal parts, and multiples of the golden ratio place a picture in each part. So
+/// pictures show a stream with fewer frames a second at every age of its frames. The first frame, in which everything
+/// is new, is left out where there are others. A clip of fewer frames has fewer pictures.
 #[must_use]
 pub fn picture_times(seconds: f64, rate: f64, count: u32) -> Vec<f64> {
     const GOLDEN: f64 = 0.618_033_988_749_894_8;
@@ -131,7 +134,7 @@ mod tests {
         let scene = Arc::new(Scene::load("colonnade").unwrap());
         let reach = |radius| reach_px(&scene, &[0.0, 0.5], size, radius).unwrap();
         let rays = AoSettings { rays: 1, ..AoSettings::default() };
-        let views = views(&scene, &[0.0, 0.5], size, 0, &Truth::Scene(rays), &|| ()).unwrap();
+        let views = views(&scene, &[0.0, 0.5], size, 0, &ReferenceRays::Scene(rays), &|| ()).unwrap();
         let screens = views.iter().map(|view| &view.screen);
         let all =
             screens.flat_map(|screen| screen.depths().iter().map(|&depth| screen.radius_px(1.0, depth).x));

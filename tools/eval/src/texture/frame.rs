@@ -1,4 +1,4 @@
-//! A server that shades an atlas frame by frame, and a client that looks pixels up.
+//! A server that shades an atlas frame by frame, and a client that looks up pixels in it.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -14,16 +14,16 @@ use psao_server::world::SceneBvh;
 use rayon::prelude::*;
 
 use super::visible::visible;
-use super::{Atlas, Block, Extent, Look, Patch, PatchPoint, Patches, TextureError, TextureSettings};
+use super::{Atlas, Block, Extent, Patch, PatchLookup, PatchPoint, Patches, TextureError, TextureSettings};
 
-/// Lines of the picture by which the server finds what is in view.
-const SIGHT_LINES: u32 = 540;
-/// How much wider than the client's the server's view is, so that what comes in is there.
-const SIGHT_MARGIN: f64 = 1.1;
-/// Seconds for which a patch that is out of view keeps its block.
-const KEPT_S: f32 = 1.0;
-/// What texels hold that no patch has: open, as most others.
-const EMPTY: u8 = 255;
+/// Lines of the picture with which the server finds the patches in view.
+const VISIBILITY_LINES: u32 = 540;
+/// Factor by which the server's view is wider than the client's, so that blocks exist before patches come into view.
+const VIEW_MARGIN: f64 = 1.1;
+/// Seconds for which a patch out of view keeps its block.
+const BLOCK_LIFETIME_S: f32 = 1.0;
+/// Value of texels without a patch: open.
+const EMPTY_TEXEL: u8 = 255;
 
 /// Shades the patches in view.
 pub struct TextureServer {
@@ -38,28 +38,28 @@ pub struct TextureServer {
     ages: BTreeMap<Patch, u32>,
 }
 
-/// What a frame took.
+/// Counts, bytes and times of a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct TextureStats {
     /// Patches in view.
     pub patches: u32,
-    /// Their texels, all of which were traced.
+    /// Their texels, which are all traced.
     pub texels: u64,
-    /// Bytes that tell the client where blocks begin and end, as varints without compression: of each patch whose block
-    /// changed the distance from the last one, the extent, and its place counted in its own size.
+    /// Bytes that tell the client the places of blocks, as varints without compression. Each patch with a changed block
+    /// has its distance from the previous patch, the extent, and the place in units of the block's size.
     pub placement_bytes: u64,
-    /// Microseconds of posing and refitting, of finding what is in view, and of tracing.
+    /// Microseconds of posing and refitting, of finding the patches in view, and of tracing.
     pub micros: [u64; 3],
 }
 
-/// Where the blocks are in a frame: what a client knows beside the decoded atlas.
+/// The places of the blocks in a frame, which a client knows beside the decoded atlas.
 #[derive(Clone, Debug)]
-pub struct Shown {
+pub struct BlockMap {
     atlas: Atlas,
 }
 
 impl TextureServer {
-    /// Sets up the scene, with no block yet. The rays are those of `ao`, but for their number.
+    /// Sets up the scene without blocks. The rays are those of `ao`, except for their number.
     ///
     /// # Errors
     ///
@@ -83,25 +83,25 @@ impl TextureServer {
         })
     }
 
-    /// Rows of the atlas so far.
+    /// Returns the number of rows of the atlas so far.
     #[must_use]
     pub fn rows(&self) -> u32 {
         self.atlas.rows()
     }
 
-    /// The atlas as it is, row by row.
+    /// Returns the current atlas, row by row.
     #[must_use]
     pub fn texels(&self) -> &[u8] {
         &self.texels
     }
 
-    /// Where the blocks are now.
+    /// Returns the current places of the blocks.
     #[must_use]
-    pub fn shown(&self) -> Shown {
-        Shown { atlas: self.atlas.clone() }
+    pub fn block_map(&self) -> BlockMap {
+        BlockMap { atlas: self.atlas.clone() }
     }
 
-    /// Shades the next frame: what `camera` sees at `time_s`.
+    /// Shades the patches that `camera` sees at `time_s`.
     ///
     /// # Errors
     ///
@@ -130,20 +130,21 @@ impl TextureServer {
         })
     }
 
-    /// What is in view, and a little beside it.
+    /// Returns the patches in view and a little beside it, with their nearest distances in metres.
     fn sight(&self, camera: &CameraPose) -> Result<BTreeMap<Patch, f32>, TextureError> {
-        let half = libm::tan(f64::from(camera.fov_y_deg).to_radians() * 0.5) * SIGHT_MARGIN;
+        let half = libm::tan(f64::from(camera.fov_y_deg).to_radians() * 0.5) * VIEW_MARGIN;
         let wide = CameraPose { fov_y_deg: (2.0 * libm::atan(half)).to_degrees() as f32, ..*camera };
         let sight = Camera::new(&wide)?;
-        let width = (SIGHT_LINES as f32 * camera.aspect).clamp(1.0, 4.0 * SIGHT_LINES as f32) as u32;
-        let size = Size::new(width, SIGHT_LINES)?;
+        let width =
+            (VISIBILITY_LINES as f32 * camera.aspect).clamp(1.0, 4.0 * VISIBILITY_LINES as f32) as u32;
+        let size = Size::new(width, VISIBILITY_LINES)?;
         Ok(visible(&self.world, &self.patches, &sight, size))
     }
 
-    /// Gives every patch in view a block of the right size, and takes away those that are long out of view. Gives the
-    /// bytes that say so.
+    /// Gives every patch in view a block of the right size, and frees the blocks of patches that left the view long
+    /// ago. Returns the bytes of these changes.
     fn place(&mut self, seen: &BTreeMap<Patch, f32>, camera: &Camera) -> Result<u64, TextureError> {
-        let kept = (KEPT_S * self.settings.fps).max(1.0) as u32;
+        let kept = (BLOCK_LIFETIME_S * self.settings.fps).max(1.0) as u32;
         let mut changes: BTreeMap<Patch, Option<Block>> = BTreeMap::new();
         self.ages.values_mut().for_each(|age| *age += 1);
         let gone: Vec<Patch> =
@@ -163,11 +164,11 @@ impl TextureServer {
                 changes.insert(patch, Some(self.atlas.place(patch, extent)?));
             }
         }
-        self.texels.resize(self.atlas.rows() as usize * Atlas::WIDTH as usize, EMPTY);
+        self.texels.resize(self.atlas.rows() as usize * Atlas::WIDTH as usize, EMPTY_TEXEL);
         Ok(placement_bytes(&changes))
     }
 
-    /// Powers of two of the texels that a patch should have, across and down.
+    /// Returns the logarithms to base 2 of the texels that a patch should have, across and down.
     fn exact(&self, patch: Patch, pixels_per_metre: f32) -> [f32; 2] {
         let corner = |u, v| {
             let hit = self.patches.hit(&PatchPoint { patch, u, v });
@@ -178,7 +179,7 @@ impl TextureServer {
         edges.map(|edge| libm::log2f(edge * pixels_per_metre / self.settings.divisor as f32))
     }
 
-    /// Traces the texels of everything in view. Gives their number.
+    /// Traces the texels of all patches in view. Returns their number.
     fn shade(&mut self, seen: &BTreeMap<Patch, f32>) -> u64 {
         let blocks: Vec<(Patch, Block)> =
             seen.keys().filter_map(|&patch| Some((patch, self.atlas.block(patch)?))).collect();
@@ -189,12 +190,12 @@ impl TextureServer {
                 let (hit, back) = patches.hit(&at)?;
                 let surface = world.surface(&hit)?;
                 let normal = if back { -surface.normal } else { surface.normal };
-                // Rays of a texel's own, the same in every frame.
+                // Each texel has its own rays, the same in every frame.
                 let point = patch.0.wrapping_mul(0x9E37_79B1).wrapping_add(index);
                 let ao = tracer.at(world, RayKey(point), surface.position, normal, scratch).ao;
                 Some((ao * 255.0).round() as u8)
             };
-            (0..block.extent.texels()).map(|index| texel(index).unwrap_or(EMPTY)).collect()
+            (0..block.extent.texels()).map(|index| texel(index).unwrap_or(EMPTY_TEXEL)).collect()
         };
         let shaded: Vec<Vec<u8>> = blocks.par_iter().map_init(Scratch::default, shade).collect();
         let mut count = 0;
@@ -210,9 +211,10 @@ impl TextureServer {
 }
 
 impl Block {
-    /// Where texel number `index`, row by row, is on the patch: half a texel from its edges, which lie in other surfaces as
-    /// often as not. Texels on the edges would make a patch go on smoothly into the next, but show dark bars
-    /// where a column meets its capital.
+    /// Returns the place on the patch of texel number `index`, counted row by row.
+    ///
+    /// The outermost texels lie half a texel inside the patch, because its edges often lie inside other surfaces.
+    /// Texels on the edges would join patches smoothly, but would show dark bars where a column meets its capital.
     fn point(&self, patch: Patch, index: u32) -> PatchPoint {
         let (width, height) = (self.extent.width(), self.extent.height());
         let along = |at: u32, of: u32| (at as f32 + 0.5) / of as f32;
@@ -220,14 +222,14 @@ impl Block {
     }
 }
 
-impl Shown {
-    /// AO of a picture's pixels, between the texels of a decoded atlas, and the share of the fragments whose patch has no
-    /// block: they are open, as background is.
+impl BlockMap {
+    /// Returns the AO of a picture's pixels, interpolated between the texels of a decoded atlas, and the share of the
+    /// fragments without a block. Those fragments are open, as background is.
     ///
     /// # Errors
     ///
-    /// None in practice: bytes over 255 are in range.
-    pub fn picture(&self, atlas: &[u8], look: &Look) -> Result<(AoImage, f64), AoImageError> {
+    /// In practice none, because bytes divided by 255 are in range.
+    pub fn picture(&self, atlas: &[u8], look: &PatchLookup) -> Result<(AoImage, f64), AoImageError> {
         let values: Vec<Option<f32>> = look
             .points
             .par_iter()
@@ -264,8 +266,10 @@ impl Shown {
     }
 }
 
-/// The extent to have: the one there is, unless it is a quarter of a power too small or one and a half too large; blocks
-/// would change their size all the time.
+/// Returns the extent of a block.
+///
+/// The block keeps its extent unless that is a quarter of a power of two too small, or one and a half powers too large.
+/// Without this hysteresis, blocks would change their size all the time.
 fn settle(exact: [f32; 2], now: Option<Extent>, most: u8) -> Extent {
     let side = |exact: f32, now: Option<u8>| match now {
         Some(now) if exact <= f32::from(now) + 0.25 && exact > f32::from(now) - 1.5 => now,
@@ -277,7 +281,7 @@ fn settle(exact: [f32; 2], now: Option<Extent>, most: u8) -> Extent {
     }
 }
 
-/// See [`TextureStats::placement_bytes`].
+/// Returns the bytes of changed blocks, see [`TextureStats::placement_bytes`].
 fn placement_bytes(changes: &BTreeMap<Patch, Option<Block>>) -> u64 {
     let mut last = 0;
     let change = |(&Patch(patch), block): (&Patch, &Option<Block>)| {
@@ -291,7 +295,7 @@ fn placement_bytes(changes: &BTreeMap<Patch, Option<Block>>) -> u64 {
     changes.iter().map(change).sum()
 }
 
-/// Bytes of a number, 7 bits in each.
+/// Returns the bytes of a number with 7 bits in each.
 fn varint_bytes(value: u32) -> u64 {
     u64::from((32 - (value | 1).leading_zeros()).div_ceil(7))
 }

@@ -1,10 +1,12 @@
-//! Ambient occlusion in a texture atlas that is sent as video: what point-based streams are compared with.
+//! Ambient occlusion in a texture atlas that is sent as video, for comparison with point-based streams.
 //!
-//! In the spirit of shading atlas streaming, as section 4 of the PSAO paper describes it: two triangles that share an edge
-//! make a patch ([`Patches`]); each patch that is in view has a block of texels ([`Atlas`]), as many as it covers pixels
-//! of a full-size screen over a divisor each way, 2 x 2 at least ([`TextureSettings`]); the blocks are traced in every
-//! frame, and the atlas is sent by a video coder ([`VideoCoder`]). A client looks a pixel up in the decoded atlas, between
-//! texels. What the original does besides, from its own paper, is not known here: no code or text of it was at hand.
+//! It follows shading atlas streaming as section 4 of the PSAO paper describes it. Two triangles that share an edge
+//! make a patch ([`Patches`]). Each patch in view has a block of texels ([`Atlas`]): the pixels that it covers on a
+//! full-size screen over a divisor each way, at least 2 x 2 ([`TextureSettings`]).
+//!
+//! The blocks are traced in every frame, and a video coder ([`VideoCoder`]) sends the atlas. A client looks a pixel up
+//! in the decoded atlas and interpolates between texels. The paper and the code of the original were not available, so
+//! further details of it are missing here.
 
 mod atlas;
 mod frame;
@@ -15,30 +17,30 @@ mod settings;
 mod tests;
 mod visible;
 
-pub use self::atlas::{Atlas, AtlasFull, Block, Extent};
-pub use self::frame::{Shown, TextureServer, TextureStats};
+pub use self::atlas::{Atlas, AtlasFullError, Block, Extent};
+pub use self::frame::{BlockMap, TextureServer, TextureStats};
 pub use self::patches::{Patch, PatchPoint, Patches};
 pub use self::settings::{TextureError, TextureSettings};
-pub use self::visible::{Look, look};
+pub use self::visible::{PatchLookup, patch_lookup};
 
 use psao_reconstruct::Size;
 
 /// Codes pictures of 8-bit grey as video, and decodes them again.
 pub trait VideoCoder: Sync {
-    /// Name and settings, for labels.
+    /// Returns name and settings, for labels.
     fn label(&self) -> String;
 
-    /// Codes `frames`, each of `size` and row by row, to be shown `fps` times a second, and decodes the result.
+    /// Codes `frames` and decodes the result. Each frame has `size`, row by row; they are shown `fps` times a second.
     ///
     /// # Errors
     ///
-    /// What the coder said when it failed.
-    fn code(&self, size: Size, fps: f32, frames: &[Vec<u8>]) -> Result<Coded, VideoError>;
+    /// [`VideoError`] with the coder's error text.
+    fn code(&self, size: Size, fps: f32, frames: &[Vec<u8>]) -> Result<VideoClip, VideoError>;
 }
 
-/// A clip that was coded and decoded.
+/// A coded and decoded clip.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Coded {
+pub struct VideoClip {
     /// Bytes of each frame.
     pub bytes: Vec<u64>,
     /// The decoded frames.
@@ -49,8 +51,8 @@ pub struct Coded {
     pub decode_micros: u64,
 }
 
-impl Coded {
-    /// Refuses a result that is not of these frames.
+impl VideoClip {
+    /// Checks that the clip has as many frames, and of the same sizes, as `frames`.
     pub(crate) fn check(&self, frames: &[Vec<u8>]) -> Result<(), VideoError> {
         let (bytes, decoded) = (self.bytes.len(), self.frames.len());
         let whole = self.frames.iter().zip(frames).all(|(decoded, frame)| decoded.len() == frame.len());

@@ -1,40 +1,41 @@
-//! Triangles by twos.
+//! Pairs of triangles.
 
 use std::collections::BTreeMap;
 
 use psao_server::scene::Geometry;
 
-/// A patch of a mesh: a triangle, and the one beyond its longest edge that is still free.
+/// A triangle and, if possible, a neighbour that shares an edge with it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Pair {
-    /// Number of the first triangle and of its corner that the second does not have.
-    pub(super) first: Half,
+pub(super) struct TrianglePair {
+    /// The first triangle.
+    pub(super) first: PairTriangle,
     /// The second triangle; `None` for a triangle that is left over.
-    pub(super) second: Option<Half>,
+    pub(super) second: Option<PairTriangle>,
 }
 
 /// One of the triangles of a pair.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Half {
+pub(super) struct PairTriangle {
     pub(super) triangle: u32,
     /// The corner opposite the shared edge, 0 to 2.
     pub(super) apex: u8,
 }
 
-/// Pairs up the triangles of a mesh: over the longest edges first, so that a rectangle's diagonal is shared and not its
-/// sides. Triangles that meet at an angle, or have different normals along the edge, do not pair: AO need not be
-/// smooth across it.
-pub(super) fn pairs(geometry: &Geometry, triangles: &[[u32; 3]]) -> Vec<Pair> {
+/// Pairs the triangles of a mesh.
+///
+/// The longest edges come first, so that the triangles of a rectangle share its diagonal. Triangles that meet at an
+/// angle or have different normals along the edge do not pair, because AO need not be smooth across that edge.
+pub(super) fn pairs(geometry: &Geometry, triangles: &[[u32; 3]]) -> Vec<TrianglePair> {
     let welded = welded(geometry);
     let corner = |triangle: usize, corner: u8| welded[triangles[triangle][usize::from(corner) % 3] as usize];
     let position = |vertex: u32| geometry.positions()[vertex as usize];
-    // Each edge by its corners in the order of its first triangle; the second must have them the other way round.
-    let mut open: BTreeMap<(u32, u32), Half> = BTreeMap::new();
-    let mut shared: Vec<(f32, Half, Half)> = Vec::new();
+    // Edges by their corners in the order of the first triangle. The second triangle has them in the other order.
+    let mut open: BTreeMap<(u32, u32), PairTriangle> = BTreeMap::new();
+    let mut shared: Vec<(f32, PairTriangle, PairTriangle)> = Vec::new();
     for triangle in 0..triangles.len() {
         for apex in 0..3 {
             let (from, to) = (corner(triangle, apex + 1), corner(triangle, apex + 2));
-            let half = Half { triangle: triangle as u32, apex };
+            let half = PairTriangle { triangle: triangle as u32, apex };
             match open.remove(&(to, from)) {
                 Some(other) => {
                     let length = (position(from) - position(to)).length();
@@ -49,7 +50,7 @@ pub(super) fn pairs(geometry: &Geometry, triangles: &[[u32; 3]]) -> Vec<Pair> {
     shared.sort_by(|a, b| {
         b.0.total_cmp(&a.0).then_with(|| (a.1.triangle, a.2.triangle).cmp(&(b.1.triangle, b.2.triangle)))
     });
-    let facing = |half: Half| {
+    let facing = |half: PairTriangle| {
         let [a, b, c] = triangles[half.triangle as usize].map(position);
         (b - a).cross(c - a).normalize_or_zero()
     };
@@ -57,39 +58,40 @@ pub(super) fn pairs(geometry: &Geometry, triangles: &[[u32; 3]]) -> Vec<Pair> {
     let mut pairs = Vec::with_capacity(triangles.len().div_ceil(2));
     for (_, first, second) in shared {
         let both = [first, second].map(|half| half.triangle as usize);
-        let flat = facing(first).dot(facing(second)) > MOST_BEND;
+        let flat = facing(first).dot(facing(second)) > MIN_FACING_COSINE;
         if flat && both[0] != both[1] && both.iter().all(|&triangle| free[triangle]) {
             for triangle in both {
                 free[triangle] = false;
             }
-            pairs.push(Pair { first, second: Some(second) });
+            pairs.push(TrianglePair { first, second: Some(second) });
         }
     }
     let single = |(triangle, _): (usize, _)| {
-        let first = Half { triangle: triangle as u32, apex: longest_edge(triangles[triangle].map(position)) };
-        Pair { first, second: None }
+        let first =
+            PairTriangle { triangle: triangle as u32, apex: longest_edge(triangles[triangle].map(position)) };
+        TrianglePair { first, second: None }
     };
     pairs.extend(free.into_iter().enumerate().filter(|&(_, free)| free).map(single));
     pairs
 }
 
-/// Cosine of the most that a pair may bend, 60 degrees.
-const MOST_BEND: f32 = 0.5;
+/// Cosine of the largest angle between the triangles of a pair, 60 degrees.
+const MIN_FACING_COSINE: f32 = 0.5;
 
-/// The corner opposite the longest edge.
+/// Returns the corner opposite the longest edge.
 fn longest_edge(corners: [glam::Vec3; 3]) -> u8 {
     let length = |apex: usize| (corners[(apex + 1) % 3] - corners[(apex + 2) % 3]).length_squared();
     (0..3_u8).max_by(|&a, &b| length(a.into()).total_cmp(&length(b.into()))).unwrap_or(0)
 }
 
-/// One vertex for all that have the same place and normal.
+/// Returns for each vertex the first vertex with the same position and normal.
 fn welded(geometry: &Geometry) -> Vec<u32> {
     let mut known: BTreeMap<[u32; 6], u32> = BTreeMap::new();
     let both = geometry.positions().iter().zip(geometry.normals());
     (0..)
         .zip(both)
         .map(|(vertex, (position, normal))| {
-            // Adding zero makes one of both zeros.
+            // Adding 0 turns -0 into 0.
             let bits = [position.x, position.y, position.z, normal.x, normal.y, normal.z]
                 .map(|axis| (axis + 0.0).to_bits());
             *known.entry(bits).or_insert(vertex)

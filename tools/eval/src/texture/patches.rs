@@ -1,9 +1,9 @@
-//! The patches of a scene, and where on them a hit lies.
+//! The patches of a scene, and the places of hits on them.
 
 use psao_server::scene::{InstanceId, Scene};
 use psao_server::world::Hit;
 
-use super::pairs::{Pair, pairs};
+use super::pairs::{TrianglePair, pairs};
 
 /// Number of a patch: one side of a pair of triangles of an instance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -12,7 +12,7 @@ pub struct Patch(pub u32);
 /// A place on a patch, in its unit square.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PatchPoint {
-    /// Which patch.
+    /// The patch.
     pub patch: Patch,
     /// Across, 0 to 1.
     pub u: f32,
@@ -26,19 +26,19 @@ pub struct PatchPoint {
 /// between (1, 0) and (0, 1). A triangle that is left over is mirrored over that diagonal.
 pub struct Patches {
     /// By rest mesh.
-    pairs: Vec<Vec<Pair>>,
-    /// By rest mesh and triangle: its pair, and whether it is the second of it.
+    pairs: Vec<Vec<TrianglePair>>,
+    /// By rest mesh and triangle: its pair, and whether it is the pair's second triangle.
     of_triangle: Vec<Vec<(u32, bool)>>,
-    /// First patch of each instance, and how many there are.
+    /// First patch of each instance, then the number of patches.
     first: Vec<u32>,
     rests: Vec<u32>,
 }
 
 impl Patches {
-    /// Pairs the triangles of every mesh at rest; deforming keeps the pairs.
+    /// Pairs the triangles of every mesh at rest. Deformation keeps the pairs.
     #[must_use]
     pub fn new(scene: &Scene) -> Self {
-        let pairs: Vec<Vec<Pair>> =
+        let pairs: Vec<Vec<TrianglePair>> =
             scene.rests().iter().map(|rest| pairs(rest.geometry(), rest.triangles())).collect();
         let of_triangle = scene.rests().iter().zip(&pairs).map(|(rest, pairs)| {
             let mut found = vec![(0, false); rest.triangles().len()];
@@ -60,43 +60,43 @@ impl Patches {
         Self { pairs, of_triangle, first, rests }
     }
 
-    /// Number of patches, both sides counted.
+    /// Returns the number of patches; each side of a pair counts.
     #[must_use]
     pub fn len(&self) -> u32 {
         self.first.last().copied().unwrap_or(0)
     }
 
-    /// Whether the scene has no triangles.
+    /// Returns whether the scene has no triangles.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// Where a hit of a world of this scene lies, on the front or the back of its triangle.
+    /// Returns the place of a hit in this scene, on the front or the back of its triangle.
     #[must_use]
     pub fn point(&self, hit: &Hit, back: bool) -> PatchPoint {
         let instance = hit.instance.index();
         let rest = self.rests[instance] as usize;
         let (pair, second) = self.of_triangle[rest][hit.triangle as usize];
         let weights = [1.0 - hit.u - hit.v, hit.u, hit.v];
-        let Pair { first, second: other } = self.pairs[rest][pair as usize];
+        let TrianglePair { first, second: other } = self.pairs[rest][pair as usize];
         let half = if second { other.unwrap_or(first) } else { first };
         let after = |step: u8| weights[usize::from(half.apex + step) % 3];
-        // The second triangle goes round the other way: its corners after the own one are (0, 1) and (1, 0).
+        // The second triangle has the opposite orientation: (0, 1) and (1, 0) follow its own corner.
         let (u, v) = if second { (1.0 - after(1), 1.0 - after(2)) } else { (after(1), after(2)) };
         let patch = Patch(self.first[instance] + 2 * pair + u32::from(back));
         PatchPoint { patch, u: u.clamp(0.0, 1.0), v: v.clamp(0.0, 1.0) }
     }
 
-    /// The place on the triangles at a point of a patch, as a hit at no distance, and whether on the back; `None` for a
-    /// patch that is not of this scene.
+    /// Returns the place on the triangles at a point of a patch, and whether it is on the back; `None` for a patch that
+    /// the scene does not have. The place is a hit at distance 0.
     #[must_use]
     pub fn hit(&self, at: &PatchPoint) -> Option<(Hit, bool)> {
         let PatchPoint { patch: Patch(patch), u, v } = *at;
         let instance = self.first.partition_point(|&first| first <= patch).checked_sub(1)?;
         let rest = *self.rests.get(instance)?;
         let within = patch - self.first[instance];
-        let Pair { first, second } = *self.pairs[rest as usize].get(within as usize / 2)?;
+        let TrianglePair { first, second } = *self.pairs[rest as usize].get(within as usize / 2)?;
         let beyond = u + v > 1.0;
         let (half, after) = match second {
             Some(second) if beyond => (second, [1.0 - u, 1.0 - v]),

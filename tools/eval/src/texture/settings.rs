@@ -1,18 +1,18 @@
-//! What a texture-space stream can be told.
+//! Settings of a texture-space stream.
 
 use psao_reconstruct::{CameraError, SizeError};
 use psao_server::ao::AoError;
 
-use super::atlas::AtlasFull;
+use super::atlas::AtlasFullError;
 
 /// Settings of a texture-space stream.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TextureSettings {
-    /// Pixels of a full-size screen to a texel, each way: the paper's 8, 16 and 32. A power of two is not needed.
+    /// Pixels of a full-size screen in a texel, each way; the paper has 8, 16 and 32. It need not be a power of two.
     pub divisor: u32,
-    /// Lines of that screen, whatever the size of the pictures that are compared: the paper's 1080.
+    /// Lines of that screen, whatever the size of the compared pictures; the paper has 1080.
     pub lines: u32,
-    /// Texels that a block has at most each way, a power of two from 2 to [`Self::MOST`].
+    /// Largest number of texels in a block each way, a power of two from 2 to [`Self::MAX_TEXELS`].
     pub most: u32,
     /// Rays a texel.
     pub rays: u32,
@@ -21,26 +21,26 @@ pub struct TextureSettings {
 }
 
 impl TextureSettings {
-    /// The most texels of a block each way.
-    pub const MOST: u32 = 256;
+    /// Upper limit of the texels in a block each way.
+    pub const MAX_TEXELS: u32 = 256;
 
-    /// The paper's, at this divisor: blocks for 1080 lines, of 256 texels at most each way.
+    /// Returns the paper's settings for this divisor: blocks for 1080 lines, of at most 256 texels each way.
     #[must_use]
     pub fn new(divisor: u32, rays: u32, fps: f32) -> Self {
-        Self { divisor, lines: 1080, most: Self::MOST, rays, fps }
+        Self { divisor, lines: 1080, most: Self::MAX_TEXELS, rays, fps }
     }
 
-    /// In words and numbers, without the video coder.
+    /// Returns the settings in words and numbers, without the video coder.
     #[must_use]
     pub fn label(&self) -> String {
         format!("1/{}, {} rays, {} Hz", self.divisor, self.rays, self.fps)
     }
 
-    /// Refuses what is out of range.
+    /// Checks all ranges.
     ///
     /// # Errors
     ///
-    /// [`TextureError::Setting`].
+    /// [`TextureError::Setting`] or [`TextureError::Power`].
     pub fn validate(&self) -> Result<(), TextureError> {
         let check = |setting, value: f32, least: f32, most: f32| {
             if (least..=most).contains(&value) {
@@ -51,7 +51,7 @@ impl TextureSettings {
         };
         check("divisor", self.divisor as f32, 1.0, 1024.0)?;
         check("lines", self.lines as f32, 16.0, 16_384.0)?;
-        check("texels of a block", self.most as f32, 2.0, Self::MOST as f32)?;
+        check("texels of a block", self.most as f32, 2.0, Self::MAX_TEXELS as f32)?;
         if !self.most.is_power_of_two() {
             return Err(TextureError::Power { most: self.most });
         }
@@ -59,7 +59,7 @@ impl TextureSettings {
     }
 }
 
-/// Why there is no texture-space stream.
+/// Error of a texture-space stream.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum TextureError {
@@ -68,17 +68,17 @@ pub enum TextureError {
     Setting {
         /// Its name.
         setting: &'static str,
-        /// As given.
+        /// The given value.
         value: f32,
         /// The least it may be.
         least: f32,
         /// The most it may be.
         most: f32,
     },
-    /// Blocks are halved and doubled.
+    /// The limit of a block's side is not a power of two.
     #[error("texture space: a block of at most {most} texels a side; choose a power of two")]
     Power {
-        /// As given.
+        /// The given value.
         most: u32,
     },
     /// The rays are out of range.
@@ -87,10 +87,10 @@ pub enum TextureError {
     /// The camera is degenerate.
     #[error(transparent)]
     Camera(#[from] CameraError),
-    /// The server's view has no size: the camera's aspect is far from any screen's.
+    /// The size of the server's view is impossible, because the camera's aspect is extreme.
     #[error(transparent)]
     Size(#[from] SizeError),
-    /// What is in view does not fit the atlas.
+    /// The patches in view do not fit into the atlas.
     #[error(transparent)]
-    Full(#[from] AtlasFull),
+    Full(#[from] AtlasFullError),
 }

@@ -1,4 +1,4 @@
-//! Patches, blocks, and a stream whose video loses nothing.
+//! Tests of patches, of blocks, and of a stream with lossless video.
 
 use std::sync::Arc;
 
@@ -124,13 +124,13 @@ fn a_released_place_is_used_again_and_an_atlas_has_an_end() {
     let first = atlas.place(Patch(0), large).unwrap();
     atlas.release(Patch(0));
     assert_eq!(atlas.place(Patch(1), large), Ok(first));
-    let many = Atlas::WIDTH / 256 * (Atlas::MOST_ROWS / 256);
+    let many = Atlas::WIDTH / 256 * (Atlas::MAX_ROWS / 256);
     assert!((2..=many).all(|patch| atlas.place(Patch(patch), large).is_ok()));
-    assert_eq!(atlas.place(Patch(many + 1), large), Err(AtlasFull));
-    assert_eq!(atlas.place(Patch(many + 1), Extent { across: 1, down: 1 }), Err(AtlasFull));
+    assert_eq!(atlas.place(Patch(many + 1), large), Err(AtlasFullError));
+    assert_eq!(atlas.place(Patch(many + 1), Extent { across: 1, down: 1 }), Err(AtlasFullError));
 }
 
-/// Error of a picture whose atlas was sent without loss.
+/// Returns the error of a picture whose atlas was sent without loss.
 fn error(settings: TextureSettings) -> Comparison {
     let (scene, ao) = (cube_on_floor(), AoSettings { rays: 64, ..AoSettings::default() });
     let patches = Arc::new(Patches::new(&scene));
@@ -147,8 +147,8 @@ fn error(settings: TextureSettings) -> Comparison {
     let seen = SceneView::new(&world);
     let view = cast_view(&seen, &camera(), size).unwrap();
     let truth = reference(&seen, &view, &AoSettings { rays: 256, ..ao }).unwrap();
-    let looked = look(&world, &patches, &Camera::new(&camera()).unwrap(), size);
-    let (picture, missing) = server.shown().picture(server.texels(), &looked).unwrap();
+    let looked = patch_lookup(&world, &patches, &Camera::new(&camera()).unwrap(), size);
+    let (picture, missing) = server.block_map().picture(server.texels(), &looked).unwrap();
     assert_eq!(missing, 0.0);
     Comparison::new(&truth, &picture).unwrap()
 }
@@ -168,9 +168,9 @@ fn what_was_never_placed_is_open_and_counted() {
         TextureServer::new(&scene, &patches, TextureSettings::new(8, 16, 30.0), &AoSettings::default())
             .unwrap();
     let world = SceneBvh::new(&scene, &scene.pose(0.0));
-    let looked = look(&world, &patches, &Camera::new(&camera()).unwrap(), Size::new(12, 8).unwrap());
+    let looked = patch_lookup(&world, &patches, &Camera::new(&camera()).unwrap(), Size::new(12, 8).unwrap());
     assert!(looked.points.iter().any(Option::is_some));
-    let (picture, missing) = server.shown().picture(server.texels(), &looked).unwrap();
+    let (picture, missing) = server.block_map().picture(server.texels(), &looked).unwrap();
     assert_eq!(missing, 1.0);
     assert!(picture.values().iter().all(|&ao| ao == 1.0));
 }

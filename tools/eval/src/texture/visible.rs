@@ -1,4 +1,4 @@
-//! Which patches are in view, and how near.
+//! The patches in view, and their distances.
 
 use std::collections::BTreeMap;
 
@@ -7,25 +7,25 @@ use psao_server::world::SceneBvh;
 use rayon::prelude::*;
 
 use super::{Patch, PatchPoint, Patches};
-use crate::adapter::{Front, SceneView};
+use crate::adapter::{FrontHit, SceneView};
 
-/// Where on a patch each pixel of a picture lies, row by row; `None` for background.
+/// The places on patches of a picture's pixels.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Look {
-    /// Of the picture.
+pub struct PatchLookup {
+    /// Size of the picture.
     pub size: Size,
-    /// By pixel.
+    /// Place of each pixel, row by row; `None` for background.
     pub points: Vec<Option<PatchPoint>>,
 }
 
 /// Finds the patches of a picture's pixels.
 #[must_use]
-pub fn look(world: &SceneBvh, patches: &Patches, camera: &Camera, size: Size) -> Look {
+pub fn patch_lookup(world: &SceneBvh, patches: &Patches, camera: &Camera, size: Size) -> PatchLookup {
     let points = each_pixel(world, camera, size, |front| patches.point(&front.hit, front.back));
-    Look { size, points }
+    PatchLookup { size, points }
 }
 
-/// Distance in metres of the nearest pixel of each patch that is in view.
+/// Returns the distance in metres of the nearest pixel of each patch in view.
 pub(super) fn visible(
     world: &SceneBvh,
     patches: &Patches,
@@ -46,14 +46,14 @@ fn each_pixel<T: Send + Clone>(
     world: &SceneBvh,
     camera: &Camera,
     size: Size,
-    of: impl Fn(&Front) -> T + Sync,
+    of: impl Fn(&FrontHit) -> T + Sync,
 ) -> Vec<Option<T>> {
     let view = SceneView::new(world);
     let mut pixels = vec![None; size.pixels()];
     pixels.par_chunks_mut(size.width() as usize).zip(0_u32..size.height()).for_each(|(row, y)| {
         for (pixel, x) in row.iter_mut().zip(0_u32..) {
             let ray = camera.ray(size, x, y);
-            *pixel = view.front(ray.origin, ray.direction, f32::INFINITY).map(|front| of(&front));
+            *pixel = view.front_hit(ray.origin, ray.direction, f32::INFINITY).map(|front| of(&front));
         }
     });
     pixels

@@ -1,11 +1,11 @@
-//! The weighted mean of the points of a neighbourhood (paper, Eq. 4), eight points at a time.
+//! The weighted mean of the points of a neighbourhood (paper, Eq. 4), computed eight points a step.
 
 use glam::Vec3;
 
-use super::group::{Group, LANES};
+use super::group::{LANES, PointGroup};
 use super::weight::{DISTANCE_THRESHOLD, NORMAL_THRESHOLD};
 
-/// A place in the space that its points are in.
+/// A place, in the space of its points.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Query {
     pub(crate) position: Vec3,
@@ -14,8 +14,8 @@ pub(crate) struct Query {
     pub(crate) radius: f32,
 }
 
-/// The sums of Eq. 4 over the points seen so far. Lane by lane, so that the order of additions is the same on every
-/// machine.
+/// The sums of Eq. 4 over the points so far. There is one sum a lane, so that the order of additions is the same on
+/// every machine.
 pub(crate) struct Blend {
     weights: [f32; LANES],
     weighted: [f32; LANES],
@@ -28,10 +28,10 @@ impl Blend {
         Self { weights: [0.0; LANES], weighted: [0.0; LANES], blended: [0; LANES] }
     }
 
-    /// Adds the points of a group, each with the weight of [`weight`](super::weight()): the same operations in the
-    /// same order, without a branch.
+    /// Adds the points of a group, each with the weight of [`weight`](super::weight()). The operations and their order
+    /// are those of that function, without a branch.
     #[inline]
-    pub(crate) fn add(&mut self, group: &Group, query: &Query) {
+    pub(crate) fn add(&mut self, group: &PointGroup, query: &Query) {
         let ([px, py, pz], [nx, ny, nz]) = (&group.position, &group.normal);
         let (x, n) = (query.position, query.normal);
         for lane in 0..LANES {
@@ -49,34 +49,34 @@ impl Blend {
         }
     }
 
-    /// Points with a weight above 0.
+    /// Returns the number of points with a weight above 0.
     #[cfg(any(test, feature = "view"))]
     #[inline]
     pub(crate) fn blended(&self) -> u32 {
         self.blended.iter().sum()
     }
 
-    /// The weighted mean; `None` when no point has a weight above 0.
+    /// Returns the weighted mean; `None` when no point has a weight above 0.
     #[inline]
     pub(crate) fn mean(&self) -> Option<f32> {
         let weights = self.weights.iter().sum::<f32>();
-        // A mean of values in [0, 1] may leave it by rounding.
+        // Rounding may push a mean of values in [0, 1] out of that range.
         (weights != 0.0).then(|| (self.weighted.iter().sum::<f32>() / weights).clamp(0.0, 1.0))
     }
 }
 
-/// A [`Blend`] of points that come one at a time. They take the lanes that they would have in a list of groups, so the
-/// result is the same to the bit.
+/// A [`Blend`] to which points are added one by one. They take the lanes that they would have in a list of groups, so
+/// the result is bit-identical.
 pub(crate) struct PointwiseBlend<'a> {
     query: &'a Query,
     blend: Blend,
-    group: Group,
+    group: PointGroup,
     filled: usize,
 }
 
 impl<'a> PointwiseBlend<'a> {
     pub(crate) fn new(query: &'a Query) -> Self {
-        Self { query, blend: Blend::new(), group: Group::EMPTY, filled: 0 }
+        Self { query, blend: Blend::new(), group: PointGroup::EMPTY, filled: 0 }
     }
 
     /// Adds a point.
@@ -86,11 +86,11 @@ impl<'a> PointwiseBlend<'a> {
         self.filled += 1;
         if self.filled == LANES {
             self.blend.add(&self.group, self.query);
-            (self.group, self.filled) = (Group::EMPTY, 0);
+            (self.group, self.filled) = (PointGroup::EMPTY, 0);
         }
     }
 
-    /// The blend of all points that were added.
+    /// Returns the blend of all points that were added.
     pub(crate) fn finish(mut self) -> Blend {
         if self.filled > 0 {
             self.blend.add(&self.group, self.query);
@@ -110,11 +110,11 @@ mod tests {
         prop::array::uniform3(-1.0_f32..1.0).prop_map(Vec3::from)
     }
 
-    fn group(points: &[(Vec3, Vec3, f32)]) -> Group {
+    fn group(points: &[(Vec3, Vec3, f32)]) -> PointGroup {
         let lane = |lane: usize| points.get(lane).copied().unwrap_or((Vec3::INFINITY, Vec3::ZERO, 0.0));
         let axis =
             |axis: usize, of: fn((Vec3, Vec3, f32)) -> Vec3| std::array::from_fn(|l| of(lane(l))[axis]);
-        Group {
+        PointGroup {
             position: std::array::from_fn(|a| axis(a, |point| point.0)),
             normal: std::array::from_fn(|a| axis(a, |point| point.1)),
             ao: std::array::from_fn(|l| lane(l).2),

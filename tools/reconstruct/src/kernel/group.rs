@@ -1,19 +1,19 @@
-//! Points side by side, as many as are weighted together.
+//! Groups of points that are weighted together.
 
 use glam::Vec3;
 
-/// Points of a group, which are weighted together: as many as a wide vector register holds.
+/// Number of points in a group: the lanes of a wide vector register.
 pub(crate) const LANES: usize = 8;
 
-/// Eight points side by side, in the local space of their instance. Lanes without a point lie infinitely far away.
+/// Eight points in the local space of their instance. Lanes without a point lie infinitely far away.
 #[derive(Clone, Copy)]
-pub(crate) struct Group {
+pub(crate) struct PointGroup {
     pub(crate) position: [[f32; LANES]; 3],
     pub(crate) normal: [[f32; LANES]; 3],
     pub(crate) ao: [f32; LANES],
 }
 
-impl Group {
+impl PointGroup {
     pub(crate) const EMPTY: Self =
         Self { position: [[f32::INFINITY; LANES]; 3], normal: [[0.0; LANES]; 3], ao: [0.0; LANES] };
 

@@ -2,20 +2,20 @@
 
 use glam::Vec3;
 
-/// `T_n` of Eq. 3: a point counts when the cosine between its normal and the fragment's is above this.
+/// `T_n` of Eq. 3. A point counts when the cosine between its normal and the fragment's is above it.
 pub const NORMAL_THRESHOLD: f32 = 0.1;
 
-/// `T_d` of Eq. 3: a point counts when the squared cosine between its normal and the direction to it from the
-/// fragment is below this, so that points straight behind or in front of the fragment's surface do not.
+/// `T_d` of Eq. 3. A point counts when the squared cosine between its normal and the direction from the fragment to it
+/// is below it. Points straight behind or in front of the fragment's surface therefore do not count.
 pub const DISTANCE_THRESHOLD: f32 = 0.7;
 
-/// Returns the weight of a point for a fragment, in `[0, 1]`: the definition that a shader can be checked against.
+/// Returns the weight of a point for a fragment, in `[0, 1]`. It is the definition against which to check a shader.
 ///
 /// Eq. 2: `max(0, (radius - |point - fragment|) / radius)`. Eq. 3: 0 when
 /// `point_normal . fragment_normal <= T_n`, or when
-/// `(point_normal . (point - fragment) / |point - fragment|)^2 >= T_d`. The second criterion has no direction
-/// when the point lies exactly at the fragment; it is then not applied. It is computed multiplied by the squared
-/// distance, which says the same without a division.
+/// `(point_normal . (point - fragment) / |point - fragment|)^2 >= T_d`. The second criterion is not applied when the
+/// point lies exactly at the fragment, because there is no direction. Both of its sides are multiplied by the squared
+/// distance, which avoids a division.
 ///
 /// Positions and `radius` are in metres of one space, normals of unit length. NaN anywhere gives 0.
 #[inline]
@@ -33,7 +33,7 @@ pub fn weight(
     let along = point_normal.dot(offset);
     let straight = square > 0.0 && along * along >= DISTANCE_THRESHOLD * square;
     let facing = point_normal.dot(fragment_normal) > NORMAL_THRESHOLD;
-    // Comparisons are written so that NaN is turned away too.
+    // The comparisons are written so that NaN gives 0.
     if alpha > 0.0 && facing && !straight { alpha } else { 0.0 }
 }
 
@@ -43,7 +43,7 @@ mod tests {
 
     use super::*;
 
-    /// [`super::weight`] of vectors.
+    /// Calls [`super::weight`] with vectors.
     fn weight(point: Vec3, point_normal: Vec3, fragment: Vec3, fragment_normal: Vec3, radius: f32) -> f32 {
         let [p, pn, f, n] = [point, point_normal, fragment, fragment_normal].map(|vector| vector.to_array());
         super::weight(p, pn, f, n, radius)

@@ -1,15 +1,15 @@
-//! The points of profile `paper`: cells in the space that an instance is in now.
+//! The points of profile `paper`: cells in the current local space of an instance.
 
-mod neighbours;
+mod neighbourhood;
 
 use glam::Vec3;
 use psao_codec::paper::State;
 
-pub(crate) use self::neighbours::{InstanceCells, Neighbours};
+pub(crate) use self::neighbourhood::{InstanceCells, NeighbourhoodCache};
 use crate::kernel::{Blend, PointwiseBlend, Query};
 
 impl InstanceCells {
-    /// A query in the local space of the instance.
+    /// Returns a query in the local space of the instance.
     #[inline]
     pub(crate) fn query(&self, position: Vec3, normal: Vec3) -> Query {
         Query { position, normal, radius: self.kernel_radius() }
@@ -24,9 +24,9 @@ impl InstanceCells {
         blend.finish()
     }
 
-    /// As [`blend_one`](Self::blend_one), with the neighbourhoods that were needed last at hand.
+    /// Does what [`blend_one`](Self::blend_one) does, with a cache of neighbourhoods.
     #[inline]
-    pub(crate) fn blend_near(&self, state: &State, near: &mut Neighbours, query: &Query) -> Blend {
+    pub(crate) fn blend_near(&self, state: &State, near: &mut NeighbourhoodCache, query: &Query) -> Blend {
         let mut blend = Blend::new();
         if let Some(base) = self.base(query.position) {
             for group in near.of(state, self, base) {

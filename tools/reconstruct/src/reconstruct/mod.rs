@@ -1,13 +1,14 @@
-//! From the stream's state to one accessibility per fragment of a view (paper, section 3.5).
+//! Reconstruction of views: one accessibility for each fragment, from the state of a stream (paper, section 3.5).
 //!
-//! [`cells`] blends the points of a stream of profile `paper`, in the space that an instance is in now; [`surface`] and
-//! [`SurfaceReconstructor`] those of profile `surface`, on the mesh at rest. Weights and mean are the same, and those of
-//! [`AoSampler`](crate::AoSampler).
+//! [`cells`] blends the points of profile `paper` in the current local space of an instance. [`surface`] and
+//! [`SurfaceReconstructor`] blend the points of profile `surface` on the mesh at rest. Weights and mean are the same as
+//! those of [`AoSampler`](crate::AoSampler).
 //!
-//! # Look at a stream of profile `surface`
+//! # View a stream of profile `surface`
 //!
-//! Its points lie on the mesh at rest, so each fragment says where on that mesh it is ([`AtRest`](crate::AtRest)): two
-//! more vertex attributes, interpolated but not transformed. What the body does meanwhile does not matter.
+//! Its points lie on the mesh at rest, so each fragment has its place on that mesh ([`AtRest`](crate::AtRest)). A
+//! renderer interpolates two more vertex attributes for it, without transforming them. The motion of the body does not
+//! matter.
 //!
 //! ```
 //! use std::sync::Arc;
@@ -18,14 +19,14 @@
 //! use psao_codec::Limits;
 //! use psao_codec::surface::{Geometry, GeometryDigest, Layout, Member, RestPoint, RoundedGeometry, SetLayout, State};
 //!
-//! // What came over the wire: sixteen points along a bar, dark at its left end, in a state that holds them.
+//! // The state that a client has decoded: sixteen points along a bar, dark at its left end.
 //! let set = SetLayout {
 //!     origin: [0.0; 3],
 //!     step: 1.0 / 1024.0,
 //!     extent: [1024; 3],
 //!     normal_bits: 4,
 //!     kernel_radius: 0.1,
-//!     // Number and digest of the points are filled in when they are rounded.
+//!     // `Geometry::round` fills in the number and the digest of the points.
 //!     points: 0,
 //!     digest: GeometryDigest::default(),
 //! };
@@ -48,7 +49,7 @@
 //! let right = fragment(Vec3::new(7.7, 1.6, 2.0), Vec3::new(0.9, 0.0, 0.0));
 //! let view = GBuffer::from_fragments(Size::new(2, 1)?, vec![Some(left), Some(right)])?;
 //!
-//! // It keeps what only geometry decides: one for all frames of a stream.
+//! // One reconstructor for all frames of a stream: it keeps the indices of the geometry.
 //! let mut reconstructor = SurfaceReconstructor::new();
 //! let found = reconstructor.reconstruct(&state, &view)?;
 //! assert!((found.image.values()[0] - 0.2).abs() < 1e-6 && found.image.values()[1] == 1.0);
@@ -56,12 +57,12 @@
 //! ```
 
 mod cells;
-mod outcome;
+mod result;
 mod surface;
 #[cfg(test)]
 mod tests;
 mod walk;
 
 pub use self::cells::cells;
-pub use self::outcome::{ReconstructError, Reconstruction, Statistics};
+pub use self::result::{ReconstructError, Reconstruction, Statistics};
 pub use self::surface::{SurfaceReconstructor, surface};

@@ -3,19 +3,19 @@
 use glam::Vec3;
 use psao_codec::surface::State;
 
-use super::outcome::{ReconstructError, Reconstruction};
+use super::result::{ReconstructError, Reconstruction};
 use super::walk::{check_instances, walk};
 use crate::kernel::Blend;
-use crate::surface::{Ao, Patches, SurfaceIndex, arrived_ao};
+use crate::surface::{AoSource, PointCache, SurfaceIndex, arrived_ao};
 use crate::{AoSampler, GBuffer};
 
-/// Reconstructs views of a stream of profile `surface` with an [`AoSampler`], which it keeps between frames.
+/// Reconstructs views of a stream of profile `surface` with an [`AoSampler`] that it keeps between frames.
 #[derive(Clone, Debug, Default)]
 pub struct SurfaceReconstructor {
     sampler: AoSampler,
 }
 
-/// [`SurfaceReconstructor::reconstruct`] for a single frame: nothing is kept.
+/// Reconstructs a single view as [`SurfaceReconstructor::reconstruct`] does, and keeps nothing.
 ///
 /// # Errors
 ///
@@ -31,7 +31,7 @@ impl SurfaceReconstructor {
         Self::default()
     }
 
-    /// Returns the sampler, prepared for the sets that views have shown.
+    /// Returns the sampler. It is prepared for the sets of instances in the views so far.
     #[must_use]
     pub fn sampler(&self) -> &AoSampler {
         &self.sampler
@@ -39,29 +39,31 @@ impl SurfaceReconstructor {
 
     /// Reconstructs the ambient occlusion of every fragment of `view` from the points of `state`.
     ///
-    /// For each fragment: the points of its instance within the kernel radius of its place at rest, all of them, are
-    /// weighted by Eq. 2 and 3 ([`weight`](crate::kernel::weight())) with its normal at rest; Eq. 4 is their weighted mean,
-    /// or 1 if no weight is above 0. Background is 1. Points that have not come yet do not count, so that a first
-    /// state can be looked at while it is coming; [`Statistics::unsupported`](super::Statistics::unsupported) says how
-    /// much of the view has nothing yet.
+    /// All points of a fragment's instance within the kernel radius of its place at rest are weighted by Eq. 2 and 3
+    /// ([`weight`](crate::kernel::weight())), with the fragment's normal at rest. The fragment's value is their
+    /// weighted mean (Eq. 4), or 1 if no weight is above 0. Background is 1.
     ///
-    /// The first frame that shows a set makes its [`SurfaceIndex`](crate::SurfaceIndex); so does one in which its geometry is another.
-    /// Rows are spread over all cores with the feature `rayon`; the result depends neither on how many there are nor on earlier frames.
+    /// Points that have not arrived yet do not count, so that a client can show a first state while it arrives.
+    /// [`Statistics::unsupported`](super::Statistics::unsupported) counts the fragments that have no points.
+    ///
+    /// The first view that shows a set makes its [`SurfaceIndex`](crate::SurfaceIndex), as does the first view after
+    /// its geometry changed. The feature `rayon` spreads rows over all cores. The result depends neither on their
+    /// number nor on earlier frames.
     ///
     /// # Errors
     ///
     /// [`ReconstructError::Instance`] when a fragment shows an instance beyond the stream's layout,
-    /// [`ReconstructError::NoRest`] when one does not say where it is at rest.
+    /// [`ReconstructError::NoRest`] when a fragment lacks its place at rest.
     pub fn reconstruct(&mut self, state: &State, view: &GBuffer) -> Result<Reconstruction, ReconstructError> {
         self.blend(state, view, &arrived_ao(state))
     }
 
-    /// [`SurfaceReconstructor::reconstruct`] with AO from anywhere.
+    /// Reconstructs a view with the AO of `ao` instead of the state's.
     pub(super) fn blend(
         &mut self,
         state: &State,
         view: &GBuffer,
-        ao: &impl Ao,
+        ao: &impl AoSource,
     ) -> Result<Reconstruction, ReconstructError> {
         let instances = state.layout().members().len();
         check_instances(view, instances)?;
@@ -75,14 +77,14 @@ impl SurfaceReconstructor {
         self.sampler.indices.prepare(state, |set| shown[set]);
         let indices: Vec<Option<&SurfaceIndex>> =
             (0..instances as u32).map(|instance| self.sampler.indices.of(state, instance)).collect();
-        Ok(walk(view, Patches::new, |near, pixel, instance| {
+        Ok(walk(view, PointCache::new, |near, pixel, instance| {
             let Some(index) = indices[instance as usize] else { return Blend::new() };
             index.blend_near(ao, near, instance, &index.query(positions[pixel], normals[pixel]))
         }))
     }
 }
 
-/// Positions and normals at rest, checked to be there for every fragment.
+/// Returns the positions and normals at rest after checking that every fragment has them.
 fn rest_planes(view: &GBuffer) -> Result<(&[Vec3], &[Vec3]), ReconstructError> {
     let instances = view.instance().iter();
     let mut shown = instances.enumerate().filter(|(_, instance)| **instance != GBuffer::NO_INSTANCE);

@@ -1,34 +1,38 @@
-//! All fragments of a view, in an order in which neighbours share what they need.
+//! Visits all fragments of a view in tiles, so that neighbours share cached points.
 
-use super::outcome::{ReconstructError, Reconstruction, Statistics};
+use super::result::{ReconstructError, Reconstruction, Statistics};
 use crate::kernel::Blend;
 use crate::{AoImage, GBuffer, parallel};
 
-/// Pixels on a side of the tiles in which a view is walked, so that fragments one above the other share their
-/// neighbourhood as well as those side by side.
-const TILE: usize = 8;
+/// Side of a tile in pixels. In a tile, fragments above each other share their neighbourhood as well as those beside
+/// each other.
+const TILE_PIXELS: usize = 8;
 
-/// Blends every fragment of `view`: `blend` gets memory of its thread's own, made by `memory` for a band of rows, the
-/// fragment's pixel and its instance. Eq. 4 of what it returns is the pixel's value, 1 where no point counts.
+/// Blends every fragment of `view`.
 ///
-/// Rows are spread over all cores with the feature `rayon`; the result does not depend on how many there are.
+/// `make_cache` makes the cache of a band of rows. `blend` gets that cache, the fragment's pixel and its instance. The
+/// mean (Eq. 4) of the blend that it returns is the pixel's value, or 1 where no point counts.
+///
+/// The feature `rayon` spreads rows over all cores. The result does not depend on their number.
 pub(super) fn walk<M>(
     view: &GBuffer,
-    memory: impl Fn() -> M + Sync,
+    make_cache: impl Fn() -> M + Sync,
     blend: impl Fn(&mut M, usize, u32) -> Blend + Sync,
 ) -> Reconstruction {
     let size = view.size();
     let width = size.width() as usize;
     let mut values = vec![1.0_f32; size.pixels()];
-    let bands = parallel::chunks(&mut values, width * TILE, |band, values| {
-        let mut memory = memory();
-        walk_band(view, band * TILE * width, values, |pixel, instance| blend(&mut memory, pixel, instance))
+    let bands = parallel::chunks(&mut values, width * TILE_PIXELS, |band, values| {
+        let mut cache = make_cache();
+        walk_band(view, band * TILE_PIXELS * width, values, |pixel, instance| {
+            blend(&mut cache, pixel, instance)
+        })
     });
     let statistics = bands.into_iter().fold(Statistics::default(), Statistics::plus);
     Reconstruction { image: AoImage::from_computed(size, values), statistics }
 }
 
-/// Walks up to [`TILE`] rows; `first` is the number of the first pixel.
+/// Walks up to [`TILE_PIXELS`] rows; `first` is the number of the first pixel.
 fn walk_band(
     view: &GBuffer,
     first: usize,
@@ -37,8 +41,8 @@ fn walk_band(
 ) -> Statistics {
     let width = view.size().width() as usize;
     let mut statistics = Statistics::default();
-    for left in (0..width).step_by(TILE) {
-        let columns = left..(left + TILE).min(width);
+    for left in (0..width).step_by(TILE_PIXELS) {
+        let columns = left..(left + TILE_PIXELS).min(width);
         for row in (0..values.len()).step_by(width) {
             for at in columns.clone().map(|x| row + x) {
                 let instance = view.instance()[first + at];
@@ -58,7 +62,7 @@ fn walk_band(
     statistics
 }
 
-/// Checks that the view shows no instance that the stream does not have.
+/// Checks that the stream has every instance that the view shows.
 pub(super) fn check_instances(view: &GBuffer, instances: usize) -> Result<(), ReconstructError> {
     let unknown = |&&instance: &&u32| instance != GBuffer::NO_INSTANCE && instance as usize >= instances;
     match view.instance().iter().enumerate().find(|(_, instance)| unknown(instance)) {

@@ -11,7 +11,7 @@ use crate::testing::{Margins, TestInstance, points, reference, state, surface_st
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(48))]
 
-    /// More places than one chunk has, most of them several times, so that memory of the places before is used.
+    /// Samples more places than a chunk has, most of them several times, so that cached points are used.
     #[test]
     fn many_places_have_the_values_of_each_and_of_the_reference(
         sets in [points(200), points(40)],
@@ -24,7 +24,7 @@ proptest! {
         });
         let mut sampler = AoSampler::new();
         sampler.prepare(&state);
-        let places: Vec<_> = places.iter().cycle().take(CHUNK + 3 * places.len()).collect();
+        let places: Vec<_> = places.iter().cycle().take(PLACES_PER_CHUNK + 3 * places.len()).collect();
         let positions: Vec<_> = places.iter().map(|place| place.0).collect();
         let normals: Vec<_> = places.iter().map(|place| place.1.to_array()).collect();
         let mut many = vec![Some(-1.0); places.len()];
@@ -44,7 +44,7 @@ proptest! {
         let place = (DVec3::from(position.map(f64::from)), DVec3::from(normal.map(f64::from)));
         let r = f64::from(kernel_radius);
         let wanted = reference(all, place, r, Margins { straight: 1e-3, away: 1e-3 * r });
-        if !wanted.close_call {
+        if !wanted.near_threshold {
             prop_assert_eq!(many[0].is_some(), wanted.blended > 0);
             prop_assert!((f64::from(many[0].unwrap_or(1.0)) - wanted.ao).abs() < 2e-4);
         }

@@ -5,32 +5,32 @@ use psao_codec::surface::Geometry;
 
 use crate::parallel;
 
-/// Coordinates of cells are below this, so that three of them fit a key of 64 bits.
-const MOST_CELLS: f32 = 1_048_576.0;
+/// Bound of a cell's coordinate, so that three coordinates fit a key of 64 bits.
+const MAX_CELLS_PER_AXIS: f32 = 1_048_576.0;
 
-/// Largest edge of a cell in metres, such that corners of cells are finite.
-const LARGEST_EDGE: f32 = f32::MAX / 64.0;
+/// Largest edge of a cell in metres. It keeps the corners of cells finite.
+const MAX_CELL_EDGE_M: f32 = f32::MAX / 64.0;
 
-/// How much farther than the kernel reaches points are looked for, as a factor: places and cells are rounded.
-const PADDING: f32 = 1.0 + 1.0 / 64.0;
+/// Factor by which the search radius exceeds the kernel radius, because places and cells are rounded.
+const REACH_FACTOR: f32 = 1.0 + 1.0 / 64.0;
 
-/// Where the points of a set are: cells of twice the kernel radius over rest space, those with points only.
+/// Spatial index of a set's points: a sparse grid over rest space with cells of twice the kernel radius.
 ///
-/// It depends on the geometry alone, so one serves all instances of a set and every frame. Whatever the places of
-/// the points, it has all of them, and looking for a cell takes logarithmic time at worst: cells are found by a
-/// mixed hash of their coordinates, and those that share a place of its table are sorted.
+/// It depends on the geometry alone, so one index serves all instances of a set in every frame. It holds every point,
+/// wherever the points lie. A mixed hash of a cell's coordinates finds the cell. Cells of one bucket are sorted, so
+/// a look-up takes at worst logarithmic time.
 #[derive(Clone, Debug)]
 pub struct SurfaceIndex {
     origin: Vec3,
     /// Metres.
     edge: f32,
-    patches_per_m: f32,
+    octants_per_m: f32,
     kernel_radius: f32,
-    /// In the order of their cells' first points, so that cells close on the set's curve are close here.
+    /// Ordered by the first point of their cell, so that cells close on the set's curve are close in memory.
     points: Vec<IndexPoint>,
     /// Sorted by hash.
     cells: Vec<Cell>,
-    /// For each value of the highest bits of a hash the first of `cells` with it, then the number of cells.
+    /// Index of the first cell for each value of a hash's highest bits, then the number of cells.
     starts: Vec<u32>,
     shift: u32,
 }
@@ -44,7 +44,7 @@ pub(crate) struct IndexPoint {
     pub(crate) point: u32,
 }
 
-/// A cell that has points: those from `first` up to `end`. No two cells have one hash.
+/// A cell that has points: those from `first` up to `end`. The hashes of all cells differ.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Cell {
     hash: u64,
@@ -52,19 +52,22 @@ struct Cell {
     end: u32,
 }
 
-/// An eighth of a cell: the fragments in it share the points that may be near. Patches half as long hold fewer points
-/// that are too far, but have to be filled more often: slower in a hall seen from 9 m, no faster from 2 m (1080p).
+/// An eighth of a cell: the fragments in it share the points that may be near. Patches half as long hold fewer
+/// points that are too far, but have to be filled more often: slower in a hall seen from 9 m, no faster from 2 m
+/// (1080p).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Patch(pub(crate) [i32; 3]);
+pub(crate) struct Octant(pub(crate) [i32; 3]);
 
 impl SurfaceIndex {
-    /// Indexes the points of a set. Takes O(n log n) time, 28 bytes a point and about 20 a cell that has points.
+    /// Indexes the points of a set in O(n log n) time. It takes 28 bytes a point and about 20 for each cell with
+    /// points.
     #[must_use]
     pub fn new(geometry: &Geometry) -> Self {
         let layout = geometry.layout();
         let origin = Vec3::from(layout.origin);
         let size = (Vec3::from(layout.position(layout.extent)) - origin).max_element();
-        let edge = (2.0 * PADDING * layout.kernel_radius).max(size / MOST_CELLS).min(LARGEST_EDGE);
+        let edge =
+            (2.0 * REACH_FACTOR * layout.kernel_radius).max(size / MAX_CELLS_PER_AXIS).min(MAX_CELL_EDGE_M);
         let mut keyed: Vec<(u64, u32)> = parallel::map(geometry.len() as u32, |point| {
             let cell = (Vec3::from(geometry.position(point as usize)) - origin) / edge;
             (mix(key(cell.to_array().map(|axis| axis as u32))), point)
@@ -86,11 +89,11 @@ impl SurfaceIndex {
         let mut cells: Vec<Cell> = cells.collect();
         parallel::sort(&mut cells);
         let (starts, shift) = starts(&cells);
-        let patches_per_m = 2.0 / edge;
+        let octants_per_m = 2.0 / edge;
         Self {
             origin,
             edge,
-            patches_per_m,
+            octants_per_m,
             kernel_radius: layout.kernel_radius,
             points,
             cells,
@@ -99,53 +102,54 @@ impl SurfaceIndex {
         }
     }
 
-    /// `r` of Eq. 2 in metres.
+    /// Returns `r` of Eq. 2 in metres.
     #[inline]
     pub(crate) fn kernel_radius(&self) -> f32 {
         self.kernel_radius
     }
 
-    /// Memory that it takes, in bytes.
+    /// Returns the size of the index on the heap in bytes.
     #[must_use]
-    pub fn bytes(&self) -> usize {
+    pub fn heap_bytes(&self) -> usize {
         size_of_val(self.points.as_slice())
             + size_of_val(self.cells.as_slice())
             + size_of_val(self.starts.as_slice())
     }
 
-    /// The patch that a place is in; `None` for one that is not finite.
+    /// Returns the octant of a place; `None` for a place that is not finite.
     #[inline]
-    pub(crate) fn patch(&self, rest: Vec3) -> Option<Patch> {
-        let at = (rest - self.origin) * self.patches_per_m;
-        // Far away all patches are alike: empty.
+    pub(crate) fn octant(&self, rest: Vec3) -> Option<Octant> {
+        let at = (rest - self.origin) * self.octants_per_m;
+        // Octants far away are all alike: empty.
         let floor = |axis: f32| {
-            let near = axis.clamp(-16.0, 16.0 * MOST_CELLS);
+            let near = axis.clamp(-16.0, 16.0 * MAX_CELLS_PER_AXIS);
             let towards_zero = near as i32;
             towards_zero - i32::from(towards_zero as f32 > near)
         };
-        at.is_finite().then(|| Patch([floor(at.x), floor(at.y), floor(at.z)]))
+        at.is_finite().then(|| Octant([floor(at.x), floor(at.y), floor(at.z)]))
     }
 
-    /// The lowest of the 2 x 2 x 2 cells that hold every point within the kernel radius of any place in a patch.
+    /// Returns the lowest of the 2 x 2 x 2 cells that hold every point within the kernel radius of any place in an
+    /// octant.
     #[inline]
-    pub(crate) fn base(Patch(patch): Patch) -> [i32; 3] {
-        // A patch is one half of its cell on each axis, and the kernel reaches half a cell.
-        patch.map(|axis| (axis - 1) >> 1)
+    pub(crate) fn base(Octant(octant): Octant) -> [i32; 3] {
+        // An octant is one half of its cell on each axis, and the kernel reaches half a cell.
+        octant.map(|axis| (axis - 1) >> 1)
     }
 
-    /// Lower and upper corner of a patch.
-    pub(crate) fn corners(&self, Patch(patch): Patch) -> [Vec3; 2] {
+    /// Returns the lower and the upper corner of an octant.
+    pub(crate) fn corners(&self, Octant(octant): Octant) -> [Vec3; 2] {
         let corner = |step: i32| {
-            let [x, y, z] = patch;
+            let [x, y, z] = octant;
             let at = Vec3::new((x + step) as f32, (y + step) as f32, (z + step) as f32);
             self.origin + at * (0.5 * self.edge)
         };
         [corner(0), corner(1)]
     }
 
-    /// Distance in metres up to which points may count, rounding included.
+    /// Returns the distance in metres up to which points may count, rounding included.
     pub(crate) fn reach(&self) -> f32 {
-        self.kernel_radius * PADDING
+        self.kernel_radius * REACH_FACTOR
     }
 
     /// The points of a cell.
@@ -163,7 +167,8 @@ impl SurfaceIndex {
     }
 }
 
-/// The first cell of every value of the highest bits of a hash, about one value a cell, and where those bits are.
+/// Returns the first cell for each value of a hash's highest bits (about one value a cell), and the shift to those
+/// bits.
 fn starts(cells: &[Cell]) -> (Vec<u32>, u32) {
     let bits = cells.len().next_power_of_two().trailing_zeros().max(1);
     let shift = u64::BITS - bits;
@@ -179,13 +184,13 @@ fn starts(cells: &[Cell]) -> (Vec<u32>, u32) {
     (starts, shift)
 }
 
-/// Coordinates below 2^21 as one number.
+/// Packs coordinates below 2^21 into one number.
 fn key([x, y, z]: [u32; 3]) -> u64 {
     u64::from(x) | u64::from(y) << 21 | u64::from(z) << 42
 }
 
-/// Spreads keys over 64 bits so that neither planes nor lines of cells share high bits. No two keys collide: each step
-/// can be undone. (The finaliser of `MurmurHash3`, A. Appleby.)
+/// Spreads keys over 64 bits so that neither planes nor lines of cells share high bits. Keys never collide, because
+/// each step is a bijection. (The finaliser of `MurmurHash3`, A. Appleby.)
 fn mix(key: u64) -> u64 {
     let key = (key ^ (key >> 33)).wrapping_mul(0xff51_afd7_ed55_8ccd);
     let key = (key ^ (key >> 33)).wrapping_mul(0xc4ce_b9fe_1a85_ec53);

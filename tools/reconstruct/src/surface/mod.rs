@@ -1,10 +1,10 @@
 //! The points of profile `surface`: on the mesh at rest, where nothing moves.
 //!
-//! In rest space limbs that touch each other are as far apart as the mesh was made, whatever an instance does. So where
-//! the points are is worked out once for each set ([`SurfaceIndex`]) and kept between frames ([`SetIndices`]).
+//! In rest space, limbs that touch each other stay as far apart as in the modelled mesh, whatever an instance does. So
+//! each set needs one index of its points ([`SurfaceIndex`]), which is kept between frames ([`SetIndices`]).
 
 mod index;
-mod patches;
+mod point_cache;
 
 use std::sync::Arc;
 
@@ -12,17 +12,17 @@ use glam::Vec3;
 use psao_codec::surface::{BLOCK_POINTS, Geometry, State};
 
 pub use self::index::SurfaceIndex;
-use self::patches::each_near;
-pub(crate) use self::patches::{Ao, Patches};
+use self::point_cache::each_near;
+pub(crate) use self::point_cache::{AoSource, PointCache};
 use crate::kernel::{Blend, PointwiseBlend, Query};
 
-/// The indices of a stream's sets, each kept as long as its geometry.
+/// The indices of a stream's sets. Each lives as long as its geometry.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct SetIndices {
     by_set: Vec<Option<IndexedSet>>,
 }
 
-/// An index, and the geometry that it was made of.
+/// An index and its geometry.
 #[derive(Clone, Debug)]
 struct IndexedSet {
     geometry: Arc<Geometry>,
@@ -30,8 +30,7 @@ struct IndexedSet {
 }
 
 impl SetIndices {
-    /// Makes the indices that are missing or out of date of the sets that `wanted` names, and drops those whose geometry
-    /// is gone.
+    /// Makes missing and outdated indices of the sets for which `wanted` is true, and drops those of removed geometry.
     pub(crate) fn prepare(&mut self, state: &State, wanted: impl Fn(usize) -> bool) {
         self.by_set.resize_with(state.layout().sets().len(), || None);
         for (set, kept) in self.by_set.iter_mut().enumerate() {
@@ -47,27 +46,27 @@ impl SetIndices {
         }
     }
 
-    /// The index of an instance's set; `None` unless it was made of the geometry that `state` has now.
+    /// Returns the index of an instance's set; `None` unless its geometry is that of `state`.
     pub(crate) fn of(&self, state: &State, instance: u32) -> Option<&SurfaceIndex> {
         let set = state.layout().members().get(instance as usize)?.set;
         let kept = self.by_set.get(set as usize)?.as_ref()?;
         state.geometry(set).is_some_and(|now| Arc::ptr_eq(&kept.geometry, now)).then_some(&kept.index)
     }
 
-    /// Memory that the indices take, in bytes.
-    pub(crate) fn bytes(&self) -> usize {
-        self.by_set.iter().flatten().map(|kept| kept.index.bytes()).sum()
+    /// Returns the size of the indices on the heap in bytes.
+    pub(crate) fn heap_bytes(&self) -> usize {
+        self.by_set.iter().flatten().map(|kept| kept.index.heap_bytes()).sum()
     }
 
-    /// For each set the geometry that its index was made of.
+    /// Returns for each set the geometry of its index.
     #[cfg(all(test, feature = "view"))]
     pub(crate) fn geometries(&self) -> Vec<Option<*const Geometry>> {
         self.by_set.iter().map(|kept| kept.as_ref().map(|kept| Arc::as_ptr(&kept.geometry))).collect()
     }
 }
 
-/// The AO that a state holds.
-pub(crate) fn arrived_ao(state: &State) -> impl Ao {
+/// Returns the AO source of a state.
+pub(crate) fn arrived_ao(state: &State) -> impl AoSource {
     |instance, point| {
         let here = state.is_present(instance, point / BLOCK_POINTS);
         state.values(instance).get(point).copied().filter(|_| here)
@@ -75,27 +74,33 @@ pub(crate) fn arrived_ao(state: &State) -> impl Ao {
 }
 
 impl SurfaceIndex {
-    /// A query in rest space.
+    /// Returns a query in rest space.
     #[inline]
     pub(crate) fn query(&self, position: Vec3, normal: Vec3) -> Query {
         Query { position, normal, radius: self.kernel_radius() }
     }
 
     /// Blends the points of an instance around one place.
-    pub(crate) fn blend_one(&self, ao: &impl Ao, instance: u32, query: &Query) -> Blend {
+    pub(crate) fn blend_one(&self, ao: &impl AoSource, instance: u32, query: &Query) -> Blend {
         let mut blend = PointwiseBlend::new(query);
-        if let Some(patch) = self.patch(query.position) {
-            each_near(ao, self, instance, patch, |point, ao| blend.add(point.position, point.normal, ao));
+        if let Some(octant) = self.octant(query.position) {
+            each_near(ao, self, instance, octant, |point, ao| blend.add(point.position, point.normal, ao));
         }
         blend.finish()
     }
 
-    /// As [`blend_one`](Self::blend_one), with the patches that were needed last at hand.
+    /// Does what [`blend_one`](Self::blend_one) does, with a cache of points.
     #[inline]
-    pub(crate) fn blend_near(&self, ao: &impl Ao, near: &mut Patches, instance: u32, query: &Query) -> Blend {
+    pub(crate) fn blend_near(
+        &self,
+        ao: &impl AoSource,
+        near: &mut PointCache,
+        instance: u32,
+        query: &Query,
+    ) -> Blend {
         let mut blend = Blend::new();
-        if let Some(patch) = self.patch(query.position) {
-            for group in near.of(ao, self, instance, patch) {
+        if let Some(octant) = self.octant(query.position) {
+            for group in near.of(ao, self, instance, octant) {
                 blend.add(group, query);
             }
         }

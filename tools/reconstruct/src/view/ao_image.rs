@@ -4,7 +4,7 @@ use super::Size;
 
 /// One accessibility value per pixel, row by row from the top left: 1 is open, 0 is closed.
 ///
-/// Every value is finite and in `[0, 1]`; the constructors see to it.
+/// Every value is finite and in `[0, 1]`; the constructors ensure that.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AoImage {
     size: Size,
@@ -13,11 +13,12 @@ pub struct AoImage {
 
 /// Values that do not make an [`AoImage`].
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum AoImageError {
     /// The number of values is not the number of pixels.
     #[error("an image of {size} pixels needs {} values, not {found}", size.pixels())]
     Length {
-        /// The size asked for.
+        /// The requested size.
         size: Size,
         /// The number of values given.
         found: usize,
@@ -29,7 +30,7 @@ pub enum AoImageError {
         x: u32,
         /// Row of the first such pixel.
         y: u32,
-        /// The value found there.
+        /// Its value.
         value: f32,
     },
 }
@@ -56,7 +57,7 @@ impl AoImage {
         Ok(Self { size, values })
     }
 
-    /// Makes an image of 8-bit values, 255 being 1.0, row by row from the top left.
+    /// Makes an image of 8-bit values, of which 255 is 1.0, row by row from the top left.
     ///
     /// # Errors
     ///
@@ -68,24 +69,24 @@ impl AoImage {
         Ok(Self { size, values: bytes.iter().map(|&b| f32::from(b) / 255.0).collect() })
     }
 
-    /// An image whose values this crate or its evaluation has computed and which are known to be in range.
+    /// Makes an image of computed values that are known to be in range.
     pub(crate) fn from_computed(size: Size, values: Vec<f32>) -> Self {
         debug_assert_eq!(values.len(), size.pixels());
         debug_assert!(values.iter().all(|v| (0.0..=1.0).contains(v)));
         Self { size, values }
     }
 
-    /// Width and height.
+    /// Returns the width and height.
     pub fn size(&self) -> Size {
         self.size
     }
 
-    /// The values, row by row from the top left, each in `[0, 1]`.
+    /// Returns the values, row by row from the top left, each in `[0, 1]`.
     pub fn values(&self) -> &[f32] {
         &self.values
     }
 
-    /// The value of the pixel in column `x` and row `y`; `None` outside the image.
+    /// Returns the value of the pixel in column `x` and row `y`; `None` outside the image.
     pub fn get(&self, x: u32, y: u32) -> Option<f32> {
         if x >= self.size.width() || y >= self.size.height() {
             return None;
@@ -93,7 +94,7 @@ impl AoImage {
         self.values.get(y as usize * self.size.width() as usize + x as usize).copied()
     }
 
-    /// The values as bytes, `round(255 * value)`: the rounding of AO on the wire.
+    /// Returns the values as bytes, `round(255 * value)`, which is the rounding of AO on the wire.
     pub fn to_bytes(&self) -> Vec<u8> {
         self.values.iter().map(|v| (v * 255.0 + 0.5) as u8).collect()
     }

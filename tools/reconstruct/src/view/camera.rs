@@ -1,4 +1,4 @@
-//! From a camera to the ray of each pixel.
+//! Cameras and the rays of their pixels.
 
 use glam::{DVec3, Vec3};
 use psao_proto::message::CameraPose;
@@ -7,8 +7,8 @@ use super::Size;
 
 /// A checked camera: an orthonormal frame at the eye and the tangents of its half angles.
 ///
-/// Right-handed, Y up by convention of the stream; `up` of the pose need only not be parallel to the view.
-/// The frame is kept in f64, so that rays differ by their own direction and not by rounding.
+/// Space is right-handed with Y up, by convention of the stream. `up` of the pose may have any direction that is not
+/// parallel to the view. The frame is in f64, so that rays differ by their direction and not by rounding.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
     eye: Vec3,
@@ -22,14 +22,15 @@ pub struct Camera {
 /// The ray of one pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ray {
-    /// Where it starts, in metres, world space.
+    /// Start in metres, world space.
     pub origin: Vec3,
-    /// Where it goes; unit length to f32 rounding.
+    /// Direction, of unit length to f32 rounding.
     pub direction: Vec3,
 }
 
 /// A camera pose from which no rays can be made.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum CameraError {
     /// A field is NaN or infinite.
     #[error("the camera's {field} is not finite; give finite metres and degrees")]
@@ -37,13 +38,13 @@ pub enum CameraError {
         /// Name of the field of [`CameraPose`].
         field: &'static str,
     },
-    /// Eye and target are the same point, so there is no direction to look in.
+    /// Eye and target are the same point, so the view has no direction.
     #[error("the camera's eye and target are the same point ({0}, {1}, {2}); move one of them", at[0], at[1], at[2])]
     EyeIsTarget {
         /// The point, in metres.
         at: [f32; 3],
     },
-    /// `up` is zero, or parallel to the view to within [`Camera::MIN_UP_SINE`].
+    /// `up` is zero, or parallel to the view within [`Camera::MIN_UP_SINE`].
     #[error("the camera's up vector is zero or parallel to the view; choose another up vector")]
     UpParallel,
     /// The vertical field of view is not between 0 and 180 degrees.
@@ -61,10 +62,10 @@ pub enum CameraError {
 }
 
 impl Camera {
-    /// The least sine of the angle between `up` and the view, below which the roll of a camera is noise.
+    /// Smallest sine of the angle between `up` and the view. Below it, the roll of a camera is rounding noise.
     pub const MIN_UP_SINE: f64 = 1e-6;
 
-    /// Checks a pose and works out its frame.
+    /// Checks a pose and computes its frame.
     ///
     /// # Errors
     ///
@@ -102,7 +103,7 @@ impl Camera {
         })
     }
 
-    /// The ray through the centre of pixel (`x`, `y`) of an image of `size`; (0, 0) is the top left.
+    /// Returns the ray through the centre of pixel (`x`, `y`) of an image of `size`; (0, 0) is the top left.
     ///
     /// The image spans the camera's whole field of view: its pixels are square when the camera's aspect is
     /// [`Size::aspect`].
@@ -110,7 +111,8 @@ impl Camera {
         self.ray_around(size, i64::from(x), i64::from(y))
     }
 
-    /// As [`Camera::ray`], for pixels beside the image as well: (-1, 0) is the one left of the top left.
+    /// Returns the ray of a pixel as [`Camera::ray`] does, also beside the image: (-1, 0) is left of the top left
+    /// pixel.
     pub fn ray_around(&self, size: Size, x: i64, y: i64) -> Ray {
         let across = (x as f64 + 0.5) / f64::from(size.width()) * 2.0 - 1.0;
         let down = (y as f64 + 0.5) / f64::from(size.height()) * 2.0 - 1.0;
@@ -119,18 +121,18 @@ impl Camera {
         Ray { origin: self.eye, direction: direction.normalize().as_vec3() }
     }
 
-    /// `direction` in view space: x to the right, y *down* as rows of an image go, z into the view.
+    /// Returns `direction` in view space: x to the right, y *down* as rows of an image go, z into the view.
     pub fn view_direction(&self, direction: Vec3) -> Vec3 {
         let direction = direction.as_dvec3();
         DVec3::new(direction.dot(self.right), -direction.dot(self.up), direction.dot(self.forward)).as_vec3()
     }
 
-    /// Tangents of the half angles of view, across and down.
+    /// Returns the tangents of the half angles of view, across and down.
     pub fn tangents(&self) -> [f64; 2] {
         [self.half_width, self.half_height]
     }
 
-    /// Where the camera stands, in metres, world space.
+    /// Returns the position of the camera in metres, world space.
     pub fn eye(&self) -> Vec3 {
         self.eye
     }

@@ -1,4 +1,4 @@
-//! Looking at a scene by rays: one for each pixel.
+//! Casts one ray for each pixel of a view.
 
 use glam::Vec3;
 use psao_proto::message::CameraPose;
@@ -7,16 +7,16 @@ use super::camera::{Camera, CameraError, Ray};
 use super::{GBuffer, Size, Surface};
 use crate::parallel;
 
-/// A scene that can be looked at. Geometry only: nothing of ambient occlusion goes through here.
+/// A scene into which rays can be cast. It is geometry only and knows nothing about ambient occlusion.
 pub trait Surfaces: Sync {
-    /// The nearest surface along a ray from `origin` in the unit direction `dir`, at most `tmax` metres away;
+    /// Returns the nearest surface along a ray from `origin` in the unit direction `dir`, at most `tmax` metres away;
     /// `None` when there is none. `tmax` may be infinite.
     fn first_hit(&self, origin: Vec3, dir: Vec3, tmax: f32) -> Option<Surface>;
 }
 
-/// Looks at `scene` through `pose`: one ray through each pixel's centre, rows spread over all cores with the feature `rayon`.
+/// Casts one ray through each pixel's centre into `scene`, with the camera of `pose`.
 ///
-/// The result depends on the arguments alone, not on the number of threads.
+/// The feature `rayon` spreads rows over all cores. The result depends on the arguments alone.
 ///
 /// # Errors
 ///

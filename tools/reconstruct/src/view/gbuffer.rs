@@ -1,33 +1,33 @@
-//! What the camera sees: the nearest surface of every pixel.
+//! The G-buffer: the nearest surface at every pixel of a view.
 
 use glam::Vec3;
 
 use super::Size;
 
-/// A point of a surface, as a ray meets it.
+/// A point of a surface that a ray hits.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surface {
     /// Distance along the ray in metres, at least 0.
     pub t: f32,
-    /// Where it is, in metres, world space.
+    /// Position in metres, world space.
     pub position: Vec3,
-    /// Its unit shading normal (normal map included), world space, facing the ray's origin.
+    /// Unit shading normal (normal map included), world space, facing the ray's origin.
     pub normal: Vec3,
-    /// Index of the instance that it belongs to, the same as in the stream's layout.
+    /// Index of its instance, as in the stream's layout.
     pub instance: u32,
-    /// Where it is on the mesh at rest. Profile `surface` needs it; for profile `paper` it may be left out.
+    /// Place on the mesh at rest. Profile `surface` needs it; profile `paper` does not.
     pub rest: Option<AtRest>,
 }
 
-/// A point of a surface on the mesh at rest: unskinned and unmorphed, whatever its instance does.
+/// A point of a surface on the mesh at rest, before skinning and morphing.
 ///
-/// A renderer has both as vertex attributes that are interpolated over the triangle, without any transform.
+/// A renderer interpolates both as vertex attributes over the triangle, without any transform.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AtRest {
-    /// Where it is, in metres, rest space of the mesh.
+    /// Position in metres, rest space of the mesh.
     pub position: Vec3,
-    /// Its unit shading normal there: the normal map bends it in the tangent space at rest, and it is turned round
-    /// where [`Surface::normal`] is, on the backs of faces. A zero normal counts as none given.
+    /// Unit shading normal in rest space. The normal map acts in the tangent space at rest. On the backs of faces it is
+    /// reversed, as [`Surface::normal`] is. A zero normal means that the place at rest is missing.
     pub normal: Vec3,
 }
 
@@ -39,7 +39,7 @@ pub struct GBuffer {
     position: Vec<Vec3>,
     normal: Vec<Vec3>,
     instance: Vec<u32>,
-    /// Zero normals where a fragment does not say; `None` when none does.
+    /// Zero normals where a fragment lacks its place at rest; `None` when all fragments lack it.
     rest: Option<RestPlanes>,
 }
 
@@ -56,11 +56,11 @@ impl RestPlanes {
     }
 }
 
-/// Fragments that do not fill an image.
+/// A number of fragments that does not fill the image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("an image of {size} pixels needs {} fragments, not {found}", size.pixels())]
 pub struct FragmentCountError {
-    /// The size asked for.
+    /// The requested size.
     pub size: Size,
     /// The number of fragments given.
     pub found: usize,
@@ -82,7 +82,7 @@ impl GBuffer {
         Ok(Self::gather(size, fragments))
     }
 
-    /// Spreads fragments, one a pixel, over the planes of the buffer.
+    /// Writes fragments, one a pixel, to the planes of the buffer.
     pub(super) fn gather(size: Size, fragments: Vec<Option<Surface>>) -> Self {
         let mut buffer = Self {
             size,
@@ -108,45 +108,45 @@ impl GBuffer {
         buffer
     }
 
-    /// Width and height.
+    /// Returns the width and height.
     pub fn size(&self) -> Size {
         self.size
     }
 
-    /// Distance from the eye along the ray in metres; infinite for background.
+    /// Returns the distances from the eye along the rays in metres; infinite for background.
     pub fn depth(&self) -> &[f32] {
         &self.depth
     }
 
-    /// Positions in metres, world space; zero for background.
+    /// Returns the positions in metres, world space; zero for background.
     pub fn position(&self) -> &[Vec3] {
         &self.position
     }
 
-    /// Unit shading normals facing the eye, world space; zero for background.
+    /// Returns the unit shading normals, facing the eye, world space; zero for background.
     pub fn normal(&self) -> &[Vec3] {
         &self.normal
     }
 
-    /// Instances; [`GBuffer::NO_INSTANCE`] for background.
+    /// Returns the instances; [`GBuffer::NO_INSTANCE`] for background.
     pub fn instance(&self) -> &[u32] {
         &self.instance
     }
 
-    /// Positions on the meshes at rest, in metres, rest space; zero for background and for surfaces that do not say.
-    /// `None` when no surface says.
+    /// Returns the positions on the meshes at rest, in metres, rest space; `None` when all surfaces lack them. They are
+    /// zero for background and where a surface lacks its place at rest.
     pub fn rest_position(&self) -> Option<&[Vec3]> {
         self.rest.as_ref().map(|planes| planes.position.as_slice())
     }
 
-    /// Unit shading normals on the meshes at rest, rest space; zero for background and for surfaces that do not say.
-    /// `None` when no surface says.
+    /// Returns the unit shading normals on the meshes at rest, rest space; `None` when all surfaces lack them. They are
+    /// zero for background and where a surface lacks its place at rest.
     pub fn rest_normal(&self) -> Option<&[Vec3]> {
         self.rest.as_ref().map(|planes| planes.normal.as_slice())
     }
 
-    /// The place at rest of pixel number `pixel`; `None` for background, beyond the image, and where the surface
-    /// does not say.
+    /// Returns the place at rest of pixel number `pixel`; `None` for background, beyond the image, and where the
+    /// surface lacks it.
     #[inline]
     pub fn at_rest(&self, pixel: usize) -> Option<AtRest> {
         let planes = self.rest.as_ref()?;
@@ -154,7 +154,7 @@ impl GBuffer {
         (normal != Vec3::ZERO).then(|| AtRest { position: planes.position[pixel], normal })
     }
 
-    /// The surface of pixel number `pixel` (row times width plus column); `None` for background and beyond
+    /// Returns the surface of pixel number `pixel` (row times width plus column); `None` for background and beyond
     /// the image.
     pub fn fragment(&self, pixel: usize) -> Option<Surface> {
         let instance = *self.instance.get(pixel)?;
@@ -167,7 +167,7 @@ impl GBuffer {
         })
     }
 
-    /// Number of pixels that show a surface.
+    /// Returns the number of pixels that show a surface.
     pub fn covered(&self) -> usize {
         self.instance.iter().filter(|&&instance| instance != Self::NO_INSTANCE).count()
     }

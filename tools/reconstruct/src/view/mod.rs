@@ -1,7 +1,7 @@
-//! What a camera sees of a scene: cameras, rays, a G-buffer, images of its size.
+//! Views of a scene: cameras, rays, a G-buffer, images of its size.
 //!
-//! A client draws the scene itself. Here that is one ray for each pixel through whatever implements [`Surfaces`]; a
-//! renderer that has depth and normals already fills a [`GBuffer`] through [`GBuffer::from_fragments`].
+//! A client draws the scene itself. [`cast_view`] does that with one ray for each pixel into any implementation of
+//! [`Surfaces`]. A renderer that already has depth and normals fills a [`GBuffer`] with [`GBuffer::from_fragments`].
 
 #[cfg(test)]
 mod analytic;

@@ -1,9 +1,9 @@
-//! Sizes of images, checked before anything is allocated.
+//! Sizes of images, checked before any allocation.
 
 /// Width and height of an image in pixels.
 ///
-/// Both sides are in `1..=`[`Size::MAX_SIDE`] and the image has at most [`Size::MAX_PIXELS`] pixels, so that
-/// a size that comes from a person or a file cannot ask for more memory than a picture may need.
+/// Both sides are in `1..=`[`Size::MAX_SIDE`] and the image has at most [`Size::MAX_PIXELS`] pixels. So a size from a
+/// user or a file cannot ask for more memory than a picture may need.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Size {
     width: u32,
@@ -18,17 +18,17 @@ pub struct Size {
     Size::MAX_PIXELS
 )]
 pub struct SizeError {
-    /// The width asked for, in pixels.
+    /// Requested width in pixels.
     pub width: u32,
-    /// The height asked for, in pixels.
+    /// Requested height in pixels.
     pub height: u32,
 }
 
 impl Size {
-    /// The longest side in pixels.
+    /// Largest side in pixels.
     pub const MAX_SIDE: u32 = 16_384;
-    /// The most pixels of one image (2^26, twice an 8K frame; about 2 GiB of buffers when it is reconstructed, 4
-    /// with places at rest).
+    /// Largest number of pixels in an image: 2^26, twice an 8K frame. Reconstruction takes about 2 GiB of buffers for
+    /// it, 4 with places at rest.
     pub const MAX_PIXELS: u64 = 1 << 26;
 
     /// Makes a size.
@@ -52,22 +52,22 @@ impl Size {
         if fits { Ok(Self { width, height }) } else { Err(SizeError { width, height }) }
     }
 
-    /// Width in pixels.
+    /// Returns the width in pixels.
     pub fn width(self) -> u32 {
         self.width
     }
 
-    /// Height in pixels.
+    /// Returns the height in pixels.
     pub fn height(self) -> u32 {
         self.height
     }
 
-    /// Number of pixels: the length of every buffer of an image of this size.
+    /// Returns the number of pixels, which is the length of every buffer of an image of this size.
     pub fn pixels(self) -> usize {
         self.width as usize * self.height as usize
     }
 
-    /// Width over height: the aspect of a camera whose pixels are square in an image of this size.
+    /// Returns width over height. A camera with this aspect has square pixels in an image of this size.
     pub fn aspect(self) -> f32 {
         self.width as f32 / self.height as f32
     }

@@ -1,12 +1,12 @@
-//! The depth field as lines sample it.
+//! The depth field, sampled at any place.
 
 use glam::Vec2;
 
 use crate::screen::Screen;
 
-/// The grid of a screen in square pixels: lengths that are equal on the screen are equal slopes, across and down.
+/// The grid of a screen in square pixels: equal lengths are equal slopes, across and down.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Pixels {
+pub(crate) struct SquarePixels {
     /// Half the grid, in pixels.
     middle: Vec2,
     /// Square pixels per pixel, across and down.
@@ -15,7 +15,7 @@ pub(crate) struct Pixels {
     slope: f32,
 }
 
-impl Pixels {
+impl SquarePixels {
     pub(crate) fn new(screen: &Screen) -> Self {
         let focal = screen.radius_px(1.0, 1.0);
         let size = Vec2::new(screen.size().width() as f32, screen.size().height() as f32);
@@ -27,55 +27,55 @@ impl Pixels {
         }
     }
 
-    /// Half the grid in square pixels.
+    /// Returns half the size of the grid in square pixels.
     pub(crate) fn half(&self) -> Vec2 {
         self.middle * self.scale
     }
 
-    /// How often wider than high a pixel is, or the other way round; at least 1.
+    /// Returns the ratio of a pixel's longer side to its shorter side.
     pub(crate) fn stretch(&self) -> f32 {
         let ratio = self.scale.x / self.scale.y;
         ratio.max(1.0 / ratio)
     }
 
-    /// Slope of one square pixel.
+    /// Returns the slope of one square pixel.
     #[inline]
     pub(crate) fn slope(&self) -> f32 {
         self.slope
     }
 
-    /// Centre of pixel (`x`, `y`) of the grid in square pixels from the grid's middle.
+    /// Returns the centre of pixel (`x`, `y`) of the grid in square pixels from the grid's middle.
     #[inline]
     pub(crate) fn place(&self, x: i32, y: i32) -> Vec2 {
         self.of_grid(Vec2::new(x as f32 + 0.5, y as f32 + 0.5))
     }
 
-    /// A place of the grid, in pixels from its top left, in square pixels from its middle.
+    /// Converts pixels from the top left of the grid to square pixels from its middle.
     #[inline]
     pub(crate) fn of_grid(&self, at: Vec2) -> Vec2 {
         (at - self.middle) * self.scale
     }
 
-    /// The other way: pixels from the top left of the grid.
+    /// Converts square pixels from the middle of the grid to pixels from its top left.
     #[inline]
     pub(crate) fn on_grid(&self, at: Vec2) -> Vec2 {
         at / self.scale + self.middle
     }
 }
 
-/// Inverse depths, which are linear over a plane: between four pixels of one plane lies that plane. Sky is 0.
+/// Inverse depths; sky is 0. They are linear over a plane, so interpolation between pixels of a plane gives that plane.
 #[derive(Clone, Debug)]
-pub(crate) struct Field {
-    pixels: Pixels,
+pub(crate) struct DepthField {
+    pixels: SquarePixels,
     size: Vec2,
     stride: usize,
-    /// With one more pixel on each side, the same as the last one.
+    /// Padded by one pixel on each side with the value of the last pixel.
     inverse: Vec<f32>,
     thickness: Option<f32>,
 }
 
-impl Field {
-    /// Of a field that is `thickness` metres thick nothing is interpolated across a jump of more (section 11).
+impl DepthField {
+    /// Makes the field of a screen. A field of `thickness` metres is not interpolated across larger jumps (section 11).
     pub(crate) fn new(screen: &Screen, thickness: Option<f32>) -> Self {
         let (width, height) = (screen.size().width() as usize, screen.size().height() as usize);
         let mut inverse = Vec::with_capacity((width + 2) * (height + 2));
@@ -86,7 +86,7 @@ impl Field {
             inverse.extend(padded.map(|depth| 1.0 / depth));
         }
         Self {
-            pixels: Pixels::new(screen),
+            pixels: SquarePixels::new(screen),
             size: Vec2::new(width as f32, height as f32),
             stride: width + 2,
             inverse,
@@ -94,7 +94,7 @@ impl Field {
         }
     }
 
-    pub(crate) fn pixels(&self) -> &Pixels {
+    pub(crate) fn pixels(&self) -> &SquarePixels {
         &self.pixels
     }
 
@@ -102,8 +102,8 @@ impl Field {
         self.inverse.len() * size_of::<f32>()
     }
 
-    /// Whether the field goes on between two inverse depths: neither is sky, and they are not further apart than it is
-    /// thick.
+    /// Returns whether the field is continuous between two inverse depths: neither is sky, and their distance is at
+    /// most the thickness.
     #[inline]
     pub(crate) fn joins(&self, a: f32, b: f32) -> bool {
         let (near, far) = (a.max(b), a.min(b));
@@ -111,7 +111,7 @@ impl Field {
         far > 0.0 && self.thickness.is_none_or(|thickness| near - far <= thickness * near * far)
     }
 
-    /// Inverse depth at a place in square pixels from the grid's middle; 0 for sky and beyond the grid.
+    /// Returns the inverse depth at a place in square pixels from the grid's middle; 0 for sky and beyond the grid.
     #[inline]
     pub(crate) fn inverse(&self, at: Vec2) -> f32 {
         let at = self.pixels.on_grid(at);
@@ -124,7 +124,7 @@ impl Field {
         let [a, b] = [self.inverse[y * self.stride + x], self.inverse[y * self.stride + x + 1]];
         let [c, d] = [self.inverse[(y + 1) * self.stride + x], self.inverse[(y + 1) * self.stride + x + 1]];
         let (near, far) = (a.max(b).max(c.max(d)), a.min(b).min(c.min(d)));
-        // An outline, of which each side is its own.
+        // At an outline, each side keeps its own depth.
         if !self.joins(near, far) {
             let [left, right] = if part.y < 0.5 { [a, b] } else { [c, d] };
             return if part.x < 0.5 { left } else { right };

@@ -1,19 +1,19 @@
-//! Where the scan lines of one direction lie (Timonen, section 6, figure 4).
+//! The scan lines of one direction (Timonen, section 6, figure 4).
 //!
-//! Lines are parallel, one pixel apart, and sampled once a pixel. They are cut into intervals of `B_0` steps, at the same
-//! places on all lines, and two intervals make one of the next level. A row is one interval of all the lines that cross
-//! the screen there, and rows are what is stored: no memory goes to where a slanted line is off the screen.
+//! Lines are parallel, one pixel apart, and sampled once a pixel. They are cut into intervals of `B_0` steps, at the
+//! same places on all lines. Two intervals make one of the next level. A row is one interval of all the lines that
+//! cross the screen there. Memory holds rows, so that parts of a slanted line off the screen take none.
 
 use glam::Vec2;
 
-use super::Pixels;
+use super::SquarePixels;
 
 /// The lines of one direction over the whole grid, guard band included.
 #[derive(Clone, Debug)]
-pub(crate) struct Lines {
+pub(crate) struct ScanLines {
     /// Unit vector along the lines, in square pixels.
     pub(crate) along: Vec2,
-    /// Steps from the middle of the grid to where the first interval begins, and lines to the first line; negative.
+    /// Steps from the middle of the grid to the start of the first interval, and lines to the first line; negative.
     start: Vec2,
     /// Steps of the shortest interval.
     interval: u32,
@@ -21,7 +21,7 @@ pub(crate) struct Lines {
     levels: Vec<Vec<Row>>,
 }
 
-/// One interval of all the lines that cross the screen there.
+/// An interval of all the lines that cross the screen there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Row {
     /// Number of the first line.
@@ -30,9 +30,9 @@ pub(crate) struct Row {
     pub(crate) len: u32,
 }
 
-impl Lines {
+impl ScanLines {
     /// Lays lines along `along` over `pixels`, with intervals of `interval` steps.
-    pub(crate) fn new(pixels: &Pixels, along: Vec2, interval: u32) -> Self {
+    pub(crate) fn new(pixels: &SquarePixels, along: Vec2, interval: u32) -> Self {
         let half = pixels.half();
         let corners = [half, Vec2::new(-half.x, half.y), -half, Vec2::new(half.x, -half.y)]
             .map(|corner| Vec2::new(corner.dot(along), along.perp_dot(corner)));
@@ -55,25 +55,25 @@ impl Lines {
         Self { along, start, interval, levels }
     }
 
-    /// Where a place of the grid, in square pixels from its middle, is: (steps since the first interval's begin, lines
-    /// since the first line). The middle of line number n is at n.
+    /// Converts a place in square pixels from the grid's middle to (steps from the start of the first interval, lines
+    /// from the first line). The middle of line number n is at n.
     #[inline]
     pub(crate) fn place(&self, at: Vec2) -> Vec2 {
         Vec2::new(at.dot(self.along), self.along.perp_dot(at)) - self.start - Vec2::new(0.0, 0.5)
     }
 
-    /// Middle of step `step` of line `line`, in square pixels from the grid's middle: (along the lines, across them).
+    /// Returns the middle of a step of a line in square pixels from the grid's middle: (along the lines, across them).
     #[inline]
     pub(crate) fn sample(&self, step: u32, line: u32) -> Vec2 {
         self.start + Vec2::new(step as f32 + 0.5, line as f32 + 0.5)
     }
 
-    /// Rows of all levels, the shortest intervals first.
+    /// Returns the rows of all levels, the shortest intervals first.
     pub(crate) fn levels(&self) -> &[Vec<Row>] {
         &self.levels
     }
 
-    /// Steps of the intervals of `level`.
+    /// Returns the number of steps in an interval of `level`.
     #[inline]
     pub(crate) fn interval(&self, level: usize) -> u32 {
         self.interval << level
@@ -81,7 +81,7 @@ impl Lines {
 }
 
 impl Row {
-    /// Both and what lies between.
+    /// Returns the smallest row that contains both.
     fn union(self, other: Self) -> Self {
         if self.len == 0 || other.len == 0 {
             return if self.len == 0 { other } else { self };
@@ -91,8 +91,8 @@ impl Row {
     }
 }
 
-/// Lines that cross the convex polygon of `corners`, (along, across), between two places along; `start` is where line 0
-/// begins.
+/// Returns the lines that cross the convex polygon of `corners`, (along, across), between two places along. Line 0
+/// begins at `start`.
 fn row_between(corners: &[Vec2; 4], from: f32, to: f32, start: f32) -> Row {
     let (mut least, mut most) = (f32::INFINITY, f32::NEG_INFINITY);
     for (index, &a) in corners.iter().enumerate() {

@@ -1,14 +1,13 @@
 //! Far-field obscurance from a depth field (Timonen, *Screen-Space Far-Field Ambient Obscurance*, 2013).
 //!
-//! The depth field is scanned along parallel lines in every direction, and what is highest in each interval of a line is
-//! kept ([`scan`]). Intervals pair up into longer ones, and prefix sums across the lines average them over a sector.
-//! Each pixel then meets some eight virtual points a direction, near to far, whatever the radius, and adds up what
-//! each hides of its hemisphere ([`slice`], [`table`]). What is nearer than the first interval is found by point
-//! samples.
+//! A scan of the depth field along parallel lines in every direction keeps the highest point of each interval of a line
+//! ([`scan`]). Intervals pair up into longer ones, and prefix sums across the lines average them over a sector. Each
+//! pixel then gathers some eight virtual points a direction, near to far, whatever the radius. It adds up the parts of
+//! its hemisphere that they hide ([`slice`], [`table`]). Point samples find occluders nearer than the first interval.
 //!
-//! Where this differs from the paper, and why, stands at the code: two dimensions of the table L instead of four, one
-//! scan for two opposite directions, sectors cut at fractions of a line, segments in slices of their own, sky and
-//! what is off the screen counted as open, and no further search where the radius has ended.
+//! Comments at the code explain the differences from the paper. The table L has two dimensions instead of four. One
+//! scan serves two opposite directions. Sectors end at fractions of a line, and each segment has its own slice. Sky and
+//! places off the screen count as open, and the search ends at the radius.
 
 pub(super) mod field;
 mod lines;
@@ -25,32 +24,33 @@ use glam::Vec2;
 use psao_server::clock::Clock;
 use rayon::prelude::*;
 
-pub use self::settings::{FarFieldSettings, NearField, Separate};
+pub use self::settings::{FarFieldSettings, NearField, Separation};
 
-use self::field::{Field, Pixels};
-use self::lines::Lines;
+use self::field::{DepthField, SquarePixels};
+use self::lines::ScanLines;
 use self::scan::Scan;
 use self::segments::{Gather, Segments};
-use self::separate::Averaged;
+use self::separate::PixelAverage;
 use self::slice::{Estimator, Receiver};
-use self::table::Table;
-use super::{Screen, ScreenError, ScreenMethod, Shaded, check_setting};
+use self::table::ObscuranceTable;
+use super::{Screen, ScreenError, ScreenMethod, Shading, check_setting};
 
 const NAME: &str = "far-field";
 
-/// Square pixels to the first sample of the near field. Between pixels a continuous field is bent: samples a pixel apart
-/// pass by its tops, which makes what is near too bright. Where it is snapped to pixels, those in between would put a
-/// pixel nearer than it is.
+/// Distance of the near field's first sample in square pixels, for a continuous field and for one snapped to pixels.
+///
+/// A continuous field is bent between pixels. Samples a pixel apart miss its tops, which makes near occluders too
+/// bright. In a snapped field, samples between pixels would put a pixel nearer than it is.
 const NEAR_STEP: f32 = 0.5;
 const SNAPPED_NEAR_STEP: f32 = 1.0;
 
-/// Most that pixels may be longer one way than the other: lines are spaced by square pixels.
+/// Largest ratio of a pixel's sides, because lines are spaced by square pixels.
 const MAX_STRETCH: f32 = 256.0;
 
-/// Far-field obscurance with its settings and its table L, which is made once.
+/// Far-field obscurance: its settings, and its table L, which is made once.
 ///
-/// Stages: `scan`, `prefix sum`, `near field`, `box average`, `obscurance`, `gather` and `blur`, those of them that the
-/// settings ask for.
+/// Stages: `scan`, `prefix sum`, `near field`, `box average`, `obscurance`, `gather` and `blur`. The settings decide
+/// which of them run.
 ///
 /// ```
 /// use glam::Vec3;
@@ -58,7 +58,7 @@ const MAX_STRETCH: f32 = 256.0;
 /// use psao_eval::screen::{FarField, FarFieldSettings, Screen, ScreenMethod};
 /// use psao_server::clock::NoClock;
 ///
-/// // The bottom of a shaft: a wall 2 m in front of one that is 4 m away, but for a hole in the middle.
+/// // The bottom of a shaft: a wall 2 m away with a hole in the middle, through which a wall 4 m away shows.
 /// let depth = (0..64 * 36).map(|at| if (28..36).contains(&(at % 64)) { 4.0 } else { 2.0 }).collect();
 /// let screen = Screen::from_parts(Size::new(64, 36)?, 0, [1.0, 0.5625], depth, vec![Vec3::NEG_Z; 64 * 36])?;
 /// let method = FarField::new(FarFieldSettings { radius: 4.0, ..FarFieldSettings::default() })?;
@@ -69,7 +69,7 @@ const MAX_STRETCH: f32 = 256.0;
 #[derive(Clone, Debug, PartialEq)]
 pub struct FarField {
     settings: FarFieldSettings,
-    table: Table,
+    table: ObscuranceTable,
 }
 
 impl FarField {
@@ -80,20 +80,19 @@ impl FarField {
     /// [`ScreenError`] when a setting is out of its range.
     pub fn new(settings: FarFieldSettings) -> Result<Self, ScreenError> {
         settings.validate()?;
-        let table = Table::new(settings.radius, &settings.falloff);
+        let table = ObscuranceTable::new(settings.radius, &settings.falloff);
         Ok(Self { settings, table })
     }
 
-    /// The settings.
+    /// Returns the settings.
     pub fn settings(&self) -> &FarFieldSettings {
         &self.settings
     }
 
-    /// Distances of the samples of the near field, in square pixels, as far as the near field can go.
+    /// Returns the distances of the near field's samples in square pixels, up to the end of the near field.
     fn near_distances(&self) -> Vec<f32> {
         let Some(NearField { growth }) = self.settings.near else { return Vec::new() };
-        // All intervals before the first along the line, over the least cosine that a segment of a sector can have, K
-        // being 4 at least.
+        // The length of all intervals before the first, over the smallest cosine of a segment's angle, which K = 4 has.
         let end =
             (self.settings.density + 1) as f32 * self.settings.interval as f32 * std::f32::consts::SQRT_2;
         let first = if self.settings.thickness.is_some() { SNAPPED_NEAR_STEP } else { NEAR_STEP };
@@ -109,20 +108,20 @@ impl FarField {
 }
 
 /// Buffers over the inner pixels, and the times of the stages.
-struct Work<'a> {
+struct Buffers<'a> {
     screen: &'a Screen,
     clock: &'a dyn Clock,
     stages: Vec<(&'static str, u64)>,
-    averaged: Option<Vec<Option<Averaged>>>,
+    averaged: Option<Vec<Option<PixelAverage>>>,
     /// Sums of Eq. 2 of all sectors so far.
     near: Vec<f32>,
     far: Vec<f32>,
-    /// Horizons that the near field leaves in the segments of two opposite sectors.
+    /// Horizons after the near field in the segments of two opposite sectors.
     horizons: Vec<Vec2>,
 }
 
-impl Work<'_> {
-    /// Runs a stage and adds its time to what it has taken before.
+impl Buffers<'_> {
+    /// Runs a stage and adds its time to that of its earlier runs.
     fn time<T>(&mut self, stage: &'static str, run: impl FnOnce(&mut Self) -> T) -> T {
         let start = self.clock.micros();
         let made = run(self);
@@ -142,7 +141,7 @@ impl Work<'_> {
             + size_of_val(self.horizons.as_slice())
     }
 
-    /// The near field of all pixels: their obscurance, and their horizons for the far field.
+    /// Computes the near field of all pixels: their obscurance, and their horizons for the far field.
     fn near_field(&mut self, gather: &Gather<'_>, segments: &Segments, each: usize, distances: &[f32]) {
         let screen = self.screen;
         let width = screen.inner().width() as usize;
@@ -160,7 +159,7 @@ impl Work<'_> {
         });
     }
 
-    /// The far field of the pixels whose turn it is, `pair` being the number of the two opposite sectors.
+    /// Computes the far field of the pixels that evaluate `pair`, the number of two opposite sectors.
     fn far_field(&mut self, gather: &Gather<'_>, segments: &Segments, each: usize, pair: usize) {
         let screen = self.screen;
         let width = screen.inner().width() as usize;
@@ -186,7 +185,7 @@ impl Work<'_> {
         });
     }
 
-    /// Joins near and far field; gives accessibility.
+    /// Joins near and far field, and returns accessibility.
     fn finish(&mut self, settings: &FarFieldSettings, width: f32) -> Vec<f32> {
         let size = self.screen.inner();
         let averaged = self.averaged.take();
@@ -197,15 +196,15 @@ impl Work<'_> {
             None => hidden.iter_mut().zip(&far).for_each(|(hidden, far)| *hidden += far),
         });
         let mut values: Vec<f32> = hidden.iter().map(|hidden| 1.0 - width * hidden).collect();
-        if let (Some(averaged), Some(Separate { blur: true })) = (&averaged, settings.separate) {
+        if let (Some(averaged), Some(Separation { blur: true })) = (&averaged, settings.separate) {
             values = self.time("blur", |_| separate::blur(size, averaged, &values));
         }
         values
     }
 }
 
-/// The surface of an inner pixel, and where it is in square pixels.
-fn receiver(screen: &Screen, pixels: &Pixels, x: usize, y: usize) -> Option<(Receiver, Vec2)> {
+/// Returns the surface of an inner pixel and its place in square pixels.
+fn receiver(screen: &Screen, pixels: &SquarePixels, x: usize, y: usize) -> Option<(Receiver, Vec2)> {
     let [x, y] = [x, y].map(|at| at as i32 + screen.guard() as i32);
     Some((Receiver::new(screen.position(x, y)?, screen.normal(x, y)), pixels.place(x, y)))
 }
@@ -219,14 +218,14 @@ impl ScreenMethod for FarField {
         self.settings.label()
     }
 
-    fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shaded, ScreenError> {
+    fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shading, ScreenError> {
         let settings = &self.settings;
         let &FarFieldSettings { midway, density, .. } = settings;
         let count = screen.inner().pixels();
         let each = 2 * settings.segments as usize;
         let distances = self.near_distances();
         let horizons = if settings.near.is_some() { count * each } else { 0 };
-        let mut work = Work {
+        let mut work = Buffers {
             screen,
             clock,
             stages: Vec::new(),
@@ -235,7 +234,7 @@ impl ScreenMethod for FarField {
             far: vec![0.0; count],
             horizons: vec![Vec2::ZERO; horizons],
         };
-        let field = work.time("scan", |_| Field::new(screen, settings.thickness));
+        let field = work.time("scan", |_| DepthField::new(screen, settings.thickness));
         check_setting(NAME, "the stretch of pixels", field.pixels().stretch(), 1.0, MAX_STRETCH)?;
         if settings.separate.is_some() {
             work.averaged = work.time("box average", |_| Some(separate::box_average(screen)));
@@ -245,8 +244,9 @@ impl ScreenMethod for FarField {
         for pair in 0..settings.sectors / 2 {
             let turn = f64::from(pair) / f64::from(settings.sectors) * std::f64::consts::TAU;
             let along = Vec2::new(libm::cos(turn) as f32, libm::sin(turn) as f32);
-            let mut scan = work
-                .time("scan", |_| Scan::new(&field, Lines::new(field.pixels(), along, settings.interval)));
+            let mut scan = work.time("scan", |_| {
+                Scan::new(&field, ScanLines::new(field.pixels(), along, settings.interval))
+            });
             if settings.thickness.is_none() {
                 work.time("prefix sum", |_| scan.sum());
             }
@@ -259,10 +259,10 @@ impl ScreenMethod for FarField {
             work.time("obscurance", |work| work.far_field(&gather, &segments, each, pair as usize));
         }
         let bytes = work.bytes() + scan_bytes + field.bytes() + self.table.bytes();
-        // Of Eq. 2 the width of a segment on the screen is left, the same for all.
+        // The remaining factor of Eq. 2 is the width of a segment on the screen, the same for all segments.
         let width = std::f32::consts::TAU / (settings.sectors * settings.segments) as f32;
         let values = work.finish(settings, width);
-        Ok(Shaded {
+        Ok(Shading {
             bytes: bytes + size_of_val(values.as_slice()),
             image: screen.image(values)?,
             stages: work.stages,

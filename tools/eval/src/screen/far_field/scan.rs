@@ -4,18 +4,18 @@
 use glam::Vec2;
 use rayon::prelude::*;
 
-use super::field::Field;
-use super::lines::{Lines, Row};
+use super::field::DepthField;
+use super::lines::{Row, ScanLines};
 
-/// What one line is in one interval: the largest heights as seen along the receiver angles of section 6, in metres.
+/// The largest heights of a line in an interval along the receiver angles of section 6, in metres.
 ///
-/// The height of a point is minus its depth. The paper scans once for each direction that receivers look in; a scan
-/// that keeps both downward angles serves two that are opposite.
+/// The height of a point is minus its depth. The paper scans once for each direction of receivers. A scan that keeps
+/// both downward angles serves two opposite directions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Peak {
-    /// `m_0`: as seen along the horizontal.
+    /// `m_0`: along the horizontal.
     pub(crate) level: f32,
-    /// `m_1`: as seen downwards at 45 degrees, looking along the lines, and against them.
+    /// `m_1`: downwards at 45 degrees, along the lines and against them.
     pub(crate) down: [f32; 2],
 }
 
@@ -30,11 +30,11 @@ impl Peak {
         }
     }
 
-    /// The virtual point at which the receiver angles meet (figure 5, right): (metres along the direction that
-    /// `sense` looks in, depth in metres); `None` where there is only sky.
+    /// Returns the virtual point at which the receiver angles meet (figure 5, right): (metres along the direction of
+    /// `sense`, depth in metres); `None` where there is only sky.
     ///
-    /// Line 14 of Algorithm 2 has `(m_0 - m_1) / s` for the first. By line 12 of Algorithm 1 `m_1` is `m_0 + s x`, so
-    /// it is `(m_1 - m_0) / s`; the slope s is 1 here, x counted along the view.
+    /// Line 14 of Algorithm 2 has `(m_0 - m_1) / s` for the first. By line 12 of Algorithm 1, `m_1` is `m_0 + s x`, so
+    /// it must be `(m_1 - m_0) / s`. Here the slope s is 1, and x counts along the view.
     #[inline]
     pub(crate) fn point(self, sense: Sense) -> Option<Vec2> {
         (self.level > f32::NEG_INFINITY)
@@ -42,7 +42,7 @@ impl Peak {
     }
 }
 
-/// Which of the two ways along a line a receiver looks.
+/// Direction of a receiver's view along a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Sense {
     Ahead = 0,
@@ -64,24 +64,24 @@ impl Sense {
 /// The intermediate geometry of one direction: peaks of all levels, and their prefix sums.
 #[derive(Clone, Debug)]
 pub(crate) struct Scan {
-    lines: Lines,
-    levels: Vec<Level>,
+    lines: ScanLines,
+    levels: Vec<ScanLevel>,
 }
 
 #[derive(Clone, Debug)]
-struct Level {
-    /// Where the peaks of each row begin.
+struct ScanLevel {
+    /// Index of the first peak of each row.
     offsets: Vec<usize>,
     peaks: Vec<Peak>,
-    /// Sums of level, both down, and the number of lines that have a peak, over the lines before; one more than
-    /// peaks in each row. Empty until they are made.
+    /// Prefix sums over the lines of `level`, both of `down`, and the number of lines with a peak. Each row has one
+    /// more sum than peaks. Empty until [`Scan::sum`].
     sums: Vec<[f64; 4]>,
 }
 
 impl Scan {
-    /// Scans `field` along `lines`, row by row on all threads, and pairs intervals up.
-    pub(crate) fn new(field: &Field, lines: Lines) -> Self {
-        let mut levels: Vec<Level> = Vec::with_capacity(lines.levels().len());
+    /// Scans `field` along `lines`, row by row on all threads, and pairs intervals.
+    pub(crate) fn new(field: &DepthField, lines: ScanLines) -> Self {
+        let mut levels: Vec<ScanLevel> = Vec::with_capacity(lines.levels().len());
         for (number, rows) in lines.levels().iter().enumerate() {
             let offsets: Vec<usize> = rows
                 .iter()
@@ -95,12 +95,12 @@ impl Scan {
                 None => scan_row(field, &lines, index as u32, rows[index], peaks),
                 Some((rows_below, below)) => pair_up(rows_below, below, index, rows[index], peaks),
             });
-            levels.push(Level { offsets, peaks, sums: Vec::new() });
+            levels.push(ScanLevel { offsets, peaks, sums: Vec::new() });
         }
         Self { lines, levels }
     }
 
-    /// Sums the peaks of each row over its lines, so that any range of lines is averaged in constant time.
+    /// Makes prefix sums of each row over its lines, so that averages over any range of lines take constant time.
     pub(crate) fn sum(&mut self) {
         for (level, rows) in self.levels.iter_mut().zip(self.lines.levels()) {
             level.sums = vec![[0.0; 4]; level.peaks.len() + rows.len()];
@@ -121,13 +121,13 @@ impl Scan {
         }
     }
 
-    pub(crate) fn lines(&self) -> &Lines {
+    pub(crate) fn lines(&self) -> &ScanLines {
         &self.lines
     }
 
-    /// Bytes of all levels.
+    /// Returns the size of all levels on the heap in bytes.
     pub(crate) fn bytes(&self) -> usize {
-        let level = |level: &Level| {
+        let level = |level: &ScanLevel| {
             size_of_val(level.offsets.as_slice())
                 + size_of_val(level.peaks.as_slice())
                 + size_of_val(level.sums.as_slice())
@@ -135,7 +135,7 @@ impl Scan {
         self.levels.iter().map(level).sum()
     }
 
-    /// The virtual point of the line nearest to `line` in interval `row` of `level`.
+    /// Returns the virtual point of the line nearest to `line` in interval `row` of `level`.
     #[inline]
     pub(crate) fn nearest(&self, level: usize, row: usize, line: f32, sense: Sense) -> Option<Vec2> {
         let Row { first, len } = self.lines.levels()[level][row];
@@ -147,11 +147,11 @@ impl Scan {
         level.peaks[level.offsets[row] + index as usize].point(sense)
     }
 
-    /// The virtual point of interval `row` of `level`, averaged over the lines from `from` to `to`, which count by how
-    /// much of them lies between (section 7), and the share of that width on which there is anything.
+    /// Returns the average virtual point of interval `row` of `level` over the lines from `from` to `to`, and the share
+    /// of that width with a surface.
     ///
-    /// The sums must have been made. Lines off the screen and lines that see only sky are left out of the average and
-    /// missing in the share. `from` is below `to`.
+    /// Lines count by their part between the two (section 7). Lines off the screen and lines with only sky are left out
+    /// of the average and of the share. [`Scan::sum`] must have been called before; `from` is below `to`.
     #[inline]
     pub(crate) fn average(
         &self,
@@ -161,11 +161,11 @@ impl Scan {
         to: f32,
         sense: Sense,
     ) -> Option<(Vec2, f32)> {
-        /// Less of a sector than this is nothing.
+        /// Smallest share of a sector that counts.
         const LEAST_SHARE: f64 = 1e-3;
         let Row { first, len } = self.lines.levels()[level][row];
         let level = &self.levels[level];
-        // Row number more sums than peaks came before.
+        // Each row before has one more sum than peaks.
         let offset = level.offsets[row] + row;
         let sums = &level.sums[offset..=offset + len as usize];
         // Line n lies between the edges n - 1/2 and n + 1/2.
@@ -188,8 +188,8 @@ impl Scan {
     }
 }
 
-/// One interval of all its lines (Algorithm 1).
-fn scan_row(field: &Field, lines: &Lines, index: u32, row: Row, peaks: &mut [Peak]) {
+/// Scans one interval of all its lines (Algorithm 1).
+fn scan_row(field: &DepthField, lines: &ScanLines, index: u32, row: Row, peaks: &mut [Peak]) {
     let across = lines.along.perp();
     let slope = field.pixels().slope();
     let steps = index * lines.interval(0)..(index + 1) * lines.interval(0);
@@ -206,8 +206,8 @@ fn scan_row(field: &Field, lines: &Lines, index: u32, row: Row, peaks: &mut [Pea
     }
 }
 
-/// One interval of a higher level: the maxima of the two below.
-fn pair_up(rows_below: &[Row], below: &Level, index: usize, row: Row, peaks: &mut [Peak]) {
+/// Computes one interval of a higher level: the maxima of the two intervals below.
+fn pair_up(rows_below: &[Row], below: &ScanLevel, index: usize, row: Row, peaks: &mut [Peak]) {
     for child in (2 * index..2 * index + 2).filter(|child| *child < rows_below.len()) {
         let Row { first, len } = rows_below[child];
         if len == 0 {

@@ -1,23 +1,23 @@
-//! The directions in which pixels gather, and what they meet there (Timonen, Algorithm 2).
+//! The directions in which pixels gather obscurance, and the gathering (Timonen, Algorithm 2).
 
 use glam::Vec2;
 
-use super::field::Field;
+use super::field::DepthField;
 use super::scan::{Scan, Sense};
 use super::settings::FarFieldSettings;
-use super::slice::{Estimator, Receiver, Slice, Stand};
+use super::slice::{Estimator, Receiver, SlabPlacement, Slice};
 use crate::reference::mix;
 
-/// Angles that jittered pixels choose from.
+/// Number of angles that jittered pixels choose from.
 const JITTERS: usize = 16;
 
 /// A segment of a sector: a wedge of the screen.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Segment {
     sense: Sense,
-    /// Unit vector along the lines, the way the segment's sector looks.
+    /// Unit vector along the lines in the direction of the segment's sector.
     outward: Vec2,
-    /// Unit vector along the segment's middle, and its angle to `outward`.
+    /// Unit vector along the segment's middle, and the cosine of its angle to `outward`.
     along: Vec2,
     cos: f32,
     /// Lines to the right of `outward` per step, at the segment's sides and middle.
@@ -29,19 +29,19 @@ pub(crate) struct Segment {
 #[derive(Clone, Debug)]
 pub(crate) struct Segments {
     segments: Vec<Segment>,
-    /// Segments of both sectors.
+    /// Number of segments in both sectors.
     each: usize,
     seed: Option<u64>,
 }
 
 impl Segments {
-    /// Segments of the sectors that look along `along` and against it.
+    /// Makes the segments of the sectors along `along` and against it.
     pub(crate) fn new(settings: &FarFieldSettings, along: Vec2) -> Self {
         let width = std::f64::consts::TAU / f64::from(settings.sectors * settings.segments);
         let jitters = if settings.jitter.is_some() { JITTERS } else { 1 };
         let mut segments = Vec::new();
         for jitter in 0..jitters {
-            // Midpoints of equal parts of the segment; a single one is its middle.
+            // Angles are midpoints of equal parts of the segment. A single one is its middle.
             let turn = (jitter as f64 + 0.5) / jitters as f64 - 0.5;
             for sense in Sense::BOTH {
                 let outward = along * sense.sign();
@@ -63,7 +63,7 @@ impl Segments {
         Self { segments, each: 2 * settings.segments as usize, seed: settings.jitter }
     }
 
-    /// Those of pixel number `pixel`.
+    /// Returns the segments of pixel number `pixel`.
     #[inline]
     pub(crate) fn of(&self, pixel: usize) -> &[Segment] {
         let jitter = self.seed.map_or(0, |seed| mix(seed ^ mix(pixel as u64)) as usize % JITTERS);
@@ -71,9 +71,10 @@ impl Segments {
     }
 }
 
-/// Number of the first interval in the way of a receiver that stands `steps` steps along its line: the nearest that is
-/// at least `density` times its length away (Algorithm 2, line 2, where that is 1). Below 0 or beyond the last there is
-/// none.
+/// Returns the number of the first interval for a receiver `steps` steps along its line.
+///
+/// It is the nearest interval that is at least `density` times its length away (Algorithm 2, line 2, where that is 1).
+/// A number below 0 or beyond the last interval means that there is none.
 #[inline]
 fn first_interval(steps: f32, interval: f32, density: f32, sense: Sense) -> i32 {
     match sense {
@@ -82,7 +83,7 @@ fn first_interval(steps: f32, interval: f32, density: f32, sense: Sense) -> i32 
     }
 }
 
-/// Steps from a receiver to the near end of an interval.
+/// Returns the steps from a receiver to the near end of an interval.
 #[inline]
 fn near_end(steps: f32, row: i32, interval: f32, sense: Sense) -> f32 {
     match sense {
@@ -91,21 +92,23 @@ fn near_end(steps: f32, row: i32, interval: f32, sense: Sense) -> f32 {
     }
 }
 
-/// What all pixels share while they gather in one pair of opposite sectors.
+/// Inputs that all pixels share while they gather in one pair of opposite sectors.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Gather<'a> {
-    pub(crate) field: &'a Field,
+    pub(crate) field: &'a DepthField,
     pub(crate) scan: &'a Scan,
     pub(crate) estimator: Estimator<'a>,
     /// Whether slabs of intervals stand midway.
     pub(crate) midway: bool,
-    /// How many of its lengths an interval is away at least.
+    /// Smallest distance of an interval in units of its length.
     pub(crate) density: f32,
 }
 
 impl Gather<'_> {
-    /// Obscurance from the intervals of the scan, over the integral of Eq. 2 and times pi over the segment's width, for
-    /// a receiver at `at` in square pixels; `horizon` is what the near field left.
+    /// Returns the obscurance of a receiver at `at`, in square pixels, by the intervals of the scan.
+    ///
+    /// It is over the integral of Eq. 2 and times pi over the segment's width. `horizon` is the horizon after the near
+    /// field.
     pub(crate) fn far(
         &self,
         receiver: &Receiver,
@@ -120,7 +123,8 @@ impl Gather<'_> {
         // Slopes per step along the segment's middle.
         let step = self.field.pixels().slope() / cos;
         let reach = slice.reach(self.estimator.table.radius()) / step;
-        // From (metres along the lines, depth) to a vector in the slice of the segment, which is at an angle to them.
+        // The columns take (metres along the lines, depth) to a vector in the segment's slice, at an angle to the
+        // lines.
         let [across, depth] = slice.axes();
         let slope = receiver.slope();
         let start = slope.dot(along);
@@ -150,14 +154,15 @@ impl Gather<'_> {
             if let Some((point, share)) = met {
                 let top = columns[0] * point.x + columns[1] * point.y;
                 let stand = if self.midway {
-                    Stand::Midway(across * (start + near * step) + depth)
+                    SlabPlacement::Midway(across * (start + near * step) + depth)
                 } else {
-                    Stand::Top
+                    SlabPlacement::Top
                 };
                 hidden += self.estimator.add(slice, horizon, top, stand, share);
             }
             row += sense.sign() as i32;
-            // Up a level as soon as an interval of it begins here and is far enough away (section 6), but for rounding.
+            // The next level follows once one of its intervals begins here and is far enough away (section 6), up to
+            // rounding.
             if level + 1 < lines.levels().len()
                 && (row & 1 == 1) == (sense == Sense::Behind)
                 && near + 1.01 * interval >= self.density * 2.0 * interval
@@ -169,8 +174,8 @@ impl Gather<'_> {
         hidden
     }
 
-    /// The same from single samples between the receiver and the first interval; `distances` are those of the samples,
-    /// in square pixels and rising.
+    /// Returns the obscurance by single samples between the receiver and the first interval, at rising `distances` in
+    /// square pixels.
     pub(crate) fn near(
         &self,
         receiver: &Receiver,
@@ -190,14 +195,14 @@ impl Gather<'_> {
         let [across, depth] = slice.axes();
         let start = receiver.slope().dot(segment.along);
         let mut hidden = 0.0;
-        // The sample before: its line of sight and inverse depth.
+        // Line of sight and inverse depth of the sample before.
         let (mut front, mut before) = (across * start + depth, 1.0 / receiver.depth());
         for &distance in distances.iter().take_while(|distance| **distance < end) {
             let inverse = self.field.inverse(at + segment.along * distance);
             let sight = across * (start + distance * slope) + depth;
             if inverse > 0.0 {
                 let joined = self.field.joins(before, inverse);
-                let stand = if joined { Stand::Joined(front / before) } else { Stand::Top };
+                let stand = if joined { SlabPlacement::Joined(front / before) } else { SlabPlacement::Top };
                 hidden += self.estimator.add(slice, horizon, sight / inverse, stand, 1.0);
             }
             (front, before) = (sight, inverse);
@@ -207,7 +212,7 @@ impl Gather<'_> {
 }
 
 impl Segment {
-    /// The slice of the segment's middle.
+    /// Returns the slice of the segment's middle.
     #[inline]
     pub(crate) fn slice(&self, receiver: &Receiver) -> Slice {
         Slice::new(receiver, self.along)

@@ -8,37 +8,37 @@ use crate::screen::Screen;
 
 use super::slice::Receiver;
 
-/// Least dot product of two normals of one group.
-const LEAST_DOT: f32 = 0.5;
-/// Largest difference of two depths of one group, by that of its pixel.
-const MOST_DEPTH: f32 = 0.03;
-/// Pixels to either side that the selective blur takes in, and how far their values may be off.
+/// Smallest dot product of two normals in a group.
+const MIN_NORMAL_DOT: f32 = 0.5;
+/// Largest difference of two depths in a group, over the depth of its pixel.
+const MAX_DEPTH_RATIO: f32 = 0.03;
+/// Pixels to either side in the selective blur, and the largest difference of their values.
 const BLUR_REACH: usize = 2;
 const BLUR_THRESHOLD: f32 = 0.07;
 
-/// What a pixel gathers the far field for and from.
+/// The receiver for which a pixel gathers the far field, and the pixels from which it gathers.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Averaged {
-    /// Averages of the accepted pixels.
+pub(crate) struct PixelAverage {
+    /// Average of the accepted pixels.
     pub(crate) receiver: Receiver,
     /// A bit for each pixel of the group, row by row.
     accepted: u16,
 }
 
-/// Which of the nine parts of all sectors an inner pixel evaluates.
+/// Returns the part of all sectors, 0 to 8, that an inner pixel evaluates.
 #[inline]
 pub(crate) fn part(x: usize, y: usize) -> usize {
     x % 3 + 3 * (y % 3)
 }
 
-/// First column or row of the group of a pixel: it is in its middle, but at the border, where the group stays inside,
-/// so that all nine parts are in it.
+/// Returns the first column or row of the group of a pixel. The pixel is in the middle of its group, except at the
+/// border. There the group stays inside, so that it has all nine parts.
 #[inline]
 fn group_start(at: usize, len: usize) -> usize {
     at.saturating_sub(1).min(len.saturating_sub(3))
 }
 
-/// Pixels of the group of pixel (`x`, `y`): their bits, columns and rows.
+/// Returns the pixels of the group of pixel (`x`, `y`): their bits, columns and rows.
 fn group(size: Size, x: usize, y: usize) -> impl Iterator<Item = (u16, usize, usize)> {
     let (width, height) = (size.width() as usize, size.height() as usize);
     let (left, top) = (group_start(x, width), group_start(y, height));
@@ -47,11 +47,11 @@ fn group(size: Size, x: usize, y: usize) -> impl Iterator<Item = (u16, usize, us
         .flat_map(move |y| (left..(left + 3).min(width)).map(move |x| (bit(x, y), x, y)))
 }
 
-/// Kernel "Box average": averages places and normals over the pixels of each group that are alike.
+/// Kernel "Box average": averages positions and normals over the similar pixels of each group.
 ///
-/// The paper averages depths. Of a group that is not all accepted, or stands at the border, the mean of places still
-/// lies on the surface.
-pub(crate) fn box_average(screen: &Screen) -> Vec<Option<Averaged>> {
+/// The paper averages depths. The mean of positions lies on the surface even for a group at the border, or with pixels
+/// that are not accepted.
+pub(crate) fn box_average(screen: &Screen) -> Vec<Option<PixelAverage>> {
     let guard = screen.guard() as i32;
     let mut out = vec![None; screen.inner().pixels()];
     out.par_chunks_mut(screen.inner().width() as usize).enumerate().for_each(|(y, row)| {
@@ -62,7 +62,7 @@ pub(crate) fn box_average(screen: &Screen) -> Vec<Option<Averaged>> {
     out
 }
 
-fn average(screen: &Screen, x: usize, y: usize, guard: i32) -> Option<Averaged> {
+fn average(screen: &Screen, x: usize, y: usize, guard: i32) -> Option<PixelAverage> {
     let on_grid = |x: usize, y: usize| (x as i32 + guard, y as i32 + guard);
     let (at_x, at_y) = on_grid(x, y);
     let depth = screen.position(at_x, at_y)?.z;
@@ -72,23 +72,23 @@ fn average(screen: &Screen, x: usize, y: usize, guard: i32) -> Option<Averaged> 
         let (x, y) = on_grid(x, y);
         let Some(position) = screen.position(x, y) else { continue };
         let other = screen.normal(x, y);
-        if other.dot(normal) > LEAST_DOT && (position.z - depth).abs() < MOST_DEPTH * depth {
+        if other.dot(normal) > MIN_NORMAL_DOT && (position.z - depth).abs() < MAX_DEPTH_RATIO * depth {
             accepted |= bit;
             positions += position;
             normals += other;
         }
     }
     let position = positions / accepted.count_ones() as f32;
-    Some(Averaged { receiver: Receiver::new(position, normals.normalize_or(normal)), accepted })
+    Some(PixelAverage { receiver: Receiver::new(position, normals.normalize_or(normal)), accepted })
 }
 
-/// Kernel "Gather": adds to the near field of each pixel the mean of the far field of its group's accepted pixels, of
-/// which each has a ninth.
-pub(crate) fn gather(size: Size, averaged: &[Option<Averaged>], far: &[f32], near: &mut [f32]) {
+/// Kernel "Gather": adds to the near field of each pixel the mean far field of its group's accepted pixels, which
+/// evaluate a ninth each.
+pub(crate) fn gather(size: Size, averaged: &[Option<PixelAverage>], far: &[f32], near: &mut [f32]) {
     let width = size.width() as usize;
     near.par_chunks_mut(width).enumerate().for_each(|(y, row)| {
         for (x, value) in row.iter_mut().enumerate() {
-            let Some(Averaged { accepted, .. }) = averaged[y * width + x] else { continue };
+            let Some(PixelAverage { accepted, .. }) = averaged[y * width + x] else { continue };
             let sum: f32 = group(size, x, y)
                 .filter(|(bit, ..)| accepted & bit != 0)
                 .map(|(_, x, y)| far[y * width + x])
@@ -98,8 +98,8 @@ pub(crate) fn gather(size: Size, averaged: &[Option<Averaged>], far: &[f32], nea
     });
 }
 
-/// The selective blur: the mean over 5 x 5 pixels of those whose value is at most 7 % off.
-pub(crate) fn blur(size: Size, averaged: &[Option<Averaged>], values: &[f32]) -> Vec<f32> {
+/// Applies the selective blur: the mean over those of 5 x 5 pixels whose value is at most 0.07 off.
+pub(crate) fn blur(size: Size, averaged: &[Option<PixelAverage>], values: &[f32]) -> Vec<f32> {
     let (width, height) = (size.width() as usize, size.height() as usize);
     let mut out = values.to_vec();
     out.par_chunks_mut(width).enumerate().for_each(|(y, row)| {

@@ -5,9 +5,9 @@ use crate::screen::{Falloff, ScreenError, check_radius, check_setting};
 /// Settings of [`FarField`](super::FarField).
 #[derive(Clone, Debug, PartialEq)]
 pub struct FarFieldSettings {
-    /// Distance in metres at which the falloff ends; it costs next to nothing.
+    /// Distance in metres at which the falloff ends. It hardly affects the run time.
     pub radius: f32,
-    /// Weight of an occluder by its distance. Any falloff will do.
+    /// Weight of an occluder by its distance. Any falloff is possible.
     pub falloff: Falloff,
     /// K: azimuthal sectors, even, 4 to [`FarFieldSettings::MAX_SECTORS`]. The paper shows 8, 16 and 18.
     pub sectors: u32,
@@ -17,52 +17,57 @@ pub struct FarFieldSettings {
     /// `B_0`: pixels of the shortest interval, 2 to [`FarFieldSettings::MAX_INTERVAL`]. The far field begins at 1.5 of
     /// it on average. The paper shows 5, 10 and 20.
     pub interval: u32,
-    /// How many of its own lengths an interval is away at least, 1 to [`FarFieldSettings::MAX_DENSITY`]: the more, the
-    /// more slabs a direction, and the further the near field goes. 1 is the paper's spacing, some eight slabs in each
-    /// direction of a screen of 1536 x 864 with intervals of 10 pixels.
+    /// Smallest distance of an interval in units of its length, 1 to [`FarFieldSettings::MAX_DENSITY`].
+    ///
+    /// A larger one gives more slabs a direction and a longer near field. 1 is the paper's spacing, some eight slabs in
+    /// each direction of a screen of 1536 x 864 with intervals of 10 pixels.
     pub density: u32,
-    /// How what is nearer is found; `None` leaves it out.
+    /// Search of the near field; `None` leaves it out.
     pub near: Option<NearField>,
-    /// Thickness of the depth field in metres (section 11); `None` is a continuous field, which has no end.
+    /// Thickness of the depth field in metres (section 11); `None` is a continuous field of infinite thickness.
     pub thickness: Option<f32>,
-    /// Where the slab of a point stands that stands for what is between it and the receiver. False is at the point, as
-    /// in the paper (section 4): the furthest it can be, so that what has a falloff comes out too bright. True is
-    /// midway between the point and the near end of its interval, which takes most of that error away, measured against
-    /// rays through the same depth buffer. Against rays through the scene it is no better, mostly worse: there a depth
-    /// field without end is too dark, and slabs at their points make up for a part of it.
+    /// Whether a point's slab stands midway between the point and the near end of its interval, instead of at the
+    /// point.
+    ///
+    /// The slab represents everything between the point and the receiver. The paper has it at the point (section 4),
+    /// which is the furthest possible place, so falloffs come out too bright. Slabs midway remove most of that error
+    /// against rays through the same depth buffer. Against rays through the scene they are no better, mostly worse.
+    /// There an infinite depth field is too dark, and slabs at their points compensate a part of it.
     pub midway: bool,
-    /// Turns the sectors of each pixel by an angle of its own, up to half a segment to either side (section 11.1):
-    /// noise for banding. The number is the seed.
+    /// Seed for turning the sectors of each pixel by its own angle, up to half a segment to either side (section 11.1).
+    /// It replaces banding by noise.
     pub jitter: Option<u64>,
-    /// Evaluates a ninth of the sectors in each pixel (section 10).
-    pub separate: Option<Separate>,
+    /// Separable approximation: each pixel evaluates a ninth of the sectors (section 10).
+    pub separate: Option<Separation>,
 }
 
-/// The search of the near field (section 9): point samples along each segment, from half a pixel on, from one where the
-/// field has a thickness. Between samples that it joins the field is a straight line, and slabs stand in its middle.
+/// The search of the near field (section 9): point samples along each segment.
+///
+/// The first sample is half a pixel away, or one pixel where the field has a thickness. Between samples that it joins,
+/// the field is a straight line, and slabs stand in its middle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NearField {
-    /// By how much each step is longer than the one before, 1 to 4; 1 visits every pixel.
+    /// Factor by which each step is longer than the one before, 1 to 4; 1 visits every pixel.
     pub growth: f32,
 }
 
 /// Separable approximation of the far field in groups of 3 x 3 pixels (section 10).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Separate {
+pub struct Separation {
     /// Whether a selective blur hides the seam of near and far field.
     pub blur: bool,
 }
 
 impl FarFieldSettings {
-    /// Most sectors.
+    /// Largest number of sectors.
     pub const MAX_SECTORS: u32 = 180;
-    /// Most segments of a sector.
+    /// Largest number of segments in a sector.
     pub const MAX_SEGMENTS: u32 = 8;
-    /// The longest shortest interval, in pixels.
+    /// Upper limit of the shortest interval in pixels.
     pub const MAX_INTERVAL: u32 = 256;
-    /// The largest density.
+    /// Largest density.
     pub const MAX_DENSITY: u32 = 64;
-    /// Pixels of a group of [`Separate`].
+    /// Number of pixels in a group of [`Separation`].
     pub(crate) const GROUP: u32 = 9;
 
     /// Checks all ranges.
@@ -94,7 +99,7 @@ impl FarFieldSettings {
         Ok(())
     }
 
-    /// The settings in words.
+    /// Returns the settings in words.
     pub(crate) fn label(&self) -> String {
         let Self { sectors, segments, interval, radius, .. } = self;
         let mut label = format!(
@@ -120,16 +125,16 @@ impl FarFieldSettings {
         }
         match self.separate {
             None => {}
-            Some(Separate { blur: false }) => label += ", 3x3 separated",
-            Some(Separate { blur: true }) => label += ", 3x3 separated and blurred",
+            Some(Separation { blur: false }) => label += ", 3x3 separated",
+            Some(Separation { blur: true }) => label += ", 3x3 separated and blurred",
         }
         label
     }
 }
 
 impl Default for FarFieldSettings {
-    /// K = 16x2 with intervals of 10 pixels (section 8) and every pixel of the near field, over the ray tracer's own
-    /// 0.6 m and falloff.
+    /// Returns K = 16x2 with intervals of 10 pixels (section 8) and every pixel of the near field, with the ray
+    /// tracer's 0.6 m and falloff.
     fn default() -> Self {
         Self {
             radius: 0.6,

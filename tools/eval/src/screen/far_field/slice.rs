@@ -1,13 +1,13 @@
-//! One slice of the hemisphere over a receiver: the estimator of Timonen, section 4.
+//! A slice of the hemisphere over a receiver: the estimator of Timonen, section 4.
 //!
-//! A slice is a half plane through the receiver and the eye. Vectors in it are (along the zenith, to the side), the
-//! zenith being the way to the eye. Angles are compared by cross products and never computed.
+//! A slice is a half plane through the receiver and the eye. Vectors in it are (along the zenith, to the side); the
+//! zenith points to the eye. Angles are compared by cross products and never computed.
 
 use glam::{Vec2, Vec3};
 
-use super::table::Table;
+use super::table::ObscuranceTable;
 
-/// A pixel that obscurance is gathered for.
+/// A pixel for which obscurance is gathered.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Receiver {
     /// View space, metres.
@@ -23,12 +23,12 @@ impl Receiver {
         Self { position, normal, distance: position.length() }
     }
 
-    /// Metres from the eye's own plane.
+    /// Returns the depth in metres.
     pub(crate) fn depth(&self) -> f32 {
         self.position.z
     }
 
-    /// Slope at which the receiver is seen: its place on a screen one metre away.
+    /// Returns the slope of the line of sight: the place on a screen one metre away.
     pub(crate) fn slope(&self) -> Vec2 {
         self.position.truncate() / self.position.z
     }
@@ -39,22 +39,22 @@ impl Receiver {
 pub(crate) struct Slice {
     /// Distance of receiver and eye.
     distance: f32,
-    /// Scales depths onto the plane, which is slanted (`zScale` of Algorithm 2).
+    /// Scale from depths to the slanted plane (`zScale` of Algorithm 2).
     slant: f32,
     /// Unit vectors of the plane in its axes (along the screen, towards the eye's own plane).
     zenith: Vec2,
     side: Vec2,
-    /// The normal, projected onto the plane and not normalised: `n_k` of Eq. 2 and its length in one.
+    /// The normal projected onto the plane, not normalised: `n_k` of Eq. 2 times its length.
     normal: Vec2,
-    /// What of the slice the normal faces lies between these, `low` the further from the zenith.
+    /// Ends of the part of the slice that the normal faces; `low` is further from the zenith.
     low: Vec2,
     high: Vec2,
-    /// Width `w_k` of Eq. 2 for a slice of one radian on the screen, over pi.
+    /// `w_k` of Eq. 2 over pi, for a slice of one radian on the screen.
     weight: f32,
 }
 
 impl Slice {
-    /// The slice of `receiver` whose trace on the screen has the unit direction `along`.
+    /// Makes the slice of `receiver` whose trace on the screen has the unit direction `along`.
     #[inline]
     pub(crate) fn new(receiver: &Receiver, along: Vec2) -> Self {
         let Receiver { position, normal, distance } = *receiver;
@@ -65,36 +65,36 @@ impl Slice {
         let normal_across = normal.truncate().dot(along);
         let normal = Vec2::new(normal_across, -(normal.dot(position) - across * normal_across) / up);
         let normal = Vec2::new(normal.dot(zenith), normal.dot(side));
-        // The ends of what the normal faces, a right angle to either side of it, no further than zenith and nadir.
+        // The ends are a right angle to either side of the normal, but not beyond zenith and nadir.
         let (low, high) = if normal.x >= 0.0 {
             (Vec2::new(-normal.y, normal.x), Vec2::X)
         } else {
             (Vec2::NEG_X, Vec2::new(normal.y, -normal.x))
         };
-        // Equal angles on the screen are not equal around the zenith: the ratio at the middle of the slice. Summed over
-        // all slices that is a trapezoid rule of a smooth periodic function, all but exact.
+        // Equal angles on the screen are not equal around the zenith. The weight is their ratio at the middle of the
+        // slice. Summed over all slices that is a trapezoid rule of a smooth periodic function, which is almost exact.
         let weight = position.z * distance / (up * up) * std::f32::consts::FRAC_1_PI;
         Self { distance, slant: up / position.z, zenith, side, normal, low, high, weight }
     }
 
-    /// Share of the whole hemisphere, over pi, of a slice of one radian on the screen.
+    /// Returns the share of the whole hemisphere, over pi, of a slice of one radian on the screen.
     pub(crate) fn weight(&self) -> f32 {
         self.weight
     }
 
-    /// The horizon before anything was met: the surface itself.
+    /// Returns the horizon without any occluder: the surface itself.
     pub(crate) fn open(&self) -> Vec2 {
         self.low
     }
 
-    /// What maps (place along the trace in metres, depth in metres) to vectors from the eye: its columns.
+    /// Returns the columns of the map from (place along the trace, depth), in metres, to vectors from the eye.
     #[inline]
     pub(crate) fn axes(&self) -> [Vec2; 2] {
         [Vec2::new(self.zenith.x, self.side.x), Vec2::new(self.zenith.y, self.side.y) * -self.slant]
     }
 
-    /// Where the line from `before` to `top` is met by the ray halfway between `horizon` and `top`, all from the eye: at
-    /// the receiver when the line begins there.
+    /// Returns the place where the ray halfway between `horizon` and `top` meets the line from `before` to `top`, all
+    /// from the eye. It is at the receiver when the line begins there.
     #[inline]
     fn joined(&self, before: Vec2, top: Vec2, horizon: Vec2) -> Vec2 {
         let eye = Vec2::new(self.distance, 0.0);
@@ -105,8 +105,10 @@ impl Slice {
         before + (top - before) * part
     }
 
-    /// How far from the receiver on the trace, in slopes, a slab can begin to count: those that start beyond are further
-    /// than `radius` from the receiver all along. Infinite when the radius reaches behind the eye's own plane.
+    /// Returns the largest distance from the receiver on the trace, in slopes, at which a slab may start to count.
+    ///
+    /// A slab that starts beyond is everywhere further than `radius` from the receiver. The result is infinite when the
+    /// radius reaches behind the eye's plane.
     pub(crate) fn reach(&self, radius: f32) -> f32 {
         let sin = radius / self.distance;
         if sin >= 1.0 {
@@ -120,33 +122,39 @@ impl Slice {
     }
 }
 
-/// Where the slab of a point stands, which stands for all that is between the point and what is known before it.
+/// The place of a point's slab, which represents everything between the point and the known points before it.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum Stand {
+pub(crate) enum SlabPlacement {
     /// At the point (section 4).
     Top,
     /// Midway between this line of sight, given as a vector from the eye, and the point.
     Midway(Vec2),
-    /// The field is a straight line from this point, given from the eye, to the slab's: the slab is where the middle of
-    /// what is seen of it is.
+    /// At the middle of the visible part of the line from this point, given as a vector from the eye, to the slab's
+    /// point. The field is straight there.
     Joined(Vec2),
 }
 
-/// How slabs are weighed, the same for all slices.
+/// Weights of slabs, the same for all slices.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Estimator<'a> {
-    pub(crate) table: &'a Table,
-    /// Slabs end this many metres behind their tops (section 11); `None` is never.
+    pub(crate) table: &'a ObscuranceTable,
+    /// Length of slabs in metres behind their tops (section 11); `None` is infinite.
     pub(crate) thickness: Option<f32>,
 }
 
 impl Estimator<'_> {
-    /// Adds a slab whose top is at `top`, as seen from the eye, to what is hidden of `slice`, and lifts `horizon` to it.
-    /// Returns the slab's term of Eq. 3.
+    /// Returns the term of Eq. 3 of a slab with its top at `top`, as seen from the eye, and raises `horizon` to it.
     ///
-    /// `share` is how much of the slice's width the slab fills, in `(0, 1]`; the horizon rises by that share of the way.
+    /// The slab fills `share` of the slice's width, in `(0, 1]`. The horizon rises by that share of the way.
     #[inline]
-    pub(crate) fn add(&self, slice: &Slice, horizon: &mut Vec2, top: Vec2, stand: Stand, share: f32) -> f32 {
+    pub(crate) fn add(
+        &self,
+        slice: &Slice,
+        horizon: &mut Vec2,
+        top: Vec2,
+        stand: SlabPlacement,
+        share: f32,
+    ) -> f32 {
         let ray = Vec2::new(top.x + slice.distance, top.y);
         // Culled: below the horizon, or on the wrong side.
         if ray.perp_dot(*horizon) <= 0.0 || ray.y <= 0.0 {
@@ -154,9 +162,9 @@ impl Estimator<'_> {
         }
         let back = top / top.length();
         let slab = match stand {
-            Stand::Top => back,
-            Stand::Midway(sight) => (back + sight.normalize()).normalize(),
-            Stand::Joined(before) => slice.joined(before, top, *horizon).normalize_or(back),
+            SlabPlacement::Top => back,
+            SlabPlacement::Midway(sight) => (back + sight.normalize()).normalize(),
+            SlabPlacement::Joined(before) => slice.joined(before, top, *horizon).normalize_or(back),
         };
         let distance = slice.distance * slab.y;
         let mut hidden = 0.0;

@@ -1,10 +1,12 @@
 //! The table L of the obscurance estimator (Timonen, section 4, Eq. 3).
 //!
-//! L(a, b, c, d) weighs what one slab hides of a slice, from the zenith down to the angle a. The paper tabulates it in
-//! four dimensions by casting rays. Its integral comes apart, so two dimensions are enough, and the angles c and d
-//! are exact: with phi = c - theta, the angle between the slab and a ray, the slab is b / sin(phi) away and
-//! cos(theta - d) sin(theta) = (sin(d) + sin(2c - d) cos(2 phi) - cos(2c - d) sin(2 phi)) / 2. What is left to
-//! tabulate are the integrals of rho(b / sin(phi)) times 1, sin(2 phi) and cos(2 phi).
+//! L(a, b, c, d) is the weight of the part of a slice that one slab hides, from the zenith down to the angle a. The
+//! paper tabulates it in four dimensions by casting rays. The integral separates, so two dimensions are enough, and the
+//! angles c and d are exact.
+//!
+//! Let phi = c - theta be the angle between the slab and a ray. Then the slab is b / sin(phi) away, and
+//! cos(theta - d) sin(theta) = (sin(d) + sin(2c - d) cos(2 phi) - cos(2c - d) sin(2 phi)) / 2. The table holds the
+//! integrals of rho(b / sin(phi)) times 1, sin(2 phi) and cos(2 phi).
 
 use glam::{Vec2, Vec3A};
 
@@ -21,17 +23,17 @@ const STEPS: usize = 16;
 
 /// Integrals over phi from 0 of `rho(b / sin(phi))` times (1, sin 2 phi, cos 2 phi), for one radius and falloff.
 ///
-/// Any falloff will do: nothing here needs it to be smooth or to fall.
+/// Any falloff is possible; it need be neither smooth nor falling.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Table {
+pub(crate) struct ObscuranceTable {
     radius: f32,
     values: Vec<Vec3A>,
 }
 
-impl Table {
+impl ObscuranceTable {
     /// Integrates `falloff`, which ends at `radius` metres.
     pub(crate) fn new(radius: f32, falloff: &Falloff) -> Self {
-        // Midpoints of all steps: their angle's sine, what is integrated there, and the width of the step.
+        // For the midpoint of each step: the sine of its angle, and the three integrands times the width of the step.
         let steps: Vec<(f64, [f64; 3])> = (0..ANGLES)
             .flat_map(|cell| {
                 let [from, to] = [cell, cell + 1].map(node_angle);
@@ -61,22 +63,23 @@ impl Table {
         Self { radius, values }
     }
 
-    /// Distance from which on nothing counts, in metres.
+    /// Returns the distance in metres from which nothing counts.
     pub(crate) fn radius(&self) -> f32 {
         self.radius
     }
 
-    /// Bytes of the table.
+    /// Returns the size of the table on the heap in bytes.
     pub(crate) fn bytes(&self) -> usize {
         self.values.len() * size_of::<Vec3A>()
     }
 
-    /// L(high, ..) - L(low, ..) times the length of the projected normal: what a slab hides between two angles.
+    /// Returns the part that a slab hides between two angles: L(high, ..) - L(low, ..) times the length of the
+    /// projected normal.
     ///
-    /// All vectors are (along the zenith, to the side). `slab` is the unit direction of the slab away from the eye,
-    /// at the angle c; `normal` the projected normal, at the angle d; `low` and `high` point at the lower and the
-    /// upper end of what is seen of the slab and may be of any length, `low` the further from the zenith. `distance`
-    /// is b in metres, at least 0 and below the radius. Rays that point past the slab's far end meet nothing.
+    /// All vectors are (along the zenith, to the side). `slab` is the unit direction of the slab away from the eye, at
+    /// the angle c. `normal` is the projected normal, at the angle d. `low` and `high` point at the lower and the upper
+    /// end of the slab's visible part and may have any length; `low` is further from the zenith. `distance` is b in
+    /// metres, at least 0 and below the radius. Rays past the slab's far end hit nothing.
     #[inline]
     pub(crate) fn hidden(&self, distance: f32, slab: Vec2, normal: Vec2, low: Vec2, high: Vec2) -> f32 {
         let row = distance_index(distance / self.radius);
@@ -95,7 +98,7 @@ impl Table {
     }
 }
 
-/// Between two rows of the table, `part` of the way to the second, at place `index` along them.
+/// Interpolates between two rows of the table, `part` of the way to the second, at place `index` along them.
 #[inline]
 fn interpolate(rows: &[Vec3A], part: f32, index: f32) -> Vec3A {
     let cell = (index as usize).min(ANGLES - 1);
@@ -106,21 +109,21 @@ fn interpolate(rows: &[Vec3A], part: f32, index: f32) -> Vec3A {
     near + (far - near) * part
 }
 
-/// Row of a distance over the radius: rows are closer to each other at both ends, where the integrals bend like a root.
+/// Returns the row of a distance over the radius. Rows are denser at both ends, where the integrals bend like a root.
 #[inline]
 fn distance_index(distance: f32) -> f32 {
     (distance.sqrt() - (1.0 - distance).max(0.0).sqrt() + 1.0) * (DISTANCES as f32 * 0.5)
 }
 
-/// The distance over the radius of row `index`: where [`distance_index`] gives that number.
+/// Returns the distance over the radius of row `index`, for which [`distance_index`] returns that number.
 fn node_distance(index: usize) -> f64 {
     let place = index as f64 / (DISTANCES as f64 * 0.5) - 1.0;
     let root = 0.5 * (place + (2.0 - place * place).sqrt());
     (root * root).min(1.0)
 }
 
-/// Place along a row of the angle phi from `ray` on to `slab`: it grows with the angle, without trigonometry, as
-/// 1 - cos / (|cos| + sin) does. Rays past the slab's end count as along it.
+/// Returns the place along a row of the angle phi from `ray` to `slab`. It grows with the angle as
+/// 1 - cos / (|cos| + sin), which needs no trigonometry. Rays past the slab's end count as along it.
 #[inline]
 fn angle_index(slab: Vec2, ray: Vec2) -> f32 {
     let sin = ray.perp_dot(slab);
@@ -128,7 +131,7 @@ fn angle_index(slab: Vec2, ray: Vec2) -> f32 {
     if sin > 0.0 { (1.0 - cos / (cos.abs() + sin)) * (ANGLES as f32 * 0.5) } else { 0.0 }
 }
 
-/// The angle at node `index` of a row: where [`angle_index`] gives that number.
+/// Returns the angle at node `index` of a row, for which [`angle_index`] returns that number.
 fn node_angle(index: usize) -> f64 {
     let cos = 1.0 - index as f64 / (ANGLES as f64 * 0.5);
     libm::atan2(1.0 - cos.abs(), cos)
@@ -144,7 +147,7 @@ mod tests {
         Vec2::new(libm::cosf(angle), libm::sinf(angle))
     }
 
-    /// Eq. 3 as it stands: rays in the slice one by one.
+    /// Computes Eq. 3 directly, with rays in the slice one by one.
     fn cast(falloff: &Falloff, b: f32, c: f32, d: f32, high: f32, low: f32) -> f64 {
         let steps = 20_000;
         let width = f64::from(low - high) / f64::from(steps);
@@ -181,7 +184,7 @@ mod tests {
 
     #[test]
     fn without_falloff_a_wall_at_hand_hides_its_half_of_the_slice() {
-        let table = Table::new(2.0, &Falloff::Binary);
+        let table = ObscuranceTable::new(2.0, &Falloff::Binary);
         // The normal at the zenith: the integral of cos theta sin theta over a quarter turn.
         let found = table.hidden(0.0, Vec2::NEG_X, Vec2::X, Vec2::Y, Vec2::X);
         assert!((found - 0.5).abs() < 1e-5, "{found}");
@@ -208,7 +211,7 @@ mod tests {
                 _ => Falloff::sampled(&[1.0, 0.9, 0.2, 0.2, 0.1]).unwrap(),
             };
             let (high, low) = (angles.0.min(angles.1), angles.0.max(angles.1));
-            let table = Table::new(radius, &falloff);
+            let table = ObscuranceTable::new(radius, &falloff);
             let found = table.hidden(b * radius, direction(c), direction(d), direction(low), direction(high));
             let want = cast(&falloff, b, c, d, high, low);
             // A step of the falloff lies inside a cell; all others are smooth.

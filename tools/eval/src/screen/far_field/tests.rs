@@ -1,4 +1,4 @@
-//! Far-field obscurance against what is known, against a slow twin and against rays.
+//! Tests of far-field obscurance against known results, a slow reference and rays.
 
 use std::sync::Arc;
 
@@ -10,12 +10,13 @@ use psao_server::scene::Scene;
 use psao_server::world::SceneBvh;
 
 use super::scan::Sense;
-use super::slice::{Slice, Stand};
+use super::slice::{SlabPlacement, Slice};
 use super::*;
 use crate::adapter::SceneView;
-use crate::screen::{Falloff, Traced};
+use crate::screen::{Falloff, ScreenRays};
 
-/// Mean difference and share of pixels that are at most 5 % off, in per cent (section 8), of pixels with a surface.
+/// Returns the mean difference and the share of pixels at most 5 % off, in per cent, over pixels with a surface
+/// (section 8).
 fn errors(screen: &Screen, reference: &AoImage, found: &AoImage) -> (f64, f64) {
     let guard = screen.guard() as i32;
     let width = screen.inner().width() as usize;
@@ -39,7 +40,7 @@ fn built_in(name: &str, time: f64, inner: Size, guard: u32) -> Screen {
 
 #[test]
 fn an_all_hidden_hemisphere_is_one_whatever_the_normal() {
-    let table = Table::new(1.0, &Falloff::Binary);
+    let table = ObscuranceTable::new(1.0, &Falloff::Binary);
     let estimator = Estimator { table: &table, thickness: None };
     for (position, normal) in [
         (Vec3::new(0.0, 0.0, 5.0), Vec3::NEG_Z),
@@ -60,7 +61,7 @@ fn an_all_hidden_hemisphere_is_one_whatever_the_normal() {
             let top = across
                 * ((receiver.slope().dot(Vec2::new(libm::cosf(angle), libm::sinf(angle))) + 1e-6) * z)
                 + depth * z;
-            sum += slice.weight() * estimator.add(&slice, &mut horizon, top, Stand::Top, 1.0);
+            sum += slice.weight() * estimator.add(&slice, &mut horizon, top, SlabPlacement::Top, 1.0);
         }
         let found = sum * std::f32::consts::TAU / count as f32;
         assert!((found - 1.0).abs() < 0.01, "{position} {normal}: {found}");
@@ -71,7 +72,7 @@ fn size(width: u32, height: u32) -> Size {
     Size::new(width, height).unwrap()
 }
 
-/// A radius and falloff that reach far over the screens below.
+/// Returns a radius and a falloff that reach far over the screens below.
 fn settings() -> FarFieldSettings {
     FarFieldSettings {
         radius: 3.0,
@@ -80,14 +81,14 @@ fn settings() -> FarFieldSettings {
     }
 }
 
-/// The settings whose code differs.
+/// Returns settings that take different code paths.
 fn variants() -> Vec<FarFieldSettings> {
     let base = settings();
     vec![
         FarFieldSettings { sectors: 8, interval: 5, midway: true, ..base.clone() },
         FarFieldSettings { near: None, jitter: Some(3), ..base.clone() },
         FarFieldSettings { thickness: Some(0.3), jitter: Some(7), ..base.clone() },
-        FarFieldSettings { sectors: 18, separate: Some(Separate { blur: true }), ..base.clone() },
+        FarFieldSettings { sectors: 18, separate: Some(Separation { blur: true }), ..base.clone() },
         FarFieldSettings { near: Some(NearField { growth: 1.5 }), segments: 3, ..base },
     ]
 }
@@ -96,7 +97,8 @@ fn shade(settings: &FarFieldSettings, screen: &Screen) -> AoImage {
     FarField::new(settings.clone()).unwrap().shade(screen, &NoClock).unwrap().image
 }
 
-/// What a camera 90 degrees across sees of planes, each with its unit normal and its distance behind the eye.
+/// Returns the screen of a camera 90 degrees across and planes, each with its unit normal and its distance behind the
+/// eye.
 fn planes(inner: Size, guard: u32, planes: &[(Vec3, f32)]) -> Screen {
     let (width, height) = (inner.width() + 2 * guard, inner.height() + 2 * guard);
     let focal = inner.width() as f32 / 2.0;
@@ -123,15 +125,15 @@ fn a_plane_is_open_and_no_more_hidden_than_its_virtual_points_stand_out() {
         let screen = planes(size(80, 45), 8, &[(normal, 4.0)]);
         for settings in variants() {
             let least = shade(&settings, &screen).values().iter().copied().fold(1.0, f32::min);
-            // Of a plane that falls away the point at which the receiver angles meet is above it (figure 5).
+            // For a plane that falls away, the receiver angles meet above it (figure 5).
             let bound = if normal == Vec3::NEG_Z { 0.999 } else { 0.93 };
             assert!(least > bound, "{normal} {}: {least}", settings.label());
         }
     }
 }
 
-/// Accessibility beside an infinite wall on an infinite floor, `s` of the radius away from it, of linear falloff: rays
-/// one by one.
+/// Computes the accessibility of an infinite floor, `s` radii away from an infinite wall, with linear falloff and
+/// single rays.
 fn corner(s: f64) -> f64 {
     let count = 400;
     let mut open = 0.0;
@@ -148,7 +150,7 @@ fn corner(s: f64) -> f64 {
 
 #[test]
 fn a_corner_darkens_as_rays_say() {
-    // A floor and a wall that meet in front of the eye at x = 0, each at 45 degrees to the view.
+    // A floor and a wall meet in front of the eye at x = 0, each at 45 degrees to the view.
     let half = std::f32::consts::FRAC_1_SQRT_2;
     let (left, right) = (Vec3::new(half, 0.0, -half), Vec3::new(-half, 0.0, -half));
     let meet = 4.0;
@@ -160,7 +162,7 @@ fn a_corner_darkens_as_rays_say() {
         let mut last = 0.0;
         for x in 81..150 {
             let position = screen.position(x + 40, 45 + 40).unwrap();
-            // From the edge along the plane.
+            // Distance from the edge along the plane.
             let s = f64::from(position.x) / f64::from(half) / 2.0;
             let value = found.values()[45 * 160 + x as usize];
             if s < 1.0 {
@@ -177,19 +179,19 @@ fn a_corner_darkens_as_rays_say() {
 
 #[test]
 fn it_comes_close_to_rays_on_the_same_depth_field() {
-    // Per scene: bounds of the paper's e_A and e_<5% for slabs at their points and midway.
+    // For each scene the bounds of the paper's e_A and e_<5%, for slabs at their points and midway.
     for (name, bounds) in
         [("colonnade", [(2.1, 94.0), (1.2, 97.0)]), ("robot-lab", [(2.5, 94.0), (1.6, 95.0)])]
     {
         let screen = built_in(name, 1.0, size(160, 90), 16);
         let FarFieldSettings { radius, falloff, .. } = settings();
-        let rays = by_rays(&screen, &Traced { rays: 128, ..Traced::far(radius, falloff) });
+        let rays = by_rays(&screen, &ScreenRays { rays: 128, ..ScreenRays::far(radius, falloff) });
         for (midway, (average, right)) in [false, true].into_iter().zip(bounds) {
             let found = errors(&screen, &rays, &shade(&FarFieldSettings { midway, ..settings() }, &screen));
             assert!(found.0 < average && found.1 > right, "{name} {midway}: {found:?}");
         }
         let separate =
-            FarFieldSettings { sectors: 18, separate: Some(Separate { blur: true }), ..settings() };
+            FarFieldSettings { sectors: 18, separate: Some(Separation { blur: true }), ..settings() };
         let found = errors(&screen, &rays, &shade(&separate, &screen));
         assert!(found.0 < bounds[0].0 + 0.4, "{name} separate: {found:?}");
     }
@@ -197,8 +199,8 @@ fn it_comes_close_to_rays_on_the_same_depth_field() {
 
 #[test]
 fn intervals_find_what_all_samples_find() {
-    // The twin: no intervals at all, every sample of every line on its own (a shortest interval that the screen
-    // cannot hold leaves all of it to the near field).
+    // The reference has no intervals and takes every sample of every line by itself. A shortest interval larger than
+    // the screen leaves everything to the near field.
     for name in ["colonnade", "robot-lab"] {
         let screen = built_in(name, 0.5, size(96, 54), 8);
         let fast = FarFieldSettings { midway: true, ..settings() };
@@ -211,14 +213,14 @@ fn intervals_find_what_all_samples_find() {
 #[test]
 fn averages_and_maxima_are_those_of_single_samples() {
     let screen = built_in("colonnade", 0.0, size(61, 37), 4);
-    let field = Field::new(&screen, None);
+    let field = DepthField::new(&screen, None);
     for turn in [0.0_f32, 0.4, std::f32::consts::FRAC_PI_2, 2.2] {
         let along = Vec2::new(libm::cosf(turn), libm::sinf(turn));
-        let mut scan = Scan::new(&field, Lines::new(field.pixels(), along, 5));
+        let mut scan = Scan::new(&field, ScanLines::new(field.pixels(), along, 5));
         scan.sum();
         let lines = scan.lines();
         let slope = field.pixels().slope();
-        // The two maxima of one interval of one line, the slow way.
+        // The two maxima of one interval of one line, by brute force.
         let slow = |level: usize, row: usize, line: u32, sense: Sense| {
             let steps = lines.interval(level);
             let samples = (0..steps).filter_map(|step| {
@@ -243,7 +245,7 @@ fn averages_and_maxima_are_those_of_single_samples() {
                         let apart = point.zip(want).map_or(0.0, |(a, b)| (a - b).length() / b.y);
                         assert!(apart < 1e-5, "{turn} {level} {row} {line}: {point:?} {want:?}");
                     }
-                    // A third of the lines in the middle, and the edges cut in two.
+                    // The range is a third of the lines in the middle and cuts the outermost ones in half.
                     let (a, b) = (from as f32 + extent.len as f32 / 3.0, to as f32 - 0.75);
                     if b <= a {
                         continue;
@@ -304,7 +306,7 @@ fn small_screens_sky_and_wide_guards_are_fine() {
             vec![Vec3::ZERO; pixels],
         );
         assert!(shade(&settings, &sky.unwrap()).values().iter().all(|v| *v == 1.0));
-        // Something near in front of sky, and sky in the middle of it.
+        // A near surface in front of sky, with sky in the middle of it.
         let mut depths = vec![f32::INFINITY; pixels];
         for pixel in [40, 41, 42, 53, 54, 66] {
             depths[pixel] = 1e-3 * pixel as f32;
@@ -326,7 +328,7 @@ fn the_times_are_those_of_the_papers_tables_and_memory_is_told() {
     let (far_alone, without_near) = stages(FarFieldSettings { near: None, ..settings() });
     assert_eq!(far_alone, ["scan", "prefix sum", "obscurance", "gather"]);
     assert_eq!(bytes - without_near, 48 * 27 * 4 * size_of::<Vec2>(), "horizons of four segments");
-    let separate = FarFieldSettings { sectors: 18, separate: Some(Separate { blur: true }), ..settings() };
+    let separate = FarFieldSettings { sectors: 18, separate: Some(Separation { blur: true }), ..settings() };
     let want = ["scan", "box average", "prefix sum", "near field", "obscurance", "gather", "blur"];
     assert_eq!(stages(separate).0, want);
     let (thick, _) = stages(FarFieldSettings { thickness: Some(0.1), ..settings() });
@@ -360,22 +362,22 @@ fn what_is_out_of_range_is_refused() {
     for thickness in [0.0, f32::NAN] {
         assert!(refused(FarFieldSettings { thickness: Some(thickness), ..settings() }).contains("thickness"));
     }
-    let separate = Some(Separate { blur: false });
+    let separate = Some(Separation { blur: false });
     assert!(refused(FarFieldSettings { separate, ..settings() }).contains("by 18"));
     let tall = Screen::from_parts(size(4, 4), 0, [1.0, 400.0], vec![1.0; 16], vec![Vec3::NEG_Z; 16]).unwrap();
     let found = FarField::new(settings()).unwrap().shade(&tall, &NoClock);
     assert!(matches!(found, Err(ScreenError::Setting { method: "far-field", .. })), "{found:?}");
 }
 
-/// Rays through the depth field, which is continuous: what the method converges to (section 8).
-fn by_rays(screen: &Screen, rays: &Traced) -> AoImage {
+/// Computes the limit of the method with rays through the continuous depth field (section 8).
+fn by_rays(screen: &Screen, rays: &ScreenRays) -> AoImage {
     rays.shade(screen, &NoClock).unwrap().image
 }
 
-/// The estimator alone, from samples `step` square pixels apart in `count` directions.
+/// Computes the estimator alone from samples `step` square pixels apart in `count` directions.
 fn direct(screen: &Screen, radius: f32, falloff: &Falloff, count: u32, step: f32, joined: bool) -> AoImage {
-    let field = Field::new(screen, None);
-    let table = Table::new(radius, falloff);
+    let field = DepthField::new(screen, None);
+    let table = ObscuranceTable::new(radius, falloff);
     let estimator = Estimator { table: &table, thickness: None };
     let slope = field.pixels().slope();
     let values = screen.each_inner(|pixel| {
@@ -395,7 +397,7 @@ fn direct(screen: &Screen, radius: f32, falloff: &Falloff, count: u32, step: f32
                 let inverse = field.inverse(at + along * distance);
                 let top = (inverse > 0.0).then(|| (across * (start + distance * slope) + depth) / inverse);
                 if let Some(top) = top {
-                    let stand = before.filter(|_| joined).map_or(Stand::Top, Stand::Joined);
+                    let stand = before.filter(|_| joined).map_or(SlabPlacement::Top, SlabPlacement::Joined);
                     hidden += estimator.add(&slice, &mut horizon, top, stand, 1.0);
                 }
                 before = top;
@@ -416,7 +418,7 @@ fn the_estimator_converges_to_rays() {
     ] {
         let screen = built_in(name, 1.0, size(48, 27), 5);
         let radius = settings().radius;
-        let fine = Traced { rays: 512, step_px: 0.1, ..Traced::far(radius, falloff.clone()) };
+        let fine = ScreenRays { rays: 512, step_px: 0.1, ..ScreenRays::far(radius, falloff.clone()) };
         let rays = by_rays(&screen, &fine);
         let error =
             |step, joined| errors(&screen, &rays, &direct(&screen, radius, &falloff, 48, step, joined)).0;

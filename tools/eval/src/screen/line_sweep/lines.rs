@@ -1,26 +1,27 @@
-//! The lines that sweeps go along.
+//! The lines of a sweep.
 
 use glam::Vec2;
 
 use crate::screen::Screen;
 
-/// Parallel lines of pixels that cover the grid, each pixel once: one pixel to each column, or row, of a line.
+/// Parallel lines of pixels that cover each pixel of the grid once. A line has one pixel in each column, or in each
+/// row.
 #[derive(Debug)]
-pub(super) struct Lines {
-    /// Lines, and pixels a line, those beyond the grid included.
+pub(super) struct SweepLines {
+    /// Number of lines, and of pixels in a line, including those beyond the grid.
     pub(super) count: usize,
     pub(super) length: usize,
-    /// Whether lines go down, a row a pixel, rather than across.
+    /// Whether lines have one pixel in each row instead of each column.
     steep: bool,
-    /// Columns or rows to the side for each pixel along.
+    /// Shift to the side in columns, or rows, for each pixel along.
     lean: f32,
-    /// Number of the first line: where it crosses column, or row, 0.
+    /// Number of the first line: the row, or column, where it crosses column, or row, 0.
     first: i32,
     /// Unit direction of the lines in view space.
     pub(super) ahead: Vec2,
 }
 
-impl Lines {
+impl SweepLines {
     pub(super) fn new(screen: &Screen, angle: f32) -> Self {
         let direction = Vec2::new(libm::cosf(angle), libm::sinf(angle));
         let steep = direction.y.abs() > direction.x.abs();
@@ -39,14 +40,14 @@ impl Lines {
         Self { count: count as usize, length: length as usize, steep, lean, first, ahead }
     }
 
-    /// Column and row of the grid, or beside it.
+    /// Returns column and row of a pixel, which may lie beside the grid.
     #[inline]
     pub(super) fn pixel(&self, line: usize, along: usize) -> (i32, i32) {
         let side = line as i32 + self.first + shift(self.lean, along as i32);
         if self.steep { (side, along as i32) } else { (along as i32, side) }
     }
 
-    /// Where a pixel of the grid is among all the lines.
+    /// Returns the index of a pixel of the grid among the pixels of all lines.
     #[inline]
     pub(super) fn place(&self, x: i32, y: i32) -> usize {
         let (along, side) = if self.steep { (y, x) } else { (x, y) };
@@ -54,7 +55,7 @@ impl Lines {
     }
 }
 
-/// Pixels to the side after so many along.
+/// Returns the shift to the side in pixels after `along` pixels.
 #[inline]
 fn shift(lean: f32, along: i32) -> i32 {
     (lean * along as f32 + 0.5).floor() as i32
@@ -72,7 +73,7 @@ mod tests {
         let size = Size::new(13, 9).unwrap();
         let screen = Screen::from_parts(size, 2, [1.0, 0.7], vec![2.0; 221], vec![Vec3::NEG_Z; 221]).unwrap();
         for turn in 0..24 {
-            let lines = Lines::new(&screen, turn as f32 * 0.13);
+            let lines = SweepLines::new(&screen, turn as f32 * 0.13);
             let mut seen = vec![0; 17 * 13];
             for (line, along) in (0..lines.count).flat_map(|l| (0..lines.length).map(move |a| (l, a))) {
                 let (x, y) = lines.pixel(line, along);

@@ -1,4 +1,4 @@
-//! Line-sweep ambient obscurance: every direction in one walk over the depth buffer.
+//! Line-sweep ambient obscurance: one pass over the depth buffer for each direction.
 
 mod lines;
 mod slice;
@@ -7,47 +7,50 @@ use glam::{Vec2, Vec3};
 use psao_server::clock::Clock;
 use rayon::prelude::*;
 
-use self::lines::Lines;
-use self::slice::{Point, Slice};
-use super::{Falloff, Screen, ScreenError, ScreenMethod, Shaded, Stages, check_radius, check_setting};
+use self::lines::SweepLines;
+use self::slice::{HalfPlane, LinePoint};
+use super::{Falloff, Screen, ScreenError, ScreenMethod, Shading, StageTimer, check_radius, check_setting};
 
-/// Line-Sweep Ambient Obscurance (Timonen 2013, Computer Graphics Forum 32(4)): in each of K directions the depth
-/// buffer is walked along parallel lines, once, whatever the radius. A line keeps a stack of the points behind the
-/// sweep that can still be the largest occluder of one to come; a direction is hidden by the one with the largest
-/// product of falloff and integral from horizon to tangent plane, found at a cost that is constant on average.
+/// Line-Sweep Ambient Obscurance (Timonen 2013, Computer Graphics Forum 32(4)).
 ///
-/// A point leaves the stack when the one below it hides more of the current pixel, or when neither hides anything and
-/// it is behind, or on, the line between its neighbours. Runs of points on one line become one edge, whose inside is
-/// still looked at: with a falloff the largest occluder of a wall is rarely at its end. Now and then the stack misses
-/// a larger occluder.
+/// In each of K directions it sweeps the depth buffer once along parallel lines, whatever the radius. A line keeps a
+/// stack of the points behind the sweep that may be the largest occluder of a later point. A direction is hidden by the
+/// occluder with the largest product of falloff and integral from horizon to tangent plane. The search for it has a
+/// constant cost on average.
 ///
-/// One occluder a direction is all: what is above it, and what is nearer than it below its horizon, is left out (Timonen,
-/// far-field obscurance, section 2). A long falloff comes out too bright by that: of what `colonnade` lacks against rays
-/// through the depth buffer at 3 m and exponential falloff 3, nine tenths are lost to the largest of all occluders,
-/// looked for one by one, and only a tenth to the stack. Without falloff, where the largest occluder is the whole horizon
-/// within the radius, most is the stack's: what leaves it would have been the horizon of a later pixel.
+/// A point leaves the stack when the point below it hides more of the current pixel. It also leaves when neither hides
+/// anything and it lies behind, or on, the line between its neighbours. Runs of points on one line become one edge. The
+/// inside of an edge is still searched, because with a falloff the largest occluder of a wall is rarely at its end.
+/// Sometimes the stack misses a larger occluder.
 ///
-/// The method is written from its abstract and from what the far-field paper says of it.
+/// There is only one occluder a direction. Parts above it, and nearer parts below its horizon, are left out (Timonen,
+/// far-field obscurance, section 2). Long falloffs are therefore too bright. `colonnade` at 3 m and exponential falloff
+/// 3 lacks obscurance against rays through the depth buffer. Nine tenths of that are due to the single largest
+/// occluder, searched one by one, and only a tenth to the stack. Without falloff, the largest occluder is the whole
+/// horizon within the radius. Most of the loss is then due to the stack, whose removed points would have been the
+/// horizon of later pixels.
+///
+/// The sources of this implementation are the abstract of the method and its description in the far-field paper.
 ///
 /// The integral is that of a slice through the eye (Timonen, far-field obscurance, Eq. 2), which is exact for one
-/// occluder at one distance. There is no noise and no blur: few directions show as bands, as published.
+/// occluder at one distance. There is no noise and no blur, so few directions show as bands, as published.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LineSweep {
     /// Radius in metres.
     pub radius: f32,
-    /// Directions K, an even number, 2 to 256: two for each set of lines.
+    /// Directions K, an even number from 2 to 256; each set of lines has two.
     pub directions: u32,
     /// Weight of an occluder by its distance over the radius.
     pub falloff: Falloff,
-    /// How far receivers are lifted along their normal, over the radius, 0 to 1: against the facets of meshes. The ray
-    /// tracer's is 1/60.
+    /// Distance of receivers from the surface along their normal, over the radius, 0 to 1. It ignores facets of meshes.
+    /// The ray tracer's is 1/60.
     pub bias: f32,
 }
 
 impl LineSweep {
     const NAME: &'static str = "line-sweep";
 
-    /// 16 directions, linear falloff, the ray tracer's bias, at a radius in metres.
+    /// Returns settings for a radius in metres: 16 directions, linear falloff, the ray tracer's bias.
     pub fn new(radius: f32) -> Self {
         Self { radius, directions: 16, falloff: Falloff::Linear, bias: 1.0 / 60.0 }
     }
@@ -66,19 +69,19 @@ impl LineSweep {
         self.falloff.validate()
     }
 
-    /// Adds to `hidden`, one value a pixel of the line, what the points before each hide of it; `line` in the order of
-    /// the sweep, which goes along `ahead` in view space.
+    /// Adds to the value of each pixel of `line` what the points before it hide. The pixels are in the order of the
+    /// sweep, which goes along `ahead` in view space.
     fn sweep<'a>(
         &self,
-        line: impl Iterator<Item = (&'a mut f32, Option<Point>)>,
+        line: impl Iterator<Item = (&'a mut f32, Option<LinePoint>)>,
         ahead: Vec2,
-        stack: &mut Vec<Entry>,
+        stack: &mut Vec<StackEntry>,
     ) {
         stack.clear();
         for (hidden, point) in line {
             let Some(point) = point else { continue };
-            let slice = Slice::new(&point, ahead, self.bias * self.radius);
-            let mut entry = Entry::after(stack.last(), point);
+            let slice = HalfPlane::new(&point, ahead, self.bias * self.radius);
+            let mut entry = StackEntry::after(stack.last(), point);
             let mut top = self.top(&slice, stack);
             let mut most = top;
             while let [.., below, last] = stack[..] {
@@ -97,8 +100,8 @@ impl LineSweep {
         }
     }
 
-    /// The largest contribution of the last entry of a stack and the edge that leads to it.
-    fn top(&self, slice: &Slice, stack: &[Entry]) -> f32 {
+    /// Returns the largest contribution of the last entry of a stack and of the edge that leads to it.
+    fn top(&self, slice: &HalfPlane, stack: &[StackEntry]) -> f32 {
         let Some(entry) = stack.last() else { return 0.0 };
         let end = entry.point.position - slice.position;
         let mut most = self.contribution(slice, end);
@@ -107,9 +110,9 @@ impl LineSweep {
         {
             let whole = before.point.position - entry.point.position;
             let start = end + whole;
-            // What is below the tangent plane at both ends is so between them.
+            // An edge with both ends below the tangent plane is below it everywhere.
             if end.dot(slice.normal).max(start.dot(slice.normal)) > 0.0 {
-                // From what is nearest to what is furthest of the edge within the radius, closer and closer.
+                // Samples from the nearest place of the edge to the furthest within the radius, denser near the former.
                 let nearest = (-end.dot(whole) / whole.length_squared()).clamp(0.0, 1.0);
                 let reach = (self.radius / whole.length()).min(1.0 - nearest);
                 for part in [0.0, 0.03, 0.06, 0.12, 0.25, 0.5] {
@@ -120,12 +123,12 @@ impl LineSweep {
         most
     }
 
-    /// Falloff times what a horizon at `to` from the receiver hides of the slice.
+    /// Returns the falloff times the share of the slice that a horizon at `to` from the receiver hides.
     #[inline]
-    fn contribution(&self, slice: &Slice, to: Vec3) -> f32 {
+    fn contribution(&self, slice: &HalfPlane, to: Vec3) -> f32 {
         let distance = to.length();
-        // Pixels lie a little beside the line, where the tangent plane is at another angle: what is not above it is
-        // not above the line's tangent either.
+        // Pixels lie a little beside the line, where the tangent plane is at another angle. Points that are not above
+        // that plane do not count as above the line's tangent.
         if distance >= self.radius || to.dot(slice.normal) <= 0.0 {
             return 0.0;
         }
@@ -142,24 +145,24 @@ impl ScreenMethod for LineSweep {
         format!("line sweep, {} directions", self.directions)
     }
 
-    fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shaded, ScreenError> {
+    fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shading, ScreenError> {
         self.validate()?;
-        let mut stages = Stages::new(clock);
+        let mut stages = StageTimer::new(clock);
         let mut values = vec![1.0_f32; screen.inner().pixels()];
         let mut most = 0;
         let sets = self.directions / 2;
         for set in 0..sets {
-            let lines = Lines::new(screen, std::f32::consts::PI * set as f32 / sets as f32);
+            let lines = SweepLines::new(screen, std::f32::consts::PI * set as f32 / sets as f32);
             let mut hidden = vec![0.0_f32; lines.count * lines.length];
             hidden.par_chunks_mut(lines.length).enumerate().for_each_init(
                 Vec::new,
                 |stack, (line, hidden)| {
-                    let point = |along| Point::at(screen, lines.pixel(line, along), lines.ahead);
+                    let point = |along| LinePoint::at(screen, lines.pixel(line, along), lines.ahead);
                     self.sweep(hidden.iter_mut().enumerate().map(|(i, v)| (v, point(i))), lines.ahead, stack);
                     // The same line from the other end.
                     let back = |along: usize| {
                         let point = point(along)?;
-                        Some(Point { along: -point.along, ..point })
+                        Some(LinePoint { along: -point.along, ..point })
                     };
                     self.sweep(
                         hidden.iter_mut().enumerate().rev().map(|(i, v)| (v, back(i))),
@@ -184,26 +187,26 @@ impl ScreenMethod for LineSweep {
 
 /// A point on the stack, and the edge to it from the one below.
 #[derive(Clone, Copy, Debug)]
-struct Entry {
-    point: Point,
+struct StackEntry {
+    point: LinePoint,
     /// The direction in which the edge began.
     heading: Vec2,
-    /// Pixels from end to end of the edge, all on it; 0 when what lies between its ends is not.
+    /// Number of pixels of the edge; 0 when the pixels between its ends do not lie on it.
     run: u32,
 }
 
-impl Entry {
-    /// How far, as a sine, points of one edge may be from the direction in which it began: of a plane they are on it
+impl StackEntry {
+    /// Largest sine of the angle between an edge's first direction and its points. Points of a plane are on the edge up
     /// to rounding.
     const STRAIGHT: f32 = 2e-3;
 
-    /// `point` next to the last of the stack.
-    fn after(last: Option<&Self>, point: Point) -> Self {
+    /// Makes the entry of `point`, which follows the last entry of the stack.
+    fn after(last: Option<&Self>, point: LinePoint) -> Self {
         let heading = last.map_or(Vec2::ZERO, |last| (point.flat() - last.point.flat()).normalize_or_zero());
         Self { point, heading, run: 1 }
     }
 
-    /// Itself with the edge from `below`, where `last` between the two is left out.
+    /// Returns the entry with an edge from `below`, when `last` between the two is removed.
     fn merged(&self, last: &Self, below: &Self) -> Self {
         let whole = (self.point.flat() - below.point.flat()).normalize_or_zero();
         let straight =
@@ -212,7 +215,7 @@ impl Entry {
         Self { point: self.point, heading: last.heading, run: if one { self.run + last.run } else { 0 } }
     }
 
-    /// Whether it is hidden from the eye by the straight line from `before` to `after`.
+    /// Returns whether the straight line from `before` to `after` hides the point from the eye.
     #[inline]
     fn is_behind(&self, before: &Self, after: &Self) -> bool {
         let start = before.point.flat();
@@ -229,7 +232,7 @@ mod tests {
 
     use super::*;
     use crate::adapter::SceneView;
-    use crate::screen::Traced;
+    use crate::screen::ScreenRays;
 
     fn screen(width: u32, height: u32, guard: u32) -> Screen {
         let scene = std::sync::Arc::new(Scene::load("colonnade").unwrap());
@@ -238,10 +241,10 @@ mod tests {
         Screen::new(&SceneView::new(&world), &scene.camera(1.0), size, guard).unwrap()
     }
 
-    /// The largest contribution of all the points before each, one by one.
-    fn naive(method: &LineSweep, line: &[Option<Point>], ahead: Vec2) -> Vec<f32> {
+    /// Returns for each point the largest contribution of all points before it, searched one by one.
+    fn naive(method: &LineSweep, line: &[Option<LinePoint>], ahead: Vec2) -> Vec<f32> {
         let most = |at: usize| {
-            let slice = Slice::new(line[at].as_ref()?, ahead, method.bias * method.radius);
+            let slice = HalfPlane::new(line[at].as_ref()?, ahead, method.bias * method.radius);
             let before = line[..at].iter().flatten();
             Some(
                 before
@@ -258,15 +261,15 @@ mod tests {
         let method = LineSweep::new(0.6);
         let (mut sum, mut lost, mut more, mut count) = (0.0, 0.0, 0.0, 0);
         for turn in 0..8 {
-            let lines = Lines::new(&screen, turn as f32 * 0.39);
+            let lines = SweepLines::new(&screen, turn as f32 * 0.39);
             for line in 0..lines.count {
-                let points: Vec<Option<Point>> = (0..lines.length)
-                    .map(|i| Point::at(&screen, lines.pixel(line, i), lines.ahead))
+                let points: Vec<Option<LinePoint>> = (0..lines.length)
+                    .map(|i| LinePoint::at(&screen, lines.pixel(line, i), lines.ahead))
                     .collect();
                 let mut found = vec![0.0; points.len()];
                 method.sweep(found.iter_mut().zip(points.iter().copied()), lines.ahead, &mut Vec::new());
                 for (found, truth) in found.iter().zip(naive(&method, &points, lines.ahead)) {
-                    // Between the pixels of an edge may be a better one than either.
+                    // A place between two pixels of an edge may hide more than either.
                     more += f64::from(found - truth).max(0.0);
                     sum += f64::from(truth);
                     lost += f64::from(truth - found).max(0.0);
@@ -293,18 +296,19 @@ mod tests {
         let falloff = Falloff::Exponential { decay: 3.0 };
         let method = LineSweep { bias: 1e-4, falloff: falloff.clone(), ..LineSweep::new(3.0) };
         let mean = |image: &[f32]| image.iter().map(|v| f64::from(*v)).sum::<f64>() / image.len() as f64;
-        let [found, rays] = [&method as &dyn ScreenMethod, &Traced::far(3.0, falloff)]
+        let [found, rays] = [&method as &dyn ScreenMethod, &ScreenRays::far(3.0, falloff)]
             .map(|method| mean(method.shade(&screen, &NoClock).unwrap().image.values()));
         // The largest of all occluders of every direction, one by one.
         let sets = method.directions / 2;
         let mut hidden = 0.0;
         for set in 0..sets {
-            let lines = Lines::new(&screen, std::f32::consts::PI * set as f32 / sets as f32);
+            let lines = SweepLines::new(&screen, std::f32::consts::PI * set as f32 / sets as f32);
             let mut of_pixels = vec![0.0; lines.count * lines.length];
             for (line, sums) in of_pixels.chunks_mut(lines.length).enumerate() {
                 for ahead in [lines.ahead, -lines.ahead] {
-                    let mut points: Vec<Option<Point>> =
-                        (0..lines.length).map(|i| Point::at(&screen, lines.pixel(line, i), ahead)).collect();
+                    let mut points: Vec<Option<LinePoint>> = (0..lines.length)
+                        .map(|i| LinePoint::at(&screen, lines.pixel(line, i), ahead))
+                        .collect();
                     if ahead != lines.ahead {
                         points.reverse();
                         sums.reverse();

@@ -1,4 +1,4 @@
-//! Points of a line, and what one hides of another.
+//! Points of a line, and the share that one hides of another's slice.
 
 use glam::{Vec2, Vec3};
 
@@ -6,14 +6,14 @@ use crate::screen::Screen;
 
 /// A point of a line.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Point {
+pub(super) struct LinePoint {
     pub(super) position: Vec3,
     pub(super) normal: Vec3,
-    /// Its slope along the sweep: with depth, its place in the plane of eye and line.
+    /// Slope along the sweep. Together with the depth it is the place in the plane of eye and line.
     pub(super) along: f32,
 }
 
-impl Point {
+impl LinePoint {
     #[inline]
     pub(super) fn at(screen: &Screen, (x, y): (i32, i32), ahead: Vec2) -> Option<Self> {
         let position = screen.position(x, y)?;
@@ -21,7 +21,7 @@ impl Point {
         Some(Self { position, normal: screen.normal(x, y), along })
     }
 
-    /// Its place in the plane of the eye and the line, but for a shear: straight lines stay straight.
+    /// Returns the place in the plane of the eye and the line, up to a shear that keeps lines straight.
     #[inline]
     pub(super) fn flat(&self) -> Vec2 {
         Vec2::new(self.along, 1.0) * self.position.z
@@ -30,42 +30,42 @@ impl Point {
 
 /// The half plane behind a receiver, bounded by the line to the eye.
 #[derive(Debug)]
-pub(super) struct Slice {
-    /// The receiver's, lifted off the surface.
+pub(super) struct HalfPlane {
+    /// Position of the receiver, moved off the surface by the bias.
     pub(super) position: Vec3,
     pub(super) normal: Vec3,
-    /// Towards the eye, and away from it along the plane: unit.
+    /// Unit vectors of the plane: towards the eye, and perpendicular to it away from the sweep.
     zenith: Vec3,
     side: Vec3,
-    /// The normal's part in the plane: its length times cosine and sine of its angle to the zenith.
+    /// Projection of the normal onto the plane: its length times cosine and sine of its angle to the zenith.
     cos: f32,
     sin: f32,
-    /// Angle of the tangent plane to the zenith, and the integral up to there.
+    /// Angle of the tangent plane to the zenith, and the integral up to that angle.
     tangent: f32,
     full: f32,
 }
 
-impl Slice {
-    pub(super) fn new(point: &Point, ahead: Vec2, lift: f32) -> Self {
+impl HalfPlane {
+    pub(super) fn new(point: &LinePoint, ahead: Vec2, bias: f32) -> Self {
         let zenith = -point.position.normalize();
         let behind = -ahead.extend(0.0);
         let side = (behind - zenith * behind.dot(zenith)).normalize();
         let (cos, sin) = (point.normal.dot(zenith), point.normal.dot(side));
         let tangent = (libm::atan2f(sin, cos) + std::f32::consts::FRAC_PI_2).clamp(0.0, std::f32::consts::PI);
-        let position = point.position + point.normal * lift;
+        let position = point.position + point.normal * bias;
         let mut slice = Self { position, normal: point.normal, zenith, side, cos, sin, tangent, full: 0.0 };
         slice.full = slice.integral(tangent, libm::cosf(tangent), libm::sinf(tangent));
         slice
     }
 
-    /// Integral of `cos(t - d) sin(t) dt` from 0 (but for a constant) to an angle to the zenith, times the length of
-    /// the normal's part.
+    /// Returns the integral of `cos(t - d) sin(t) dt` from 0 to an angle to the zenith, up to a constant, times the
+    /// length of the projected normal.
     #[inline]
     fn integral(&self, angle: f32, cos: f32, sin: f32) -> f32 {
         0.5 * (angle * self.sin - (cos * cos - 0.5) * self.cos - cos * sin * self.sin)
     }
 
-    /// How much of the slice a horizon in this direction hides: from it down to the tangent plane, in `[0, 1]` for a
+    /// Returns the part of the slice between a horizon in this direction and the tangent plane, in `[0, 1]` for a
     /// normal in the plane.
     #[inline]
     pub(super) fn hidden(&self, to: Vec3) -> f32 {
@@ -88,11 +88,11 @@ mod tests {
 
     #[test]
     fn integrals_are_those_of_brute_force() {
-        let point = |normal: Vec3| Point { position: Vec3::new(0.0, 0.0, 2.0), normal, along: 0.0 };
+        let point = |normal: Vec3| LinePoint { position: Vec3::new(0.0, 0.0, 2.0), normal, along: 0.0 };
         for lean in [-1.2_f32, -0.5, 0.0, 0.4, 1.3] {
-            // The sweep goes to the right, so what is behind it is on the left.
+            // The sweep goes to the right, so points behind it are on the left.
             let normal = Vec3::new(-lean.sin(), 0.0, -lean.cos());
-            let slice = Slice::new(&point(normal), Vec2::X, 0.0);
+            let slice = HalfPlane::new(&point(normal), Vec2::X, 0.0);
             for horizon in [0.0_f32, 0.3, 0.9, 1.6, 2.4] {
                 let to = Vec3::new(-horizon.sin(), 0.0, -horizon.cos());
                 let steps = 20_000;
@@ -101,7 +101,7 @@ mod tests {
                     .map(|step| f64::from(horizon) + (f64::from(step) + 0.5) * width)
                     .map(|t| (t - f64::from(lean)).cos().max(0.0) * t.sin() * width)
                     .sum();
-                // Beyond the tangent plane on the other side nothing is left: the slice ends at the zenith.
+                // The slice ends at the zenith, so nothing is beyond the tangent plane on the other side.
                 let found = f64::from(slice.hidden(to));
                 assert!((found - brute).abs() < 1e-5, "{lean} {horizon}: {found} {brute}");
             }

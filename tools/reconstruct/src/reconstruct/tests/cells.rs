@@ -7,7 +7,7 @@ use psao_codec::paper::{Grid, PointSample};
 use psao_codec::paper::{Pose, State};
 
 use super::{Bounds, check, on_one_thread, row};
-use crate::reconstruct::cells::ToLocal;
+use crate::reconstruct::cells::WorldToLocal;
 use crate::reconstruct::{ReconstructError, Statistics, cells};
 use crate::testing::{Margins, Reference, TestInstance, reference, state, state_of, unit};
 use crate::{AoSampler, GBuffer, Size, Surface};
@@ -28,7 +28,7 @@ fn one(points: Vec<PointSample>) -> State {
     state(&[TestInstance { grid: grid(), kernel_radius: 0.5, pose: Pose::IDENTITY, points }])
 }
 
-/// Eq. 2 to 4 over every point of the instance whose cell is one of the two nearest on each axis.
+/// Computes Eq. 2 to 4 over every point of the instance whose cell is one of the two nearest on each axis.
 fn brute_force(state: &State, fragment: &Surface) -> Reference {
     let layout = state.layout().instances()[fragment.instance as usize];
     let pose = state.pose(fragment.instance).unwrap();
@@ -169,13 +169,13 @@ proptest! {
         let size = Size::new(u32::try_from(width).unwrap(), u32::try_from(pixels.len() / width).unwrap()).unwrap();
         let view = GBuffer::from_fragments(size, pixels).unwrap();
         let found = cells(&state, &view).unwrap();
-        check(&found, &view, Bounds { value: 2e-5, close_calls: 10 }, |fragment| brute_force(&state, fragment))?;
+        check(&found, &view, Bounds { value: 2e-5, near_thresholds: 10 }, |fragment| brute_force(&state, fragment))?;
         prop_assert_eq!(on_one_thread(|| cells(&state, &view).unwrap()), found.clone());
-        // The sampler agrees to the bit where it is asked for the same places.
+        // The sampler returns bit-identical values for the same places.
         let sampler = AoSampler::new();
         for (pixel, &value) in found.image.values().iter().enumerate() {
             let Some(fragment) = view.fragment(pixel) else { continue };
-            let to_local = ToLocal::new(state.pose(fragment.instance).unwrap());
+            let to_local = WorldToLocal::new(state.pose(fragment.instance).unwrap());
             let position = to_local.point(fragment.position).to_array();
             let normal = to_local.vector(fragment.normal).to_array();
             let ao = sampler.ao(&state, fragment.instance, position, normal);

@@ -8,11 +8,11 @@ use psao_codec::surface::{BLOCK_POINTS, State};
 
 use super::{Bounds, check, on_one_thread, row};
 use crate::reconstruct::{ReconstructError, Statistics, SurfaceReconstructor, surface};
-use crate::surface::Ao;
+use crate::surface::AoSource;
 use crate::testing::{Margins, Points, Reference, points, reference, surface_state, unit};
 use crate::{AoSampler, AtRest, GBuffer, Size, Surface, SurfaceIndex};
 
-/// A fragment whose place in the world has nothing to do with its place at rest.
+/// Returns a fragment whose place in the world has nothing to do with its place at rest.
 fn fragment(instance: u32, position: Vec3, normal: Vec3) -> Surface {
     let rest = Some(AtRest { position, normal });
     Surface { t: 1.0, position: Vec3::splat(1e3), normal: Vec3::NEG_X, instance, rest }
@@ -22,8 +22,8 @@ fn one(fragment: Surface) -> GBuffer {
     row(&[Some(fragment)])
 }
 
-/// Eq. 2 to 4 over every point of the instance.
-fn brute_force(state: &State, fragment: &Surface, ao: &impl Ao) -> Reference {
+/// Computes Eq. 2 to 4 over every point of the instance.
+fn brute_force(state: &State, fragment: &Surface, ao: &impl AoSource) -> Reference {
     let set = state.layout().members()[fragment.instance as usize].set;
     let geometry = state.geometry(set).unwrap();
     let r = f64::from(geometry.layout().kernel_radius);
@@ -61,10 +61,10 @@ proptest! {
         let size = Size::new(u32::try_from(width).unwrap(), u32::try_from(pixels.len() / width).unwrap()).unwrap();
         let view = GBuffer::from_fragments(size, pixels).unwrap();
         let found = SurfaceReconstructor::new().blend(&state, &view, &ao).unwrap();
-        check(&found, &view, Bounds { value: 2e-4, close_calls: 3 }, |fragment| brute_force(&state, fragment, &ao))?;
+        check(&found, &view, Bounds { value: 2e-4, near_thresholds: 3 }, |fragment| brute_force(&state, fragment, &ao))?;
         let alone = on_one_thread(|| SurfaceReconstructor::new().blend(&state, &view, &ao).unwrap());
         prop_assert_eq!(alone, found);
-        // The sampler agrees to the bit where it is asked for the same places.
+        // The sampler returns bit-identical values for the same places.
         let mut sampler = AoSampler::new();
         sampler.prepare(&state);
         let found = surface(&state, &view).unwrap();
@@ -178,6 +178,6 @@ fn views_that_do_not_fit_are_errors() {
 fn the_index_takes_what_it_says() {
     let points: Points = (0..1000).map(|i| (Vec3::X * (i as f32 / 1000.0), Vec3::Y)).collect();
     let state = surface_state(0.01, &[points], &[0], |_, _| 0);
-    let bytes = SurfaceIndex::new(state.geometry(0).unwrap()).bytes();
+    let bytes = SurfaceIndex::new(state.geometry(0).unwrap()).heap_bytes();
     assert!((28_000..40_000).contains(&bytes), "{bytes}");
 }

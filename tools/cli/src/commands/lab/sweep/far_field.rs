@@ -1,6 +1,6 @@
 //! The table of far-field obscurance: errors and times of each stage, beside the times that its paper gives.
 
-use psao_eval::sweep::{Record, Truth};
+use psao_eval::sweep::{Record, ReferenceRays};
 
 use crate::output::table::Figures;
 
@@ -62,10 +62,10 @@ const TIMES: [(&str, Published); 6] = [
 /// The table of a scene. The error of a method is against rays through the same depth buffer; its near field is not in
 /// the sum of the far field, as in the paper, but for methods that have no stages of their own for it. The radius and
 /// falloff, which all have from the reference, are not said again.
-pub(super) fn figures(records: Vec<&Record>, truth: &Truth) -> Figures {
+pub(super) fn figures(records: Vec<&Record>, truth: &ReferenceRays) -> Figures {
     let common = match truth {
-        Truth::Scene(_) => String::new(),
-        Truth::Screen(rays) => format!(", R = {} m, {}", rays.radius, rays.falloff.label()),
+        ReferenceRays::Scene(_) => String::new(),
+        ReferenceRays::Screen(rays) => format!(", R = {} m, {}", rays.radius, rays.falloff.label()),
     };
     let mut table = Figures::new([
         "method",
@@ -133,8 +133,10 @@ fn times(record: &Record) -> Times {
 
 #[cfg(test)]
 mod tests {
-    use psao_eval::screen::{Falloff, Traced};
-    use psao_eval::sweep::{Figures as Errors, Kind, Memory, Spread, Stage, far_field_methods};
+    use psao_eval::screen::{Falloff, ScreenRays};
+    use psao_eval::sweep::{
+        ErrorFigures as Errors, MemoryFigures, RecordKind, Spread, StageTime, far_field_methods,
+    };
 
     use super::*;
 
@@ -143,7 +145,7 @@ mod tests {
         Record {
             key: String::new(),
             scene: "s".to_owned(),
-            kind: Kind::Screen,
+            kind: RecordKind::Screen,
             name: "far-field".to_owned(),
             label: label.to_owned(),
             setting: None,
@@ -152,16 +154,20 @@ mod tests {
             picture_ms: spread(stages.iter().map(|(_, ms)| ms).sum()),
             stages: stages
                 .iter()
-                .map(|&(name, ms)| Stage { side: "client".to_owned(), name: name.to_owned(), ms: spread(ms) })
+                .map(|&(name, ms)| StageTime {
+                    side: "client".to_owned(),
+                    name: name.to_owned(),
+                    ms: spread(ms),
+                })
                 .collect(),
             stream: None,
-            memory: Memory::default(),
+            memory: MemoryFigures::default(),
         }
     }
 
     #[test]
     fn all_that_the_paper_gives_stands_beside_one_method() {
-        let methods = far_field_methods(&Traced::far(3.0, Falloff::Linear)).unwrap();
+        let methods = far_field_methods(&ScreenRays::far(3.0, Falloff::Linear)).unwrap();
         let found: Vec<Published> =
             methods.iter().map(|method| Published::of(&record(&method.label(), &[]))).collect();
         for (settings, times) in TIMES {
@@ -196,7 +202,7 @@ mod tests {
             (None, Some(4.5)),
             "gathering alone is no separation"
         );
-        let truth = Truth::Screen(Traced::far(3.0, Falloff::Linear));
+        let truth = ReferenceRays::Screen(ScreenRays::far(3.0, Falloff::Linear));
         let label = "K = 8x2, B0 = 5, R = 3 m, linear falloff, more";
         let text = figures(vec![&record(label, &stages)], &truth).to_string();
         assert!(text.contains("B0 = 5, more "), "what all have in common is not repeated: {text}");

@@ -15,7 +15,7 @@ use std::sync::Arc;
 
 use psao_codec::block::BlockCoder;
 use psao_eval::metric::{Lpips, obscurance};
-use psao_eval::sweep::{Bench, Bytes, Clip, Runs, Sample, SweepError, views};
+use psao_eval::sweep::{Bench, Clip, FrameBytes, RunCounts, Sample, SweepError, views};
 use psao_eval::texture::TextureError;
 use psao_proto::Profile;
 use psao_reconstruct::Size;
@@ -212,7 +212,7 @@ fn measure(
     let bench = Bench {
         scene: plan.scene.name(),
         views: &views,
-        runs: Runs { repeats: sweep.args.repeats, warm_up: sweep.args.warm_up },
+        runs: RunCounts { repeats: sweep.args.repeats, warm_up: sweep.args.warm_up },
         network,
         clock: &clock,
     };
@@ -236,9 +236,9 @@ fn measure(
     Ok(())
 }
 
-fn count(info: &psao_codec::envelope::FrameInfo) -> Bytes {
+fn count(info: &psao_codec::envelope::FrameInfo) -> FrameBytes {
     let parts = parts_of(info);
-    Bytes { paper: paper_bytes(&parts), wire: parts.iter().sum() }
+    FrameBytes { paper: paper_bytes(&parts), wire: parts.iter().sum() }
 }
 
 /// Returns the failure of a measurement, with the exit code of its cause.
@@ -286,8 +286,8 @@ impl AxisArgs {
         }
     }
 
-    fn grid(&self) -> psao_eval::sweep::Grid {
-        psao_eval::sweep::Grid {
+    fn grid(&self) -> psao_eval::sweep::SettingGrid {
+        psao_eval::sweep::SettingGrid {
             per_m2: self.points.clone(),
             bits: self.bits.clone(),
             threshold: self.threshold.clone(),

@@ -3,8 +3,8 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use psao_eval::report::{Cost, Page, Section, Thumbnail, csv, steps, table};
-use psao_eval::sweep::{Entry, Record, Truth};
+use psao_eval::report::{Cost, Page, SceneSection, Thumbnail, best_by_budget, csv, table};
+use psao_eval::sweep::{Record, RecordAtRadius, ReferenceRays};
 use serde::Serialize;
 
 use super::plan::{Plan, Sweep};
@@ -34,7 +34,7 @@ struct Document<'a> {
     seed: u64,
     left_out: &'a [String],
     scenes: Vec<SceneOut<'a>>,
-    records: Vec<Entry<'a>>,
+    records: Vec<RecordAtRadius<'a>>,
 }
 
 #[derive(Serialize)]
@@ -48,8 +48,8 @@ struct SceneOut<'a> {
 
 /// Prints and writes everything.
 pub(super) fn write(args: &Args, sweep: &Sweep<'_>, plans: &[Plan<'_>], store: &Store) -> Outcome {
-    let entries: Vec<Vec<Entry<'_>>> = plans.iter().map(|plan| plan.entries(store)).collect();
-    let all: Vec<Entry<'_>> = entries.iter().flatten().copied().collect();
+    let entries: Vec<Vec<RecordAtRadius<'_>>> = plans.iter().map(|plan| plan.entries(store)).collect();
+    let all: Vec<RecordAtRadius<'_>> = entries.iter().flatten().copied().collect();
     let document = Document {
         schema: "psao-evaluate/1",
         machine: &sweep.machine,
@@ -98,14 +98,14 @@ fn scene<'a>(plan: &Plan<'a>) -> SceneOut<'a> {
         radius_m: plan.reference.radius,
         occlusion: format!("{:?}", plan.reference.kind).to_lowercase(),
         reference: match plan.truth {
-            Truth::Scene(_) => "scene",
-            Truth::Screen(_) => "screen",
+            ReferenceRays::Scene(_) => "scene",
+            ReferenceRays::Screen(_) => "screen",
         },
     }
 }
 
 /// A table for each plan, or for each scene.
-fn print(args: &Args, plans: &[Plan<'_>], entries: &[Vec<Entry<'_>>]) -> Outcome {
+fn print(args: &Args, plans: &[Plan<'_>], entries: &[Vec<RecordAtRadius<'_>>]) -> Outcome {
     let together = args.table.is_some_and(TableArg::spans_radii);
     let one_table = |a: &Plan<'_>, b: &Plan<'_>| together && Arc::ptr_eq(a.scene, b.scene);
     let mut rest = entries;
@@ -124,7 +124,7 @@ fn print(args: &Args, plans: &[Plan<'_>], entries: &[Vec<Entry<'_>>]) -> Outcome
             radii.join(", "),
             through(&plan.truth),
         ))?;
-        let all: Vec<Entry<'_>> = shown.iter().flatten().copied().collect();
+        let all: Vec<RecordAtRadius<'_>> = shown.iter().flatten().copied().collect();
         if let Some(table) = args.table {
             say(table.figures(&all, &plan.truth))?;
         } else {
@@ -145,22 +145,22 @@ fn print(args: &Args, plans: &[Plan<'_>], entries: &[Vec<Entry<'_>>]) -> Outcome
     Ok(())
 }
 
-fn records<'a>(entries: &[Entry<'a>]) -> Vec<&'a Record> {
+fn records<'a>(entries: &[RecordAtRadius<'a>]) -> Vec<&'a Record> {
     entries.iter().map(|entry| entry.record).collect()
 }
 
 /// Returns where the rays of references go, if not through the scene.
-fn through(truth: &Truth) -> String {
+fn through(truth: &ReferenceRays) -> String {
     match truth {
-        Truth::Scene(_) => String::new(),
-        Truth::Screen(rays) => format!(" through the depth buffer, {}", rays.falloff.label()),
+        ReferenceRays::Scene(_) => String::new(),
+        ReferenceRays::Screen(rays) => format!(" through the depth buffer, {}", rays.falloff.label()),
     }
 }
 
 /// Prints which setting to choose for which cost.
 fn recommend(scene: &str, records: &[&Record]) -> Outcome {
     for (cost, unit) in [(Cost::MbitPerSecond, "Mbit/s"), (Cost::PictureMs, "ms a picture on the client")] {
-        let steps = steps(records, cost);
+        let steps = best_by_budget(records, cost);
         let Some(first) = steps.first() else { continue };
         say(format_args!(
             "{scene}: with less than {:.3} {unit}, nothing that was measured fits.",
@@ -182,13 +182,13 @@ fn page<'a>(
     args: &Args,
     sweep: &Sweep<'_>,
     plans: &[Plan<'_>],
-    entries: &[Vec<Entry<'a>>],
+    entries: &[Vec<RecordAtRadius<'a>>],
     store: &Store,
 ) -> Page<'a> {
     let sections = plans.iter().zip(entries).map(|(plan, entries)| {
         let records = records(entries);
         let pictures = thumbnails(args.thumbnails, plan, &records, store);
-        Section { scene: plan.title(), records, pictures }
+        SceneSection { scene: plan.title(), records, pictures }
     });
     let grid = if args.full || args.table.is_some() {
         "Every combination of the settings was measured."

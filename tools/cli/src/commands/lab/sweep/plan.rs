@@ -2,10 +2,10 @@
 
 use std::sync::Arc;
 
-use psao_eval::screen::{Falloff, ScreenMethod, Traced};
+use psao_eval::screen::{Falloff, ScreenMethod, ScreenRays};
 use psao_eval::sweep::{
-    Entry, Setting, TEXTURE_SPACE, Truth, far_field_methods, picture_times, pyramid_methods, reach_px,
-    screen_methods,
+    RecordAtRadius, ReferenceRays, Setting, TEXTURE_SPACE, far_field_methods, picture_times, pyramid_methods,
+    reach_px, screen_methods,
 };
 use psao_eval::texture::TextureSettings;
 use psao_reconstruct::Size;
@@ -58,7 +58,7 @@ pub(super) struct Plan<'a> {
     alone: bool,
     /// Its radius in pixels, where methods are chosen by it.
     reach_px: Option<f32>,
-    pub(super) truth: Truth,
+    pub(super) truth: ReferenceRays,
     pub(super) times: Vec<f64>,
     /// With their keys, in the order of tables.
     pub(super) jobs: Vec<(String, Job)>,
@@ -125,7 +125,7 @@ impl<'a> Sweep<'a> {
     }
 
     /// Returns the digest of a scene and everything else that the figures depend on.
-    fn key(&self, scene: &Scene, truth: &Truth, what: &str) -> String {
+    fn key(&self, scene: &Scene, truth: &ReferenceRays, what: &str) -> String {
         let args = self.args;
         let parts = format!(
             "psao-evaluate/1 {} {:?} {what} {:?} {} {} {} {:?} {truth:?} {} {} {} {:?}",
@@ -199,19 +199,23 @@ impl<'a> Plan<'a> {
         let reference = AoSettings { rays: args.reference_rays, radius, kind, seed: args.seed };
         reference.validate().map_err(Failure::usage)?;
         let far = args.table == Some(TableArg::FarField);
-        let truth = if far { Truth::Screen(far_reference(&reference)) } else { Truth::Scene(reference) };
+        let truth = if far {
+            ReferenceRays::Screen(far_reference(&reference))
+        } else {
+            ReferenceRays::Scene(reference)
+        };
         let times = picture_times(sweep.seconds, sweep.rate, args.pictures);
         let mut reach = None;
         let methods = match &truth {
-            Truth::Scene(ao) if args.table == Some(TableArg::PyramidHbao) => {
+            ReferenceRays::Scene(ao) if args.table == Some(TableArg::PyramidHbao) => {
                 let smallest = radii.iter().copied().fold(radius, f32::min);
                 let pixels = reach_px(scene, &times, sweep.size, radius).map_err(super::refused)?;
                 pyramid_methods(ao, smallest, *reach.insert(pixels)).map_err(|error| {
                     Failure::usage(format_args!("a radius of {radius} m beside one of {smallest} m: {error}"))
                 })
             }
-            Truth::Scene(ao) => screen_methods(ao).map_err(Failure::usage),
-            Truth::Screen(rays) => far_field_methods(rays).map_err(Failure::usage),
+            ReferenceRays::Scene(ao) => screen_methods(ao).map_err(Failure::usage),
+            ReferenceRays::Screen(rays) => far_field_methods(rays).map_err(Failure::usage),
         };
         let usual = ServerSettings::default();
         let base = ServerSettings {
@@ -253,11 +257,11 @@ impl<'a> Plan<'a> {
 
 impl Plan<'_> {
     /// Returns the records that have been measured, in the order of tables.
-    pub(super) fn entries<'s>(&self, store: &'s Store) -> Vec<Entry<'s>> {
+    pub(super) fn entries<'s>(&self, store: &'s Store) -> Vec<RecordAtRadius<'s>> {
         let entry = |(key, job): &(String, Job)| {
             let sampling = if let Job::Method(method) = job { method.sampling() } else { None };
             let (radius_m, reach_px) = (self.reference.radius, self.reach_px);
-            Some(Entry { record: store.record(key)?, radius_m, reach_px, sampling })
+            Some(RecordAtRadius { record: store.record(key)?, radius_m, reach_px, sampling })
         };
         self.jobs.iter().filter_map(entry).collect()
     }
@@ -270,12 +274,12 @@ impl Plan<'_> {
 }
 
 /// The reference of far-field obscurance, with an exponential falloff as in its paper where rays are weighted at all.
-fn far_reference(ao: &AoSettings) -> Traced {
+fn far_reference(ao: &AoSettings) -> ScreenRays {
     let falloff = match ao.kind {
         Occlusion::Obscurance => Falloff::Exponential { decay: 3.0 },
         Occlusion::Binary => Falloff::Binary,
     };
-    Traced { rays: ao.rays, seed: ao.seed, ..Traced::far(ao.radius, falloff) }
+    ScreenRays { rays: ao.rays, seed: ao.seed, ..ScreenRays::far(ao.radius, falloff) }
 }
 
 /// Returns the methods of these names.

@@ -1,7 +1,7 @@
 //! Tables and figures of papers: what they sweep, and what they show.
 
 use clap::ValueEnum;
-use psao_eval::sweep::{Entry, TEXTURE_SPACE, Truth};
+use psao_eval::sweep::{RecordAtRadius, ReferenceRays, TEXTURE_SPACE};
 
 use super::{AxisArgs, far_field, psao, pyramid};
 use crate::args::Coder;
@@ -68,7 +68,7 @@ impl TableArg {
     }
 
     /// Returns the table of a scene, in the paper's columns.
-    pub(super) fn figures(self, entries: &[Entry<'_>], truth: &Truth) -> Figures {
+    pub(super) fn figures(self, entries: &[RecordAtRadius<'_>], truth: &ReferenceRays) -> Figures {
         let records = || entries.iter().map(|entry| entry.record).collect();
         match self {
             Self::FarField => far_field::figures(records(), truth),
@@ -78,7 +78,7 @@ impl TableArg {
     }
 
     /// Returns the text under the table: how it compares with the paper.
-    pub(super) fn beside(self, entries: &[Entry<'_>]) -> Option<String> {
+    pub(super) fn beside(self, entries: &[RecordAtRadius<'_>]) -> Option<String> {
         match self {
             Self::PyramidHbao => Some(pyramid::growth(entries)),
             Self::PsaoTable1 => Some(psao::published()),

@@ -2,8 +2,8 @@
 
 use std::fmt::Write as _;
 
-use psao_eval::report::exponent;
-use psao_eval::sweep::Entry;
+use psao_eval::report::power_law_exponent;
+use psao_eval::sweep::RecordAtRadius;
 
 use crate::output::table::Figures;
 
@@ -22,7 +22,7 @@ const PUBLISHED: &str =
     "Published (RTX 2080 Mobile, 1280x720): HBAO, D = 8, S = 10: 0.58 ms, without the blur's 0.25 ms.";
 
 /// Returns the table of a scene: its radii one after the other.
-pub(super) fn figures(entries: &[Entry<'_>]) -> Figures {
+pub(super) fn figures(entries: &[RecordAtRadius<'_>]) -> Figures {
     let mut table = Figures::new([
         "method",
         "radius, m",
@@ -56,7 +56,7 @@ pub(super) fn figures(entries: &[Entry<'_>]) -> Figures {
 }
 
 /// Returns how time and samples grow with the radius, by method, beside the paper's figures.
-pub(super) fn growth(entries: &[Entry<'_>]) -> String {
+pub(super) fn growth(entries: &[RecordAtRadius<'_>]) -> String {
     let mut names: Vec<&str> = Vec::new();
     for entry in entries {
         if !names.contains(&entry.record.name.as_str()) {
@@ -68,11 +68,11 @@ pub(super) fn growth(entries: &[Entry<'_>]) -> String {
         let of_name = || entries.iter().filter(|entry| entry.record.name == name);
         let ms: Vec<_> =
             of_name().map(|entry| (f64::from(entry.radius_m), entry.ms_without_blur())).collect();
-        let Some(p) = exponent(&ms) else { continue };
+        let Some(p) = power_law_exponent(&ms) else { continue };
         let samples: Option<Vec<_>> = of_name()
             .map(|entry| Some((f64::from(entry.radius_m), f64::from(entry.sampling?.per_pixel))))
             .collect();
-        let samples = samples.and_then(|samples| exponent(&samples));
+        let samples = samples.and_then(|samples| power_law_exponent(&samples));
         let samples = samples.map_or_else(String::new, |p| format!(", samples ~ R^{p:.2}"));
         let said = SAID.iter().find(|(said, _)| *said == name);
         let said = said.map_or_else(String::new, |(_, said)| format!("; the paper: {said}"));
@@ -84,14 +84,14 @@ pub(super) fn growth(entries: &[Entry<'_>]) -> String {
 #[cfg(test)]
 mod tests {
     use psao_eval::screen::Sampling;
-    use psao_eval::sweep::{Figures as Errors, Kind, Memory, Record, Spread, Stage};
+    use psao_eval::sweep::{ErrorFigures as Errors, MemoryFigures, Record, RecordKind, Spread, StageTime};
 
     use super::*;
 
     fn record(name: &str, sample_ms: f64) -> Record {
         let spread = |median| Spread { median, low: median, high: median, samples: 1 };
         let stages = [("pyramid", 0.5), ("sample", sample_ms), ("blur", 30.0)];
-        let stage = |(name, ms): (&str, f64)| Stage {
+        let stage = |(name, ms): (&str, f64)| StageTime {
             side: "client".to_owned(),
             name: name.to_owned(),
             ms: spread(ms),
@@ -99,7 +99,7 @@ mod tests {
         Record {
             key: String::new(),
             scene: "s".to_owned(),
-            kind: Kind::Screen,
+            kind: RecordKind::Screen,
             name: name.to_owned(),
             label: String::new(),
             setting: None,
@@ -108,14 +108,14 @@ mod tests {
             picture_ms: spread(sample_ms + 30.5),
             stages: stages.map(stage).to_vec(),
             stream: None,
-            memory: Memory::default(),
+            memory: MemoryFigures::default(),
         }
     }
 
-    fn entry(record: &Record, radius_m: f32, side: u32) -> Entry<'_> {
+    fn entry(record: &Record, radius_m: f32, side: u32) -> RecordAtRadius<'_> {
         let sampling =
             Sampling { directions: Some(side), along: Some(side), levels: 0, per_pixel: side * side };
-        Entry { record, radius_m, reach_px: Some(radius_m * 80.0), sampling: Some(sampling) }
+        RecordAtRadius { record, radius_m, reach_px: Some(radius_m * 80.0), sampling: Some(sampling) }
     }
 
     #[test]
@@ -135,7 +135,7 @@ mod tests {
     #[test]
     fn one_radius_does_not_grow() {
         let record = record("scalable", 1.0);
-        let alone = Entry { sampling: None, reach_px: None, ..entry(&record, 1.0, 8) };
+        let alone = RecordAtRadius { sampling: None, reach_px: None, ..entry(&record, 1.0, 8) };
         assert_eq!(growth(&[alone]), PUBLISHED);
         assert!(figures(&[alone]).to_string().contains('\u{2013}'), "unknown values are shown as a dash");
     }

@@ -115,7 +115,7 @@ fn json(record: &Record) -> Outcome<String> {
 
 #[cfg(test)]
 mod tests {
-    use psao_eval::sweep::{Figures, Kind, Memory, Spread};
+    use psao_eval::sweep::{ErrorFigures, MemoryFigures, RecordKind, Spread};
 
     use super::*;
 
@@ -123,16 +123,16 @@ mod tests {
         Record {
             key: key.to_owned(),
             scene: "s".to_owned(),
-            kind: Kind::Screen,
+            kind: RecordKind::Screen,
             name: "ssao".to_owned(),
             label: "8".to_owned(),
             setting: None,
-            error: Figures { mae: 0.1, lpips: Some(0.3), ..Figures::default() },
+            error: ErrorFigures { mae: 0.1, lpips: Some(0.3), ..ErrorFigures::default() },
             pictures: Vec::new(),
             picture_ms: Spread::default(),
             stages: Vec::new(),
             stream: None,
-            memory: Memory::default(),
+            memory: MemoryFigures::default(),
         }
     }
 
@@ -158,8 +158,11 @@ mod tests {
     fn figures_that_were_kept_are_the_same_to_the_last_digit() {
         let folder = tempfile::tempdir().unwrap();
         // Read in the quick way these come out one step off.
-        let error =
-            Figures { mae: 0.921_883_680_555_555_5, rmse: 0.991_277_515_888_214_1, ..Figures::default() };
+        let error = ErrorFigures {
+            mae: 0.921_883_680_555_555_5,
+            rmse: 0.991_277_515_888_214_1,
+            ..ErrorFigures::default()
+        };
         let kept = Record { error, ..record("a") };
         Store::open(Some(folder.path()), false).unwrap().add(kept.clone()).unwrap();
         assert_eq!(Store::open(Some(folder.path()), true).unwrap().record("a"), Some(&kept));

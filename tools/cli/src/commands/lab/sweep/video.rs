@@ -4,7 +4,7 @@ use std::fmt;
 use std::io::{Read as _, Write as _};
 use std::process::{Command, Stdio};
 
-use psao_eval::texture::{Coded, VideoCoder, VideoError};
+use psao_eval::texture::{VideoClip, VideoCoder, VideoError};
 use psao_reconstruct::Size;
 
 use crate::context::Stopwatch;
@@ -57,7 +57,7 @@ impl VideoCoder for X264 {
         format!("x264 crf {}", self.crf)
     }
 
-    fn code(&self, size: Size, fps: f32, frames: &[Vec<u8>]) -> Result<Coded, VideoError> {
+    fn code(&self, size: Size, fps: f32, frames: &[Vec<u8>]) -> Result<VideoClip, VideoError> {
         let size = format!("{}x{}", size.width(), size.height());
         let clock = Stopwatch::start();
         let raw = ["-f", "rawvideo", "-pix_fmt", "gray"];
@@ -94,7 +94,7 @@ impl VideoCoder for X264 {
         let bytes = access_units(&video);
         let pixels = frames.first().map_or(1, Vec::len).max(1);
         let decoded: Vec<Vec<u8>> = decoded.chunks_exact(pixels).map(<[u8]>::to_vec).collect();
-        Ok(Coded { bytes, frames: decoded, encode_micros: encoded, decode_micros })
+        Ok(VideoClip { bytes, frames: decoded, encode_micros: encoded, decode_micros })
     }
 }
 

@@ -1,38 +1,38 @@
-//! The points around a patch of fragments with their current AO, eight side by side.
+//! The points around an octant of a cell with their current AO, in groups of eight.
 //!
-//! In two steps, each of which keeps what was needed last: the points of 2 x 2 x 2 cells with their AO (*region*), and
-//! of these the ones that are near enough to a patch. Fragments near each other mostly share their patch, and patches
-//! their region, so neither is made often.
+//! Two caches stand one behind the other. The first holds the points of 2 x 2 x 2 cells (a *region*), the second those
+//! of a region that are near enough to an octant. Neighbouring fragments mostly share an octant, and neighbouring
+//! octants a region, so entries are rarely filled.
 
-use super::index::{IndexPoint, Patch, SurfaceIndex};
-use crate::kernel::{Group, LANES};
+use super::index::{IndexPoint, Octant, SurfaceIndex};
+use crate::kernel::{LANES, PointGroup};
 
-/// AO byte of an instance's point, which its set's geometry numbers; `None` until it has come.
-pub(crate) trait Ao: Fn(u32, usize) -> Option<u8> + Sync {}
+/// Function from an instance and a point of its set to the point's AO byte; `None` until the byte has arrived.
+pub(crate) trait AoSource: Fn(u32, usize) -> Option<u8> + Sync {}
 
-impl<F: Fn(u32, usize) -> Option<u8> + Sync> Ao for F {}
+impl<F: Fn(u32, usize) -> Option<u8> + Sync> AoSource for F {}
 
-/// Points, eight side by side.
+/// Points in groups of eight.
 #[derive(Clone)]
-struct Groups {
+struct PointGroups {
     count: usize,
-    groups: Vec<Group>,
+    groups: Vec<PointGroup>,
 }
 
-impl Groups {
-    const NONE: Self = Self { count: 0, groups: Vec::new() };
+impl PointGroups {
+    const EMPTY: Self = Self { count: 0, groups: Vec::new() };
 
     fn clear(&mut self) {
         self.count = 0;
         self.groups.clear();
     }
 
-    /// The lane for one more point.
+    /// Returns the group and the lane of one more point.
     #[inline]
-    fn lane(&mut self) -> (&mut Group, usize) {
+    fn lane(&mut self) -> (&mut PointGroup, usize) {
         let lane = self.count % LANES;
         if lane == 0 {
-            self.groups.push(Group::EMPTY);
+            self.groups.push(PointGroup::EMPTY);
         }
         self.count += 1;
         let last = self.groups.len() - 1;
@@ -43,13 +43,13 @@ impl Groups {
 /// The points of 2 x 2 x 2 cells.
 #[derive(Clone)]
 struct Region {
-    /// Instance and lowest cell.
+    /// Instance and lowest cell; `None` for an empty entry.
     key: Option<(u32, [i32; 3])>,
-    points: Groups,
+    points: PointGroups,
 }
 
 impl Region {
-    fn fill(&mut self, ao: &impl Ao, index: &SurfaceIndex, instance: u32, base: [i32; 3]) {
+    fn fill(&mut self, ao: &impl AoSource, index: &SurfaceIndex, instance: u32, base: [i32; 3]) {
         self.key = Some((instance, base));
         self.points.clear();
         each_arrived(ao, index, instance, base, |placed, ao| {
@@ -59,9 +59,9 @@ impl Region {
     }
 }
 
-/// Gives each point of the 2 x 2 x 2 cells from `base` on whose AO has come to `take`, with its accessibility.
+/// Calls `take` with each point of the 2 x 2 x 2 cells from `base` on whose AO has arrived, and its accessibility.
 fn each_arrived(
-    ao: &impl Ao,
+    ao: &impl AoSource,
     index: &SurfaceIndex,
     instance: u32,
     base: [i32; 3],
@@ -77,18 +77,18 @@ fn each_arrived(
     }
 }
 
-/// Gives each point that may be near the places of a patch to `take`: those of [`Patches::of`] in their order, without
-/// any memory.
+/// Gives each point that may be near the places of an octant to `take`: those of [`PointCache::of`] in their order,
+/// without any memory.
 pub(crate) fn each_near(
-    ao: &impl Ao,
+    ao: &impl AoSource,
     index: &SurfaceIndex,
     instance: u32,
-    patch: Patch,
+    octant: Octant,
     mut take: impl FnMut(&IndexPoint, f32),
 ) {
-    let [low, high] = index.corners(patch).map(|corner| corner.to_array());
+    let [low, high] = index.corners(octant).map(|corner| corner.to_array());
     let reach = index.reach() * index.reach();
-    each_arrived(ao, index, instance, SurfaceIndex::base(patch), |placed, ao| {
+    each_arrived(ao, index, instance, SurfaceIndex::base(octant), |placed, ao| {
         let mut square = 0.0_f32;
         for axis in 0..3 {
             square += square_past(low[axis], high[axis], placed.position[axis]);
@@ -99,25 +99,25 @@ pub(crate) fn each_near(
     });
 }
 
-/// Squared distance on one axis from `at` to the interval from `low` to `high`.
+/// Returns the squared distance on one axis from `at` to the interval from `low` to `high`.
 #[inline]
 fn square_past(low: f32, high: f32, at: f32) -> f32 {
     let past = (low - at).max(at - high).max(0.0);
     past * past
 }
 
-/// The points of a region that may be near the fragments of a patch.
+/// The points of a region that may be near the places in an octant.
 #[derive(Clone)]
-struct PatchPoints {
-    key: Option<(u32, Patch)>,
-    points: Groups,
+struct OctantPoints {
+    key: Option<(u32, Octant)>,
+    points: PointGroups,
 }
 
-impl PatchPoints {
-    fn fill(&mut self, region: &Region, index: &SurfaceIndex, instance: u32, patch: Patch) {
-        self.key = Some((instance, patch));
+impl OctantPoints {
+    fn fill(&mut self, region: &Region, index: &SurfaceIndex, instance: u32, octant: Octant) {
+        self.key = Some((instance, octant));
         self.points.clear();
-        let [low, high] = index.corners(patch).map(|corner| corner.to_array());
+        let [low, high] = index.corners(octant).map(|corner| corner.to_array());
         let reach = index.reach() * index.reach();
         for group in &region.points.groups {
             let mut square = [0.0_f32; LANES];
@@ -135,10 +135,10 @@ impl PatchPoints {
     }
 }
 
-impl Groups {
+impl PointGroups {
     /// Adds a copy of a point.
     #[inline]
-    fn take(&mut self, from: &Group, at: usize) {
+    fn take(&mut self, from: &PointGroup, at: usize) {
         let (group, lane) = self.lane();
         for axis in 0..3 {
             group.position[axis][lane] = from.position[axis][at];
@@ -148,47 +148,53 @@ impl Groups {
     }
 }
 
-/// Regions and patches that were needed last.
-pub(crate) struct Patches {
+/// Cache of the regions and octants that were needed last.
+pub(crate) struct PointCache {
     regions: Vec<Region>,
-    near: Vec<PatchPoints>,
+    near: Vec<OctantPoints>,
 }
 
-impl Patches {
+impl PointCache {
     /// Slots: regions that touch never share one, nor patches less than four apart, nor two instances that follow
     /// each other.
-    const REGIONS: usize = 16;
-    const PATCHES: usize = 128;
+    const REGION_ENTRIES: usize = 16;
+    const OCTANT_ENTRIES: usize = 128;
 
     pub(crate) fn new() -> Self {
         Self {
-            regions: vec![Region { key: None, points: Groups::NONE }; Self::REGIONS],
-            near: vec![PatchPoints { key: None, points: Groups::NONE }; Self::PATCHES],
+            regions: vec![Region { key: None, points: PointGroups::EMPTY }; Self::REGION_ENTRIES],
+            near: vec![OctantPoints { key: None, points: PointGroups::EMPTY }; Self::OCTANT_ENTRIES],
         }
     }
 
-    /// The points that may be near the fragments of a patch.
+    /// Returns the points that may be near the places in an octant.
     #[inline]
-    pub(crate) fn of(&mut self, ao: &impl Ao, index: &SurfaceIndex, instance: u32, patch: Patch) -> &[Group] {
-        let Patch([x, y, z]) = patch;
+    pub(crate) fn of(
+        &mut self,
+        ao: &impl AoSource,
+        index: &SurfaceIndex,
+        instance: u32,
+        octant: Octant,
+    ) -> &[PointGroup] {
+        let Octant([x, y, z]) = octant;
         let slot = x & 3 | (y & 3) << 2 | (z & 3) << 4 | (instance as i32 & 1) << 6;
         let near = &mut self.near[slot as usize];
-        if near.key != Some((instance, patch)) {
-            near.fill(region(&mut self.regions, ao, index, instance, patch), index, instance, patch);
+        if near.key != Some((instance, octant)) {
+            near.fill(region(&mut self.regions, ao, index, instance, octant), index, instance, octant);
         }
         &near.points.groups
     }
 }
 
-/// The region of a patch.
+/// Returns the region of an octant.
 fn region<'a>(
     regions: &'a mut [Region],
-    ao: &impl Ao,
+    ao: &impl AoSource,
     index: &SurfaceIndex,
     instance: u32,
-    patch: Patch,
+    octant: Octant,
 ) -> &'a Region {
-    let base = SurfaceIndex::base(patch);
+    let base = SurfaceIndex::base(octant);
     let [x, y, z] = base;
     let slot = x & 1 | (y & 1) << 1 | (z & 1) << 2 | (instance as i32 & 1) << 3;
     let region = &mut regions[slot as usize];

@@ -1,4 +1,4 @@
-//! What a reconstruction gives, and why there is none.
+//! The result of a reconstruction, and its errors.
 
 use crate::AoImage;
 
@@ -7,7 +7,7 @@ use crate::AoImage;
 pub struct Reconstruction {
     /// Accessibility of each pixel; 1 where there is background or no point counts.
     pub image: AoImage,
-    /// What went into it.
+    /// Counts over its fragments.
     pub statistics: Statistics,
 }
 
@@ -16,19 +16,19 @@ pub struct Reconstruction {
 pub struct Statistics {
     /// Pixels that show a surface.
     pub fragments: u64,
-    /// Fragments for which no point had a weight above 0; Eq. 4 calls them open.
+    /// Fragments without a point of a weight above 0; Eq. 4 calls them open.
     pub unsupported: u64,
     /// Points with a weight above 0, summed over all fragments.
     pub blended: u64,
 }
 
 impl Statistics {
-    /// Mean number of points blended for a fragment (of cells at most 56); 0 when there is no fragment.
+    /// Returns the mean number of points blended for a fragment (at most 56 for cells); 0 when there is no fragment.
     pub fn mean_blended(&self) -> f64 {
         if self.fragments == 0 { 0.0 } else { self.blended as f64 / self.fragments as f64 }
     }
 
-    /// Share of the fragments that no point supports, 0 to 1; 0 when there is no fragment.
+    /// Returns the share of fragments that no point supports, 0 to 1; 0 when there is no fragment.
     pub fn unsupported_share(&self) -> f64 {
         if self.fragments == 0 { 0.0 } else { self.unsupported as f64 / self.fragments as f64 }
     }
@@ -44,10 +44,11 @@ impl Statistics {
 
 /// A view that does not belong to the state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum ReconstructError {
     /// A fragment shows an instance that the stream does not have.
     #[error(
-        "pixel {pixel} shows instance {instance}, but the stream has {instances} instances; draw the scene that the stream was made of"
+        "pixel {pixel} shows instance {instance}, but the stream has {instances} instances; draw the scene from which the stream was made"
     )]
     Instance {
         /// Number of the first such pixel: row times width plus column.
@@ -57,9 +58,9 @@ pub enum ReconstructError {
         /// Number of instances of the stream's layout.
         instances: usize,
     },
-    /// A fragment does not say where it is on its mesh at rest, which profile `surface` goes by.
+    /// A fragment lacks its place on the mesh at rest, which profile `surface` needs.
     #[error(
-        "pixel {pixel} does not say where its surface is at rest, and a stream of profile surface is looked up there; fill in Surface::rest with the unskinned, unmorphed position and normal"
+        "pixel {pixel} lacks the place of its surface at rest, which a stream of profile surface needs; fill in Surface::rest with the unskinned, unmorphed position and normal"
     )]
     NoRest {
         /// Number of the first such pixel: row times width plus column.

@@ -2,9 +2,9 @@
 //!
 //! Nothing below datagrams slows them down when a network carries less than it is given, and each lost frame makes the
 //! next one larger. So there is a window, as in TCP, but loss alone does not shrink it. It grows with every
-//! acknowledgement. It shrinks when acknowledgements take much longer than the fastest one, because a queue has built up
-//! (LEDBAT, RFC 6817, with its target). It also shrinks when several frames in a row are lost. Frames of many datagrams
-//! go over the connection, because one of their datagrams is likely to be lost.
+//! acknowledgement. It shrinks when acknowledgements take much longer than the fastest one, because a queue has built
+//! up (LEDBAT, RFC 6817, with its target). It also shrinks when several frames in a row are lost. Frames of many
+//! datagrams go over the connection, because one of their datagrams is likely to be lost.
 
 use std::collections::VecDeque;
 
@@ -21,7 +21,8 @@ const ACK_PATIENCE_US: u64 = 100_000;
 const MAX_CONSECUTIVE_LOSSES: u32 = 6;
 /// Round-trip time, in microseconds, until one is measured.
 const INITIAL_RTT_US: u64 = 150_000;
-/// Most datagrams of a frame. At a loss of 5 %, two of three frames of eight datagrams arrive whole; at 20 %, one of six.
+/// Most datagrams of a frame. At a loss of 5 %, two of three frames of eight datagrams arrive whole; at 20 %, one of
+/// six.
 const MAX_DATAGRAMS_PER_FRAME: usize = 8;
 /// How long updates go over the connection before datagrams are tried again.
 const CONNECTION_PERIOD: Micros = Micros::from_secs(5);
@@ -201,7 +202,8 @@ impl Flight {
         // A way that has become longer is not a queue for ever.
         let fastest = lasted.min(fastest + lasted.saturating_sub(fastest) / 1024);
         let queued = lasted.saturating_sub(fastest);
-        // Over the connection it may have waited for what was lost there; that it came fast says something all the same.
+        // Over the connection it may have waited for what was lost there; that it came fast says something all the
+        // same.
         if datagrams || queued < QUEUE_TARGET_US {
             // A stall tells nothing about the next frame.
             let counted = lasted.min(fastest + 2 * QUEUE_TARGET_US);
@@ -236,8 +238,8 @@ mod tests {
         Ack { frame: FrameIndex(frame), hash: StateHash(frame.into()) }
     }
 
-    /// Frames of 1,000 B to a network on which acknowledgements take `trip(frame)`, none where that is nothing; how many
-    /// went as datagrams, and both ways.
+    /// Frames of 1,000 B to a network on which acknowledgements take `trip(frame)`, none where that is nothing; how
+    /// many went as datagrams, and both ways.
     fn fly(flight: &mut Flight, frames: u32, trip: impl Fn(u32) -> Option<u64>) -> (u32, u32) {
         let (mut went, mut both) = (0, 0);
         let mut coming = Vec::new();

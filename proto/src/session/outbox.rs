@@ -100,9 +100,9 @@ impl Outbox {
         out
     }
 
-    /// Drops the droppable frames of which no byte was sent yet. Returns how many, and the client's position without them
-    /// if a keyframe or update was among them. With `keep_first` the first frame always stays: once it is taken, the
-    /// other end takes bytes again.
+    /// Drops the droppable frames of which no byte was sent yet. Returns how many, and the client's position without
+    /// them if a keyframe or update was among them. With `keep_first` the first frame always stays: once it is taken,
+    /// the other end takes bytes again.
     pub(super) fn drop_stale(&mut self, keep_first: bool) -> (u64, Option<StreamPosition>) {
         let before = self.frames.len();
         let begun = usize::from(keep_first || self.taken > 0);

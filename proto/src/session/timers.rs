@@ -9,11 +9,11 @@ pub(super) struct Timers {
     now: Micros,
     /// First time that was set.
     started: Option<Micros>,
-    /// Bytes came.
+    /// Time at which bytes last arrived.
     last_received: Micros,
-    /// Bytes went, or began to wait.
+    /// Time at which bytes were last sent, or began to wait.
     last_progress: Micros,
-    /// A PING was due.
+    /// Time of the last PING that was due.
     last_ping: Micros,
 }
 
@@ -39,12 +39,12 @@ impl Timers {
         }
     }
 
-    /// Bytes came from the other end.
+    /// Records that bytes arrived from the other end.
     pub(super) const fn note_received(&mut self) {
         self.last_received = self.now;
     }
 
-    /// Bytes went to the other end, or the first of them began to wait.
+    /// Records that bytes were sent to the other end, or that the first of them began to wait.
     pub(super) const fn note_progress(&mut self) {
         self.last_progress = self.now;
     }
@@ -89,7 +89,7 @@ impl Timers {
     }
 }
 
-/// A token bucket: it fills at a rate, up to four seconds' worth.
+/// A rate limiter (token bucket). It fills at `rate` tokens per second, up to four seconds' worth.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct RateLimiter {
     rate: u32,
@@ -107,7 +107,7 @@ impl RateLimiter {
         rate as u64 * 4_000_000
     }
 
-    /// Takes so much; whether it was there.
+    /// Takes `amount` tokens. Returns whether there were enough.
     pub(super) fn take(&mut self, amount: usize, now: Micros) -> bool {
         let passed = now.since(self.last.unwrap_or(now));
         self.last = Some(now);

@@ -52,8 +52,8 @@ pub enum HubEvent {
         /// Why, unless either end sent a CLOSE.
         error: Option<PeerError>,
     },
-    /// Connections cannot be accepted, for example because the process has no file descriptor left. Reported once, until
-    /// one is accepted again.
+    /// Connections cannot be accepted, for example because the process has no file descriptor left. Reported once,
+    /// until one is accepted again.
     AcceptFailed {
         /// The system's message.
         what: String,
@@ -264,8 +264,8 @@ impl Hub {
         self.wait_until(|_| self.joined() >= count, patience).await
     }
 
-    /// Waits until every client has acknowledged `frame` and the ones before it. Returns whether they have. A client that
-    /// fell behind, asked for a keyframe or left is not waited for.
+    /// Waits until every client has acknowledged `frame` and the ones before it. Returns whether they have. A client
+    /// that fell behind, asked for a keyframe or left is not waited for.
     pub async fn wait_acked(&self, frame: FrameIndex, patience: Duration) -> bool {
         let acked = |slot: &Slot| !slot.session.is_joined() || slot.unacked.is_none_or(|owed| owed > frame);
         self.wait_until(|hub| hub.lock().clients.values().all(acked), patience).await

@@ -401,7 +401,7 @@ impl ServerSession {
         self.push(head.to_vec(), Some(Arc::clone(&body.bytes)), DropPolicy::State(before));
         (self.position.holds, self.position.context_lost) = (Some(body.frame), false);
         self.lagging = false;
-        // A keyframe's round trip depends on its size, so it does not count for the rate.
+        // A keyframe's delay depends on its size, so it does not tell about the network.
         let bytes = if body.kind == FrameKind::Key { 0 } else { body.bytes.len() as u64 };
         self.flight.expect((body.frame, body.hash), self.timers.now(), bytes, false);
     }

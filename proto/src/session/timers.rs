@@ -7,7 +7,7 @@ use crate::{Limits, Micros};
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Timers {
     now: Micros,
-    /// First time that was set.
+    /// The first time that was set.
     started: Option<Micros>,
     /// Time at which bytes last arrived.
     last_received: Micros,
@@ -17,7 +17,7 @@ pub(super) struct Timers {
     last_ping: Micros,
 }
 
-/// What is due.
+/// Result of a check of deadlines.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Due {
     Nothing,
@@ -56,7 +56,7 @@ impl Timers {
     }
 
     /// Checks the deadlines after the handshake, and returns what is due. `waiting` tells whether bytes wait, `stalls`
-    /// whether it is an error if none of them go.
+    /// whether it is an error if none of them are sent.
     pub(super) fn open(&mut self, limits: &Limits, waiting: bool, stalls: bool) -> Result<Due, SessionError> {
         let waited = self.now.since(self.last_received);
         if waited > limits.silence {
@@ -70,16 +70,16 @@ impl Timers {
             return Ok(Due::Nothing);
         }
         self.last_ping = self.now;
-        // An end with bytes to take needs no PING to show that it is alive.
+        // While bytes wait, their progress shows whether the other end is alive.
         Ok(if waiting { Due::Nothing } else { Due::Ping })
     }
 
-    /// Returns the next time at which [`handshake`](Self::handshake) may say something new.
+    /// Returns the next time at which the result of [`handshake`](Self::handshake) may change.
     pub(super) fn next_in_handshake(&self, limits: &Limits) -> Option<Micros> {
         Some(self.started?.plus(limits.handshake).plus(Micros(1)))
     }
 
-    /// Returns the next time at which [`open`](Self::open) may say something new.
+    /// Returns the next time at which the result of [`open`](Self::open) may change.
     pub(super) fn next_when_open(&self, limits: &Limits, waiting: bool, stalls: bool) -> Option<Micros> {
         self.started?;
         let silent = self.last_received.plus(limits.silence).plus(Micros(1));
@@ -93,7 +93,7 @@ impl Timers {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct RateLimiter {
     rate: u32,
-    /// In millionths.
+    /// Tokens left, in millionths.
     left: u64,
     last: Option<Micros>,
 }

@@ -23,8 +23,8 @@ use crate::recording::file::{FileError, Recorder, RecordingOutcome};
 
 /// The clients of a stream and its recording, each if there is one.
 ///
-/// Edits that are part of a frame are given before it, its budget and its report after it. None of the methods waits
-/// for a client, and none for the disk unless the recorder was asked to.
+/// Edits that are part of a frame are given before it, its budget and its report after it. None of the methods waits for a
+/// client, and none for the disk unless the recorder was asked to.
 #[derive(Debug, Default)]
 pub struct Sinks {
     #[cfg(feature = "tokio")]
@@ -100,12 +100,12 @@ impl Sinks {
         Micros(0)
     }
 
-    /// Takes a frame. `state` is the server's after it, `captured` the time that it shows, by [`now`](Self::now).
-    /// `keyframe` makes a keyframe of that state: the recording gets it in place of `body` where one ends a gap.
+    /// Takes a frame. `state` is the server's after it, `captured` the time that it shows, by [`now`](Self::now). `keyframe`
+    /// makes a keyframe of that state: the recording gets it in place of `body` where one ends a gap.
     ///
     /// # Errors
-    /// [`SinkError::Encode`] when a keyframe or a patch cannot be made, [`SinkError::Recording`] as [`Recorder::body`].
-    /// The clients that need neither have the frame.
+    /// [`SinkError::Encode`] when a keyframe or a patch cannot be made, [`SinkError::Recording`] as [`Recorder::body`]. The
+    /// clients that need neither have the frame.
     #[cfg_attr(
         not(all(feature = "tokio", feature = "fs")),
         expect(unused_variables, reason = "the hub takes the state, the recorder the keyframe")
@@ -171,8 +171,8 @@ impl Sinks {
         self.record(report)
     }
 
-    /// Ends the recording with `close`; returns what became of it, if there is one. The clients are told by
-    /// `Hub::close`, which waits for them.
+    /// Ends the recording with `close`; returns what became of it, if there is one. The clients are told by `Hub::close`, which
+    /// waits for them.
     ///
     /// # Errors
     /// The first failure of the recording, even if it went on afterwards.

@@ -130,11 +130,12 @@ mod tests {
         let mut paced = OwnedPlayer::new(file, Limits::default()).unwrap();
         let mut frames = 0;
         for due in 0..6 {
-            assert!(paced.next_arrival().is_none_or(|arrival| arrival <= Micros(due)));
             while let Some(event) = paced.next_event_until(Micros(due)) {
                 frames += u64::from(matches!(event, PlayerEvent::Frame(_)));
             }
             assert!(frames <= due + 1, "{frames} frames by {due}");
+            // Everything that arrived by then was played. Behind damage the next arrival may skip a frame's.
+            assert!(paced.next_arrival().is_none_or(|arrival| arrival > Micros(due)));
         }
         assert_eq!((frames, paced.next_arrival()), (owning.stats().applied, None));
         assert!(!owning.stats().is_clean() && owning.stats().applied > 0);

@@ -47,7 +47,8 @@ struct Newest {
 }
 
 /// Brings each client to the newest frame. Clients in sync get the stream's own update, clients that fell behind get a
-/// patch, and joining clients get a keyframe. Every body is made at most once per frame, whatever the number of clients.
+/// patch, and joining clients get a keyframe. Every body is made at most once per frame, whatever the number of
+/// clients.
 ///
 /// One change log for all clients, of 5 bytes per point, tells what a patch must contain. Nothing is kept for a client
 /// that takes no bytes. A keyframe that was made for one joiner serves later ones too, followed by a patch. It is
@@ -123,8 +124,8 @@ impl Fanout {
         }
     }
 
-    /// Takes the next frame: its header, its body and the server's state after it. `captured` is the time that the frame
-    /// shows, by the clock of the sessions.
+    /// Takes the next frame: its header, its body and the server's state after it. `captured` is the time that the
+    /// frame shows, by the clock of the sessions.
     pub fn advance(
         &mut self,
         info: &FrameInfo,

@@ -1,13 +1,13 @@
-//! Following a stream: applies keyframes and updates in their order, and never one on top of the wrong state.
+//! Following a stream: applying keyframes and updates in order, and never to the wrong state.
 //!
-//! A live client and the player of a recording share this.
+//! Live clients and players of recordings share it.
 
 use psao_codec::envelope::{FrameBody, FrameError, FrameInfo, FrameKind};
 use psao_codec::{Decoder, Layout, State};
 
 use crate::{FrameHeader, FrameType, Group, Limits, Sequence};
 
-/// Why a keyframe or update was not applied. The state is as it was before, and stays so until the next keyframe.
+/// Why a keyframe or update was not applied. The state stays unchanged until the next keyframe.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum FollowError {
@@ -16,38 +16,38 @@ pub enum FollowError {
         "frames are missing: expected {expected_sequence} of group {expected_group}, found {found_sequence} of group {found_group}"
     )]
     Gap {
-        /// Group of the frame that should have come.
+        /// Group of the expected frame.
         expected_group: Group,
-        /// Its position.
+        /// Sequence number of the expected frame.
         expected_sequence: Sequence,
-        /// Group of the frame that came.
+        /// Group of the received frame.
         found_group: Group,
-        /// Its position.
+        /// Sequence number of the received frame.
         found_sequence: Sequence,
     },
-    /// The body cannot be applied; a hash that differs is [`FrameError::Hash`].
+    /// The body cannot be applied. A wrong state hash is [`FrameError::Hash`].
     #[error(transparent)]
     Body(#[from] FrameError),
-    /// A KEYFRAME frame with a delta in it, or an UPDATE frame with a keyframe.
+    /// A KEYFRAME frame holds a delta, or an UPDATE frame holds a keyframe.
     #[error("a {frame} frame has a body of the other kind")]
     Kind {
         /// Type of the frame.
         frame: FrameType,
     },
-    /// No scene table came before it, or it was damaged.
+    /// The scene table is missing or was damaged.
     #[error("the scene table before it is missing")]
     NoScene,
-    /// No keyframe came yet, or an earlier frame of the group could not be applied: only a keyframe helps.
+    /// No keyframe was applied yet, or an earlier frame of the group failed. Only a keyframe can be applied.
     #[error("it builds on a frame that was not applied; waiting for a keyframe")]
     Waiting,
 }
 
-/// The state of a stream and the position in it.
+/// The state of a stream, and the group and sequence number of its last frame.
 #[derive(Debug)]
 pub(crate) struct Follower {
     decoder: Decoder,
     state: State,
-    /// Place of the last frame applied; `None` while only a keyframe can be applied.
+    /// Group and sequence number of the last frame applied; `None` while only a keyframe can be applied.
     position: Option<(Group, Sequence)>,
 }
 
@@ -60,7 +60,7 @@ impl Follower {
         &self.state
     }
 
-    /// Whether the state is that of the last frame that came.
+    /// Returns whether the state is that of the last frame received.
     pub(crate) const fn is_current(&self) -> bool {
         self.position.is_some()
     }
@@ -70,7 +70,7 @@ impl Follower {
         self.position = None;
     }
 
-    /// Applies a KEYFRAME or UPDATE frame, of which `body` is what reading its payload gave.
+    /// Applies a KEYFRAME or UPDATE frame. `body` is the result of parsing its payload.
     pub(crate) fn follow(
         &mut self,
         header: FrameHeader,
@@ -81,7 +81,7 @@ impl Follower {
         if !keyframe {
             self.check_position(header)?;
         }
-        // Until this frame turns out well, nothing may build on it.
+        // No frame may build on this one before it was applied.
         self.position = None;
         let kind = if keyframe { FrameKind::Key } else { FrameKind::Delta };
         let body = body?;
@@ -93,8 +93,8 @@ impl Follower {
         Ok(body.into_info())
     }
 
-    /// Applies a patch that came beside the frames in order, as datagrams do; gives the position in those as well. Whatever
-    /// is wrong with it, the state stays current.
+    /// Applies a patch that arrived outside the frame order, as datagrams do. Returns the position in that order. After
+    /// an error the state stays current.
     pub(crate) fn patch(
         &mut self,
         body: &FrameBody<'_>,
@@ -108,8 +108,8 @@ impl Follower {
         Ok(position)
     }
 
-    /// Whether an UPDATE is no newer than a patch that came beside the frames in order and made it superfluous. Its position is
-    /// taken as that of a frame applied.
+    /// Returns whether an UPDATE is no newer than a patch that was applied outside the frame order. The UPDATE is then
+    /// skipped and counts as applied for the frame order.
     pub(crate) fn skip_superseded(&mut self, header: FrameHeader, body: &FrameBody<'_>) -> bool {
         let follows = |(group, sequence): (Group, Sequence)| {
             header.kind == FrameType::UPDATE && (group, sequence.next()) == (header.group, header.sequence)

@@ -1,4 +1,4 @@
-//! The one framing of sockets and files: a 20-byte header and a payload, both under one CRC32C.
+//! The framing of sockets and files: a 20-byte header and a payload under one CRC32C.
 //!
 //! | offset | size | field |
 //! |---|---|---|
@@ -11,7 +11,7 @@
 //! | 16 | 4 | CRC32C of the bytes 0..16 and the payload |
 //! | 20 | length | payload |
 //!
-//! All integers are little endian. The whole of it is written down in `docs/spec/protocol.md`.
+//! All integers are little endian. `docs/spec/protocol.md` specifies the framing.
 
 use crate::{Group, Limits, Sequence};
 
@@ -72,21 +72,21 @@ impl FrameType {
     }
 }
 
-/// What the header of a frame says, checksum and magic left out.
+/// The header of a frame without magic, flags and checksum.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FrameHeader {
     /// Type of the frame.
     pub kind: FrameType,
     /// Group that the frame belongs to.
     pub group: Group,
-    /// Place in that group.
+    /// Sequence number in that group.
     pub sequence: Sequence,
     /// Bytes of the payload.
     pub length: u32,
 }
 
 impl FrameHeader {
-    /// Bytes of the whole frame, header and payload.
+    /// Returns the bytes of the whole frame, header and payload.
     #[must_use]
     pub const fn wire_bytes(&self) -> u64 {
         HEADER_BYTES as u64 + self.length as u64
@@ -111,17 +111,17 @@ pub enum WireFrameError {
         /// The flags byte.
         found: u8,
     },
-    /// The payload is longer than agreed.
+    /// The payload is over the limit.
     #[error("a {kind} frame of {length} bytes is over the limit of {limit} bytes")]
     TooLong {
         /// Type of the frame.
         kind: FrameType,
         /// Length in the header.
         length: u32,
-        /// The limit that it breaks, from [`Limits::payload_limit`].
+        /// The limit, from [`Limits::payload_limit`].
         limit: u32,
     },
-    /// The checksum does not fit.
+    /// The checksum does not match.
     #[error(
         "checksum of a {kind} frame is {found:#010x}, expected {expected:#010x}: the bytes were damaged on the way"
     )]
@@ -135,24 +135,24 @@ pub enum WireFrameError {
     },
 }
 
-/// A [`WireFrameError`] with the place where it was met.
+/// A [`WireFrameError`] with its place in the stream.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("at byte {offset} of the stream: {error}")]
 pub struct FramerError {
     /// Bytes from the start of the stream to the start of the bad frame.
     pub offset: u64,
-    /// What is wrong with it.
+    /// The error.
     pub error: WireFrameError,
 }
 
-/// One whole frame, borrowed from where it lies.
+/// One whole frame, borrowed from its buffer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WireFrame<'a> {
-    /// What the header says.
+    /// Header of the frame.
     pub header: FrameHeader,
     /// Bytes from the start of the stream to the start of the frame.
     pub offset: u64,
-    /// The frame as it was on the wire, header included.
+    /// Bytes of the frame on the wire, including the header.
     pub bytes: &'a [u8],
 }
 
@@ -167,8 +167,8 @@ impl<'a> WireFrame<'a> {
 /// Appends one frame to `out`.
 ///
 /// # Errors
-/// [`WireFrameError::TooLong`] when the payload does not fit the 32-bit length; `out` is then unchanged. Whether the peer
-/// takes a frame of this length is its limits' business.
+/// [`WireFrameError::TooLong`] when the payload does not fit the 32-bit length; `out` is then unchanged. The limits of
+/// the other end are not checked.
 pub fn write_frame(
     out: &mut Vec<u8>,
     kind: FrameType,
@@ -206,7 +206,7 @@ pub(crate) fn frame_head(
     Ok(head)
 }
 
-/// What [`split_frame`] found at the start of some bytes.
+/// Result of [`split_frame`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Split<'a> {
     /// A whole frame and its length in `bytes`.
@@ -215,8 +215,8 @@ pub(crate) enum Split<'a> {
     Partial(usize),
 }
 
-/// Takes the first frame off `bytes`. Faults are found as early as the bytes allow: a wrong magic after two bytes, a
-/// payload over the limit after the header, so nothing is ever waited for or stored because of them.
+/// Splits the first frame off `bytes`. Errors are found as early as possible: a wrong magic after two bytes, a payload
+/// over the limit after the header. So no caller waits for or stores the rest of an invalid frame.
 pub(crate) fn split_frame<'a>(bytes: &'a [u8], limits: &Limits) -> Result<Split<'a>, WireFrameError> {
     if let Some(magic) = bytes.first_chunk() {
         let found = u16::from_le_bytes(*magic);
@@ -255,7 +255,7 @@ pub(crate) fn split_frame<'a>(bytes: &'a [u8], limits: &Limits) -> Result<Split<
     Ok(Split::Whole(header, frame))
 }
 
-/// Cuts a stream of bytes into frames, in whatever pieces the bytes arrive.
+/// Splits a stream of bytes into frames. The bytes may arrive in any pieces.
 ///
 /// ```
 /// use psao_proto::{FrameType, Framer, Group, Limits, Sequence, write_frame};
@@ -274,12 +274,12 @@ pub(crate) fn split_frame<'a>(bytes: &'a [u8], limits: &Limits) -> Result<Split<
 #[derive(Clone, Debug)]
 pub struct Framer {
     limits: Limits,
-    /// Bytes that came in; those before `start` were handed out already.
+    /// Bytes received. Those before `start` belong to frames that were returned already.
     buffer: Vec<u8>,
     start: usize,
     /// Bytes of the stream before `buffer[start]`.
     offset: u64,
-    /// After a fault the place of the next frame is unknown, so the stream has ended.
+    /// The error that ended the stream. After it the place of the next frame is unknown.
     failed: Option<FramerError>,
 }
 
@@ -290,9 +290,9 @@ impl Framer {
         Self { limits, buffer: Vec::new(), start: 0, offset: 0, failed: None }
     }
 
-    /// Pushes bytes and hands every whole frame to `use_frame`, up to the first error.
+    /// Pushes bytes and passes every whole frame to `use_frame`, up to the first error.
     ///
-    /// The framer is taken out of its owner meanwhile, because the owner uses frames that borrow from it.
+    /// The framer is moved out of its owner meanwhile, because the owner uses frames that borrow from the framer.
     pub(crate) fn drain<O, E: From<FramerError>>(
         owner: &mut O,
         framer: fn(&mut O) -> &mut Self,
@@ -317,8 +317,8 @@ impl Framer {
         result
     }
 
-    /// Adds bytes. Call [`next_frame`](Self::next_frame) until it gives `None` before the next push: then at most one
-    /// unfinished frame, which is under the limit, is ever held.
+    /// Adds bytes. Call [`next_frame`](Self::next_frame) until it returns `None` before the next push. The framer then
+    /// holds at most one unfinished frame, which is under the limit.
     pub fn push(&mut self, bytes: &[u8]) {
         if self.failed.is_some() {
             self.buffer = Vec::new();
@@ -335,7 +335,8 @@ impl Framer {
     /// Returns the next whole frame, or `None` until more bytes are pushed.
     ///
     /// # Errors
-    /// [`FramerError`] when the bytes are not a frame. The stream cannot go on after that: the same error comes again.
+    /// [`FramerError`] when the bytes are not a frame. The stream has then ended, and later calls return the same
+    /// error.
     pub fn next_frame(&mut self) -> Result<Option<WireFrame<'_>>, FramerError> {
         if let Some(error) = self.failed {
             return Err(error);
@@ -357,13 +358,13 @@ impl Framer {
         }
     }
 
-    /// Bytes that came in and belong to a frame that is not whole yet.
+    /// Returns the number of bytes received of an unfinished frame.
     #[must_use]
     pub fn pending(&self) -> usize {
         self.buffer.len() - self.start.min(self.buffer.len())
     }
 
-    /// Bytes of whole frames handed out so far.
+    /// Returns the bytes of all whole frames returned so far.
     #[must_use]
     pub const fn offset(&self) -> u64 {
         self.offset
@@ -383,7 +384,7 @@ mod tests {
         out
     }
 
-    /// All frames and the error at the end, if any, with the stream pushed in pieces of the given sizes.
+    /// Returns all frames and the final error, if any, of a stream that is pushed in pieces of the given sizes.
     fn cut(stream: &[u8], sizes: impl IntoIterator<Item = usize>) -> (Vec<Vec<u8>>, Option<FramerError>) {
         let mut framer = Framer::new(Limits::default());
         let mut frames = Vec::new();
@@ -459,7 +460,7 @@ mod tests {
     }
 
     proptest! {
-        /// Byte by byte, all at once and anything between: the same frames and the same error.
+        /// Any chunking gives the same frames and the same error.
         #[test]
         fn chunking_does_not_matter(
             payloads in prop::collection::vec((1u8..14, prop::collection::vec(any::<u8>(), 0..40)), 0..8),

@@ -40,8 +40,8 @@ fn chunks(data: &[u8]) -> impl Iterator<Item = &[u8]> {
     })
 }
 
-/// Frames with right checksums, made of any bytes: type, group and sequence a byte each, the length two, then the payload. Damage
-/// that a checksum would catch is not worth a fuzzer's time.
+/// Frames with right checksums, made of any bytes: type, group and sequence a byte each, the length two, then the
+/// payload. Damage that a checksum would catch is not worth a fuzzer's time.
 fn framed(data: &[u8]) -> Vec<Vec<u8>> {
     let mut frames = Vec::new();
     let mut rest = data;
@@ -189,8 +189,9 @@ fn rewritten(data: &[u8], playable: u64) {
     }
 }
 
-/// Either end of a session, given the bytes in chunks. The first byte's bits choose: 0, the server's end; 1, behind a good
-/// handshake, so that frames are reached; 2, bytes made into frames with right checksums; 3, a stream of profile `surface`.
+/// Either end of a session, given the bytes in chunks. The first byte's bits choose: 0, the server's end; 1, behind a
+/// good handshake, so that frames are reached; 2, bytes made into frames with right checksums; 3, a stream of profile
+/// `surface`.
 pub fn session(data: &[u8]) {
     let Some((&mode, data)) = data.split_first() else { return };
     let profile = if mode & 8 == 0 { Profile::PAPER } else { Profile::SURFACE };
@@ -325,8 +326,8 @@ fn unframed(file: &[u8]) -> Result<Vec<u8>, Error> {
     Ok(unframed)
 }
 
-/// Operations of `surface_round_trip`: a shadow that moves, with every coder; points that come late, a client that joins, a
-/// frame that fails, a keyframe.
+/// Operations of `surface_round_trip`: a shadow that moves, with every coder; points that come late, a client that
+/// joins, a frame that fails, a keyframe.
 fn surface_operations(threshold: u8, source: u8) -> Vec<u8> {
     let mut operations = vec![threshold, source, 4, 0, 150, 200, 0, 15];
     for frame in 0..8 {

@@ -1,28 +1,30 @@
 //! Point-based ambient occlusion streams: frames, sessions, recordings.
 //!
-//! A server traces ambient occlusion (AO) at points on the surfaces of a scene and sends what changed; a thin client,
-//! which draws the scene itself, turns the points into AO for every pixel. `psao-codec` makes and applies the bodies of
-//! that stream. This crate carries them: it frames them, speaks with the other end, and records what was said.
+//! A server traces ambient occlusion (AO) at points on the surfaces of a scene and sends the changes. A thin client
+//! draws the scene itself and turns the points into AO for every pixel. `psao-codec` encodes and decodes the frame
+//! bodies of this stream. This crate transports them: it frames them, implements both ends of the protocol, and records
+//! streams.
 //!
-//! | where | what |
+//! | item | purpose |
 //! |---|---|
-//! | [`Framer`], [`write_frame`] | the framing that sockets and files share |
-//! | [`message`] | the control messages, one type each |
+//! | [`Framer`], [`write_frame`] | the framing of sockets and files |
+//! | [`message`] | the control messages, one type for each |
 //! | [`session`] | [`ClientSession`](session::ClientSession) and [`ServerSession`](session::ServerSession), without I/O |
 //! | [`Fanout`] | one stream for many sessions: shared updates, patches for clients that fell behind |
-//! | [`recording`] | a file of the same frames: writer, reader, index, player |
-//! | `net` | TCP around the sessions, behind the feature `tokio` |
-//! | `recording::file` | recordings on a disk, behind the feature `fs` |
-//! | `sinks` | one stream to clients and into a recording, with what the features `tokio` and `fs` bring |
-//! | `sample`, `fuzzing` | a tiny stream for tests and these examples, and bodies of fuzz targets, behind the feature `testing` |
+//! | [`recording`] | files of the same frames: writer, reader, index, player |
+//! | `net` | sessions over sockets (feature `tokio`) |
+//! | `recording::file` | recordings on a disk (feature `fs`) |
+//! | `sinks` | one stream to clients and a recording (features `tokio`, `fs`) |
+//! | `sample`, `fuzzing` | a tiny stream for tests and examples, and bodies of fuzz targets (feature `testing`) |
 //!
-//! Outside `net`, `recording::file` and `sinks` nothing here does I/O, reads a clock or draws a random number: bytes and a time go in, events and bytes
-//! come out. The protocol is written down in `docs/spec/protocol.md`, the file format in `docs/spec/recording.md`.
+//! Outside `net`, `recording::file` and `sinks` this crate does no I/O, reads no clock and draws no random numbers. It
+//! takes bytes and a time, and returns events and bytes. `docs/spec/protocol.md` specifies the protocol,
+//! `docs/spec/recording.md` the file format.
 //!
 //! # Connect a client and a server
 //!
-//! This is the whole drive loop, with two byte vectors in place of a network. Every call takes the time. Each end tells
-//! with `next_deadline` when it must be called without bytes:
+//! This is the whole drive loop, with two byte vectors in place of a network. Every call takes the time.
+//! `next_deadline` returns the time at which an end must be called even without bytes:
 //!
 //! ```
 //! use psao_proto::sample::SampleServer;
@@ -46,7 +48,7 @@
 //!             _ => {}
 //!         }
 //!     }
-//!     // The server's frame. A client that joins gets a keyframe, one that fell behind what it missed.
+//!     // The server's frame. A joining client gets a keyframe, one that fell behind gets a patch.
 //!     let frame = source.step()?;
 //!     fanout.advance(&frame.info, frame.body, source.state().into(), now);
 //!     fanout.give(&mut server, source.state().into())?;
@@ -76,7 +78,7 @@
 //! use psao_proto::sample::SampleServer;
 //! use psao_proto::{Limits, Micros, Numbering};
 //!
-//! // A recorder at the server numbers frames like a connection does.
+//! // A recorder at the server numbers frames as a connection does.
 //! let mut source = SampleServer::new()?;
 //! let mut numbering = Numbering::default();
 //! let (mut writer, mut file) = Writer::new(Limits::default());
@@ -88,7 +90,7 @@
 //! let second = source.step()?;
 //! file.extend(writer.append(Micros(16_667), &numbering.update(&second.body)?)?);
 //!
-//! // The recorder is killed here, in the middle of a write. What was whole is read.
+//! // The recorder is killed here, in the middle of a write. Whole records stay readable.
 //! file.extend_from_slice(&[0, 1, 2, 3]);
 //! let mut player = Player::new(&file, Limits::default())?;
 //! let mut hashes = Vec::new();

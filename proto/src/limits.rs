@@ -1,9 +1,9 @@
-//! Limits of what an end holds. They are checked before every allocation whose size comes from the other end.
+//! Limits of an end. They are checked before every allocation whose size comes from the other end.
 
 use crate::message::MAX_MESSAGE_BYTES;
 use crate::{FrameType, Micros};
 
-/// Bounds of a session or a reader, the codec's included.
+/// Limits of a session or reader, including those of the codec.
 ///
 /// ```
 /// use psao_proto::{FrameType, Limits};
@@ -16,30 +16,30 @@ use crate::{FrameType, Micros};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Limits {
-    /// Bounds of frame bodies and of the state.
+    /// Limits of frame bodies and of the state.
     pub codec: psao_codec::Limits,
-    /// Server: bytes that wait for one client (default 8 MiB). When an update would go over it, the updates that wait
-    /// are dropped, and once the rest is gone the client gets the newest values of what it missed. A keyframe may be
-    /// larger; it waits alone.
+    /// Server: bytes that wait for one client (default 8 MiB). When an update would exceed the limit, the waiting
+    /// updates are dropped. Once no bytes wait, the client gets a patch. A keyframe may be larger, but then waits
+    /// alone.
     pub max_queue_bytes: u32,
-    /// Server: frames that one client may have been sent and not acknowledged (default 64, a second at 60 Hz). Beyond
-    /// it the client counts as behind, until it has caught up with half of them. Above 256 it never does.
+    /// Server: unacknowledged frames of one client (default 64, about a second at 60 Hz). Beyond the limit the client
+    /// counts as behind until at most half as many are unacknowledged. A value above 256 has no effect.
     pub max_unacked: u32,
-    /// Server: most clients at the same time (default 256).
+    /// Server: largest number of clients at the same time (default 256).
     pub max_clients: u32,
     /// Server: frames per second that one client may send (default 2,000), in bursts of at most four times as many.
     pub max_frames_per_s: u32,
     /// Server: bytes per second that one client may send (default 1 MiB), in bursts of at most four times as many.
     pub max_bytes_per_s: u32,
-    /// Largest frame body that goes as datagrams (default 1 MiB); a larger one goes over the connection.
+    /// Largest frame body that is sent as datagrams (default 1 MiB). A larger one goes over the connection.
     pub max_datagram_body: u32,
     /// Time that a handshake may take, from the connection to the whole scene table (default 10 s).
     pub handshake: Micros,
-    /// How often a PING goes out, unless bytes wait then (default 2 s).
+    /// Time between two PINGs (default 2 s). A PING is left out while other bytes wait.
     pub keep_alive: Micros,
-    /// Time without a byte from the other end after which it is given up (default 30 s).
+    /// Time without a byte from the other end after which the session ends (default 30 s).
     pub silence: Micros,
-    /// Server: time in which a client takes no byte of what waits for it, after which it is given up (default 60 s).
+    /// Server: time without progress of waiting bytes after which the session ends (default 60 s).
     pub stall: Micros,
 }
 
@@ -76,8 +76,8 @@ impl Limits {
         with_stall: stall as Micros,
     }
 
-    /// Longest payload of a frame of type `kind`, in bytes. Types that this version does not know have the bound of a
-    /// control message, so that skipping them costs little.
+    /// Returns the longest payload of a frame of type `kind`, in bytes. Unknown types have the limit of a control
+    /// message, so that skipping them costs little.
     #[must_use]
     pub const fn payload_limit(&self, kind: FrameType) -> u32 {
         match kind {

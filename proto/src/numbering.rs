@@ -1,4 +1,4 @@
-//! Groups and sequences: numbering the frames of one connection or recording.
+//! Numbering the frames of a connection or recording by group and sequence.
 
 use crate::framer::frame_head;
 use crate::message::{Message, MessageError};
@@ -6,8 +6,8 @@ use crate::{FrameType, Group, HEADER_BYTES, SceneTable, Sequence, WireFrameError
 
 /// Turns frame bodies and messages into numbered frames of one stream.
 ///
-/// A server session has one for its client; a recorder that sits at the server has its own, so that a recording starts
-/// with the scene and group 1 whatever the clients do.
+/// A server session has one for its client. A recorder at the server has its own, so a recording starts with the scene
+/// table and group 1, whatever the clients do.
 ///
 /// ```
 /// use psao_proto::{Framer, Group, Limits, Numbering, Sequence};
@@ -55,7 +55,7 @@ impl Numbering {
         frame_head(FrameType::KEYFRAME, self.group, self.sequence, body)
     }
 
-    /// Returns the header of an UPDATE frame, likewise.
+    /// Returns the header of an UPDATE frame, for a body that is not copied.
     pub(crate) fn update_head(&mut self, body: &[u8]) -> Result<[u8; HEADER_BYTES], WireFrameError> {
         self.next_place();
         frame_head(FrameType::UPDATE, self.group, self.sequence, body)
@@ -64,7 +64,7 @@ impl Numbering {
     /// Returns the frame of a message. It repeats the numbers of the keyframe or update before it.
     ///
     /// # Errors
-    /// [`MessageError`] when the message makes no sense.
+    /// [`MessageError`] when the message holds an invalid value.
     pub fn message<M: Message>(&self, message: &M) -> Result<Vec<u8>, MessageError> {
         Ok(self.control(M::KIND, &message.to_payload()?))
     }
@@ -72,7 +72,7 @@ impl Numbering {
     /// Returns the SCENE frames of a scene table.
     ///
     /// # Errors
-    /// [`MessageError`] when a value in it makes no sense.
+    /// [`MessageError`] when the table holds an invalid value.
     pub fn scene(&self, scene: &SceneTable) -> Result<Vec<Vec<u8>>, MessageError> {
         Ok(scene.payloads()?.iter().map(|payload| self.control(FrameType::SCENE, payload)).collect())
     }
@@ -92,8 +92,8 @@ impl Numbering {
         Ok(out)
     }
 
-    /// A frame that is neither keyframe nor update, of a payload as it is. A control message is at most 64 KiB, so its
-    /// length always fits.
+    /// Returns a frame that is neither keyframe nor update, with `payload` unchanged. A control message has at most 64
+    /// KiB, so its length always fits.
     pub(crate) fn control(self, kind: FrameType, payload: &[u8]) -> Vec<u8> {
         self.frame(kind, payload).unwrap_or_default()
     }

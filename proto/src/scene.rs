@@ -17,71 +17,71 @@ mod info;
 use info::Counts;
 pub use info::{PaperInfo, SceneInfo, TraceInfo};
 
-/// Why SCENE messages do not make a scene table.
+/// Why SCENE messages do not form a scene table.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SceneError {
-    /// Entries came before the stream was described, or of a kind that does not come next.
+    /// Entries came before the header, or in the wrong order.
     #[error("SCENE frames are out of order: expected {expected}")]
     Order {
-        /// What should have come.
+        /// The expected content.
         expected: &'static str,
     },
     /// A batch does not follow the one before it.
     #[error("SCENE frames are out of order: {what} from {found} on, expected those from {expected} on")]
     Batch {
-        /// What is in the batch.
+        /// Content of the batch.
         what: &'static str,
-        /// Entries that came before.
+        /// Number of earlier entries.
         expected: u32,
-        /// Index of the batch's first.
+        /// Index of the batch's first entry.
         found: u32,
     },
     /// The number of instances or sets is not the announced one, or over the limit.
     #[error("the scene has {found} {what}, expected at most {expected}")]
     Count {
-        /// What was counted.
+        /// The counted item.
         what: &'static str,
-        /// Announced or allowed.
+        /// The announced or allowed number.
         expected: u32,
-        /// Found.
+        /// The number found.
         found: u64,
     },
-    /// The points of the instances do not add up.
+    /// The points of the instances do not add up to the announced number.
     #[error("the instances have {found} points in all, {expected} were announced")]
     Points {
-        /// Announced.
+        /// The announced number.
         expected: u32,
         /// Sum of the instances.
         found: u64,
     },
-    /// This version does not know the profile, or the entries are of another one.
+    /// The profile is unknown, or the entries belong to another one.
     #[error("the scene table is of profile {found}, of which this version knows no such entries")]
     Profile {
         /// The profile announced.
         found: Profile,
     },
-    /// The facts of a `paper` stream lack those about its tables.
+    /// The header of a `paper` stream lacks the sizes of its tables.
     #[error("a stream of profile paper needs SceneInfo::paper")]
     NoPaperInfo,
-    /// This version knows no packing of this width.
+    /// No packing of this width is known.
     #[error("points of {found} bits: this version knows 32, 24 and 16")]
     PointBits {
-        /// Announced.
+        /// The announced number.
         found: u8,
     },
-    /// The grid of an instance makes no sense.
+    /// The grid of an instance is invalid.
     #[error("instance {instance}: {source}")]
     Grid {
         /// Index of the instance.
         instance: u32,
-        /// What is wrong.
+        /// The problem.
         source: paper::GridError,
     },
-    /// The instances do not make a layout of profile `paper`, or one over the limits.
+    /// The instances form no valid layout of profile `paper`, or one over the limits.
     #[error(transparent)]
     Cells(#[from] paper::LayoutError),
-    /// The sets and instances do not make a layout of profile `surface`, or one over the limits.
+    /// The sets and instances form no valid layout of profile `surface`, or one over the limits.
     #[error(transparent)]
     Surface(#[from] surface::LayoutError),
     /// A message is invalid by itself.
@@ -193,7 +193,7 @@ impl SceneTable {
         let (instances, sets) = entries.counts();
         let (instances, sets) = (instances as u32, sets as u32);
         let counts = Counts { profile: entries.profile(), sets, instances, points };
-        // What only repeats the neutral values is absent, as it is for a client.
+        // Facts that equal the neutral values are treated as absent, as a client does.
         let info = info.header(counts).into();
         Ok(Self { info, counts, entries, layout })
     }
@@ -279,7 +279,7 @@ impl SceneTable {
     /// Returns the payloads of the SCENE frames that carry this table, in order.
     ///
     /// # Errors
-    /// [`MessageError::Invalid`] when a value makes no sense.
+    /// [`MessageError::Invalid`] when a value is invalid.
     pub fn payloads(&self) -> Result<Vec<Vec<u8>>, MessageError> {
         let mut scenes = vec![Scene::Info(self.header())];
         match &self.entries {
@@ -310,8 +310,8 @@ pub(crate) struct SceneAssembler {
 }
 
 impl SceneAssembler {
-    /// Takes the next message. A first one starts again, because in a recording damage may have cut an earlier table
-    /// short.
+    /// Takes the next message. A header starts a new table, because damage in a recording may have cut off an earlier
+    /// one.
     pub(crate) fn push_or_restart(
         &mut self,
         scene: Scene,
@@ -323,7 +323,7 @@ impl SceneAssembler {
         self.push(scene, limits)
     }
 
-    /// Takes the next message. Returns the table once it is whole.
+    /// Takes the next message. Returns the table once it is complete.
     pub(crate) fn push(&mut self, scene: Scene, limits: &Limits) -> Result<Option<SceneTable>, SceneError> {
         match (scene, &mut self.begun) {
             (Scene::Info(header), None) => {
@@ -344,7 +344,7 @@ impl SceneAssembler {
     }
 }
 
-/// Checks the announced counts before anything is kept.
+/// Checks the announced counts before anything is stored.
 fn check_counts(header: &SceneHeader, limits: &Limits) -> Result<(), SceneError> {
     let most = limits.codec.max_instances;
     for (what, found, expected) in [
@@ -404,7 +404,7 @@ mod tests {
     use super::*;
     use crate::sample::SampleServer;
 
-    /// Both kinds of tables, with more entries than fit one batch.
+    /// Returns tables of both profiles, with more entries than fit one batch.
     fn tables() -> [SceneTable; 2] {
         let count = MAX_BATCH as u32 + 3;
         let mut tables = Vec::new();

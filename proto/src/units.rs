@@ -1,20 +1,20 @@
-//! Units and ids: each its own type, so that groups, sequences, bytes and microseconds never mix.
+//! Units and ids, each a type of its own, so that groups, sequences, bytes and microseconds never mix.
 
-/// A time or a length of time in microseconds.
+/// A time or duration in microseconds.
 ///
-/// This crate reads no clock. A session and a recording are given the time as "microseconds since something the
-/// caller chose" (the start of the process, of the recording, of a simulation); only differences matter.
+/// This crate reads no clock. The caller chooses the origin of times, such as the start of the process, of the
+/// recording or of a simulation. Only differences matter.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Micros(pub u64);
 
 impl Micros {
-    /// `seconds` as microseconds, saturating.
+    /// Converts seconds to microseconds, saturating.
     #[must_use]
     pub const fn from_secs(seconds: u64) -> Self {
         Self(seconds.saturating_mul(1_000_000))
     }
 
-    /// This time plus `later`, saturating.
+    /// Returns the sum of this time and `later`, saturating.
     #[must_use]
     pub const fn plus(self, later: Self) -> Self {
         Self(self.0.saturating_add(later.0))
@@ -26,7 +26,7 @@ impl Micros {
         Self(self.0.saturating_sub(earlier.0))
     }
 
-    /// As seconds, for people.
+    /// Converts the time to seconds, for display.
     #[must_use]
     pub fn as_secs_f64(self) -> f64 {
         self.0 as f64 / 1e6
@@ -48,14 +48,14 @@ impl Group {
     }
 }
 
-/// Place of a frame in its group: the keyframe is 0, its updates count 1, 2, ...
+/// Sequence number of a frame in its group: 0 for the keyframe, then 1, 2, ... for its updates.
 ///
-/// Every other frame repeats the place of the keyframe or update before it.
+/// Every other frame repeats the number of the keyframe or update before it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Sequence(pub u32);
 
 impl Sequence {
-    /// Returns the place after this one.
+    /// Returns the next sequence number.
     #[must_use]
     pub const fn next(self) -> Self {
         Self(self.0.wrapping_add(1))

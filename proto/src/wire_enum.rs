@@ -1,7 +1,7 @@
-//! One definition for all codes of the wire.
+//! The definition of all wire codes.
 
-/// Defines a code of the wire: a number of which some values have names. It is a newtype and not an enum, so that a
-/// value that this version does not know survives reading and writing. `unknown` is the noun for such a value.
+/// Defines a wire code: a number with names for some values. The type is a newtype, not an enum, so that unknown values
+/// survive reading and writing. `unknown` is the noun for such a value.
 macro_rules! wire_enum {
     (
         $(#[$attribute:meta])*

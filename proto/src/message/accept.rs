@@ -1,19 +1,19 @@
-//! ACCEPT: the server takes a client.
+//! ACCEPT: the server accepts a client.
 
 use super::sealed::Payload;
 use super::{FieldError, Message, PeerLimits, Text, require};
 use crate::{FrameType, Profile};
 
-/// The answer to a hello that the server can serve. SCENE frames follow.
+/// The answer to a HELLO that the server can serve. SCENE frames follow.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Accept {
-    /// Version that both ends speak from here on.
+    /// Protocol version of the session.
     pub version: u16,
     /// Profile of the stream.
     pub profile: Profile,
-    /// What the server takes from the client; nothing that a client sends comes near it today.
+    /// Limits of the server. No message of a client comes near them today.
     pub limits: PeerLimits,
-    /// What the server calls itself, for people.
+    /// Name of the server, for display.
     pub name: Text<64>,
 }
 

@@ -1,10 +1,10 @@
-//! ACK: a client holds a frame.
+//! ACK: a client has applied a frame.
 
 use super::sealed::Payload;
 use super::{FieldError, Message};
 use crate::{FrameIndex, FrameType, StateHash};
 
-/// Sent after each frame that the client applied.
+/// Acknowledges a frame that the client has applied.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Ack {
     /// The frame.

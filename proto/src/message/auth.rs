@@ -1,4 +1,4 @@
-//! AUTH: the secret that a server asks of its clients.
+//! AUTH: the secret that a server requires from its clients.
 
 use bincode::{Decode, Encode};
 use subtle::ConstantTimeEq as _;
@@ -7,16 +7,16 @@ use super::sealed::Payload;
 use super::{FieldError, Message, require};
 use crate::FrameType;
 
-/// Least number of bytes of a token, so that it cannot be guessed.
+/// Shortest token in bytes, so that it cannot be guessed.
 pub const MIN_TOKEN_BYTES: usize = 16;
-/// Most bytes of a token.
+/// Longest token in bytes.
 pub const MAX_TOKEN_BYTES: usize = 256;
 
 /// A secret that server and clients share. It is compared in constant time and never printed.
 #[derive(Clone)]
 pub struct Token(Vec<u8>);
 
-/// Bytes are too few or too many for a token.
+/// A token is too short or too long.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "a token of {length} bytes: it must have {MIN_TOKEN_BYTES} to {MAX_TOKEN_BYTES}; `psao keys` makes one"
@@ -41,7 +41,7 @@ impl Token {
 }
 
 impl PartialEq for Token {
-    /// Takes a time that depends on the lengths alone.
+    /// Compares two tokens in a time that depends only on their lengths.
     fn eq(&self, other: &Self) -> bool {
         self.0.ct_eq(&other.0).into()
     }
@@ -55,7 +55,7 @@ impl std::fmt::Debug for Token {
     }
 }
 
-/// The token of a client. It goes before HELLO, to a server that requires one.
+/// The token of a client. A client sends it before HELLO to a server that requires one.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Auth {
     /// The secret.

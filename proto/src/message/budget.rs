@@ -1,4 +1,4 @@
-//! BUDGET: what a frame had to leave for later.
+//! BUDGET: use of the byte budget by a frame.
 
 use psao_codec::surface;
 
@@ -6,20 +6,20 @@ use super::sealed::Payload;
 use super::{FieldError, Message, require};
 use crate::{FrameIndex, FrameType};
 
-/// What a server that has a byte budget did with it in a frame. For people and tables; nothing depends on it.
+/// Use of the server's byte budget by a frame. It is for display only; the protocol does not depend on it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Budget {
     /// Number of the frame.
     pub frame: FrameIndex,
-    /// Bytes that its body should have at most.
+    /// Target for the largest size of its body, in bytes.
     pub budget: u32,
-    /// Bytes that it has.
+    /// Size of its body in bytes.
     pub used: u32,
-    /// Points that differ by the threshold and were left for later frames.
+    /// Postponed points: they differ by the threshold but wait for later frames.
     pub postponed: u32,
-    /// Frames that the oldest of them has waited.
+    /// Number of frames that the oldest postponed point has waited.
     pub oldest: u32,
-    /// Points that were sent because they had waited for the longest age, whatever the budget.
+    /// Points that were sent despite the budget, because they had reached the longest age.
     pub forced: u32,
 }
 

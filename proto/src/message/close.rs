@@ -7,37 +7,37 @@ use super::{FieldError, Message, Text};
 use crate::FrameType;
 
 wire_enum! {
-    /// Why a connection or a recording ends. Unknown values survive and mean "some other reason; read the text".
+    /// Reason for the end of a connection or recording. Unknown values are kept; the text then tells the reason.
     #[derive(Encode, Decode)]
     pub struct CloseCode(u16), unknown "code" {
         /// The stream is complete.
         DONE = 0 => "DONE",
-        /// This end was told to stop.
+        /// This end was stopped by its user.
         STOPPED = 1 => "STOPPED",
-        /// The other end broke the protocol; the text says how.
+        /// The other end violated the protocol; the text tells how.
         PROTOCOL = 2 => "PROTOCOL",
         /// The other end took too long.
         TIMEOUT = 3 => "TIMEOUT",
-        /// This end failed; the text says how.
+        /// This end failed; the text tells how.
         FAILED = 4 => "FAILED",
-        /// The stream is of another scene than the one that this client draws.
+        /// The stream's scene is not the client's scene.
         SCENE = 5 => "SCENE",
-        /// The other end said more than it may in the time.
+        /// The other end exceeded its rate of frames or bytes.
         FLOOD = 6 => "FLOOD",
     }
 }
 
-/// Says that nothing follows.
+/// The last message of an end.
 #[derive(Clone, Debug, PartialEq, Eq, Encode, Decode)]
 pub struct Close {
-    /// Why, for programs.
+    /// Reason, for programs.
     pub code: CloseCode,
-    /// Why, for people.
+    /// Reason, for display.
     pub text: Text<512>,
 }
 
 impl Close {
-    /// Creates a CLOSE; a text over the bound is cut.
+    /// Creates a CLOSE. A text over the limit is cut.
     #[must_use]
     pub fn new(code: CloseCode, text: &str) -> Self {
         Self { code, text: Text::cut(text) }

@@ -1,4 +1,4 @@
-//! EDIT: a client changes the scene.
+//! EDIT: a change of one instance of the scene.
 
 use bincode::{Decode, Encode};
 
@@ -6,30 +6,31 @@ use super::sealed::Payload;
 use super::{FieldError, Message, finite, require};
 use crate::FrameType;
 
-/// What happens to an instance.
+/// Change of an instance.
 #[derive(Clone, Copy, Debug, PartialEq, Encode, Decode)]
 pub enum EditAction {
-    /// It gets a pose of its own, in place of its animation's, until it is released.
+    /// Replaces the instance's animation by a fixed pose until the instance is released.
     Move {
-        /// Local to world, metres.
+        /// Translation from local to world space, metres.
         translation: [f32; 3],
-        /// Local to world, unit quaternion x, y, z, w.
+        /// Rotation from local to world space, a unit quaternion x, y, z, w.
         rotation: [f32; 4],
     },
-    /// It follows its animation again.
+    /// Returns the instance to its animation.
     Release,
-    /// It is drawn and casts occlusion.
+    /// Shows the instance: it is drawn and casts occlusion.
     Show,
-    /// It is neither drawn nor casts occlusion.
+    /// Hides the instance: it is not drawn and casts no occlusion.
     Hide,
 }
 
-/// Changes one instance of the scene. A server of this version may ignore it, and answers nothing.
+/// Changes one instance of the scene. A client sends it as a request, which a server may ignore without an answer. A
+/// server sends it for an edit that every later frame includes.
 #[derive(Clone, Copy, Debug, PartialEq, Encode, Decode)]
 pub struct Edit {
     /// Index of the instance in the scene table.
     pub instance: u32,
-    /// What happens to it.
+    /// The change.
     pub action: EditAction,
 }
 

@@ -1,4 +1,4 @@
-//! GAP: frames of a stream are not in this file.
+//! GAP: frames of a stream that a recording lacks.
 
 use bincode::{Decode, Encode};
 
@@ -7,29 +7,29 @@ use super::{FieldError, Message};
 use crate::{FrameIndex, FrameType};
 
 wire_enum! {
-    /// Why frames are not in a recording. Unknown values survive and mean "some other reason".
+    /// Why a recording lacks frames. Unknown values are kept and mean another reason.
     #[derive(Encode, Decode)]
     pub struct GapReason(u8), unknown "reason" {
-        /// They came faster than they could be written.
+        /// They arrived faster than they could be written.
         SLOW = 1 => "the disk was too slow",
-        /// They could not be written: the disk was full, or the file went away.
+        /// A write failed, for example because the disk was full or the file was deleted.
         FAILED = 2 => "the disk failed",
-        /// They were damaged in the recording that this one was made from.
+        /// They were damaged in the recording from which this one was made.
         DAMAGE = 3 => "damaged where this was copied from",
     }
 }
 
-/// Stands in a recording, and in files only, where frames of the stream were not written. It is in no group: group and
-/// sequence of its frame are 0.
+/// Marks a place of a recording where frames of the stream are missing. It occurs only in files. Group and sequence of
+/// its frame are 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Gap {
     /// Number of the first frame that is missing.
     pub first_lost: FrameIndex,
-    /// Number of the last one. Below the first where the stream started again in between.
+    /// Number of the last missing frame. It is below the first if the stream restarted in between.
     pub last_lost: FrameIndex,
-    /// Keyframes and updates that are missing, as far as known.
+    /// Number of missing keyframes and updates, as far as known.
     pub frames: u32,
-    /// Bytes that are missing, as far as known: on the wire, or in the file that this one was made from.
+    /// Number of missing bytes, as far as known: on the wire, or in the file from which this one was made.
     pub bytes: u64,
     /// Why.
     pub reason: GapReason,

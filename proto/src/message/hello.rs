@@ -1,4 +1,4 @@
-//! HELLO: what a client is and can take. The first frame of every connection.
+//! HELLO: the abilities and limits of a client. It is the first frame of every connection, except for AUTH.
 
 use bincode::{Decode, Encode};
 
@@ -6,11 +6,11 @@ use super::sealed::Payload;
 use super::{FieldError, Message, Text, require};
 use crate::{CoderId, FrameType, Limits, Profile};
 
-/// A set of profiles, one bit each: bit `n` stands for the profile with wire id `n`.
+/// A set of profiles. Bit `n` stands for the profile with wire id `n`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Encode, Decode)]
 pub struct ProfileSet(pub u32);
 
-/// A set of block coders, one bit each: bit `n` stands for the coder with wire id `n`.
+/// A set of block coders. Bit `n` stands for the coder with wire id `n`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Encode, Decode)]
 pub struct CoderSet(pub u32);
 
@@ -26,7 +26,7 @@ impl ProfileSet {
         Self(self.0 | bit(profile.0))
     }
 
-    /// Returns whether `profile` is in it.
+    /// Returns whether the set contains `profile`.
     #[must_use]
     pub const fn has(self, profile: Profile) -> bool {
         self.0 & bit(profile.0) != 0
@@ -40,42 +40,42 @@ impl CoderSet {
         Self(self.0 | bit(coder.0))
     }
 
-    /// Returns whether `coder` is in it.
+    /// Returns whether the set contains `coder`.
     #[must_use]
     pub const fn has(self, coder: CoderId) -> bool {
         self.0 & bit(coder.0) != 0
     }
 }
 
-/// The limits that one end tells the other, each as in [`Limits`].
+/// Limits that one end sends to the other; see [`Limits`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Encode, Decode)]
 pub struct PeerLimits {
     /// Longest payload of a KEYFRAME or UPDATE frame, in bytes.
     pub frame_bytes: u32,
-    /// Most instances of a scene.
+    /// Largest number of instances of a scene.
     pub instances: u32,
-    /// Most buckets of a scene.
+    /// Largest number of buckets of a scene.
     pub buckets: u32,
-    /// Most cells of a scene.
+    /// Largest number of cells of a scene.
     pub cells: u32,
-    /// Most points of a scene in profile `surface`.
+    /// Largest number of points of a scene in profile `surface`.
     pub points: u32,
 }
 
-/// Asks for a stream. The layout of `oldest` and `newest` never changes, whatever the version.
+/// Requests a stream. The layout of `oldest` and `newest` is the same in all versions.
 #[derive(Clone, Debug, PartialEq, Eq, Encode, Decode)]
 pub struct Hello {
     /// Oldest protocol version that the client speaks.
     pub oldest: u16,
     /// Newest protocol version that the client speaks.
     pub newest: u16,
-    /// Profiles that it can apply.
+    /// Profiles that the client can decode.
     pub profiles: ProfileSet,
-    /// Block coders that it can undo.
+    /// Block coders that the client can decode.
     pub coders: CoderSet,
     /// Limits of the client.
     pub limits: PeerLimits,
-    /// Its program and version, for people.
+    /// Program and version of the client, for display.
     pub name: Text<64>,
 }
 

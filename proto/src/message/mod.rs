@@ -1,12 +1,12 @@
 //! Control messages: everything in the protocol except frame bodies, one message per file.
 //!
-//! A message is the payload of a frame of its own type, of at most [`MAX_MESSAGE_BYTES`]. Its fields follow each other.
-//! Integers have a fixed size and are little endian; a list or text has its length before it, as `u64`. Every message is
-//! checked when it is written and when it is read: texts are within their bounds, floats are finite, and no byte is left
-//! over. `bincode` stays inside this module.
+//! A message is the payload of a frame of its own type and has at most [`MAX_MESSAGE_BYTES`]. Its fields follow each
+//! other without padding. Integers have a fixed size and are little endian; the length of a list or text precedes it as
+//! `u64`. Every message is checked when it is written and when it is read: texts are within their limits, floats are
+//! finite, and no byte is left over. `bincode` is used only in this module.
 
-/// Implements the layout of a message whose fields are written one after the other. `field as Newtype` stands for the
-/// one field of a newtype of another crate.
+/// Implements the layout of a message whose fields are written one after another. `field as Newtype` stands for the
+/// single field of another crate's newtype.
 macro_rules! fields {
     (@value $value:expr) => { &$value };
     (@value $value:expr, $newtype:ident) => { &$value.0 };
@@ -74,10 +74,10 @@ pub use view::{CameraPose, View};
 
 use crate::FrameType;
 
-/// Bound of every control message, in bytes.
+/// Largest control message in bytes.
 pub const MAX_MESSAGE_BYTES: usize = 65_536;
 
-/// Why a payload is not the message that its frame's type says, or a message cannot be sent.
+/// Why a payload is not a message of its frame's type, or a message cannot be sent.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum MessageError {
@@ -88,7 +88,7 @@ pub enum MessageError {
         message: &'static str,
         /// Bytes of the payload.
         length: usize,
-        /// What went wrong.
+        /// The problem.
         reason: PayloadError,
     },
     /// The message ended before its payload did.
@@ -101,7 +101,7 @@ pub enum MessageError {
         /// Bytes of the payload.
         length: usize,
     },
-    /// A field has a value that makes no sense.
+    /// A field has an invalid value.
     #[error("{message}: field `{field}` {problem}")]
     Invalid {
         /// Name of the message.
@@ -113,7 +113,7 @@ pub enum MessageError {
     },
 }
 
-/// How a payload fails to be a message.
+/// Why a payload cannot be read as a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum PayloadError {
@@ -129,23 +129,23 @@ pub enum PayloadError {
     /// A text is not UTF-8.
     #[error("a text in them is not UTF-8")]
     Utf8,
-    /// Something else that only a damaged or foreign payload has.
+    /// Another error, which only a damaged or foreign payload causes.
     #[error("a field has a value that cannot be")]
     Value,
 }
 
-/// The part of a message that the outside does not see: how it is read and written, and its checks.
+/// Private part of a message: reading, writing and checks.
 pub(crate) mod sealed {
-    /// A field and what is wrong with it.
+    /// Name of a field and its problem.
     #[derive(Debug)]
     pub struct FieldError {
         pub(super) field: &'static str,
         pub(super) problem: &'static str,
     }
 
-    /// Layout plus checks.
+    /// The layout and checks of a message.
     pub trait Payload: bincode::Encode + bincode::Decode<()> {
-        /// Whether every field makes sense.
+        /// Checks that every field has a valid value.
         fn check(&self) -> Result<(), FieldError>;
     }
 }
@@ -163,7 +163,7 @@ use sealed::{FieldError, Payload};
 /// # Ok::<(), psao_proto::message::MessageError>(())
 /// ```
 ///
-/// Sealed: the set of messages is the protocol's.
+/// The trait is sealed, because the protocol defines the set of messages.
 pub trait Message: Payload + Sized {
     /// Type of the frames that carry it.
     const KIND: FrameType;
@@ -173,7 +173,8 @@ pub trait Message: Payload + Sized {
     /// Returns the message as a payload.
     ///
     /// # Errors
-    /// [`MessageError::Invalid`] when a field makes no sense, [`MessageError::Malformed`] when it is too long.
+    /// [`MessageError::Invalid`] when a field has an invalid value, [`MessageError::Malformed`] when the message is too
+    /// long.
     fn to_payload(&self) -> Result<Vec<u8>, MessageError> {
         self.check().map_err(|i| invalid::<Self>(&i))?;
         let bytes = bincode::encode_to_vec(self, CONFIG).map_err(|_| MessageError::Malformed {
@@ -188,7 +189,7 @@ pub trait Message: Payload + Sized {
         Ok(bytes)
     }
 
-    /// Reads a payload, all of it.
+    /// Reads a message that must fill the payload.
     ///
     /// # Errors
     /// [`MessageError`]; no payload makes it panic or allocate more than [`MAX_MESSAGE_BYTES`].
@@ -204,7 +205,7 @@ pub trait Message: Payload + Sized {
     }
 }
 
-/// The layout of every message. See the module's head.
+/// The layout of every message, described in the module's documentation.
 const CONFIG: bincode::config::Configuration<
     bincode::config::LittleEndian,
     bincode::config::Fixint,
@@ -230,22 +231,22 @@ fn malformed(error: &bincode::error::DecodeError) -> PayloadError {
     }
 }
 
-/// Passes when `ok`.
+/// Returns an error unless `ok`.
 const fn require(ok: bool, field: &'static str, problem: &'static str) -> Result<(), FieldError> {
     if ok { Ok(()) } else { Err(FieldError { field, problem }) }
 }
 
-/// Passes when every value is finite.
+/// Returns an error unless every value is finite.
 fn finite(values: &[f32], field: &'static str) -> Result<(), FieldError> {
     require(values.iter().all(|v| v.is_finite()), field, "is not finite")
 }
 
 #[cfg(test)]
 pub(crate) mod testing {
-    //! What every message is put through.
+    //! Checks that the tests of every message share.
     use super::*;
 
-    /// Lower-case hex.
+    /// Returns bytes as lower-case hex.
     pub(crate) fn hex(bytes: &[u8]) -> String {
         bytes.iter().map(|b| format!("{b:02x}")).collect()
     }
@@ -265,7 +266,7 @@ pub(crate) mod testing {
         bytes
     }
 
-    /// Round trip, golden bytes, every prefix refused, every extra byte refused.
+    /// Checks the round trip and the golden bytes, and that every prefix and every extra byte is refused.
     pub(crate) fn golden<M: Message + PartialEq + std::fmt::Debug>(message: &M, expected: &str) {
         let bytes = message.to_payload().unwrap();
         let expected: String = expected.split_whitespace().collect();

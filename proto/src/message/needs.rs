@@ -1,9 +1,9 @@
-//! What an instance needs of a server or client.
+//! Features that an instance needs.
 
 use bincode::{Decode, Encode};
 
 bitflags::bitflags! {
-    /// Features that an instance needs of a server or client. Unknown bits survive.
+    /// Features that an instance needs from a server or client. Unknown bits are kept.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
     pub struct Needs: u32 {
         /// Its vertices follow joints.
@@ -21,13 +21,13 @@ bitflags::bitflags! {
         /// A normal map bends its normals.
         const NORMAL_MAP = 1 << 6;
 
-        // The other bits belong to other versions.
+        // The other bits belong to later versions.
         const _ = !0;
     }
 }
 
 impl Needs {
-    /// Nothing: a still, opaque, one-sided surface.
+    /// No features: a still, opaque, one-sided surface.
     pub const NONE: Self = Self::empty();
 
     const NAMES: [(Self, &'static str); 7] = [
@@ -40,7 +40,7 @@ impl Needs {
         (Self::NORMAL_MAP, "normal map"),
     ];
 
-    /// Returns the names of the needs in the set that this version knows, for people.
+    /// Returns the names of all known needs in the set, for display.
     pub fn names(self) -> impl Iterator<Item = &'static str> {
         Self::NAMES.iter().filter(move |(need, _)| self.contains(*need)).map(|(_, name)| *name)
     }

@@ -1,24 +1,24 @@
-//! PING and PONG: whether the other end is there, and what its clock says.
+//! PING and PONG: checks that the other end is alive, and reads its clock.
 
 use super::sealed::Payload;
 use super::{FieldError, Message};
 use crate::{FrameType, Micros};
 
-/// Asks the other end to answer.
+/// Asks the other end for a PONG.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Ping {
-    /// When it was sent, by the clock of its sender.
+    /// Time of sending, by the sender's clock.
     pub sent: Micros,
 }
 
 /// The answer to a PING.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Pong {
-    /// That of the PING.
+    /// [`Ping::sent`] of the PING.
     pub sent: Micros,
-    /// When the PING came, by the clock of the answering end.
+    /// Arrival of the PING, by the clock of the answering end.
     pub received: Micros,
-    /// When the answer went out, by the same clock.
+    /// Time of sending, by the same clock.
     pub replied: Micros,
 }
 

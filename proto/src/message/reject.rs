@@ -7,37 +7,37 @@ use super::{FieldError, Message, Text};
 use crate::FrameType;
 
 wire_enum! {
-    /// Why a server turns a client away. Unknown values survive and mean "some other reason; read the text".
+    /// Why a server refuses a client. Unknown values are kept; the text then tells the reason.
     #[derive(Encode, Decode)]
     pub struct RejectCode(u16), unknown "code" {
         /// The ends have no protocol version in common.
         VERSION = 1 => "VERSION",
-        /// The client cannot apply the stream's profile.
+        /// The client cannot decode the stream's profile.
         PROFILE = 2 => "PROFILE",
-        /// The client cannot undo the stream's block coder.
+        /// The client cannot decode the stream's block coder.
         CODER = 3 => "CODER",
         /// The scene is over the client's limits.
         LIMITS = 4 => "LIMITS",
-        /// The server has as many clients as it takes.
+        /// The server is full.
         BUSY = 5 => "BUSY",
-        /// The first frame was not a HELLO that can be read.
+        /// The first frame was not a readable HELLO.
         BAD_HELLO = 6 => "BAD_HELLO",
-        /// The server wants a token, and none or a wrong one came before the HELLO.
+        /// The server requires a token, and the client sent none or a wrong one before HELLO.
         CREDENTIAL = 7 => "CREDENTIAL",
     }
 }
 
-/// The answer to a hello that the server cannot serve; the server closes the connection after it.
+/// The answer to a HELLO that the server cannot serve. The server then closes the connection.
 #[derive(Clone, Debug, PartialEq, Eq, Encode, Decode)]
 pub struct Reject {
-    /// Why, for programs.
+    /// Reason, for programs.
     pub code: RejectCode,
-    /// Why and what to do, for people.
+    /// Reason and remedy, for display.
     pub text: Text<512>,
 }
 
 impl Reject {
-    /// Creates a REJECT; a text over the bound is cut.
+    /// Creates a REJECT. A text over the limit is cut.
     #[must_use]
     pub fn new(code: RejectCode, text: &str) -> Self {
         Self { code, text: Text::cut(text) }

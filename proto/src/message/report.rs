@@ -1,4 +1,4 @@
-//! REPORT: what a frame cost the server.
+//! REPORT: server statistics of a frame.
 
 use bincode::{Decode, Encode};
 
@@ -6,11 +6,11 @@ use super::sealed::Payload;
 use super::{FieldError, Message, require};
 use crate::{FrameIndex, FrameType, Micros};
 
-/// Most stages in one report.
+/// Largest number of stages in a report.
 pub const MAX_STAGES: usize = 32;
 
 wire_enum! {
-    /// A stage of the server's frame loop. Unknown values survive.
+    /// A stage of the server's frame loop. Unknown values are kept.
     #[derive(Encode, Decode)]
     pub struct StageId(u8), unknown "stage" {
         /// Animation: poses of the instances.
@@ -21,14 +21,14 @@ wire_enum! {
         PLACE = 3 => "place",
         /// AO rays.
         TRACE = 4 => "trace",
-        /// What changed enough to be sent.
+        /// Selection of the points to send.
         DECIDE = 5 => "decide",
         /// Cells, buckets and block coding.
         ENCODE = 6 => "encode",
     }
 }
 
-/// How long a stage took.
+/// Wall time of a stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Encode, Decode)]
 pub struct StageTime {
     /// The stage.
@@ -38,14 +38,14 @@ pub struct StageTime {
 }
 
 impl StageTime {
-    /// `stage` took `time`.
+    /// Creates the entry of a stage that took `time`.
     #[must_use]
     pub fn new(stage: StageId, time: Micros) -> Self {
         Self { stage, micros: u32::try_from(time.0).unwrap_or(u32::MAX) }
     }
 }
 
-/// Figures of one frame, for people and tables: nothing in the stream depends on them.
+/// Server statistics of a frame. They are for display only; the protocol does not depend on them.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Report {
     /// The frame.

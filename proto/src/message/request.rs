@@ -1,4 +1,4 @@
-//! REQUEST: a client asks for something.
+//! REQUEST: a client requests a keyframe, stamps or datagrams.
 
 use bincode::{Decode, Encode};
 
@@ -8,33 +8,33 @@ use crate::FrameType;
 use crate::session::MIN_DATAGRAM_BYTES;
 
 wire_enum! {
-    /// Why a client needs a keyframe. Unknown values survive and are served all the same.
+    /// Why a client needs a keyframe. Unknown values are kept and served too.
     #[derive(Encode, Decode)]
     pub struct KeyframeReason(u8), unknown "reason" {
-        /// The state hash after an update was not the one in its header.
+        /// The state hash after an update differed from the one in its header.
         HASH = 1 => "HASH",
         /// A group or sequence number was skipped.
         GAP = 2 => "GAP",
         /// A frame body could not be read.
         BODY = 3 => "BODY",
-        /// The person or program at the client asked.
+        /// The user or program at the client asked for it.
         ASKED = 4 => "ASKED",
     }
 }
 
-/// Asks the server for something. A choice that the server does not know is an error of the protocol.
+/// A client's request. An unknown choice is a protocol error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Encode, Decode)]
 pub enum Request {
-    /// A keyframe, as soon as the server can. Asked once until it comes.
+    /// A keyframe as soon as possible. A client asks once until it arrives.
     Keyframe {
-        /// What made it necessary.
+        /// Why the client needs it.
         reason: KeyframeReason,
     },
-    /// A STAMP before every keyframe and update from here on.
+    /// A STAMP before every later keyframe and update.
     Stamps,
-    /// Updates as datagrams from here on, where the connection has some.
+    /// Later updates as datagrams, if the connection supports datagrams.
     Datagrams {
-        /// Most bytes of one, at least [`MIN_DATAGRAM_BYTES`](crate::session::MIN_DATAGRAM_BYTES).
+        /// Largest datagram in bytes, at least [`MIN_DATAGRAM_BYTES`](crate::session::MIN_DATAGRAM_BYTES).
         bytes: u16,
     },
 }

@@ -1,8 +1,8 @@
-//! SCENE: what the stream is about: how the AO was made, and where every instance's points are.
+//! SCENE: the scene table, with facts about the stream and the layout of every instance's points.
 //!
-//! The scene table is one [`SceneHeader`] followed by as many batches as it takes, in order, each in a SCENE frame of its
-//! own: [`InstanceBatch`]es in profile `paper`; [`SetBatch`]es, then [`MemberBatch`]es in profile `surface`. A client
-//! needs nothing else to build the codec's layout; meshes and animation are its own.
+//! The scene table is one [`SceneHeader`] and the batches after it, in order, each in a SCENE frame of its own. Profile
+//! `paper` has [`InstanceBatch`]es; profile `surface` has [`SetBatch`]es, then [`MemberBatch`]es. The table is all that
+//! a client needs to build the codec's layout. A client has its own meshes and animation.
 
 use bincode::{Decode, Encode};
 
@@ -10,11 +10,11 @@ use super::sealed::Payload;
 use super::{FieldError, MemberBatch, Message, Needs, PointSource, SetBatch, Text, finite, require};
 use crate::{CoderId, FrameType, Profile};
 
-/// Most entries in one SCENE frame.
+/// Largest number of entries in a SCENE frame.
 pub const MAX_BATCH: usize = 512;
 
 wire_enum! {
-    /// How the AO of a point is made from its rays. Unknown values survive.
+    /// Way to compute the AO of a point from its rays. Unknown values are kept.
     #[derive(Encode, Decode)]
     pub struct Occlusion(u8), unknown "occlusion" {
         /// Mean of `min(hit distance, radius) / radius`: near occluders darken more.
@@ -24,42 +24,42 @@ wire_enum! {
     }
 }
 
-/// Content of the first SCENE frame: the stream as a whole, field by field. Programs use
-/// [`SceneInfo`](crate::SceneInfo), which has what of this a table does not say itself.
+/// Content of the first SCENE frame: facts about the whole stream. Programs use [`SceneInfo`](crate::SceneInfo), which
+/// omits the fields that follow from the entries.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SceneHeader {
-    /// Name of the scene, for people.
+    /// Name of the scene, for display.
     pub name: Text<64>,
-    /// Path or built-in name as it was typed at the server, so that a person can open the same scene.
+    /// Path or built-in name as typed at the server, so that a user can open the same scene.
     pub source: Text<512>,
-    /// Digest of the scene's files, or of a built-in scene's name and version: a client that has another scene open
-    /// must say so rather than draw a wrong picture.
+    /// Digest of the scene's files, or of a built-in scene's name and version. A client with another scene must report
+    /// an error and not draw a wrong picture.
     pub digest: [u8; 32],
     /// Profile of the stream.
     pub profile: Profile,
-    /// Bits of a packed point: 32, 24 or 16. Profile `surface` has lattices and normals as fine as that instead.
+    /// Bits of a packed point: 32, 24 or 16. In profile `surface` it selects the precision of lattices and normals.
     pub point_bits: u8,
     /// Block coder of the stream. Single blocks may be stored.
     pub coder: CoderId,
-    /// Where clients have the points from; profile `surface` only.
+    /// Source of the points at clients; profile `surface` only.
     pub geometry: PointSource,
-    /// Frames of the stream's own clock a second, positive.
+    /// Frames per second of the stream's own clock, positive.
     pub fps: f32,
-    /// Frames that the server means to send; 0 when it does not know.
+    /// Number of frames that the server plans to send; 0 if unknown.
     pub frames_hint: u32,
     /// AO radius in metres, positive.
     pub radius_m: f32,
-    /// Rays a point.
+    /// Rays per point.
     pub rays: u32,
-    /// How AO is made from them.
+    /// Way to compute AO from the rays.
     pub occlusion: Occlusion,
     /// A point is sent when its AO byte differs from the sent one by at least this many 255ths.
     pub threshold: u8,
     /// Seed of points and rays.
     pub seed: u64,
-    /// Points asked for per square metre of surface, positive.
+    /// Requested points per square metre of surface, positive.
     pub points_per_m2: f32,
-    /// Points asked for on every mesh at least, however small it is.
+    /// Requested minimum of points on every mesh, however small it is.
     pub min_points: u32,
     /// Cells of the whole stream; 0 in profile `surface`.
     pub cell_capacity: u32,
@@ -117,14 +117,14 @@ pub struct InstanceEntry {
     pub kernel_radius: f32,
     /// Points.
     pub points: u32,
-    /// What it needs.
+    /// Features that it needs.
     pub needs: Needs,
 }
 
-/// Later SCENE frames of a `paper` stream: a part of the instances.
+/// A batch of the instances of a `paper` stream.
 #[derive(Clone, Debug, PartialEq, Encode, Decode)]
 pub struct InstanceBatch {
-    /// Index of the first entry; the entries before it came in the batches before.
+    /// Index of the first entry. Earlier batches hold the entries before it.
     pub first: u32,
     /// The entries, 1 to [`MAX_BATCH`].
     pub entries: Vec<InstanceEntry>,
@@ -133,13 +133,13 @@ pub struct InstanceBatch {
 /// Payload of a SCENE frame.
 #[derive(Clone, Debug, PartialEq, Encode, Decode)]
 pub enum Scene {
-    /// The first one.
+    /// The header, in the first frame.
     Info(SceneHeader),
-    /// The ones after it in profile `paper`.
+    /// A batch of instances, in profile `paper`.
     Instances(InstanceBatch),
-    /// The ones after it in profile `surface`.
+    /// A batch of point sets, in profile `surface`.
     Sets(SetBatch),
-    /// The ones after those.
+    /// A batch of instances after all sets, in profile `surface`.
     Members(MemberBatch),
 }
 

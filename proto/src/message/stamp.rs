@@ -1,18 +1,18 @@
-//! STAMP: when a frame was made and sent.
+//! STAMP: capture and send times of a frame.
 
 use super::sealed::Payload;
 use super::{FieldError, Message, require};
 use crate::{FrameIndex, FrameType, Micros};
 
-/// Goes before the KEYFRAME or UPDATE of its frame, to clients that asked for it. Times are those of the server's clock,
-/// which a client knows from PONG.
+/// Capture and send times of a frame, by the server's clock. It precedes the KEYFRAME or UPDATE of its frame, for
+/// clients that asked for it. A client estimates the server's clock from PONG.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stamp {
     /// Number of the frame.
     pub frame: FrameIndex,
-    /// When the scene was as the frame has it.
+    /// Time of the scene that the frame shows.
     pub captured: Micros,
-    /// When the frame was given to the connection; not before `captured`.
+    /// Time at which the frame was given to the connection, not before `captured`.
     pub sent: Micros,
 }
 

@@ -1,4 +1,4 @@
-//! The part of the scene table that streams of profile `surface` have: point sets, and which set an instance is of.
+//! Scene table entries of profile `surface`: point sets, and instances of them.
 
 use bincode::{Decode, Encode};
 use psao_codec::surface::{GeometryDigest, GeometrySource, SetLayout};
@@ -6,12 +6,12 @@ use psao_codec::surface::{GeometryDigest, GeometrySource, SetLayout};
 use super::{FieldError, MAX_BATCH, Needs, finite, require};
 
 wire_enum! {
-    /// Where clients of a `surface` stream have the points from. Unknown values survive.
+    /// Source of the points at clients of a `surface` stream. Unknown values are kept.
     #[derive(Default, Encode, Decode)]
     pub struct PointSource(u8), unknown "geometry" {
-        /// Keyframes carry them; also the value of streams of other profiles.
+        /// Keyframes carry the points. Streams of other profiles also have this value.
         SENT = 0 => "sent",
-        /// Clients spread them over the scene themselves, by the density, minimum and seed of the stream.
+        /// Clients compute the points from the scene and the stream's density, minimum and seed.
         SHARED = 1 => "shared",
     }
 }
@@ -28,7 +28,7 @@ impl From<GeometrySource> for PointSource {
 /// The points of one mesh at rest.
 #[derive(Clone, Copy, Debug, PartialEq, Encode, Decode)]
 pub struct SetEntry {
-    /// First node of the lattice that positions are rounded to, metres, rest space.
+    /// First node of the lattice to which positions are rounded, metres, rest space.
     pub origin: [f32; 3],
     /// Distance of neighbouring nodes, metres, positive.
     pub step: f32,
@@ -40,32 +40,32 @@ pub struct SetEntry {
     pub points: u32,
     /// Kernel radius r of the paper's Eq. 2, metres, positive.
     pub kernel_radius: f32,
-    /// Digest of the points, rounded and in their order.
+    /// Digest of the rounded points in order.
     pub digest: u64,
 }
 
 /// An instance of a `surface` stream.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Encode, Decode)]
 pub struct MemberEntry {
-    /// Index of the set that its points are.
+    /// Index of its point set.
     pub set: u32,
-    /// What it needs.
+    /// Features that it needs.
     pub needs: Needs,
 }
 
-/// A part of the sets.
+/// A batch of point sets.
 #[derive(Clone, Debug, PartialEq, Encode, Decode)]
 pub struct SetBatch {
-    /// Index of the first entry; the entries before it came in the batches before.
+    /// Index of the first entry. Earlier batches hold the entries before it.
     pub first: u32,
     /// The entries, 1 to [`MAX_BATCH`].
     pub entries: Vec<SetEntry>,
 }
 
-/// A part of the instances.
+/// A batch of instances.
 #[derive(Clone, Debug, PartialEq, Eq, Encode, Decode)]
 pub struct MemberBatch {
-    /// Index of the first entry; the entries before it came in the batches before.
+    /// Index of the first entry. Earlier batches hold the entries before it.
     pub first: u32,
     /// The entries, 1 to [`MAX_BATCH`].
     pub entries: Vec<MemberEntry>,

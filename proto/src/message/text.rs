@@ -1,11 +1,11 @@
-//! Texts of bounded length.
+//! Texts of limited length.
 
 use bincode::de::read::Reader;
 use bincode::de::{BorrowDecoder, Decoder};
 use bincode::enc::Encoder;
 use bincode::error::{DecodeError, EncodeError};
 
-/// What a decoder says of a text over its bound; told apart by `malformed`.
+/// Message of the decoder's error for a text over its limit, which `malformed` recognises.
 pub(super) const TOO_LONG: &str = "text over its bound";
 
 /// A UTF-8 text of at most `MAX` bytes.
@@ -32,7 +32,7 @@ impl<const MAX: usize> Text<MAX> {
         if text.len() > MAX { Err(TextError { length: text.len(), limit: MAX }) } else { Ok(Self(text)) }
     }
 
-    /// Creates a text of the first characters of `text` that fit, for texts that only people read.
+    /// Creates a text of the first characters of `text` that fit, for texts for display.
     #[must_use]
     pub fn cut(text: &str) -> Self {
         Self(text.get(..text.floor_char_boundary(MAX)).unwrap_or(text).to_owned())
@@ -66,7 +66,7 @@ impl<const MAX: usize> bincode::Encode for Text<MAX> {
 impl<C, const MAX: usize> bincode::Decode<C> for Text<MAX> {
     fn decode<D: Decoder<Context = C>>(decoder: &mut D) -> Result<Self, DecodeError> {
         let length = u64::decode(decoder)?;
-        // The bound comes before the allocation.
+        // The length is checked before the allocation.
         let length =
             usize::try_from(length).ok().filter(|&l| l <= MAX).ok_or(DecodeError::Other(TOO_LONG))?;
         decoder.claim_bytes_read(length)?;

@@ -1,4 +1,4 @@
-//! VIEW: where a client looks from.
+//! VIEW: the camera of a client.
 
 use bincode::{Decode, Encode};
 
@@ -9,11 +9,11 @@ use crate::FrameType;
 /// A pinhole camera. World space, metres, Y up, right-handed; the picture's right is `(target - eye) x up`.
 #[derive(Clone, Copy, Debug, PartialEq, Encode, Decode)]
 pub struct CameraPose {
-    /// Where the camera is.
+    /// Position of the camera.
     pub eye: [f32; 3],
     /// A point that it looks at, not the eye itself.
     pub target: [f32; 3],
-    /// A direction, of any length, that is up in the picture; not along the line of sight.
+    /// Up direction of the picture, of any length, not along the line of sight.
     pub up: [f32; 3],
     /// Angle between the top and the bottom of the picture, degrees, in (0, 180).
     pub fov_y_deg: f32,
@@ -22,8 +22,8 @@ pub struct CameraPose {
 }
 
 impl CameraPose {
-    /// Returns whether the pose makes a picture: finite, the eye apart from the target, `up` not along the line of sight, the
-    /// angle and the aspect in their ranges.
+    /// Returns whether the camera is valid: all values finite, eye and target apart, `up` not along the line of sight,
+    /// angle and aspect within their ranges.
     #[must_use]
     pub fn is_valid(&self) -> bool {
         check(self).is_ok()
@@ -34,7 +34,7 @@ fn check(pose: &CameraPose) -> Result<(), FieldError> {
     finite(&pose.eye, "eye")?;
     finite(&pose.target, "target")?;
     finite(&pose.up, "up")?;
-    // In f64, so that no finite camera overflows or vanishes here.
+    // Computed in f64, so that no finite camera overflows or underflows.
     let [ex, ey, ez] = pose.eye.map(f64::from);
     let [tx, ty, tz] = pose.target.map(f64::from);
     let [ux, uy, uz] = pose.up.map(f64::from);
@@ -46,8 +46,8 @@ fn check(pose: &CameraPose) -> Result<(), FieldError> {
     require(pose.aspect > 0.0 && pose.aspect.is_finite(), "aspect", "is not a positive number")
 }
 
-/// Tells the server what the client sees, so that it traces and sends what matters there. Sent whenever it changed, at
-/// most once a frame; the newest one counts.
+/// The client's camera, by which the server decides what to trace and send. A client sends it after each change, at
+/// most once per frame. The newest one counts.
 #[derive(Clone, Copy, Debug, PartialEq, Encode, Decode)]
 pub struct View {
     /// The client's camera.

@@ -1,10 +1,10 @@
-//! Where a server listens and a client connects.
+//! Addresses of servers.
 
 use std::fmt;
 use std::path::PathBuf;
 use std::str::FromStr;
 
-/// An address as people write it: `host:port`, `tls:host:port` or `unix:PATH`.
+/// Address of a server, written `host:port`, `tls:host:port` or `unix:PATH`.
 ///
 /// ```
 /// use psao_proto::net::Address;
@@ -21,7 +21,7 @@ pub enum Address {
     Tcp(HostPort),
     /// TLS over TCP.
     Tls(HostPort),
-    /// A Unix socket: a file that only its owner can connect to.
+    /// A Unix socket: a file that only its owner can use.
     Unix(PathBuf),
 }
 
@@ -34,10 +34,10 @@ pub struct HostPort {
     pub port: u16,
 }
 
-/// Why a text is no address.
+/// Why a text is not an address.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "{text:?} is no address: {problem}; an address is host:port (127.0.0.1:4700, [::1]:4700), tls:host:port or unix:PATH"
+    "{text:?} is not an address: {problem}; an address is host:port (127.0.0.1:4700, [::1]:4700), tls:host:port or unix:PATH"
 )]
 pub struct AddressError {
     text: String,
@@ -64,7 +64,7 @@ fn host_port(text: &str) -> Result<HostPort, &'static str> {
     let host = match host.strip_prefix('[').map(|rest| rest.strip_suffix(']')) {
         Some(Some(inside)) => inside,
         Some(None) => return Err("the bracket is not closed"),
-        None if host.contains(':') => return Err("an IPv6 address belongs into brackets"),
+        None if host.contains(':') => return Err("an IPv6 address must be in brackets"),
         None => host,
     };
     if host.is_empty() {

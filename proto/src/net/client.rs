@@ -18,12 +18,12 @@ use super::{ClientTls, TlsError};
 use crate::session::{ClientEvent, ClientOptions, ClientSession, SessionError};
 use crate::{Limits, Micros, WireFrame};
 
-/// Bytes that wait between the two ends of a connection within a process, in each direction.
+/// Capacity in bytes of a connection within a process, in each direction.
 const IN_PROCESS_BUFFER_BYTES: usize = 256 * 1024;
-/// How long to look for what the server said before it closed a connection that breaks.
+/// Time limit for the last exchange with the server when a connection ends with an error.
 const FAREWELL_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// How a client connects. The default: no credentials, no authorities, so no TLS.
+/// Options of a client's connection. By default without token and without TLS.
 #[derive(Clone, Debug, Default)]
 pub struct ConnectOptions {
     session: ClientOptions,
@@ -33,14 +33,14 @@ pub struct ConnectOptions {
 }
 
 impl ConnectOptions {
-    /// Sets the options of the session; its token is the client's credential.
+    /// Sets the options of the session, which include the token.
     #[must_use]
     pub fn session(mut self, session: ClientOptions) -> Self {
         self.session = session;
         self
     }
 
-    /// Sets whether the token may leave this machine without TLS, for closed networks.
+    /// Sets whether the token may leave this machine without TLS. Use it on closed networks only.
     #[must_use]
     pub const fn token_in_clear(mut self, allowed: bool) -> Self {
         self.token_in_clear = allowed;
@@ -55,18 +55,18 @@ impl ConnectOptions {
         self
     }
 
-    /// Returns whether what these options tell a server at `to` may go without TLS.
+    /// Returns whether a connection to `to` without TLS keeps the token within the rules of these options.
     pub(super) fn may_go_in_clear(&self, to: &SocketAddr) -> bool {
         self.session.token.is_none() || self.token_in_clear || is_local(to)
     }
 }
 
-/// Connects to the server at `address`. The handshake of the protocol goes on in [`Connection::next_events`]; that of
-/// TLS is over when this returns, but for a client certificate that the server refuses, which shows there, too.
+/// Connects to the server at `address`. The TLS handshake is complete when this returns; the protocol's handshake
+/// continues in [`Connection::next_events`]. A client certificate that the server refuses also shows there.
 ///
 /// # Errors
 /// [`NetError::Refused`], [`NetError::ConnectTimeout`] after [`Limits::handshake`], [`NetError::Connect`],
-/// `NetError::Tls`; [`NetError::TlsNeeds`] and [`NetError::TlsUnused`] when address and options disagree;
+/// `NetError::Tls`; [`NetError::TlsNeeds`] and [`NetError::TlsUnused`] when address and options conflict;
 /// [`NetError::TokenInClear`] for a token that would leave this machine without TLS.
 pub async fn connect(
     address: &Address,
@@ -86,8 +86,8 @@ pub async fn connect(
     Ok(Connection::new(address.to_string(), stream, session, started, limits))
 }
 
-/// Connects to a hub of the same process, without a socket: the same bytes, the same bounds, the same tasks. Where the
-/// hub wants a token, this client has it.
+/// Connects to a hub in the same process without a socket. The client uses the hub's token, if there is one. Bytes,
+/// limits and tasks are those of a socket connection.
 #[must_use]
 pub fn connect_in_process(hub: &Hub, limits: Limits) -> Connection {
     let (ours, theirs) = tokio::io::duplex(IN_PROCESS_BUFFER_BYTES);
@@ -119,7 +119,7 @@ async fn open_tcp(address: &Address, place: &HostPort) -> Result<TcpStream, NetE
     let failed = |source| NetError::connect(address, source);
     let places = resolve(place).await.map_err(failed)?;
     let stream = TcpStream::connect(&places[..]).await.map_err(failed)?;
-    // Acknowledgements are small and must not wait for company. Where this fails they are late, no more.
+    // Acknowledgements are small and must not wait for more data. If this fails, they are only later.
     let _ = stream.set_nodelay(true);
     Ok(stream)
 }
@@ -149,7 +149,7 @@ fn tls_needs(address: &Address) -> NetError {
     NetError::tls_needs(address, "the certificate of the authority that signed the server's")
 }
 
-/// A client session and what carries its bytes.
+/// A client session and the stream that carries its bytes.
 pub struct Connection {
     address: String,
     stream: Stream,
@@ -167,24 +167,25 @@ impl Connection {
         started: Instant,
         limits: Limits,
     ) -> Self {
-        // The deadline of the handshake counts from the start of the connection. Nothing has failed yet.
+        // The deadline of the handshake counts from the start of the connection. The first call cannot fail.
         let _ = session.tick(Micros(0));
         Self { address, stream, session, started, limits, buffer: vec![0; CHUNK_BYTES] }
     }
 
-    /// Sends what waits, then waits for bytes from the server and returns the events they make: none, one or many.
-    /// After [`ClientEvent::Closed`] there is nothing more to wait for.
+    /// Sends waiting bytes, waits for bytes from the server, and returns the resulting events: none, one or many. After
+    /// [`ClientEvent::Closed`] no event follows.
     ///
-    /// It may be cancelled between events, as by `select!`: nothing is lost.
+    /// This method is cancel-safe, for example in `select!`.
     ///
     /// # Errors
     /// [`NetError::Session`], [`NetError::Disconnected`], [`NetError::Broken`], [`NetError::Stalled`],
-    /// `NetError::Tls`, [`NetError::SpeaksTls`]. The session's state stays readable.
+    /// `NetError::Tls`, [`NetError::SpeaksTls`]. The state stays readable.
     pub async fn next_events(&mut self) -> Result<Vec<ClientEvent>, NetError> {
         self.next_events_with(&mut |_| {}).await
     }
 
-    /// As [`next_events`](Self::next_events), and shows every whole frame to `tap`, for recording.
+    /// Does the same as [`next_events`](Self::next_events), and passes every whole frame to `tap`, for example to a
+    /// recorder.
     ///
     /// # Errors
     /// As [`next_events`](Self::next_events).
@@ -198,13 +199,13 @@ impl Connection {
         }
         let count = match sent {
             Ok(()) => self.read().await?,
-            // Whoever closes a connection may have said why before.
+            // A server may have sent a CLOSE before it closed the connection.
             Err(broken) => match timeout(FAREWELL_TIMEOUT, self.read()).await {
                 Ok(Ok(count)) => count,
                 Ok(Err(NetError::Broken { .. } | NetError::Disconnected { .. })) | Err(_) => {
                     return Err(broken);
                 }
-                Ok(Err(told)) => return Err(told),
+                Ok(Err(error)) => return Err(error),
             },
         };
         let bytes = self.buffer.get(..count).unwrap_or_default();
@@ -212,7 +213,7 @@ impl Connection {
         self.finish_with(result).await
     }
 
-    /// Reads into the buffer: at least one byte. Calls the session whenever it wants to be called.
+    /// Reads at least one byte into the buffer. Calls the session at its deadlines.
     async fn read(&mut self) -> Result<usize, NetError> {
         loop {
             let deadline = self.session.next_deadline();
@@ -235,7 +236,7 @@ impl Connection {
             return match result {
                 Ok(count) if count > 0 => Ok(count),
                 Err(source) if source.kind() != ErrorKind::UnexpectedEof => Err(self.broken(source)),
-                // Nothing, or TLS without its own goodbye.
+                // The end of the stream, or of TLS without a `close_notify` alert.
                 _ => Err(NetError::Disconnected {
                     address: self.address.clone(),
                     unfinished: self.session.unfinished_bytes(),
@@ -244,10 +245,10 @@ impl Connection {
         }
     }
 
-    /// Sends what waits: views, edits, requests, a close. It may be cancelled: nothing is lost.
+    /// Sends all waiting bytes, such as views, edits, requests and CLOSE. This method is cancel-safe.
     ///
     /// # Errors
-    /// [`NetError::Broken`], `NetError::Tls`; [`NetError::Stalled`] when the server takes nothing for
+    /// [`NetError::Broken`], `NetError::Tls`; [`NetError::Stalled`] when the server takes no bytes for
     /// [`Limits::stall`].
     pub async fn flush(&mut self) -> Result<(), NetError> {
         let stall = Duration::from_micros(self.limits.stall.0);
@@ -264,10 +265,10 @@ impl Connection {
         }
     }
 
-    /// Writes as much as goes at once; false when nothing is left.
+    /// Writes as many bytes as the stream takes at once. Returns false when none are left.
     async fn write_some(&mut self) -> std::io::Result<bool> {
         if self.session.output().is_empty() {
-            // TLS keeps bytes of its own.
+            // TLS buffers bytes itself.
             self.stream.flush().await?;
             return Ok(false);
         }
@@ -280,13 +281,13 @@ impl Connection {
         }
     }
 
-    /// Returns the session: its state, and what to tell the server. What it is told goes out with the next
-    /// [`flush`](Self::flush) or [`next_events`](Self::next_events).
+    /// Returns the session. Messages that are given to it leave with the next [`flush`](Self::flush) or
+    /// [`next_events`](Self::next_events).
     pub const fn session(&mut self) -> &mut ClientSession {
         &mut self.session
     }
 
-    /// Returns the state after the last frame; `None` before the scene is known.
+    /// Returns the state after the last frame applied; `None` before the scene table.
     #[must_use]
     pub fn state(&self) -> Option<&State> {
         self.session.state()
@@ -304,13 +305,13 @@ impl Connection {
         &self.address
     }
 
-    /// Passes on what the session says. When it failed, the other end is told if that is still possible.
+    /// Converts a result of the session. After an error, sends the session's CLOSE if that is still possible.
     async fn finish_with<T>(&mut self, result: Result<T, SessionError>) -> Result<T, NetError> {
         let source = match result {
             Ok(events) => return Ok(events),
             Err(source) => source,
         };
-        // The error at hand says more than a socket that broke after it.
+        // The session's error is more useful than a socket that broke after it.
         let _ = timeout(FAREWELL_TIMEOUT, self.flush()).await;
         let address = self.address.clone();
         Err(match source {

@@ -1,4 +1,4 @@
-//! What goes wrong with sockets, in words for the person at the terminal.
+//! Errors of connections and listeners, with messages for users.
 
 use std::io;
 
@@ -15,25 +15,25 @@ pub enum NetError {
     /// The address cannot be read.
     #[error(transparent)]
     Address(#[from] AddressError),
-    /// Other machines could reach the address, and what guards it is not enough.
+    /// Other machines can reach the address, but it lacks TLS or credentials.
     #[error(
         "{address} can be reached from other machines, but {lacks}: listen at 127.0.0.1 or a unix: socket, or at a tls: address with a token or client certificates, or open it to everyone on purpose"
     )]
     Exposed {
         /// The address as it was given.
         address: String,
-        /// What is missing.
+        /// The missing protection.
         lacks: &'static str,
     },
-    /// The address asks for TLS, and what that takes was not given.
+    /// The address uses TLS, but the certificates for it were not given.
     #[error("{address} needs {needs}")]
     TlsNeeds {
         /// The address as it was given.
         address: String,
-        /// What is missing.
+        /// The missing certificate or feature.
         needs: &'static str,
     },
-    /// Certificates were given for an address that has no use for them.
+    /// Certificates were given for an address without TLS.
     #[error(
         "certificates were given, but {address} does not use TLS: write tls:host:port, or leave them out"
     )]
@@ -41,16 +41,16 @@ pub enum NetError {
         /// The address as it was given.
         address: String,
     },
-    /// TLS could not be set up, or broke.
+    /// TLS failed during the handshake or later.
     #[cfg(feature = "tls")]
     #[error("{address}: {source}")]
     Tls {
         /// The other end.
         address: String,
-        /// What was wrong.
+        /// The TLS error.
         source: TlsError,
     },
-    /// The server speaks TLS, and the address does not say so.
+    /// The server uses TLS, but the address does not start with `tls:`.
     #[error(
         "the server at {address} speaks TLS: connect to tls:{address}, with the certificate of its authority"
     )]
@@ -66,18 +66,18 @@ pub enum NetError {
         /// The address as it was given.
         address: String,
     },
-    /// The path of a Unix socket is taken by something else.
+    /// The path of a Unix socket exists but is not a socket.
     #[error("{} exists and is no socket: choose another path, or remove it", path.display())]
     NotASocket {
         /// The path.
         path: std::path::PathBuf,
     },
-    /// The server takes none of this client's bytes.
+    /// The server took no bytes for too long.
     #[error("{address} took none of this client's bytes for {:.1} s", waited.as_secs_f64())]
     Stalled {
         /// The other end.
         address: String,
-        /// How long.
+        /// Time without progress.
         waited: Micros,
     },
     /// Nothing listens at the address.
@@ -86,12 +86,12 @@ pub enum NetError {
         /// The address as it was given.
         address: String,
     },
-    /// The address could not be reached in time.
+    /// The server did not answer in time.
     #[error("{address} did not answer within {:.1} s: check the address and the network between", waited.as_secs_f64())]
     ConnectTimeout {
         /// The address as it was given.
         address: String,
-        /// How long was waited.
+        /// Time that the client waited.
         waited: Micros,
     },
     /// The address could not be reached for another reason.
@@ -99,7 +99,7 @@ pub enum NetError {
     Connect {
         /// The address as it was given.
         address: String,
-        /// What the system says.
+        /// The system's error.
         source: io::Error,
     },
     /// Another program listens at the address already.
@@ -115,7 +115,7 @@ pub enum NetError {
     Bind {
         /// The address as it was given.
         address: String,
-        /// What the system says.
+        /// The system's error.
         source: io::Error,
     },
     /// The connection broke.
@@ -123,31 +123,31 @@ pub enum NetError {
     Broken {
         /// The other end.
         address: String,
-        /// What the system says.
+        /// The system's error.
         source: io::Error,
     },
-    /// The other end went away without a CLOSE.
+    /// The other end closed the connection without a CLOSE.
     #[error(
         "{address} closed the connection without a goodbye, {unfinished} bytes into a frame: it was stopped, or it failed"
     )]
     Disconnected {
         /// The other end.
         address: String,
-        /// Bytes that came of a frame that never became whole.
+        /// Bytes received of an incomplete frame.
         unfinished: usize,
     },
-    /// The bytes that came broke the protocol, or the other end refused.
+    /// The session ended with an error, or the other end refused it.
     #[error("{address}: {source}")]
     Session {
         /// The other end.
         address: String,
-        /// What was wrong.
+        /// The session's error.
         source: SessionError,
     },
 }
 
 impl NetError {
-    /// `needs` is what is missing in a program that has TLS.
+    /// Creates [`TlsNeeds`](Self::TlsNeeds). `needs` names what is missing in a program built with TLS.
     pub(super) fn tls_needs(address: &Address, needs: &'static str) -> Self {
         let needs = if cfg!(feature = "tls") { needs } else { "a program that is built with TLS" };
         Self::TlsNeeds { address: address.to_string(), needs }
@@ -157,7 +157,7 @@ impl NetError {
         let address = address.to_string();
         match source.kind() {
             io::ErrorKind::ConnectionRefused => Self::Refused { address },
-            // The file of a Unix socket; names of hosts that are not found are of another kind.
+            // A missing Unix socket. Unknown host names have another error kind.
             io::ErrorKind::NotFound => Self::Refused { address },
             _ => Self::Connect { address, source },
         }

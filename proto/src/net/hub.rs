@@ -31,41 +31,41 @@ pub enum HubEvent {
     Joined {
         /// The client.
         client: ClientId,
-        /// Where it is.
+        /// Its address.
         peer: Peer,
         /// Its name for itself.
         name: String,
     },
-    /// A client wants the scene changed.
+    /// A client asks for an edit of the scene.
     Edit {
         /// The client.
         client: ClientId,
-        /// What it wants.
+        /// The requested edit.
         edit: Edit,
     },
-    /// A connection is gone, whether or not it had become a client.
+    /// A connection ended, whether or not its client had joined.
     Left {
         /// The client.
         client: ClientId,
-        /// Where it was.
+        /// Its address.
         peer: Peer,
         /// Why, unless either end sent a CLOSE.
         error: Option<PeerError>,
     },
-    /// Connections cannot be accepted, for example because the process has no file descriptor left. Reported once, until
-    /// one is accepted again.
+    /// Connections cannot be accepted, for example because the process has no file descriptor left. Reported once,
+    /// until one is accepted again.
     AcceptFailed {
         /// The system's message.
         what: String,
     },
-    /// Connections that were closed without a reply, because too many were being rejected already.
+    /// Connections were closed without a reply, because too many were being rejected already.
     Dropped {
-        /// How many since the last such event.
+        /// Their number since the last such event.
         connections: u64,
     },
-    /// Events that were dropped before the next one, because nobody took them.
+    /// Events were dropped before the next one, because nobody took them.
     Missed {
-        /// How many.
+        /// Their number.
         events: u64,
     },
 }
@@ -85,7 +85,7 @@ pub struct Broadcast {
 
 /// The clients of one stream. Cloning it gives another handle to the same clients.
 ///
-/// Only methods whose names say so wait for a client.
+/// Only methods named `wait_...` and [`close`](Self::close) wait for clients.
 #[derive(Clone, Debug)]
 pub struct Hub {
     shared: Arc<Shared>,
@@ -100,7 +100,7 @@ struct Shared {
     /// Taken before `inner` where both are.
     fanout: Mutex<Fanout>,
     inner: Mutex<Inner>,
-    /// Something changed that a waiting frame loop may care about.
+    /// Notified when a client joins, leaves or acknowledges.
     changed: Notify,
 }
 
@@ -225,7 +225,7 @@ impl Hub {
 
     fn note(&self, send: impl Fn(&mut ServerSession) -> Result<bool, SendError>) {
         for slot in self.lock().clients.values_mut() {
-            // A client can do without a note.
+            // A client works without these messages, so errors are ignored.
             let _ = send(&mut slot.session);
             slot.wake.notify_one();
         }
@@ -247,7 +247,7 @@ impl Hub {
         self.lock().clients.values().filter(|s| s.session.is_joined()).filter_map(|s| s.view).collect()
     }
 
-    /// Returns the number of clients that have joined and not left.
+    /// Returns the number of clients that have joined and did not leave.
     #[must_use]
     pub fn joined(&self) -> usize {
         self.lock().clients.values().filter(|slot| slot.session.is_joined()).count()
@@ -259,13 +259,13 @@ impl Hub {
         self.lock().clients.values().map(|slot| slot.session.queued_bytes()).sum()
     }
 
-    /// Waits until at least `count` clients have joined. Returns whether they have.
+    /// Waits until at least `count` clients have joined, or for `patience`. Returns whether they have joined.
     pub async fn wait_joined(&self, count: usize, patience: Duration) -> bool {
         self.wait_until(|_| self.joined() >= count, patience).await
     }
 
-    /// Waits until every client has acknowledged `frame` and the ones before it. Returns whether they have. A client that
-    /// fell behind, asked for a keyframe or left is not waited for.
+    /// Waits until every client has acknowledged `frame` and the ones before it, or for `patience`. Returns whether
+    /// they have. It does not wait for clients that fell behind, asked for a keyframe or left.
     pub async fn wait_acked(&self, frame: FrameIndex, patience: Duration) -> bool {
         let acked = |slot: &Slot| !slot.session.is_joined() || slot.unacked.is_none_or(|owed| owed > frame);
         self.wait_until(|hub| hub.lock().clients.values().all(acked), patience).await
@@ -303,11 +303,11 @@ impl Hub {
     }
 
     fn lock(&self) -> MutexGuard<'_, Inner> {
-        // Nothing panics under the lock; if something did, every slot is still whole.
+        // No code panics while it holds the lock. If one did, every slot would still be valid.
         self.shared.inner.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    // What follows is for the connections.
+    // The methods below are for the connections.
 
     /// Takes a connection; the notify wakes its writer. Beyond the limit, or when the hub is closing, the client is
     /// rejected. Returns `None` when too many are being rejected already.
@@ -391,7 +391,7 @@ impl Hub {
         Some(Duration::from_micros(deadline.since(self.now()).0))
     }
 
-    /// The connection ended or broke. Nothing goes on after it.
+    /// Records why a connection ended or broke.
     pub(super) fn fault(&self, id: ClientId, fault: PeerError) {
         if let Some(slot) = self.lock().clients.get_mut(&id) {
             slot.session.close(CloseCode::FAILED, "the connection broke");
@@ -419,12 +419,12 @@ impl Hub {
         }
     }
 
-    /// A connection could not be accepted.
+    /// Reports that a connection could not be accepted.
     pub(super) fn accept_failed(&self, error: &std::io::Error) {
         self.lock().push_event(HubEvent::AcceptFailed { what: error.to_string() });
     }
 
-    /// The connection is gone.
+    /// Removes a connection that has ended.
     pub(super) fn remove(&self, id: ClientId) {
         let mut inner = self.lock();
         if let Some(slot) = inner.clients.remove(&id) {

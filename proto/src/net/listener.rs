@@ -1,4 +1,4 @@
-//! Listening for clients.
+//! Listeners, which accept connections of clients.
 
 use std::net::SocketAddr;
 use std::time::Duration;
@@ -14,20 +14,20 @@ use super::stream::{is_local, resolve};
 use super::unix::UnixSocketListener;
 use super::{Address, HostPort, Hub, NetError, Peer};
 
-/// Pause after a failed accept, as when the process has no file descriptor left.
+/// Pause after a failed accept, for example when the process has no file descriptor left.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
 
-/// Who may reach a server.
+/// Rule for addresses that other machines can reach.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Exposure {
-    /// An address that other machines can reach needs TLS and a credential: a token, or certificates of clients.
+    /// Such an address must use TLS and require a token or client certificates.
     #[default]
     Guarded,
-    /// Any address will do, and every client that reaches it is served. For networks that are closed in themselves.
+    /// Any address is allowed, and every client is served. Use it on closed networks only.
     OpenToEveryone,
 }
 
-/// How a server listens. The default: without TLS, and guarded.
+/// Options of a listener. By default without TLS, and guarded.
 #[derive(Clone, Debug, Default)]
 pub struct ListenOptions {
     exposure: Exposure,
@@ -36,7 +36,7 @@ pub struct ListenOptions {
 }
 
 impl ListenOptions {
-    /// Sets the peers that may reach the server.
+    /// Sets the rule for addresses that other machines can reach.
     #[must_use]
     pub const fn exposure(mut self, exposure: Exposure) -> Self {
         self.exposure = exposure;
@@ -66,7 +66,7 @@ impl ListenOptions {
         return false;
     }
 
-    /// Refuses what would let in whom nobody asked for.
+    /// Refuses an address that unknown clients could use.
     fn check_exposure(
         &self,
         address: &Address,
@@ -87,7 +87,7 @@ impl ListenOptions {
     }
 }
 
-/// A bound address that clients connect to.
+/// A bound address at which a server accepts clients.
 #[derive(Debug)]
 pub struct Listener {
     hub: Hub,
@@ -105,12 +105,12 @@ enum Socket {
 }
 
 impl Listener {
-    /// Listens at `address` for clients of `hub`; port 0 lets the system choose. A Unix socket that nothing answers at is
-    /// replaced; the new one is its owner's alone (mode 0600) and removed when the listener is dropped.
+    /// Listens at `address` for clients of `hub`. With port 0 the system chooses a port. A stale Unix socket is
+    /// replaced. The new socket belongs to its owner alone (mode 0600) and is removed when the listener is dropped.
     ///
     /// # Errors
     /// [`NetError::Exposed`] for an address that other machines can reach, unless it has TLS and a credential or the
-    /// options allow everyone; [`NetError::TlsNeeds`] and [`NetError::TlsUnused`] when address and options disagree;
+    /// options allow everyone; [`NetError::TlsNeeds`] and [`NetError::TlsUnused`] when address and options conflict;
     /// [`NetError::InUse`], [`NetError::NotASocket`], [`NetError::Bind`].
     pub async fn bind(hub: &Hub, address: &Address, options: &ListenOptions) -> Result<Self, NetError> {
         check_tls(address, options)?;
@@ -139,13 +139,13 @@ impl Listener {
         })
     }
 
-    /// Returns the address that it listens at, with the port that was chosen.
+    /// Returns the address of the listener, with the chosen port.
     #[must_use]
     pub const fn address(&self) -> &Address {
         &self.address
     }
 
-    /// Serves every client that connects, each in a task of its own, until the hub is closed or this is dropped.
+    /// Serves every client that connects, each in its own task, until the hub is closed or this future is dropped.
     pub async fn run(self) {
         let mut failing = false;
         loop {
@@ -155,7 +155,7 @@ impl Listener {
             };
             match accepted {
                 Ok(()) => failing = false,
-                // One client that could not be accepted must not end the others. A row of failures is told once.
+                // A failed accept must not end other sessions. Consecutive failures are reported once.
                 Err(error) => {
                     if !std::mem::replace(&mut failing, true) {
                         self.hub.accept_failed(&error);
@@ -172,7 +172,7 @@ impl Listener {
         match &self.socket {
             Socket::Tcp(listener) => {
                 let (stream, from) = listener.accept().await?;
-                // Frames must not wait for company. Where this fails they are late, no more.
+                // Frames must not wait for more data. If this fails, they are only later.
                 let _ = stream.set_nodelay(true);
                 self.start_tcp(hub, stream, from);
             }
@@ -209,7 +209,7 @@ async fn bind_tcp(
     Ok((port, Socket::Tcp(listener)))
 }
 
-/// Whether address and options agree about TLS.
+/// Checks that address and options agree about TLS.
 fn check_tls(address: &Address, options: &ListenOptions) -> Result<(), NetError> {
     match (address, options.has_tls()) {
         (Address::Tls(_), false) => {

@@ -1,12 +1,12 @@
-//! Sockets around the sessions: the only part of this crate that does I/O. Behind the feature `tokio`, TLS behind `tls`.
+//! Sessions over sockets. Feature `tokio`; feature `tls` adds TLS.
 //!
-//! A server binds a [`Listener`], which serves every client that connects and shares a [`Hub`] with the frame loop; the
-//! frame loop gives the hub one frame after the other. A client [`connect`]s and takes events. Both take any
-//! [`Address`]: TCP, TLS over TCP, or a Unix socket; [`connect_in_process`] needs none.
+//! A server creates a [`Hub`] and binds a [`Listener`] to it. The listener serves every client that connects, and the
+//! server's frame loop gives each frame to the hub. A client calls [`connect`] and takes events. An [`Address`] is TCP,
+//! TLS over TCP, or a Unix socket; [`connect_in_process`] needs none.
 //!
-//! An address that other machines can reach must have TLS and ask for a credential, or be opened to everyone on purpose
-//! ([`Exposure`]). What a bad peer does ends its own connection and is told once, as [`HubEvent::Left`] with a
-//! [`PeerError`].
+//! An address that other machines can reach must use TLS and require a token or client certificates, unless the server
+//! opens it to everyone ([`Exposure`]). A faulty peer only ends its own connection. The hub reports it once, as
+//! [`HubEvent::Left`] with a [`PeerError`].
 //!
 //! ```
 //! use std::time::Duration;
@@ -30,7 +30,7 @@
 //!     for _ in 0..3 {
 //!         let frame = source.step()?;
 //!         hub.broadcast(&frame.info, frame.body, source.state().into(), hub.now())?;
-//!         // In step: the next frame only when every client holds this one.
+//!         // In step: wait until every client has applied this frame.
 //!         hub.wait_acked(frame.info.frame, Duration::from_secs(10)).await;
 //!     }
 //!     hub.close(CloseCode::DONE, "three frames are enough", Duration::from_secs(10)).await;
@@ -81,10 +81,10 @@ use tokio::time::Instant;
 
 use crate::Micros;
 
-/// Bytes read or written at a time.
+/// Bytes per read or write.
 const CHUNK_BYTES: usize = 64 * 1024;
 
-/// Returns the time since `start`, as the sessions take it.
+/// Returns the time since `start`.
 fn elapsed_since(start: Instant) -> Micros {
     Micros(u64::try_from(start.elapsed().as_micros()).unwrap_or(u64::MAX))
 }

@@ -35,36 +35,36 @@ impl fmt::Display for Peer {
     }
 }
 
-/// Why a connection is gone without a CLOSE of either end.
+/// Why a connection ended without a CLOSE.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum PeerError {
-    /// It broke the protocol, was turned away, or hung.
+    /// The session failed: the client broke the protocol, was refused, or hung.
     #[error(transparent)]
     Session(#[from] SessionError),
-    /// It cannot be sent the stream's frames.
+    /// The stream's frames cannot be sent to the client.
     #[error(transparent)]
     Unservable(SendError),
-    /// It speaks TLS to a port that does not.
+    /// The client speaks TLS to a port without TLS.
     #[error("it speaks TLS, which this address does not: listen at tls:host:port, or connect without tls:")]
     TlsAtPlainPort,
-    /// TLS was not set up, or broke.
+    /// TLS failed during the handshake or later.
     #[cfg(feature = "tls")]
     #[error(transparent)]
     Tls(#[from] TlsError),
     /// The server was full.
     #[error("turned away: {limit} clients are connected, as many as the server takes")]
     TurnedAway {
-        /// Clients that it takes.
+        /// Largest number of clients.
         limit: u32,
     },
-    /// Its connection ended without a CLOSE.
+    /// The connection ended without a CLOSE.
     #[error("it closed the connection without a goodbye, {unfinished} bytes into a frame")]
     Disconnected {
-        /// Bytes that came of a frame that never became whole.
+        /// Bytes received of an incomplete frame.
         unfinished: usize,
     },
-    /// Its connection broke.
+    /// The connection broke.
     #[error("the connection broke: {what}")]
     Broken {
         /// The system's message.

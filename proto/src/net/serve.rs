@@ -1,4 +1,4 @@
-//! One client's connection at a server, from accept to the end.
+//! One client's connection at a server.
 
 use std::time::Duration;
 
@@ -9,12 +9,12 @@ use tokio::time::timeout;
 use super::stream::Stream;
 use super::{CHUNK_BYTES, ClientId, Hub, Peer, PeerError};
 
-/// How long the last frames of a session may take to leave, and the other end to take them.
+/// Time limit for the last frames of a session, and for the other end to take them.
 const LINGER: Duration = Duration::from_secs(2);
-/// Bytes read from a client at a time: what clients say is short.
+/// Bytes per read from a client. Messages of clients are short.
 const READ_CHUNK_BYTES: usize = 4 * 1024;
 
-/// Serves a client whose connection is set up.
+/// Serves a client over an open connection.
 pub(super) async fn serve(hub: Hub, peer: Peer, stream: Stream) {
     let Some((id, wake)) = hub.add(peer) else { return };
     // Starts the session's deadline.
@@ -23,7 +23,7 @@ pub(super) async fn serve(hub: Hub, peer: Peer, stream: Stream) {
     hub.remove(id);
 }
 
-/// As [`serve`], behind a TLS handshake, which counts against the deadline of the whole handshake.
+/// Does the same as [`serve`] after a TLS handshake, which counts against the deadline of the session's handshake.
 #[cfg(feature = "tls")]
 pub(super) async fn serve_tls(
     hub: Hub,
@@ -45,7 +45,7 @@ pub(super) async fn serve_tls(
                 let (mut from, mut to) = stream.into_split();
                 close_gracefully(&mut from, &mut to).await;
             }
-            // The session knows that its deadline has passed.
+            // The session reports that its deadline has passed.
             Err(_) => drop(hub.tick(id)),
         },
         () = hub.closing() => {}
@@ -53,7 +53,7 @@ pub(super) async fn serve_tls(
     hub.remove(id);
 }
 
-/// Carries a session's bytes until it is over or the connection is.
+/// Carries a session's bytes until the session or the connection ends.
 async fn run_session(hub: &Hub, id: ClientId, wake: &Notify, stream: Stream) {
     let (mut from, to) = split(stream);
     let mut outgoing = Outgoing { to, bytes: Vec::new(), sent: 0 };
@@ -61,13 +61,13 @@ async fn run_session(hub: &Hub, id: ClientId, wake: &Notify, stream: Stream) {
         () = read_all(hub, id, &mut from) => {}
         () = write_all(hub, id, wake, &mut outgoing) => {}
     }
-    // What waits may still go out, but for those who take nothing.
+    // Waiting bytes are still sent, within a time limit.
     let _ = timeout(LINGER, write_all(hub, id, wake, &mut outgoing)).await;
     close_gracefully(&mut from, &mut outgoing.to).await;
 }
 
-/// Closes in such a way that the last frames arrive: a socket closed with bytes unread is reset, and they may be lost
-/// with it.
+/// Closes the connection so that the last frames arrive. Unread bytes would reset the socket and could lose these
+/// frames, so they are read first.
 async fn close_gracefully(from: &mut (impl AsyncRead + Unpin), to: &mut (impl AsyncWrite + Unpin)) {
     let closing = async {
         let _ = to.shutdown().await;
@@ -102,15 +102,15 @@ async fn read_all(hub: &Hub, id: ClientId, from: &mut ReadHalf<Stream>) {
     }
 }
 
-/// Bytes on their way to a client.
+/// Bytes that are being sent to a client.
 struct Outgoing {
     to: WriteHalf<Stream>,
     bytes: Vec<u8>,
-    /// How many of them went.
+    /// Number of bytes sent.
     sent: usize,
 }
 
-/// Writes whatever waits, until the session is over, the connection is, or the client takes nothing for too long.
+/// Writes waiting bytes until the session or connection ends, or the client takes no bytes for too long.
 async fn write_all(hub: &Hub, id: ClientId, wake: &Notify, outgoing: &mut Outgoing) {
     let stall = Duration::from_micros(hub.limits().stall.0);
     loop {
@@ -133,11 +133,11 @@ async fn write_all(hub: &Hub, id: ClientId, wake: &Notify, outgoing: &mut Outgoi
 }
 
 impl Outgoing {
-    /// Writes as much as goes at once; false when nothing is left. It may be cancelled between writes.
+    /// Writes as many bytes as the stream takes at once. Returns false when none are left. This method is cancel-safe.
     async fn write_some(&mut self) -> std::io::Result<bool> {
         let rest = self.bytes.get(self.sent..).unwrap_or_default();
         if rest.is_empty() {
-            // TLS keeps bytes of its own.
+            // TLS buffers bytes itself.
             self.to.flush().await?;
             return Ok(false);
         }

@@ -1,4 +1,4 @@
-//! The bytes of a connection, whatever carries them.
+//! The byte stream of a connection of any kind.
 
 use std::net::SocketAddr;
 
@@ -6,19 +6,19 @@ use tokio::io::{AsyncRead, AsyncWrite};
 
 use super::HostPort;
 
-/// Something to read from and write to.
+/// A stream to read from and write to.
 pub(super) trait Duplex: AsyncRead + AsyncWrite + Send + Unpin {}
 impl<T: AsyncRead + AsyncWrite + Send + Unpin> Duplex for T {}
 
-/// A connection of any kind. A call through the box costs nothing beside the system call behind it.
+/// A connection of any kind. The cost of a dynamic call is small beside its system call.
 pub(super) type Stream = Box<dyn Duplex>;
 
-/// Returns whether only this machine can be at that address.
+/// Returns whether an address belongs to this machine only.
 pub(super) fn is_local(address: &SocketAddr) -> bool {
     address.ip().to_canonical().is_loopback()
 }
 
-/// All socket addresses of a host and port.
+/// Returns all socket addresses of a host and port.
 pub(super) async fn resolve(place: &HostPort) -> std::io::Result<Vec<SocketAddr>> {
     let found: Vec<_> = tokio::net::lookup_host((place.host.as_str(), place.port)).await?.collect();
     if found.is_empty() {

@@ -1,4 +1,4 @@
-//! Unix sockets: files that stay behind when a server dies, and that must be its owner's alone.
+//! Unix sockets: files that only their owner may use, and that remain when a server is killed.
 
 use std::fs;
 use std::io;
@@ -9,7 +9,7 @@ use tokio::net::{UnixListener, UnixSocket, UnixStream};
 
 use super::{Address, NetError, Peer};
 
-/// Connections that may wait to be accepted, as the standard library has it.
+/// Connections that may wait to be accepted.
 const BACKLOG: u32 = 1024;
 
 /// A listener and its file.
@@ -31,7 +31,7 @@ impl UnixSocketListener {
         }
         .map_err(refused)?;
         let file = SocketFile::new(path).map_err(refused)?;
-        // Before it listens nobody can connect, so there is no moment at which others may.
+        // Nobody can connect before the socket listens, so its permissions are never too wide.
         fs::set_permissions(path, fs::Permissions::from_mode(0o600)).map_err(refused)?;
         let listener = socket.listen(BACKLOG).map_err(refused)?;
         Ok(Self { listener, _file: file })
@@ -50,7 +50,7 @@ fn bind(path: &Path) -> io::Result<UnixSocket> {
     Ok(socket)
 }
 
-/// Removes a socket that a dead server left behind; nothing else.
+/// Removes a socket that a killed server left behind. Refuses to remove other files and sockets in use.
 async fn remove_stale(path: &Path) -> Result<(), NetError> {
     let address = Address::Unix(path.to_owned());
     let metadata = fs::symlink_metadata(path).map_err(|source| NetError::bind(&address, source))?;
@@ -65,7 +65,7 @@ async fn remove_stale(path: &Path) -> Result<(), NetError> {
     }
 }
 
-/// The file of a bound socket, removed with this value unless another took its place.
+/// The file of a bound socket. Dropping this value removes the file, unless another file has replaced it.
 #[derive(Debug)]
 struct SocketFile {
     path: PathBuf,
@@ -81,7 +81,7 @@ impl SocketFile {
 impl Drop for SocketFile {
     fn drop(&mut self) {
         if identity(&self.path).is_ok_and(|found| found == self.identity) {
-            // What cannot be removed is stale, and the next server replaces it.
+            // If this fails, the next server replaces the stale file.
             let _ = fs::remove_file(&self.path);
         }
     }

@@ -1,15 +1,15 @@
-//! Recordings one after the other.
+//! Concatenating recordings.
 
 use super::rewrite::Rewriter;
 use super::{Player, RewriteError, RewriteOutcome};
 use crate::Limits;
 
-/// Makes one recording of several, given one at a time.
+/// Concatenates recordings into one.
 ///
-/// Arrivals go on one frame after the last; groups are numbered anew; bodies stay as they are, byte for byte, and so do
-/// the frames' own numbers and times. A scene table is repeated only where it differs from the one in force, or edits have
-/// changed the scene since; otherwise the next recording's keyframe says all there is. Only the last CLOSE is kept. What
-/// is damaged is left out, and so is what builds on it.
+/// Each recording continues one frame interval after the last arrival, and its groups are renumbered. Bodies are copied
+/// byte for byte, with their frame numbers and times. A scene table is written only if it differs from the one in force
+/// or if edits have changed the scene since; otherwise the next keyframe is enough. Only the last CLOSE is kept.
+/// Damaged frames are left out, and so are the frames that build on them.
 ///
 /// ```
 /// use psao_proto::Limits;
@@ -35,7 +35,7 @@ pub struct Concatenation<P> {
 }
 
 impl<E, P: FnMut(&[u8]) -> Result<(), E>> Concatenation<P> {
-    /// A recording of nothing so far; what is to be written goes to `put`, piece by piece.
+    /// Creates an empty recording, whose bytes go to `put`.
     ///
     /// # Errors
     /// [`RewriteError::Put`].
@@ -43,10 +43,10 @@ impl<E, P: FnMut(&[u8]) -> Result<(), E>> Concatenation<P> {
         Ok(Self { limits, out: Rewriter::new(limits, put)? })
     }
 
-    /// Adds a recording; gives what came of this one.
+    /// Adds a recording and returns its outcome.
     ///
     /// # Errors
-    /// [`RewriteError`]; [`RewriteError::Reader`] when the bytes are not a recording, and then nothing was added.
+    /// [`RewriteError`]; [`RewriteError::Reader`] when the bytes are not a recording. In that case nothing was added.
     pub fn add(&mut self, file: &[u8]) -> Result<RewriteOutcome, RewriteError<E>> {
         let mut player = Player::new(file, self.limits)?;
         self.out.next_file();
@@ -57,7 +57,7 @@ impl<E, P: FnMut(&[u8]) -> Result<(), E>> Concatenation<P> {
         Ok(self.out.losses.take())
     }
 
-    /// Ends the recording with the last CLOSE and an index; gives its length in bytes.
+    /// Ends the recording with the last CLOSE and an index, and returns its length in bytes.
     ///
     /// # Errors
     /// As [`add`](Self::add).

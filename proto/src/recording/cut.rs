@@ -1,10 +1,11 @@
-//! A piece of a recording that stands alone.
+//! Cutting a range of frames out of a recording.
 
 use super::rewrite::{LossError, Rewriter};
 use super::{IndexEntry, Player, PlayerEvent, RewriteError, RewriteOutcome, Summary};
 use crate::{FrameIndex, Limits, StreamTime};
 
-/// Which frames are wanted: those between the first that is in the bounds and the first after it that lies beyond them.
+/// A range of frames of a recording. It starts at the first frame within the bounds and ends before the first later
+/// frame beyond them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Bounds {
     /// By time on the stream's own clock, both ends included.
@@ -14,7 +15,7 @@ pub enum Bounds {
 }
 
 impl Bounds {
-    /// Where an entry lies: before, in, or beyond the bounds.
+    /// Compares an entry with the bounds: `Less` before, `Equal` within, `Greater` beyond them.
     fn compare(&self, entry: &IndexEntry) -> std::cmp::Ordering {
         use std::cmp::Ordering;
         let (value, from, to) = match *self {
@@ -28,7 +29,7 @@ impl Bounds {
         }
     }
 
-    /// Whether an entry is the very first that could be in the bounds.
+    /// Returns whether an entry lies exactly at the start of the bounds.
     fn start_at(&self, entry: &IndexEntry) -> bool {
         match *self {
             Self::Time(from, _) => entry.time == from,
@@ -36,7 +37,7 @@ impl Bounds {
         }
     }
 
-    /// Whether an entry is the very last that could be in the bounds.
+    /// Returns whether an entry lies exactly at the end of the bounds.
     fn end_at(&self, entry: &IndexEntry) -> bool {
         match *self {
             Self::Time(_, to) => entry.time == to,
@@ -60,18 +61,18 @@ fn seconds(time: StreamTime) -> f64 {
     time.0 as f64 / 1e6
 }
 
-/// Why there is nothing to cut out or to seek to.
+/// Why a range of frames cannot be cut out or played.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum RangeError {
-    /// No frame is in the bounds.
+    /// No frame lies within the bounds.
     #[error(
         "there is no frame {bounds}: the recording has frames {first} to {last}, {} s to {} s",
         seconds(*start),
         seconds(*end)
     )]
     Outside {
-        /// What was asked for.
+        /// The requested range.
         bounds: Bounds,
         /// Lowest number of a frame.
         first: FrameIndex,
@@ -82,27 +83,27 @@ pub enum RangeError {
         /// Highest time of a frame.
         end: StreamTime,
     },
-    /// The recording has no frame at all.
+    /// The recording has no whole frame.
     #[error("the recording has no whole frame")]
     NoFrames,
-    /// There are frames in the bounds, but what they build on is lost.
+    /// Frames lie within the bounds, but the frames that they build on are lost.
     #[error("none of the {frames} frames {bounds} can be played: what they build on is damaged or missing")]
     Unplayable {
-        /// What was asked for.
+        /// The requested range.
         bounds: Bounds,
-        /// Frames in the bounds.
+        /// Number of frames within it.
         frames: usize,
     },
 }
 
-/// Entries of an index, from the first to the last wanted.
+/// First and last entry of a range in an index, both included.
 pub(super) struct Span {
     pub(super) first: usize,
     pub(super) last: usize,
 }
 
 impl Span {
-    /// The span of some bounds.
+    /// Finds the entries within `bounds`.
     pub(super) fn find(index: &[IndexEntry], bounds: &Bounds) -> Result<Self, RangeError> {
         if let Some(first) = index.iter().position(|entry| bounds.compare(entry).is_eq()) {
             let after = index.iter().skip(first).position(|entry| bounds.compare(entry).is_gt());
@@ -118,17 +119,18 @@ impl Span {
     }
 }
 
-/// Cuts the frames in `bounds` out of a recording into one that stands alone, and gives it to `put` piece by piece.
+/// Cuts the frames within `bounds` out of a recording and passes the bytes of a new, self-contained recording to `put`.
 ///
-/// It starts with the scene table, the edits that hold, and a keyframe made from the state at the first frame wanted, or
-/// the one that is in the file there if that is smaller. The frames after it are as they were, byte for byte, in groups
-/// numbered anew; so the state after each has the recorded hash. The stream's CLOSE comes along if nothing is left out
-/// behind. Arrivals count from the first frame's.
+/// The new recording starts with the scene table, the edits in force, and a keyframe. The keyframe is made from the
+/// state at the first frame of the range, or copied if the recorded frame is a smaller keyframe. Later bodies are
+/// copied byte for byte and their frames are renumbered, so the state after each has the recorded hash. The CLOSE of
+/// the stream is copied if the range reaches the end. Arrival times count from the first frame's.
 ///
-/// What is damaged in the range is left out, and the cut goes on with the next keyframe. One state is held, and one frame.
+/// Damaged frames are left out, and the cut continues at the next keyframe. Memory holds one state and one frame.
 ///
 /// # Errors
-/// [`RewriteError`]; [`RewriteError::Range`] when there is nothing to cut out. Nothing is put before the range is found.
+/// [`RewriteError`]; [`RewriteError::Range`] when no frame can be cut out. `put` is not called before the range is
+/// found.
 pub fn cut<E>(
     file: &[u8],
     bounds: &Bounds,
@@ -140,7 +142,7 @@ pub fn cut<E>(
     let Span { first, last } = Span::find(index, bounds)?;
     let (first_entry, last_entry) = (&index[first], &index[last]);
     let (before, after) = (first.checked_sub(1).map(|before| &index[before]), index.get(last + 1));
-    // Damage beside the range may have hit a frame of it, unless the range's own edge is there.
+    // Damage beside the range may have destroyed frames of the range, unless the range starts or ends exactly there.
     let begin = match before {
         _ if bounds.start_at(first_entry) => first_entry.offset,
         before => before.map_or(0, |before| before.offset + 1),
@@ -163,7 +165,7 @@ pub fn cut<E>(
             continue;
         }
         if offset == first_entry.offset && bounds.start_at(first_entry) {
-            // What is missing before it was not asked for.
+            // Frames missing before the range do not count.
             let before = first_entry.frame.0.checked_sub(1).map(FrameIndex);
             out.losses.start_after(player.stats().lost, before);
         }
@@ -172,7 +174,7 @@ pub fn cut<E>(
                 out.begin(record, &frame.info, &player)?;
                 started = true;
             }
-            // An edit after the last frame is part of none.
+            // An edit after the last frame affects no frame of the range.
             (Some(PlayerEvent::Edit(_)), _) if offset > last_entry.offset => {}
             _ if offset >= end && LossError::of(&step).is_some() => {}
             _ if LossError::of(&step).is_some() => out.copy(&step, &player)?,

@@ -1,23 +1,23 @@
-//! Edits of a stream that still hold.
+//! The edits in force at a place of a stream.
 
 use std::collections::BTreeMap;
 
 use crate::message::{Edit, EditAction};
 
-/// What an edit is about; a newer one about the same replaces an older one.
+/// The property of an instance that an edit sets. A newer edit of a property replaces an older one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Property {
     Pose,
     Visibility,
 }
 
-/// The edits that make a scene differ from its animation: the newest for each instance and kind, where that is not to be
-/// as the animation has it.
+/// The edits that make a scene differ from its animation: the newest edit of each instance and property, unless it
+/// restores the animation.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct EditsInForce(BTreeMap<(u32, Property), Edit>);
 
 impl EditsInForce {
-    /// Takes an edit into account.
+    /// Adds an edit, or removes those that it reverts.
     pub fn apply(&mut self, edit: &Edit) {
         let (property, overrides) = match edit.action {
             EditAction::Move { .. } => (Property::Pose, true),
@@ -32,12 +32,12 @@ impl EditsInForce {
         }
     }
 
-    /// Every one of them, by instance.
+    /// Iterates over the edits in the order of instances.
     pub fn iter(&self) -> impl Iterator<Item = &Edit> {
         self.0.values()
     }
 
-    /// Whether the scene is as its animation has it.
+    /// Returns whether the scene follows its animation.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()

@@ -1,4 +1,4 @@
-//! The index of a recording: where its keyframes and updates are.
+//! The index of a recording: the places of its keyframes and updates.
 
 use psao_codec::envelope::FrameInfo;
 
@@ -13,15 +13,15 @@ pub const INDEX_ENTRY_BYTES: usize = 32;
 /// sequence `u32`, frame type `u8`, three zero bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct IndexEntry {
-    /// Bytes from the start of the file to its record.
+    /// Offset of its record in the file, in bytes.
     pub offset: u64,
     /// Time on the stream's own clock.
     pub time: StreamTime,
     /// Number of the frame.
     pub frame: FrameIndex,
-    /// Its group.
+    /// Group of its wire frame.
     pub group: Group,
-    /// Its place in the group.
+    /// Sequence number of its wire frame in the group.
     pub sequence: Sequence,
     /// Whether it is a keyframe.
     pub keyframe: bool,
@@ -64,13 +64,13 @@ impl IndexEntry {
     }
 }
 
-/// The payload of an INDEX frame.
+/// Returns the payload of an INDEX frame.
 pub(crate) fn write_index(entries: &[IndexEntry]) -> Vec<u8> {
     entries.iter().flat_map(|entry| entry.to_bytes()).collect()
 }
 
-/// The entries of an INDEX frame; `None` when it is not one. An index is only ever a short cut: a reader that gets `None`
-/// scans.
+/// Returns the entries of an INDEX frame, or `None` if the payload is not an index. A reader that gets `None` scans the
+/// file instead.
 pub(crate) fn read_index(payload: &[u8]) -> Option<Vec<IndexEntry>> {
     let (entries, rest) = payload.as_chunks::<INDEX_ENTRY_BYTES>();
     if !rest.is_empty() {

@@ -1,4 +1,4 @@
-//! Recordings: the frames of a stream as they were on the wire, each with its arrival time.
+//! Recordings: the wire frames of a stream, byte for byte, each with its arrival time.
 //!
 //! | part | bytes |
 //! |---|---|
@@ -7,10 +7,17 @@
 //! | index, optional | a record whose frame has the type INDEX |
 //! | footer, after an index | offset of the index record `u64`, magic `u32` `0x1D0A_A05E`, CRC32C `u32` of the 12 bytes before |
 //!
-//! A file only grows, and is a valid recording after every record: what a killed recorder leaves behind is read up to
-//! its last whole record. [`Writer`] says which bytes to append, [`Reader`] gives records and damages without copying,
-//! [`Summary`] scans a file and knows its groups, [`Player`] turns it back into states. [`cut()`], [`Concatenation`] and
-//! [`recover()`] make recordings of recordings. With the feature `fs`, `file::Recorder` writes a live stream to a disk. The format is written down in `docs/spec/recording.md`.
+//! A file only grows and is a valid recording after every record, so a file that a killed recorder leaves can be read
+//! up to its last whole record. `docs/spec/recording.md` specifies the format.
+//!
+//! | type | does |
+//! |---|---|
+//! | [`Writer`] | returns the bytes to append |
+//! | [`Reader`] | iterates over records and damages without copying |
+//! | [`Summary`] | scans a whole file: index, groups, gaps, damages |
+//! | [`Player`], [`OwnedPlayer`] | decode a recording into states |
+//! | [`cut()`], [`Concatenation`], [`recover()`] | make new recordings of old ones |
+//! | `file::Recorder` (feature `fs`) | writes a live stream to a disk |
 
 mod cat;
 mod cut;
@@ -57,7 +64,7 @@ pub const FOOTER_BYTES: usize = 16;
 /// Magic in the footer.
 pub const FOOTER_MAGIC: u32 = 0x1D0A_A05E;
 
-/// The file header of this version.
+/// Returns the file header of this version.
 pub(crate) fn file_header() -> [u8; FILE_HEADER_BYTES] {
     let mut head = [0; FILE_HEADER_BYTES];
     head[..8].copy_from_slice(&FILE_MAGIC);
@@ -67,7 +74,7 @@ pub(crate) fn file_header() -> [u8; FILE_HEADER_BYTES] {
     head
 }
 
-/// The footer of an index record at `offset`.
+/// Returns the footer of an index record at `offset`.
 pub(crate) fn footer(offset: u64) -> [u8; FOOTER_BYTES] {
     let mut foot = [0; FOOTER_BYTES];
     foot[..8].copy_from_slice(&offset.to_le_bytes());
@@ -77,25 +84,25 @@ pub(crate) fn footer(offset: u64) -> [u8; FOOTER_BYTES] {
     foot
 }
 
-/// Whether the last four of 16 bytes are the CRC32C of the first twelve.
-fn sealed(bytes: &[u8; 16]) -> bool {
+/// Returns whether the last 4 of 16 bytes are the CRC32C of the first 12.
+fn has_valid_crc(bytes: &[u8; 16]) -> bool {
     let (body, crc) = bytes.split_at(12);
     crc == crc32c::crc32c(body).to_le_bytes()
 }
 
-/// The offset in a footer, if these bytes are one.
+/// Returns the offset in a footer; `None` when the bytes are not a footer.
 pub(crate) fn parse_footer(bytes: &[u8; FOOTER_BYTES]) -> Option<u64> {
     let &[o0, o1, o2, o3, o4, o5, o6, o7, m0, m1, m2, m3, ..] = bytes;
-    let valid = u32::from_le_bytes([m0, m1, m2, m3]) == FOOTER_MAGIC && sealed(bytes);
+    let valid = u32::from_le_bytes([m0, m1, m2, m3]) == FOOTER_MAGIC && has_valid_crc(bytes);
     valid.then(|| u64::from_le_bytes([o0, o1, o2, o3, o4, o5, o6, o7]))
 }
 
-/// What is wrong with the bytes where a record should start.
+/// Why no record can be read at a place.
 pub(crate) enum RecordError {
-    /// They end before the record does.
+    /// The bytes end before the record does.
     Ends,
-    /// The arrival time does not fit its checksum.
+    /// The arrival time does not match its checksum.
     Arrival,
-    /// The frame is not one.
+    /// The wire frame is damaged.
     Frame(WireFrameError),
 }

@@ -1,4 +1,4 @@
-//! Playing a recording: records in, states out, and past whatever is damaged.
+//! Playing a recording: decoding its records into states, past any damage.
 
 use std::sync::Arc;
 
@@ -14,26 +14,26 @@ use crate::{
     FrameHeader, FrameIndex, FrameType, Group, HEADER_BYTES, Limits, Micros, SceneError, SceneTable, Sequence,
 };
 
-/// A keyframe or update that was applied: the hash of the state is the one in its header.
+/// A keyframe or update that was applied. The state has the hash that its header names.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PlayedFrame {
     /// Header of its body: frame number, time, hash, sections.
     pub info: FrameInfo,
     /// Header of its wire frame: type, group, sequence.
     pub header: FrameHeader,
-    /// When it arrived at the recorder.
+    /// Arrival at the recorder.
     pub arrival: Micros,
-    /// Bytes from the start of the file to its record.
+    /// Offset of its record in the file, in bytes.
     pub offset: u64,
-    /// Bytes that it took on the wire.
+    /// Its bytes on the wire.
     pub wire_bytes: u64,
-    /// Bytes that its record takes in the file.
+    /// Bytes of its record in the file.
     pub record_bytes: u64,
 }
 
 impl PlayedFrame {
-    /// The frame body, to be sent on as it was recorded: a part of `file`, the bytes that the player was given. Empty
-    /// when `file` is another one and too short.
+    /// Returns the recorded frame body, a part of `file`. `file` must be the bytes that the player was given. The
+    /// result is empty if `file` is too short.
     #[must_use]
     pub fn body<'a>(&self, file: &'a [u8]) -> &'a [u8] {
         let start = usize::try_from(self.offset).unwrap_or(usize::MAX);
@@ -43,56 +43,56 @@ impl PlayedFrame {
     }
 }
 
-/// What a player met.
+/// Event of a player.
 #[derive(Clone, Debug, PartialEq)]
 pub enum PlayerEvent {
     /// The scene table is whole.
     Scene(Arc<SceneTable>),
     /// The state is that of a newer frame.
     Frame(PlayedFrame),
-    /// A keyframe or update that could not be applied. The state is as before until the next keyframe.
+    /// A keyframe or update could not be applied. The state stays unchanged until the next keyframe.
     Unusable {
-        /// Bytes from the start of the file to its record.
+        /// Offset of its record in the file, in bytes.
         offset: u64,
         /// Header of its wire frame.
         header: FrameHeader,
-        /// Number of the frame, when its body says so.
+        /// Number of the frame, if its body could be parsed.
         frame: Option<FrameIndex>,
         /// Why.
         reason: FollowError,
     },
-    /// A whole frame whose message is bad, which damage does not do: a faulty program wrote it.
+    /// A whole frame has an invalid message. A faulty program wrote it; damage would break the checksum.
     BadMessage {
-        /// Bytes from the start of the file to its record.
+        /// Offset of its record in the file, in bytes.
         offset: u64,
         /// Why.
         error: PlayerError,
     },
-    /// What a frame cost the server.
+    /// Server statistics of a frame.
     Report(Report),
-    /// What a frame left for later.
+    /// Use of the byte budget by a frame.
     Budget(Budget),
-    /// The scene was changed: every later frame is of the scene as this leaves it.
+    /// The scene was edited. Every later frame includes the edit.
     Edit(Edit),
-    /// Frames that the recorder did not write.
+    /// The recorder did not write some frames.
     Gap(Gap),
-    /// The stream ended here.
+    /// The stream ended.
     Closed(Close),
-    /// A stretch of the file that could not be read.
+    /// A stretch of the file could not be read.
     Damage(Damage),
 }
 
-/// Why a message of a recording is bad.
+/// Why a message of a recording is invalid.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum PlayerError {
-    /// In itself.
+    /// The message itself is invalid.
     #[error(transparent)]
     Message(#[from] MessageError),
-    /// After those before it.
+    /// The message does not fit the SCENE messages before it.
     #[error(transparent)]
     Scene(#[from] SceneError),
-    /// It changes an instance that the scene does not have.
+    /// The edit names an instance that the scene lacks.
     #[error("EDIT of instance {instance}: the scene has {instances} instances")]
     NoInstance {
         /// The instance.
@@ -102,12 +102,12 @@ pub enum PlayerError {
     },
 }
 
-/// What the player read, and what it made of it.
+/// One record or damaged stretch that a player has read.
 #[derive(Debug)]
 pub(super) struct Step<'a> {
     /// The record; `None` for a damaged stretch.
     pub(super) record: Option<Record<'a>>,
-    /// What it means; `None` for what a player has no use for.
+    /// Its event; `None` for records that a player ignores.
     pub(super) event: Option<PlayerEvent>,
 }
 
@@ -116,26 +116,26 @@ pub(super) struct Step<'a> {
 pub struct PlayerStats {
     /// Keyframes and updates applied.
     pub applied: u64,
-    /// Keyframes and updates that are in the file but could not be applied.
+    /// Keyframes and updates in the file that could not be applied.
     pub unusable: u64,
-    /// Keyframes and updates that are missing from the file, as far as the frames around them tell. Those missing at
-    /// its end are not known.
+    /// Keyframes and updates missing from the file, as far as the frames around them show. Frames missing at the end
+    /// are not known.
     pub lost: u64,
     /// Damaged stretches.
     pub damages: u64,
     /// Bytes in them.
     pub damaged_bytes: u64,
-    /// Whole frames whose message is bad.
+    /// Whole frames with an invalid message.
     pub bad_messages: u64,
-    /// Places where the recorder says that it wrote nothing.
+    /// Gaps that the recorder reported.
     pub gaps: u64,
-    /// Keyframes and updates that are missing there, as far as it knew.
+    /// Keyframes and updates missing in these gaps, as far as the recorder knew.
     pub gap_frames: u64,
 }
 
 impl PlayerStats {
-    /// Whether everything that was recorded was there and could be used. What a recorder says it did not record is no
-    /// damage; `gaps` counts it.
+    /// Returns whether everything that was recorded could be read and applied. Gaps that the recorder reported are not
+    /// errors; `gaps` counts them.
     #[must_use]
     pub const fn is_clean(&self) -> bool {
         self.unusable == 0 && self.lost == 0 && self.damages == 0 && self.bad_messages == 0
@@ -143,7 +143,7 @@ impl PlayerStats {
 }
 
 impl Step<'_> {
-    /// Bytes from the start of the file to the record or the damage.
+    /// Returns the offset of the record or damage in the file, in bytes.
     pub(super) fn offset(&self) -> u64 {
         match (&self.record, &self.event) {
             (Some(record), _) => record.offset(),
@@ -179,7 +179,7 @@ pub struct Player<'a> {
     playback: Playback,
 }
 
-/// What playing records has led to so far.
+/// State of playing a recording, apart from the reader.
 #[derive(Debug)]
 pub(super) struct Playback {
     limits: Limits,
@@ -187,17 +187,17 @@ pub(super) struct Playback {
     scene: Option<Arc<SceneTable>>,
     follower: Option<Follower>,
     edits: EditsInForce,
-    /// Header of the last frame applied of this scene.
+    /// Header of the last frame applied since the scene table.
     current: Option<FrameMeta>,
-    /// The last keyframe or update whose body said its number, applied or not.
+    /// The last keyframe or update whose body could be parsed, applied or not.
     last: Option<(Group, Sequence, FrameIndex)>,
-    /// Whether something was damaged since.
+    /// Whether damage followed it.
     damaged: bool,
     stats: PlayerStats,
 }
 
 impl<'a> Player<'a> {
-    /// A player at the start of a whole file.
+    /// Creates a player at the start of a whole file.
     ///
     /// # Errors
     /// [`ReaderError`] when the bytes are not a recording that this version reads.
@@ -205,7 +205,7 @@ impl<'a> Player<'a> {
         Ok(Self { reader: Reader::with_limits(bytes, limits)?, playback: Playback::new(limits) })
     }
 
-    /// Goes on to whatever comes next; `None` at the end of the file.
+    /// Plays on to the next event and returns it; `None` at the end of the file.
     pub fn next_event(&mut self) -> Option<PlayerEvent> {
         loop {
             if let Some(event) = self.next_step()?.event {
@@ -214,16 +214,16 @@ impl<'a> Player<'a> {
         }
     }
 
-    /// As [`next_event`](Self::next_event), record by record.
+    /// Plays one record.
     pub(super) fn next_step(&mut self) -> Option<Step<'a>> {
         self.playback.step(&mut self.reader)
     }
 
-    /// Goes to the last keyframe that is not behind entry `entry` of the summary's index, with the scene and the edits
-    /// that hold there, and without playing what lies before. The frames up to `entry` come next. Without such a
-    /// keyframe it goes to the start of the file.
+    /// Moves to the last keyframe that is not after entry `entry` of the summary's index, and loads the scene table and
+    /// the edits in force there. Other earlier records are skipped; the frames up to `entry` come next. Without such a
+    /// keyframe it moves to the start of the file.
     ///
-    /// The summary must be that of this file.
+    /// `summary` must be the summary of this file.
     pub fn jump(&mut self, summary: &Summary, entry: usize) {
         let before = summary.index().get(..=entry).unwrap_or(summary.index());
         let Some(key) = before.iter().rfind(|entry| entry.keyframe) else {
@@ -232,7 +232,7 @@ impl<'a> Player<'a> {
         };
         for offset in summary.prerequisites_of(key.offset) {
             self.reader.seek(offset);
-            // What is bad in it shows when the keyframe cannot be applied.
+            // An error shows later, when the keyframe cannot be applied.
             if let Some(Ok(record)) = self.reader.next() {
                 let _ = self.playback.record(&record);
             }
@@ -240,48 +240,49 @@ impl<'a> Player<'a> {
         self.seek(key);
     }
 
-    /// Goes to a keyframe of an index; the next frame applied is that one. The scene must have been played before, or
-    /// the keyframe will be [`FollowError::NoScene`]; [`jump`](Self::jump) sees to that.
+    /// Moves to a keyframe of an index, which is the next frame to be applied. The scene table must have been played
+    /// before, or the keyframe fails with [`FollowError::NoScene`]; [`jump`](Self::jump) takes care of that.
     pub fn seek(&mut self, keyframe: &IndexEntry) {
         self.reader.seek(keyframe.offset);
         self.playback.lose_position();
     }
 
-    /// The state after the last frame applied; `None` before the scene.
+    /// Returns the state after the last frame applied; `None` before the scene table.
     #[must_use]
     pub fn state(&self) -> Option<&State> {
         self.playback.state()
     }
 
-    /// The scene table, once it was played.
+    /// Returns the scene table; `None` before it was played.
     #[must_use]
     pub const fn scene(&self) -> Option<&Arc<SceneTable>> {
         self.playback.scene.as_ref()
     }
 
-    /// Number of the last frame applied of this scene.
+    /// Returns the number of the last frame applied since the scene table.
     pub(super) fn last_applied(&self) -> Option<FrameIndex> {
         self.playback.current.map(|meta| meta.frame)
     }
 
-    /// The edits that hold for the next frame.
+    /// Returns the edits in force for the next frame.
     #[must_use]
     pub const fn edits(&self) -> &EditsInForce {
         &self.playback.edits
     }
 
-    /// A keyframe body of the state after the last frame applied, by the stream's own coder: what a client needs that
-    /// joins here. Number, time and statistics are that frame's. `None` before the first frame of a scene.
+    /// Encodes a keyframe body of the current state with the stream's block coder, for a client that joins here.
+    /// Number, time and statistics are those of the last frame applied. Returns `None` before the first frame of a
+    /// scene.
     ///
     /// # Errors
-    /// [`EncodeError`], from the coder.
+    /// [`EncodeError`] of the block coder.
     pub fn keyframe(&self) -> Option<Result<Vec<u8>, EncodeError>> {
         let (state, meta) = (self.state()?, self.playback.current?);
         let coder = BlockCoder::of(self.scene()?.info().coder);
         Some(keyframe(state, meta, coder, &[]))
     }
 
-    /// Counts so far.
+    /// Returns the counts so far.
     #[must_use]
     pub const fn stats(&self) -> PlayerStats {
         self.playback.stats
@@ -289,7 +290,7 @@ impl<'a> Player<'a> {
 }
 
 impl Playback {
-    /// Starts with nothing played.
+    /// Creates a playback before the first record.
     pub(super) fn new(limits: Limits) -> Self {
         Self {
             limits,
@@ -304,7 +305,7 @@ impl Playback {
         }
     }
 
-    /// Plays the next record of a reader; `None` at the end of its file.
+    /// Plays the next record of a reader; returns `None` at the end of the file.
     pub(super) fn step<'a>(&mut self, reader: &mut Reader<'a>) -> Option<Step<'a>> {
         match reader.next()? {
             Ok(record) => Some(Step { record: Some(record), event: self.record(&record) }),
@@ -317,17 +318,17 @@ impl Playback {
         }
     }
 
-    /// Returns the state after the last frame applied; `None` before the scene.
+    /// Returns the state after the last frame applied; `None` before the scene table.
     pub(super) fn state(&self) -> Option<&State> {
         self.follower.as_ref().map(Follower::state)
     }
 
-    /// Returns counts so far.
+    /// Returns the counts so far.
     pub(super) const fn stats(&self) -> PlayerStats {
         self.stats
     }
 
-    /// Waits for a keyframe, as after a jump.
+    /// Requires a keyframe next, as after a jump.
     fn lose_position(&mut self) {
         self.last = None;
         self.damaged = false;
@@ -346,7 +347,7 @@ impl Playback {
             FrameType::CLOSE => Close::from_payload(payload).map(PlayerEvent::Closed).map_err(Into::into),
             FrameType::EDIT => self.edit(payload),
             FrameType::GAP => self.gap(payload),
-            // Handshakes, an index, and types of later versions: nothing to play.
+            // Handshakes, an index, and types of later versions have nothing to play.
             _ => return None,
         };
         Some(event.unwrap_or_else(|error| {
@@ -416,8 +417,8 @@ impl Playback {
         }
     }
 
-    /// Counts the frames missing before this one, where the numbering or damage says that some are. A stream may skip
-    /// frame numbers by itself, as for a client that fell behind; those are not lost.
+    /// Counts the frames missing before this one, if the sequence numbers or damage show a gap. A stream may skip frame
+    /// numbers itself, for example for a client that fell behind. Such frames are not lost.
     fn count_lost(&mut self, header: FrameHeader, frame: FrameIndex) {
         let FrameHeader { group, sequence, .. } = header;
         if let Some((last_group, last_sequence, last_frame)) = self.last {
@@ -430,7 +431,7 @@ impl Playback {
                 self.stats.lost += u64::from(frame.0.saturating_sub(last_frame.0).saturating_sub(1));
             }
         } else if self.damaged {
-            // How many groups came before is unknown; in this one, its place tells.
+            // Earlier groups are unknown; within this group the sequence number is the count.
             self.stats.lost += u64::from(sequence.0);
         }
         self.last = Some((group, sequence, frame));

@@ -1,59 +1,59 @@
-//! Reading a recording: its records, and what was damaged.
+//! Reading the records of a recording past any damage.
 
 use super::{
-    FILE_HEADER_BYTES, FILE_MAGIC, FILE_VERSION, FOOTER_BYTES, RECORD_HEAD_BYTES, RecordError, parse_footer,
-    sealed,
+    FILE_HEADER_BYTES, FILE_MAGIC, FILE_VERSION, FOOTER_BYTES, RECORD_HEAD_BYTES, RecordError, has_valid_crc,
+    parse_footer,
 };
 use crate::framer::{Split, split_frame};
 use crate::{FRAME_MAGIC, HEADER_BYTES, Limits, Micros, WireFrame, WireFrameError};
 
-/// Least bytes of a record: its head and a frame without payload.
+/// Smallest record in bytes: its head and a frame without payload.
 const MIN_RECORD_BYTES: usize = RECORD_HEAD_BYTES + HEADER_BYTES;
 
-/// How often a reader may check the whole file's worth of payloads for records that turn out false. Honest damage
-/// checks each lost frame once; only a file made to slow readers down comes near.
+/// Payload bytes that a reader may check in vain, in multiples of the file's length. Accidental damage costs one check
+/// per lost frame; only a file made to slow readers down reaches this bound.
 const FALSE_RECORD_FACTOR: u64 = 16;
 
 /// One frame of a recording, borrowed from the file's bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Record<'a> {
-    /// When it arrived at the recorder: microseconds since the start of the recording.
+    /// Arrival at the recorder, in microseconds since the start of the recording.
     pub arrival: Micros,
-    /// The frame; its `offset` counts from the start of the file.
+    /// The wire frame. Its `offset` counts from the start of the file.
     pub frame: WireFrame<'a>,
 }
 
 impl Record<'_> {
-    /// Bytes from the start of the file to the record.
+    /// Returns the offset of the record in the file, in bytes.
     #[must_use]
     pub const fn offset(&self) -> u64 {
         self.frame.offset - RECORD_HEAD_BYTES as u64
     }
 
-    /// Bytes that the frame took on the wire.
+    /// Returns the bytes of the frame on the wire.
     #[must_use]
     pub const fn wire_bytes(&self) -> u64 {
         self.frame.bytes.len() as u64
     }
 
-    /// Bytes that the record takes in the file.
+    /// Returns the bytes of the record in the file.
     #[must_use]
     pub const fn record_bytes(&self) -> u64 {
         (RECORD_HEAD_BYTES + self.frame.bytes.len()) as u64
     }
 }
 
-/// Why bytes are not a recording at all.
+/// Why bytes cannot be read as a recording.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReaderError {
-    /// There is neither a file header nor a single record in it.
+    /// The bytes hold neither a file header nor a record.
     #[error("not a psao recording: no file header and no whole record in its {length} bytes")]
     NotARecording {
         /// Bytes of the file.
         length: usize,
     },
-    /// A newer program wrote it.
+    /// A newer program wrote the recording.
     #[error(
         "the recording has format version {found}, this program reads {FILE_VERSION}: update this program"
     )]
@@ -61,7 +61,7 @@ pub enum ReaderError {
         /// Version in the file header.
         found: u16,
     },
-    /// The file header has flags that could change what follows.
+    /// The file header has unknown flags, which could change the format.
     #[error("the recording has unknown flags {found:#06x}: update this program")]
     Flags {
         /// Flags in the file header.
@@ -69,46 +69,46 @@ pub enum ReaderError {
     },
 }
 
-/// What a damaged place looks like.
+/// Kind of damage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum DamageKind {
-    /// The file header is damaged; the records say that this is a recording all the same.
+    /// The file header is damaged, but the file has records.
     #[error("the file header is damaged")]
     FileHeader,
     /// The file ends inside a record, as after a killed recorder or a full disk.
     #[error("the file ends inside a record")]
     CutOff,
-    /// The length of a frame reaches beyond the end of the file, though whole records follow.
+    /// The length of a frame reaches beyond the end of the file, although whole records follow.
     #[error("the length of a frame is damaged")]
     Length,
-    /// The arrival time of a record does not fit its checksum.
+    /// The arrival time of a record does not match its checksum.
     #[error("the arrival time of a record does not fit its checksum")]
     Arrival,
     /// The frame of a record is damaged.
     #[error("{0}")]
     Frame(WireFrameError),
-    /// So many false records that looking further would take too long; the rest of the file is given up.
+    /// The file has so many false records that reading on would take too long. The rest is skipped.
     #[error("too many false records; the rest of the file is given up")]
     TooManyFalseRecords,
 }
 
-/// A stretch of a recording that could not be read. Reading goes on behind it.
+/// A stretch of a recording that could not be read. Reading continues behind it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{lost_bytes} bytes lost at offset {offset}: {kind}")]
 pub struct Damage {
-    /// Bytes from the start of the file to the first one lost.
+    /// Offset of the first lost byte in the file.
     pub offset: u64,
-    /// What is wrong there.
+    /// Kind of damage at `offset`.
     pub kind: DamageKind,
-    /// Bytes until the next whole record, or the end of the file.
+    /// Bytes up to the next whole record or the end of the file.
     pub lost_bytes: u64,
 }
 
-/// Iterates over the records of a recording, without copying. An `Err` is a damaged stretch: it is reported once, and
-/// the iteration goes on with the next whole record.
+/// Iterates over the records of a recording without copying. An `Err` is a damaged stretch. It is reported once, and
+/// iteration continues with the next whole record.
 ///
-/// The time is linear in the file's length, whatever is in it.
+/// The time is linear in the file's length, whatever its content.
 #[derive(Clone, Debug)]
 pub struct Reader<'a> {
     bytes: &'a [u8],
@@ -118,7 +118,7 @@ pub struct Reader<'a> {
     check_budget: u64,
 }
 
-/// Where a reader is in its file.
+/// Position of a reader in its file.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Position {
     at: usize,
@@ -126,13 +126,13 @@ pub(super) struct Position {
     check_budget: u64,
 }
 
-/// Whether bytes are a file header with a good checksum.
+/// Returns whether `head` is a file header with a valid checksum.
 fn is_file_header(head: &[u8; FILE_HEADER_BYTES]) -> bool {
-    head.starts_with(&FILE_MAGIC) && sealed(head)
+    head.starts_with(&FILE_MAGIC) && has_valid_crc(head)
 }
 
 impl<'a> Reader<'a> {
-    /// A reader of a whole file with the default limits.
+    /// Creates a reader of a whole file with the default limits.
     ///
     /// # Errors
     /// [`ReaderError`] when the bytes are not a recording that this version reads.
@@ -140,7 +140,7 @@ impl<'a> Reader<'a> {
         Self::with_limits(bytes, Limits::default())
     }
 
-    /// A reader that refuses frames over `limits`.
+    /// Creates a reader of a whole file that refuses frames over `limits`.
     ///
     /// # Errors
     /// As [`new`](Self::new).
@@ -159,7 +159,7 @@ impl<'a> Reader<'a> {
                 }
                 reader.at = FILE_HEADER_BYTES;
             }
-            // A damaged header must not cost the records behind it.
+            // The records behind a damaged header must stay readable.
             _ => {
                 let check_budget = reader.check_budget;
                 if reader.find_record(0).is_none() {
@@ -171,44 +171,44 @@ impl<'a> Reader<'a> {
         Ok(reader)
     }
 
-    /// Goes on where another reader of the same bytes was.
+    /// Continues at the position of another reader of the same bytes.
     pub(super) const fn resume(bytes: &'a [u8], limits: Limits, position: Position) -> Self {
         Self { bytes, limits, at: position.at, check_budget: position.check_budget }
     }
 
-    /// Returns where the reader is.
+    /// Returns the reader's position.
     pub(super) const fn position(&self) -> Position {
         Position { at: self.at, check_budget: self.check_budget }
     }
 
-    /// Goes to a record: the next item is the one at `offset`, as of [`Record::offset`] or an index. What is there is
-    /// checked like any other record.
+    /// Moves to the record at `offset`, a value of [`Record::offset`] or of an index. It is checked like any other
+    /// record.
     pub fn seek(&mut self, offset: u64) {
         self.at = usize::try_from(offset).map_or(self.bytes.len(), |at| at.min(self.bytes.len()));
     }
 
-    /// Goes back to the start of the file.
+    /// Moves back to the start of the file.
     pub(super) fn rewind(&mut self) {
         let head = self.bytes.first_chunk::<FILE_HEADER_BYTES>();
         self.at = if head.is_some_and(is_file_header) { FILE_HEADER_BYTES } else { 0 };
     }
 
-    /// Bytes from the start of the file to where the next item is looked for.
+    /// Returns the offset in the file at which the next item is read, in bytes.
     #[must_use]
     pub const fn offset(&self) -> u64 {
         self.at as u64
     }
 
-    /// The file.
+    /// Returns the bytes of the file.
     #[must_use]
     pub const fn bytes(&self) -> &'a [u8] {
         self.bytes
     }
 
-    /// The record at `at`.
+    /// Reads the record at `at`.
     fn record_at(&mut self, at: usize) -> Result<Record<'a>, RecordError> {
         let bytes = self.bytes.get(at..).unwrap_or_default();
-        // Fewer bytes than a footer has are the start of a record or of a footer, cut off in either case.
+        // Fewer bytes than a footer are a record or footer that was cut off.
         if bytes.len() < FOOTER_BYTES {
             return Err(RecordError::Ends);
         }
@@ -230,7 +230,7 @@ impl<'a> Reader<'a> {
             Ok(Split::Partial(_)) => Err(RecordError::Ends),
             Err(fault) => {
                 if matches!(fault, WireFrameError::Checksum { .. }) {
-                    // Its length is in the header that was just read.
+                    // The header that was just checked holds the length.
                     let length =
                         rest.get(4..8).and_then(|l| l.first_chunk()).map_or(0, |l| u32::from_le_bytes(*l));
                     self.check_budget = self.check_budget.saturating_sub(u64::from(length));
@@ -240,7 +240,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// The first place from `from` on where a whole record or a footer is.
+    /// Returns the first offset from `from` on at which a whole record or a footer starts.
     fn find_record(&mut self, from: usize) -> Option<usize> {
         let last = self.bytes.len().checked_sub(MIN_RECORD_BYTES.min(FOOTER_BYTES))?;
         let magic = FRAME_MAGIC.to_le_bytes();
@@ -253,7 +253,7 @@ impl<'a> Reader<'a> {
         })
     }
 
-    /// Skips a footer if there is one here.
+    /// Skips a footer at the current position. Returns whether there was one.
     fn skip_footer(&mut self) -> bool {
         let here = self.bytes.get(self.at..).unwrap_or_default();
         let found = here.first_chunk().is_some_and(|foot| parse_footer(foot).is_some());
@@ -308,7 +308,7 @@ mod tests {
         out
     }
 
-    /// A recording of four frames, where each record starts, and how many records it has, the index included.
+    /// Returns a recording of four frames and the offsets of its records, including the index.
     fn sample(finish: bool) -> (Vec<u8>, Vec<u64>) {
         let (mut writer, mut file) = Writer::new(Limits::default());
         let mut starts = Vec::new();
@@ -443,8 +443,8 @@ mod tests {
         assert_eq!(read(&file), (starts, vec![]));
     }
 
-    /// A file of false records, each claiming all that follows, must not take quadratic time: the reader gives up after
-    /// a fixed multiple of the file's length.
+    /// A file of false records, each of which claims all bytes after it, must not take quadratic time. The reader gives
+    /// up after a fixed multiple of the file's length.
     #[test]
     fn a_file_of_false_records_is_given_up() {
         let mut file = file_header().to_vec();

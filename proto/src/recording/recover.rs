@@ -1,17 +1,17 @@
-//! What is whole of a damaged recording.
+//! Recovering the undamaged frames of a recording.
 
 use super::rewrite::{LossCounter, LossError};
 use super::{Player, PlayerEvent, RewriteError, RewriteOutcome, Writer};
 use crate::{FrameIndex, FrameType, Limits, Micros, Numbering};
 
-/// Copies what is whole of a recording, byte for byte, into one with an index, and gives it to `put` piece by piece.
+/// Copies the playable frames of a recording, byte for byte, and passes the bytes of a new recording with an index to
+/// `put`.
 ///
-/// Damage is dropped, and with it the frames that build on what is lost: the new recording plays without a fault. With
-/// `keep_all` whole frames are kept although nothing can be done with them. A GAP mark stands where something of the
-/// stream is missing.
+/// Damaged records and the frames that build on them are dropped, so the new recording plays without errors. With
+/// `keep_all` whole frames that cannot be applied are kept. A GAP message marks each place where frames are missing.
 ///
 /// # Errors
-/// [`RewriteError`]; not for damage, whatever its extent.
+/// [`RewriteError`]; damage is never an error.
 pub fn recover<E>(
     file: &[u8],
     keep_all: bool,
@@ -53,7 +53,7 @@ pub fn recover<E>(
     Ok(copy.losses.take())
 }
 
-/// The recording that is made.
+/// The new recording.
 struct Recovery<P> {
     writer: Writer,
     put: P,
@@ -62,13 +62,13 @@ struct Recovery<P> {
 }
 
 impl<E, P: FnMut(&[u8]) -> Result<(), E>> Recovery<P> {
-    /// Marks what is lost before frame `next`.
+    /// Writes a GAP for the frames lost before frame `next`.
     fn write_gap(&mut self, player: &Player<'_>, next: Option<FrameIndex>) -> Result<(), RewriteError<E>> {
         let Some(gap) = self.losses.take_gap(player.stats().lost, next) else { return Ok(()) };
         self.append(&Numbering::default().message(&gap)?, None)
     }
 
-    /// Writes a frame, of which `event` is what the player made of it.
+    /// Writes a frame. `event` is the player's event for it.
     fn append(&mut self, frame: &[u8], event: Option<&PlayerEvent>) -> Result<(), RewriteError<E>> {
         let record = match event {
             Some(PlayerEvent::Frame(played)) => {

@@ -1,5 +1,6 @@
-//! What cutting, concatenating and recovering share: frames of recordings go into another one, and nothing that is left
-//! out goes unsaid.
+//! Shared parts of [`cut`](super::cut()), [`Concatenation`](super::Concatenation) and [`recover`](super::recover()).
+//!
+//! Frames of recordings are copied into a new recording. Everything that is left out is counted and marked with a GAP.
 
 use std::sync::Arc;
 
@@ -13,56 +14,56 @@ use super::{
 use crate::message::{Gap, GapReason, Message, MessageError};
 use crate::{FollowError, FrameIndex, FrameType, Limits, Micros, Numbering, SceneTable, WireFrameError};
 
-/// Why no recording came of it. What was written until then is to be thrown away.
+/// Why a recording could not be rewritten. The bytes written before the error are of no use.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum RewriteError<E> {
     /// The bytes are not a recording.
     #[error(transparent)]
     Reader(#[from] ReaderError),
-    /// There is nothing in the range.
+    /// No frame of the range can be played.
     #[error(transparent)]
     Range(#[from] RangeError),
-    /// No keyframe could be made of the state.
+    /// A keyframe of the state could not be encoded.
     #[error("cannot make a keyframe: {0}")]
     Keyframe(#[from] EncodeError),
-    /// A message cannot be written.
+    /// A message could not be encoded.
     #[error(transparent)]
     Message(#[from] MessageError),
-    /// A frame cannot be written.
+    /// A wire frame could not be written.
     #[error(transparent)]
     Frame(#[from] WireFrameError),
-    /// A record cannot be written.
+    /// A record could not be written.
     #[error(transparent)]
     Writer(#[from] WriterError),
-    /// The caller could not put the bytes where they belong.
+    /// The caller's `put` failed.
     #[error("{0}")]
     Put(E),
 }
 
-/// Something of a recording that is not in the new one.
+/// Part of a recording that is missing from the new one.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum LossError {
-    /// It could not be read.
+    /// A stretch that could not be read.
     #[error("{0}")]
     Damage(Damage),
     /// A whole keyframe or update that could not be applied.
     #[error("{} at offset {offset} left out, {bytes} bytes: {reason}", name(*frame))]
     Frame {
-        /// Bytes from the start of the file to its record.
+        /// Offset of its record in the file, in bytes.
         offset: u64,
         /// Bytes of its record.
         bytes: u64,
-        /// Its number, when its body says so.
+        /// Its number, if its body could be parsed.
         frame: Option<FrameIndex>,
         /// Why.
         reason: FollowError,
     },
-    /// A whole frame whose message is bad.
+    /// A whole frame with an invalid message.
     #[error("message at offset {offset} left out, {bytes} bytes: {error}")]
     Message {
-        /// Bytes from the start of the file to its record.
+        /// Offset of its record in the file, in bytes.
         offset: u64,
         /// Bytes of its record.
         bytes: u64,
@@ -76,7 +77,7 @@ fn name(frame: Option<FrameIndex>) -> String {
 }
 
 impl LossError {
-    /// What an event of the player loses, if it is about a loss.
+    /// Returns the loss that a step of the player reports, if any.
     pub(super) fn of(step: &Step<'_>) -> Option<Self> {
         let bytes = step.record.map_or(0, |record| record.record_bytes());
         Some(match step.event.clone()? {
@@ -89,7 +90,7 @@ impl LossError {
         })
     }
 
-    /// Bytes that are lost.
+    /// Returns the number of bytes lost.
     #[must_use]
     pub const fn bytes(&self) -> u64 {
         match self {
@@ -98,48 +99,48 @@ impl LossError {
         }
     }
 
-    /// Whether nothing of the stream is lost, only the file's own header.
+    /// Returns whether only the file header is lost, and nothing of the stream.
     fn is_only_the_file_header(&self) -> bool {
         matches!(self, Self::Damage(damage)
             if damage.kind == DamageKind::FileHeader && damage.lost_bytes <= FILE_HEADER_BYTES as u64)
     }
 }
 
-/// What came of rewriting one recording.
+/// Counts and losses of rewriting one recording.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RewriteOutcome {
-    /// Keyframes and updates in the new one.
+    /// Keyframes and updates written.
     pub frames: u64,
-    /// Keyframes and updates that are not, as far as known.
+    /// Keyframes and updates lost, as far as known.
     pub lost_frames: u64,
-    /// Bytes of the old one that are not in the new one because of damage.
+    /// Bytes lost to damage.
     pub lost_bytes: u64,
-    /// Where and why, in the order of the file.
+    /// Each loss, in the order of the file.
     pub losses: Vec<LossError>,
 }
 
-/// Adds up what is lost, and makes the GAP mark for each place.
+/// Counts losses and makes the GAP message for each place.
 #[derive(Debug, Default)]
 pub(super) struct LossCounter {
     sum: RewriteOutcome,
-    /// Missing frames that the player had counted when this was settled last.
+    /// The player's count of missing frames at the last GAP.
     counted: u64,
-    /// Bytes and frames lost since a frame was written.
+    /// Bytes and frames lost since the last frame was written.
     pending: Option<(u64, u64)>,
     /// Number of the last frame written.
     last: Option<FrameIndex>,
-    /// Number of the last frame lost since, if one was read.
+    /// Number of the last frame lost since then, if known.
     last_lost: Option<FrameIndex>,
 }
 
 impl LossCounter {
-    /// Frames up to `last` do not count here. `missing` is the player's count.
+    /// Ignores losses up to frame `last`. `missing` is the player's count of missing frames.
     pub(super) const fn start_after(&mut self, missing: u64, last: Option<FrameIndex>) {
         self.counted = missing;
         self.last = last;
     }
 
-    /// Something is lost.
+    /// Counts a loss.
     pub(super) fn add(&mut self, loss: LossError) {
         let bytes = loss.bytes();
         let frames = u64::from(matches!(loss, LossError::Frame { .. }));
@@ -156,7 +157,8 @@ impl LossCounter {
         self.sum.losses.push(loss);
     }
 
-    /// The mark for what is lost before `next`, the next frame; `None` at the end. `missing` is the player's count.
+    /// Returns the GAP for the frames lost before frame `next`, or before the end for `None`. `missing` is the player's
+    /// count of missing frames.
     pub(super) fn take_gap(&mut self, missing: u64, next: Option<FrameIndex>) -> Option<Gap> {
         let unseen = missing.saturating_sub(std::mem::replace(&mut self.counted, missing));
         self.sum.lost_frames += unseen;
@@ -168,7 +170,7 @@ impl LossCounter {
         let (bytes, seen) = self.pending.take()?;
         let frames = u32::try_from(seen + unseen).unwrap_or(u32::MAX);
         let last = match (self.last_lost.take(), next) {
-            // The stream may have started again since.
+            // The stream may have restarted since.
             (Some(lost), Some(next)) if lost >= next => lost.0,
             (_, Some(next)) => next.0.saturating_sub(1),
             (_, None) => first.saturating_add(frames.saturating_sub(1)),
@@ -177,32 +179,32 @@ impl LossCounter {
         Some(Gap { first_lost, last_lost, frames, bytes, reason: GapReason::DAMAGE })
     }
 
-    /// A frame was written.
+    /// Counts a written frame.
     pub(super) const fn count_frame(&mut self) {
         self.sum.frames += 1;
     }
 
-    /// What came of it so far; the next recording starts at nothing.
+    /// Returns the counts so far and resets them for the next recording.
     pub(super) fn take(&mut self) -> RewriteOutcome {
         std::mem::take(self).sum
     }
 }
 
-/// Writes a recording out of what a player reads, numbered anew.
+/// Writes the frames that a player reads into a new recording, with new group numbers.
 #[derive(Debug)]
 pub(super) struct Rewriter<P> {
     writer: Writer,
     numbering: Numbering,
     put: P,
-    /// The scene table that was written last, and the edits since.
+    /// The scene table written last, and the edits since.
     scene: Option<Arc<SceneTable>>,
     edits: EditsInForce,
-    /// A scene table that was read and is not written yet.
+    /// A scene table that was read but not written yet.
     pending_scene: Option<Arc<SceneTable>>,
-    /// An arrival in the file being read, and what it is here.
+    /// An arrival time in the input file, and the matching one in the new recording.
     arrival_origin: Option<(Micros, Micros)>,
     last_arrival: Micros,
-    /// The CLOSE that was read last.
+    /// The CLOSE read last.
     last_close: Option<(Micros, Vec<u8>)>,
     pub(super) losses: LossCounter,
 }
@@ -225,15 +227,15 @@ impl<E, P: FnMut(&[u8]) -> Result<(), E>> Rewriter<P> {
         })
     }
 
-    /// Another file comes: its first record map_arrival one frame after the last one here.
+    /// Prepares for another input file, whose first record arrives one frame interval after the last record.
     pub(super) fn next_file(&mut self) {
         let interval = self.scene.as_ref().map_or(0.0, |scene| 1e6 / f64::from(scene.info().fps));
         self.last_arrival = self.last_arrival.plus(Micros(interval.round() as u64));
         self.arrival_origin = None;
     }
 
-    /// Starts with the state after the frame that the player has just applied: scene, edits, keyframe. The keyframe is
-    /// the recorded one, if it is one and the smaller.
+    /// Starts with the state after the frame that the player has just applied: scene table, edits, keyframe. The
+    /// recorded frame is copied if it is a smaller keyframe. `info` is the header of its body.
     pub(super) fn begin(
         &mut self,
         record: &Record<'_>,
@@ -257,7 +259,7 @@ impl<E, P: FnMut(&[u8]) -> Result<(), E>> Rewriter<P> {
         }
     }
 
-    /// Takes over what the player has just read, as far as it plays.
+    /// Copies the record that the player has just read, or counts its loss.
     pub(super) fn copy(&mut self, step: &Step<'_>, player: &Player<'_>) -> Result<(), RewriteError<E>> {
         if let Some(loss) = LossError::of(step) {
             self.losses.add(loss);
@@ -278,14 +280,15 @@ impl<E, P: FnMut(&[u8]) -> Result<(), E>> Rewriter<P> {
                 self.message(record.arrival, kind, payload)?;
                 self.edits.apply(edit);
             }
-            // A scene table is written whole or not at all, an index is made anew, and a handshake was another file's.
+            // A scene table is written whole or not at all, the index is rebuilt, and handshakes are not part of a
+            // stream.
             (None, FrameType::SCENE | FrameType::INDEX | FrameType::ACCEPT | FrameType::REJECT) => {}
             _ => self.message(record.arrival, kind, payload)?,
         }
         Ok(())
     }
 
-    /// Nothing more comes of the file being read. `missing` is the player's count.
+    /// Ends an input file. `missing` is the player's count of missing frames.
     pub(super) fn end_of_file(&mut self, missing: u64) -> Result<(), RewriteError<E>> {
         match self.losses.take_gap(missing, None) {
             None => Ok(()),
@@ -293,7 +296,7 @@ impl<E, P: FnMut(&[u8]) -> Result<(), E>> Rewriter<P> {
         }
     }
 
-    /// Writes the mark for what was lost before the frame that the player has just applied.
+    /// Writes a GAP for the frames lost before the one that the player has just applied.
     fn gap(&mut self, arrival: Micros, player: &Player<'_>) -> Result<(), RewriteError<E>> {
         match self.losses.take_gap(player.stats().lost, player.last_applied()) {
             None => Ok(()),
@@ -301,12 +304,12 @@ impl<E, P: FnMut(&[u8]) -> Result<(), E>> Rewriter<P> {
         }
     }
 
-    /// The stream that is written does not end where the one that was read does.
+    /// Drops the CLOSE read last, because the new recording ends before the stream does.
     pub(super) fn drop_close(&mut self) {
         self.last_close = None;
     }
 
-    /// Writes the CLOSE that was read last and the index; gives the length of the file.
+    /// Writes the CLOSE read last and the index, and returns the length of the file.
     pub(super) fn finish(&mut self) -> Result<u64, RewriteError<E>> {
         if let Some((arrival, payload)) = self.last_close.take() {
             let frame = self.numbering.control(FrameType::CLOSE, &payload);
@@ -317,8 +320,8 @@ impl<E, P: FnMut(&[u8]) -> Result<(), E>> Rewriter<P> {
         Ok(self.writer.file_bytes())
     }
 
-    /// Writes a keyframe or update, of which `info` is the header. A keyframe made of a state has another header than the
-    /// recorded frame, but the same number and time, and an index needs no more.
+    /// Writes a keyframe or update. `info` is the header of the recorded body. A keyframe made from a state has another
+    /// header, but the same number and time, and the index needs no more.
     fn state_frame(
         &mut self,
         arrival: Micros,
@@ -349,8 +352,8 @@ impl<E, P: FnMut(&[u8]) -> Result<(), E>> Rewriter<P> {
         self.append(arrival, &numbering.control(kind, payload), None)
     }
 
-    /// Writes the scene table that came, unless it is the one in force and no edit has changed it: then the next keyframe
-    /// says all there is to say.
+    /// Writes the pending scene table, unless it is the one in force and no edit has changed the scene. In that case
+    /// the next keyframe is enough.
     fn write_pending_scene(&mut self, arrival: Micros) -> Result<(), RewriteError<E>> {
         let Some(table) = self.pending_scene.take() else { return Ok(()) };
         if self.scene.as_ref() == Some(&table) && self.edits.is_empty() {

@@ -1,4 +1,4 @@
-//! What is in a recording, found by scanning all of it.
+//! The summary of a recording, found by a scan of the whole file.
 
 use std::collections::BTreeMap;
 
@@ -9,29 +9,31 @@ use super::{Damage, FOOTER_BYTES, IndexEntry, Reader, ReaderError, parse_footer}
 use crate::message::{Close, Gap, Message, Scene};
 use crate::{FrameIndex, FrameType, Limits, Micros};
 
-/// Frames of one type.
+/// Counts of the frames of one type.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct TypeCount {
-    /// How many.
+    /// Number of frames.
     pub frames: u64,
-    /// Bytes that they took on the wire, headers included.
+    /// Their bytes on the wire, headers included.
     pub wire_bytes: u64,
     /// Bytes of their records in the file.
     pub record_bytes: u64,
 }
 
-/// Whether a recording has an index.
+/// State of the index that a recording stores.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StoredIndex {
-    /// It has none, as after a killed recorder; [`Summary::index`] was rebuilt.
+    /// There is no index, as after a killed recorder. [`Summary::index`] was rebuilt.
     Missing,
-    /// It has one and it names exactly the frames that are there.
+    /// The index names exactly the frames of the file.
     Agrees,
-    /// It has one that does not fit the file; [`Summary::index`] was rebuilt.
+    /// The index does not fit the file. [`Summary::index`] was rebuilt.
     Differs,
 }
 
-/// What a scan of a recording found.
+/// Contents of a recording, found by a scan.
+///
+/// A scan checks every checksum but decompresses nothing.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Summary {
     file_bytes: u64,
@@ -47,16 +49,16 @@ pub struct Summary {
     prerequisites: Vec<Prerequisite>,
 }
 
-/// A record that a reader needs even if it jumps over it: part of a scene table, or an edit.
+/// A record that later frames depend on: part of a scene table, or an edit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Prerequisite {
     offset: u64,
-    /// Whether a scene table starts_scene here: nothing before it matters any more.
+    /// Whether a scene table starts here, so that no earlier record matters.
     starts_scene: bool,
 }
 
 impl Summary {
-    /// Scans a whole file, checksums included, without decompressing anything.
+    /// Scans a whole file and checks its checksums.
     ///
     /// # Errors
     /// [`ReaderError`] when the bytes are not a recording that this version reads.
@@ -120,91 +122,90 @@ impl Summary {
         Ok(summary)
     }
 
-    /// Bytes of the file.
+    /// Returns the length of the file in bytes.
     #[must_use]
     pub const fn file_bytes(&self) -> u64 {
         self.file_bytes
     }
 
-    /// Every keyframe and update whose header can be read, in file order.
+    /// Returns an entry for every keyframe and update whose header can be read, in file order.
     #[must_use]
     pub fn index(&self) -> &[IndexEntry] {
         &self.index
     }
 
-    /// What the file's own index is worth.
+    /// Returns the state of the index that the file stores.
     #[must_use]
     pub const fn stored_index(&self) -> StoredIndex {
         self.stored_index
     }
 
-    /// Frames by type, in the order of their wire ids.
+    /// Returns the counts of all frame types, in the order of their wire ids.
     #[must_use]
     pub const fn types(&self) -> &BTreeMap<FrameType, TypeCount> {
         &self.types
     }
 
-    /// Frames of one type.
+    /// Returns the counts of one frame type.
     #[must_use]
     pub fn count(&self, kind: FrameType) -> TypeCount {
         self.types.get(&kind).copied().unwrap_or_default()
     }
 
-    /// Groups of which at least one frame is there.
+    /// Returns the number of groups with at least one frame in the file.
     #[must_use]
     pub const fn groups(&self) -> u32 {
         self.groups
     }
 
-    /// Time from the first arrival to the last; zero without records.
+    /// Returns the time from the first arrival to the last; zero without records.
     #[must_use]
     pub fn duration(&self) -> Micros {
         self.last_arrival.unwrap_or_default().since(self.first_arrival.unwrap_or_default())
     }
 
-    /// The CLOSE at the end; `None` when the recorder or the stream was cut off.
+    /// Returns the last CLOSE; `None` if the recorder or the stream was cut off.
     #[must_use]
     pub const fn close(&self) -> Option<&Close> {
         self.close.as_ref()
     }
 
-    /// Every stretch that could not be read.
+    /// Returns every stretch of the file that could not be read.
     #[must_use]
     pub fn damages(&self) -> &[Damage] {
         &self.damages
     }
 
-    /// Every stretch of the stream that the recorder says it did not write.
+    /// Returns every stretch of the stream that the recorder reported as not written.
     #[must_use]
     pub fn gaps(&self) -> &[Gap] {
         &self.gaps
     }
 
-    /// Offsets of the records that must be played before the one at `offset`, in order: the last scene table that starts_scene
-    /// before it, and the edits since.
+    /// Returns the offsets of the records that must be played before the one at `offset`, in order: the last scene
+    /// table before it and the edits since that table.
     pub(super) fn prerequisites_of(&self, offset: u64) -> impl Iterator<Item = u64> + '_ {
         let end = self.prerequisites.partition_point(|mark| mark.offset < offset);
         let prerequisites = self.prerequisites.get(..end).unwrap_or_default();
-        let begin = prerequisites.iter().rposition(|mark| mark.starts_scene).unwrap_or(0);
-        prerequisites.get(begin..).unwrap_or_default().iter().map(|mark| mark.offset)
+        let start = prerequisites.iter().rposition(|mark| mark.starts_scene).unwrap_or(0);
+        prerequisites.get(start..).unwrap_or_default().iter().map(|mark| mark.offset)
     }
 
-    /// Bytes of the recorded frames on the wire, headers included, an index left out.
+    /// Returns the bytes of all frames on the wire, headers included, without the index.
     #[must_use]
     pub fn wire_bytes(&self) -> u64 {
         self.types.iter().filter(|(kind, _)| **kind != FrameType::INDEX).map(|(_, c)| c.wire_bytes).sum()
     }
 
-    /// Where to start playing so as to reach `frame`: the last keyframe that is not after it.
+    /// Returns the keyframe from which to play in order to reach `frame`: the last one that is not after it.
     #[must_use]
     pub fn keyframe_before(&self, frame: FrameIndex) -> Option<&IndexEntry> {
         self.index.iter().rfind(|entry| entry.keyframe && entry.frame <= frame)
     }
 }
 
-/// The index of a recording: the one at its end when it is there and every entry lies in the file, otherwise one made
-/// by scanning. What an entry points to is checked again when it is read, so a wrong index costs time, never a wrong
-/// picture.
+/// Returns the index of a recording: the stored index if all its entries lie within the file, otherwise one made by a
+/// scan. A reader checks each record again, so a wrong index costs time but never gives a wrong state.
 ///
 /// # Errors
 /// [`ReaderError`] when the bytes are not a recording that this version reads.

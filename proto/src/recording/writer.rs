@@ -1,4 +1,4 @@
-//! Writing a recording: which bytes to append.
+//! Writing a recording: the bytes to append.
 
 use psao_codec::envelope::{FrameBody, FrameInfo};
 
@@ -16,15 +16,15 @@ pub enum WriterError {
     /// The bytes are not exactly one whole frame.
     #[error("not one whole frame: {0}")]
     NotAFrame(WireFrameError),
-    /// The bytes end inside a frame, or go on after it.
+    /// The bytes end inside a frame, or continue after it.
     #[error("not one whole frame: {given} bytes given, the frame has {frame}")]
     Length {
         /// Bytes given.
         given: usize,
-        /// Bytes of the frame, as far as its start tells.
+        /// Bytes of the frame, as far as its start shows.
         frame: usize,
     },
-    /// An earlier write failed, so that what the file ends with is unknown.
+    /// An earlier write failed, so the end of the file is unknown.
     #[error(
         "an earlier write to this recording failed; what was written before it can still be read. Start a new file"
     )]
@@ -34,8 +34,8 @@ pub enum WriterError {
     Finished,
 }
 
-/// Says which bytes to append to a recording. Does no I/O: the caller appends, and reports a failure with
-/// [`fail`](Self::fail).
+/// Returns the bytes to append to a recording. A writer does no I/O: the caller appends the bytes, and reports a
+/// failure with [`take_back`](Self::take_back) or [`fail`](Self::fail).
 ///
 /// ```
 /// use psao_proto::recording::{Reader, Writer};
@@ -75,7 +75,7 @@ enum Status {
 }
 
 impl Writer {
-    /// A writer, and the file header to write first.
+    /// Creates a writer and returns the file header, which comes first.
     #[must_use]
     pub fn new(limits: Limits) -> (Self, Vec<u8>) {
         let head = file_header().to_vec();
@@ -91,15 +91,15 @@ impl Writer {
         (writer, head)
     }
 
-    /// The record of one frame, given as it was on the wire, to append to the file. `arrival` is the time since the
-    /// start of the recording.
+    /// Returns the record of one wire frame, to append to the file. `arrival` is the time since the start of the
+    /// recording.
     ///
     /// # Errors
-    /// [`WriterError`]; the recording is then as if this was never called.
+    /// [`WriterError`]; the recording is unchanged.
     pub fn append(&mut self, arrival: Micros, frame: &[u8]) -> Result<Vec<u8>, WriterError> {
         let header = self.check_frame(frame)?;
         if header.kind.carries_state()
-            // A body that cannot be read is recorded as it came, but an index cannot name it.
+            // A body that cannot be parsed is recorded, but has no entry in the index.
             && let Ok(body) = FrameBody::parse(&frame[HEADER_BYTES..], &self.limits.codec)
         {
             self.index.push(IndexEntry::new(self.length, header, body.info()));
@@ -107,8 +107,8 @@ impl Writer {
         Ok(self.record(arrival, frame))
     }
 
-    /// As [`append`](Self::append), for a frame whose body was parsed before: `info` is the header of that body. Without
-    /// it the frame gets no entry in the index.
+    /// Does the same as [`append`](Self::append) for a frame whose body was parsed before. `info` is the header of that
+    /// body; without it the frame gets no entry in the index.
     pub(super) fn append_parsed(
         &mut self,
         arrival: Micros,
@@ -120,7 +120,7 @@ impl Writer {
         Ok(self.record(arrival, frame))
     }
 
-    /// The index and the footer. A recording without them is as good; a reader then scans it once.
+    /// Returns the index and the footer, which are optional. A reader scans a recording without them once.
     ///
     /// # Errors
     /// [`WriterError::Poisoned`] and [`WriterError::Finished`].
@@ -137,8 +137,8 @@ impl Writer {
         Ok(out)
     }
 
-    /// Forgets the record given last, which could not be written: the caller has cut the file back to what was there
-    /// before, or will before the next write. Does nothing twice, and nothing after [`finish`](Self::finish).
+    /// Removes the last record from the index after a write that failed. The caller must truncate the file to the end
+    /// of the record before it. A second call, or one after [`finish`](Self::finish), has no effect.
     pub fn take_back(&mut self) {
         if self.state == Status::Open {
             self.length = self.before;
@@ -146,19 +146,19 @@ impl Writer {
         }
     }
 
-    /// Tells the writer that bytes it gave could not be written. Everything after this is refused: it would follow a
-    /// record cut in the middle.
+    /// Marks the recording as failed, because a write failed and the file was not truncated. Every later call returns
+    /// [`WriterError::Poisoned`].
     pub fn fail(&mut self) {
         self.state = Status::Failed;
     }
 
-    /// Whether [`fail`](Self::fail) was called.
+    /// Returns whether [`fail`](Self::fail) was called.
     #[must_use]
     pub fn is_poisoned(&self) -> bool {
         self.state == Status::Failed
     }
 
-    /// Bytes of the file so far.
+    /// Returns the bytes of the file so far.
     #[must_use]
     pub const fn file_bytes(&self) -> u64 {
         self.length
@@ -172,7 +172,7 @@ impl Writer {
         }
     }
 
-    /// Returns the header of the one whole frame that `frame` is, if a record may follow.
+    /// Checks that a record may follow and that `frame` is one whole wire frame. Returns its header.
     fn check_frame(&self, frame: &[u8]) -> Result<FrameHeader, WriterError> {
         self.check_open()?;
         let given = frame.len();

@@ -1,12 +1,12 @@
-//! What a server says about its stream as a whole: six facts that every server knows, and what else it can say.
+//! Facts about a stream as a whole: six required ones and optional ones.
 
 use crate::message::{Occlusion, PointSource, SceneHeader, Text};
 use crate::{CoderId, Profile};
 
 /// The facts about a stream.
 ///
-/// Six of them are required. The others have a neutral value, so that an engine with its own tracer says only what is
-/// true of it. Profile, instances, sets and points are not among them: a [`SceneTable`](crate::SceneTable) derives
+/// Six of them are required. The others have neutral values, so that an engine with its own tracer gives only the facts
+/// that apply. Profile, instances, sets and points are not among them: a [`SceneTable`](crate::SceneTable) derives
 /// those from its entries.
 ///
 /// ```
@@ -20,7 +20,7 @@ use crate::{CoderId, Profile};
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct SceneInfo {
-    /// Name of the scene, for people.
+    /// Name of the scene, for display.
     pub name: Text<64>,
     /// Digest of the scene's content. A client that has another scene open refuses the stream, because its pictures
     /// would be wrong. All zeros if the server has no digest.
@@ -31,16 +31,16 @@ pub struct SceneInfo {
     pub threshold: u8,
     /// Block coder of the stream. Single blocks may be stored.
     pub coder: CoderId,
-    /// Where clients get the points from. Streams of profile `paper` say [`PointSource::SENT`].
+    /// Source of the points at clients. Streams of profile `paper` have [`PointSource::SENT`].
     pub geometry: PointSource,
-    /// Path or built-in name as typed at the server, so that a person can open the same scene. Empty by default.
+    /// Path or built-in name as typed at the server, so that a user can open the same scene. Empty by default.
     pub source: Text<512>,
-    /// Bits of a packed point: 32 (the default), 24 or 16. In profile `surface` it tells how fine lattices and normals
-    /// are, for people.
+    /// Bits of a packed point: 32 (the default), 24 or 16. In profile `surface` it tells the precision of lattices and
+    /// normals, for display.
     pub point_bits: u8,
-    /// Number of frames that the server plans to send; 0, the default, if it does not know.
+    /// Number of frames that the server plans to send; 0, the default, if unknown.
     pub frames_hint: u32,
-    /// How points were spread and AO was traced, if the server says so.
+    /// Settings of points and tracer, if the server gives them.
     pub trace: Option<TraceInfo>,
     /// Sizes of the paper's tables. Required in profile `paper`.
     pub paper: Option<PaperInfo>,
@@ -161,7 +161,7 @@ pub(super) struct Counts {
     pub(super) points: u32,
 }
 
-/// How a server spread its points and traced their AO.
+/// Settings of a server's points and tracer.
 ///
 /// On the wire, a stream without these facts has the values of [`NEUTRAL`](Self::NEUTRAL) in their place.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -171,7 +171,7 @@ pub struct TraceInfo {
     pub rays: u32,
     /// AO radius in metres, positive.
     pub radius_m: f32,
-    /// How AO is computed from the rays.
+    /// Way to compute AO from the rays.
     pub occlusion: Occlusion,
     /// Seed of points and rays.
     pub seed: u64,
@@ -179,13 +179,13 @@ pub struct TraceInfo {
     pub points_per_m2: f32,
     /// Requested minimum of points on every mesh, however small it is.
     pub min_points: u32,
-    /// Factor by which the server widens a view's half-angle tangents before it calls a point out of view, at least 1.
+    /// Factor by which the server widens a view's half-angle tangents before a point counts as out of view, at least 1.
     pub view_margin: f32,
 }
 
 impl TraceInfo {
-    /// The values that stand on the wire for "the server does not say": no rays, one metre, one point per square
-    /// metre, a margin of 1, and zeros.
+    /// The values on the wire of a stream without these facts: no rays, one metre, one point per square metre, a margin
+    /// of 1, and zeros.
     pub const NEUTRAL: Self = Self {
         rays: 0,
         radius_m: 1.0,

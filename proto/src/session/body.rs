@@ -1,4 +1,4 @@
-//! Frame bodies that are made once and go to many clients.
+//! Frame bodies that are encoded once and sent to many clients.
 
 use std::sync::Arc;
 
@@ -6,7 +6,7 @@ use psao_codec::envelope::{FrameInfo, FrameKind};
 
 use crate::{FrameIndex, Micros, StateHash};
 
-/// A frame body and what a session needs to know of it. Cloning it copies no bytes.
+/// A frame body and the facts that a session needs. Cloning it copies no bytes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SharedBody {
     /// Whether it is a keyframe.
@@ -15,7 +15,7 @@ pub struct SharedBody {
     pub frame: FrameIndex,
     /// Hash of the state after it.
     pub hash: StateHash,
-    /// When the scene was as the frame has it, by the clock that the sessions are told.
+    /// Capture time of the scene, by the clock of the sessions.
     pub captured: Micros,
     /// The body.
     pub bytes: Arc<[u8]>,

@@ -1,4 +1,4 @@
-//! The client's end.
+//! The client's end of a session.
 
 mod datagrams;
 
@@ -26,42 +26,42 @@ use crate::{
     SceneTable, Sequence, StateHash, WireFrame, write_frame,
 };
 
-/// Profiles that this crate's codec applies.
+/// Profiles that this crate's codec can decode.
 const PROFILES: ProfileSet = ProfileSet(0).with(Profile::PAPER).with(Profile::SURFACE);
-/// Block coders that this crate's codec undoes.
+/// Block coders that this crate's codec can decode.
 const CODERS: CoderSet =
     CoderSet(0).with(CoderId::STORED).with(CoderId::LZ4).with(CoderId::ZSTD).with(CoderId::RANGE);
 
-/// A frame that the client applied.
+/// A frame that the client has applied.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AppliedFrame {
     /// Header of its body: frame number, time, hash, sections.
     pub info: FrameInfo,
-    /// Its group.
+    /// Group of its wire frame.
     pub group: Group,
-    /// Its place in the group.
+    /// Sequence number of its wire frame in the group.
     pub sequence: Sequence,
-    /// Bytes that it took on the wire, the headers of frames or datagrams included.
+    /// Its bytes on the wire, including headers of frames and datagrams.
     pub wire_bytes: u64,
-    /// When its last byte was given to the session.
+    /// Time at which its last byte was given to the session.
     pub received: Micros,
-    /// When it was made and sent, by the server's clock ([`ClientSession::clock`]), for a client that asked.
+    /// Times of capture and sending by the server's clock ([`ClientSession::clock`]), if the client asked for stamps.
     pub stamp: Option<Stamp>,
 }
 
-/// Options of a client when it connects.
+/// Options of a client session.
 #[derive(Clone, Debug, Default)]
 #[non_exhaustive]
 pub struct ClientOptions {
-    /// What it calls itself (cut to 64 bytes); this crate's name and version by default.
+    /// Name of the client, cut to 64 bytes. By default this crate's name and version.
     pub name: Option<String>,
-    /// The token that the server wants, if it wants one.
+    /// The token that the server requires, if any.
     pub token: Option<Token>,
-    /// Digest of the scene that it draws: a stream of another scene is refused.
+    /// Digest of the client's scene. A stream of another scene is refused.
     pub scene: Option<[u8; 32]>,
-    /// Ask for a STAMP before every frame.
+    /// Whether to request a STAMP before every frame.
     pub stamps: bool,
-    /// Largest datagram in bytes, to ask for updates as datagrams; what carries the session must carry them.
+    /// Largest datagram in bytes, to request updates as datagrams. The transport of the session must carry datagrams.
     pub datagrams: Option<u16>,
 }
 
@@ -75,17 +75,17 @@ impl ClientOptions {
     }
 }
 
-/// What happened at a client.
+/// Event of a client session.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ClientEvent {
-    /// The server takes this client; the scene follows.
+    /// The server has accepted this client. The scene table follows.
     Accepted(Accept),
-    /// The scene table is whole; a keyframe follows.
+    /// The scene table is complete. A keyframe follows.
     SceneReady(Arc<SceneTable>),
     /// The state is that of a newer frame.
     Applied(AppliedFrame),
-    /// The state after an update would not have been the server's. The update was not applied and a keyframe was asked
-    /// for.
+    /// The state after an update would have differed from the server's. The update was not applied, and a keyframe was
+    /// requested.
     HashMismatch {
         /// The frame.
         frame: FrameIndex,
@@ -94,63 +94,63 @@ pub enum ClientEvent {
         /// The hash that the client would have had.
         found: StateHash,
     },
-    /// A keyframe or update could not be used for another reason. The state is as before; a keyframe was asked for.
+    /// A keyframe or update could not be applied for another reason. The state is unchanged; a keyframe was requested.
     Unusable {
         /// Header of its wire frame.
         header: FrameHeader,
         /// Why.
         reason: FollowError,
     },
-    /// What a frame cost the server.
+    /// Server statistics of a frame.
     Report(Report),
-    /// What a frame had to leave for later.
+    /// Use of the byte budget by a frame.
     Budget(Budget),
-    /// This edit of the scene is part of every frame from here on.
+    /// Every later frame includes this edit of the scene.
     Edited(Edit),
-    /// The server ended the stream. Nothing follows.
+    /// The server has ended the stream. No event follows.
     Closed(Close),
 }
 
 /// Counts of a client session.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ClientStats {
-    /// Bytes that came in.
+    /// Bytes received.
     pub wire_bytes: u64,
     /// Keyframes and updates applied.
     pub applied: u64,
-    /// Keyframes and updates that were not.
+    /// Keyframes and updates that could not be applied.
     pub unusable: u64,
-    /// Of those, how many because of a hash that differs.
+    /// Those of them whose state hash differed.
     pub hash_mismatches: u64,
-    /// Keyframes asked for.
+    /// Keyframes requested.
     pub requests: u64,
     /// Frames of a type that this version does not know.
     pub unknown: u64,
-    /// Datagrams that came.
+    /// Datagrams received.
     pub datagrams: u64,
-    /// Those that were none of this protocol.
+    /// Datagrams that do not belong to this protocol.
     pub bad_datagrams: u64,
-    /// Bodies in datagrams that came too late, or build on a frame that is not here; updates on the connection that
-    /// datagrams made superfluous.
+    /// Bodies in datagrams that came too late or build on a missing frame, and updates on the connection that datagrams
+    /// superseded.
     pub late_datagram_frames: u64,
 }
 
 #[derive(Debug)]
 enum Phase {
-    /// HELLO is out.
+    /// HELLO is sent.
     Greeting,
-    /// ACCEPT came; the scene table is coming.
+    /// ACCEPT was received; the scene table is incomplete.
     Loading(Profile, SceneAssembler),
-    /// The scene table is whole.
+    /// The scene table is complete.
     Running(Box<Follower>),
-    /// A CLOSE went or came. What was received stays.
+    /// A CLOSE was sent or received. The state stays.
     Closed(Option<Box<Follower>>),
 }
 
-/// A client: from the first byte to a state that follows the server's.
+/// A client session: handshake, scene table, and a state that follows the server's.
 ///
-/// Give it what comes from the server with [`handle`](Self::handle), send what [`take_output`](Self::take_output)
-/// gives, and call [`tick`](Self::tick) at the time that [`next_deadline`](Self::next_deadline) says.
+/// Pass received bytes to [`handle`](Self::handle), send the bytes of [`take_output`](Self::take_output), and call
+/// [`tick`](Self::tick) at the time of [`next_deadline`](Self::next_deadline).
 #[derive(Debug)]
 pub struct ClientSession {
     limits: Limits,
@@ -161,23 +161,23 @@ pub struct ClientSession {
     clock: Clock,
     options: ClientOptions,
     failed: Option<SessionError>,
-    /// The STAMP of the frame that follows.
+    /// The STAMP of the next frame.
     stamp: Option<Stamp>,
     reassembler: Reassembler,
     datagrams: Vec<Vec<u8>>,
-    /// A keyframe was asked for and did not come yet.
+    /// Whether a keyframe was requested and did not arrive yet.
     keyframe_requested: bool,
     stats: ClientStats,
 }
 
 impl ClientSession {
-    /// A client that has just connected. Its HELLO waits in the output.
+    /// Creates the session of a client that has just connected. Its HELLO waits in the output.
     #[must_use]
     pub fn new(limits: Limits) -> Self {
         Self::with(limits, ClientOptions::default())
     }
 
-    /// A client with options.
+    /// Creates a session with options.
     #[must_use]
     pub fn with(limits: Limits, options: ClientOptions) -> Self {
         let hello = Hello {
@@ -211,17 +211,17 @@ impl ClientSession {
         session
     }
 
-    /// Takes bytes from the server, in any chunking, at the time `now`.
+    /// Processes bytes from the server, in any chunking, at the time `now`.
     ///
     /// # Errors
-    /// [`SessionError`] when the stream cannot go on; the same error comes again after that. Events before the error
-    /// are lost with it, the state is not.
+    /// [`SessionError`] when the stream cannot go on. Later calls return the same error. Events before the error are
+    /// lost, but the state stays.
     pub fn handle(&mut self, bytes: &[u8], now: Micros) -> Result<Vec<ClientEvent>, SessionError> {
         self.handle_with(bytes, now, &mut |_| {})
     }
 
-    /// As [`handle`](Self::handle), and shows every whole frame to `tap` before it is used: a recorder at the client
-    /// writes these.
+    /// Does the same as [`handle`](Self::handle), and passes every whole frame to `tap` before it is processed, for
+    /// example to a recorder.
     ///
     /// # Errors
     /// As [`handle`](Self::handle).
@@ -250,15 +250,15 @@ impl ClientSession {
             },
         );
         match result {
-            // What a peer sends behind its CLOSE is of no interest, broken or not.
+            // Bytes behind a CLOSE are ignored, valid or not.
             Err(_) if matches!(self.phase, Phase::Closed(_)) => Ok(events),
             Err(error) => Err(self.fail(error)),
             Ok(()) => Ok(events),
         }
     }
 
-    /// Does what the time asks for: ends a handshake that takes too long, sends keep-alives, gives up a server that is
-    /// silent. The first call starts the handshake's time.
+    /// Processes deadlines: ends a handshake that takes too long, sends keep-alives, and gives up a silent server. The
+    /// first call starts the time of the handshake.
     ///
     /// # Errors
     /// [`SessionError::HandshakeTimeout`], [`SessionError::Silent`], or the error that ended the session before.
@@ -282,7 +282,7 @@ impl ClientSession {
         Ok(())
     }
 
-    /// The next time at which [`tick`](Self::tick) has something to do; `None` before the first time it was told, and
+    /// Returns the time of the next deadline for [`tick`](Self::tick); `None` before the first call with a time, and
     /// after the end.
     #[must_use]
     pub fn next_deadline(&self) -> Option<Micros> {
@@ -293,13 +293,13 @@ impl ClientSession {
         }
     }
 
-    /// What the server's clock says, once it has answered a PING.
+    /// Returns the estimate of the server's clock; `None` before the first PONG.
     #[must_use]
     pub fn clock(&self) -> Option<ClockEstimate> {
         self.clock.estimate()
     }
 
-    /// The next bytes to send to the server; empty when nothing waits.
+    /// Returns the next bytes to send; empty when none wait.
     #[must_use]
     pub fn output(&self) -> &[u8] {
         self.outbox.front()
@@ -310,21 +310,21 @@ impl ClientSession {
         self.outbox.advance(count);
     }
 
-    /// All bytes that wait to be sent, marked as sent.
+    /// Returns all bytes that wait to be sent, and marks them as sent.
     #[must_use]
     pub fn take_output(&mut self) -> Vec<u8> {
         self.outbox.take()
     }
 
-    /// Tells the server where the client looks from.
+    /// Sends the client's camera to the server.
     ///
     /// # Errors
-    /// [`SendError::Message`] for a camera that makes no picture, [`SendError::NotOpen`] before ACCEPT or after CLOSE.
+    /// [`SendError::Message`] for an invalid camera, [`SendError::NotOpen`] before ACCEPT or after CLOSE.
     pub fn set_view(&mut self, camera: &CameraPose) -> Result<(), SendError> {
         self.send(&View { camera: *camera })
     }
 
-    /// Asks the server to change the scene. A server may ignore it.
+    /// Asks the server to edit the scene. A server may ignore the edit.
     ///
     /// # Errors
     /// As [`set_view`](Self::set_view).
@@ -332,7 +332,7 @@ impl ClientSession {
         self.send(edit)
     }
 
-    /// Asks for a keyframe, unless one is on its way.
+    /// Requests a keyframe, unless one was requested already.
     pub fn request_keyframe(&mut self, reason: KeyframeReason) {
         if self.keyframe_requested || self.send(&Request::Keyframe { reason }).is_err() {
             return;
@@ -341,7 +341,7 @@ impl ClientSession {
         self.stats.requests += 1;
     }
 
-    /// Ends the session. What was received stays.
+    /// Ends the session with a CLOSE. The state stays.
     pub fn close(&mut self, code: CloseCode, text: &str) {
         if matches!(self.phase, Phase::Closed(_)) || self.failed.is_some() {
             return;
@@ -350,31 +350,31 @@ impl ClientSession {
         self.enter_closed();
     }
 
-    /// The state, once the scene is known. It is that of the last frame applied, also after an error or a close.
+    /// Returns the state after the last frame applied, also after an error or CLOSE; `None` before the scene table.
     #[must_use]
     pub fn state(&self) -> Option<&State> {
         self.follower().map(Follower::state)
     }
 
-    /// Whether the state is that of the newest frame that came, so nothing is being waited for.
+    /// Returns whether the state is that of the newest frame received.
     #[must_use]
     pub fn is_current(&self) -> bool {
         self.follower().is_some_and(Follower::is_current)
     }
 
-    /// Whether a CLOSE went or came.
+    /// Returns whether a CLOSE was sent or received.
     #[must_use]
     pub const fn is_closed(&self) -> bool {
         matches!(self.phase, Phase::Closed(_))
     }
 
-    /// Bytes that came in of a frame that is not whole yet.
+    /// Returns the number of bytes received of an incomplete frame.
     #[must_use]
     pub fn unfinished_bytes(&self) -> usize {
         self.framer.pending()
     }
 
-    /// Counts so far.
+    /// Returns the counts so far.
     #[must_use]
     pub const fn stats(&self) -> ClientStats {
         self.stats
@@ -396,7 +396,7 @@ impl ClientSession {
         Ok(())
     }
 
-    /// Queues a message that is known to be good. A client's frames are all in group 0, place 0.
+    /// Queues a message that is known to be valid. All frames of a client have group 0 and sequence 0.
     fn queue<M: Message>(&mut self, message: &M) {
         let mut out = Vec::new();
         if let Ok(payload) = message.to_payload()
@@ -406,7 +406,7 @@ impl ClientSession {
         }
     }
 
-    /// Acknowledges a frame; one that waits to be acknowledged needs it no more.
+    /// Queues an acknowledgement. It replaces one that still waits.
     fn acknowledge(&mut self, ack: &Ack) {
         self.outbox.drop_stale(false);
         let mut out = Vec::new();
@@ -468,7 +468,7 @@ impl ClientSession {
             (kind, phase) if kind.name().is_some() => {
                 return Err(SessionError::Unexpected { kind, state: describe(phase) });
             }
-            // The unknown-type rule: skip it.
+            // Frames of unknown types are skipped.
             _ => self.stats.unknown += 1,
         }
         Ok(())
@@ -516,10 +516,10 @@ impl ClientSession {
         if header.kind == FrameType::KEYFRAME {
             self.keyframe_requested = false;
         }
-        // The one time that the header is read and the checksum computed.
+        // The body is parsed and its checksum computed only here.
         let body = FrameBody::parse(frame.payload(), &self.limits.codec);
-        let passed = |body: &FrameBody<'_>| follower.skip_superseded(header, body);
-        if self.options.datagrams.is_some() && body.as_ref().is_ok_and(passed) {
+        let superseded = |body: &FrameBody<'_>| follower.skip_superseded(header, body);
+        if self.options.datagrams.is_some() && body.as_ref().is_ok_and(superseded) {
             self.stats.late_datagram_frames += 1;
             return;
         }
@@ -548,7 +548,7 @@ impl ClientSession {
         events.push(ClientEvent::Unusable { header, reason });
     }
 
-    /// The state after a frame would not have been the server's.
+    /// Reports a frame whose state hash differs from the server's.
     fn mismatch(
         &mut self,
         frame: FrameIndex,

@@ -18,8 +18,8 @@ pub struct ClockEstimate {
 }
 
 impl ClockEstimate {
-    /// Microseconds from `theirs`, by the other end's clock, to `ours`, by this end's; below zero when the estimate is
-    /// off by more than the time that passed.
+    /// Returns the microseconds from `theirs`, by the other end's clock, to `ours`, by this end's clock. The result is
+    /// negative when the estimate's error exceeds the time that passed.
     #[must_use]
     pub const fn elapsed(&self, theirs: Micros, ours: Micros) -> i64 {
         (ours.0 as i64).wrapping_add(self.offset).wrapping_sub(theirs.0 as i64)
@@ -33,7 +33,7 @@ pub(super) struct Clock {
 }
 
 impl Clock {
-    /// Takes an answer that came at `now`. An impossible one is dropped.
+    /// Takes a PONG that arrived at `now`. An impossible one is dropped.
     pub(super) fn take(&mut self, pong: &Pong, now: Micros) {
         let (Some(away), Some(there)) =
             (now.0.checked_sub(pong.sent.0), pong.replied.0.checked_sub(pong.received.0))
@@ -41,7 +41,8 @@ impl Clock {
             return;
         };
         let Some(round_trip) = away.checked_sub(there) else { return };
-        // Half the sum of how far the other clock is ahead as the PING comes and as the PONG goes (RFC 5905, section 8).
+        // Half the sum of how far the other clock is ahead as the PING comes and as the PONG goes (RFC 5905, section
+        // 8).
         let ahead = |theirs: Micros, ours: Micros| i128::from(theirs.0) - i128::from(ours.0);
         let offset = (ahead(pong.received, pong.sent) + ahead(pong.replied, now)) / 2;
         let Ok(offset) = i64::try_from(offset) else { return };
@@ -51,7 +52,7 @@ impl Clock {
         self.answers.push_back(ClockEstimate { offset, round_trip: Micros(round_trip) });
     }
 
-    /// Returns the best estimate of the last answers.
+    /// Returns the best estimate of the last PONGs.
     pub(super) fn estimate(&self) -> Option<ClockEstimate> {
         self.answers.iter().min_by_key(|answer| answer.round_trip).copied()
     }
@@ -61,7 +62,7 @@ impl Clock {
 mod tests {
     use super::*;
 
-    /// The answer of a clock that is `ahead`, over ways that take so long.
+    /// Returns the PONG of a clock that is `ahead`, with the given delays in both directions.
     fn answer(clock: &mut Clock, sent: u64, ahead: i64, there: u64, back: u64) {
         let theirs = |ours: u64| Micros((ours as i64 + ahead) as u64);
         let received = sent + there;

@@ -1,4 +1,4 @@
-//! Datagrams carry frame bodies in pieces, and acknowledgements. They may be lost, doubled or reordered.
+//! Datagrams, which carry pieces of frame bodies and acknowledgements. They may be lost, duplicated or reordered.
 //!
 //! | offset | size | field |
 //! |---|---|---|
@@ -12,8 +12,8 @@
 //! | 16 | 4 | CRC32C of the bytes 0..16 and what follows |
 //! | 20 | | piece: all but the last are as long as bytes / pieces, rounded up. Acknowledgement: an ACK message |
 //!
-//! All integers are little endian. Any other datagram is dropped and counted. It is no error, because anybody can send
-//! one.
+//! All integers are little endian. Other datagrams are dropped and counted. They are not errors, because anyone on the
+//! network can send them.
 
 use std::collections::VecDeque;
 
@@ -22,7 +22,7 @@ use crate::{FrameIndex, Limits};
 
 /// Bytes of a datagram's header.
 pub(super) const DATAGRAM_HEADER: usize = 20;
-/// Least value for the limit of a datagram, in bytes.
+/// Smallest allowed limit of a datagram, in bytes.
 pub const MIN_DATAGRAM_BYTES: u16 = 64;
 /// First two bytes of every datagram, as a little endian `u16`.
 const MAGIC: u16 = 0xA051;
@@ -90,7 +90,7 @@ pub(super) fn write_ack(ack: &Ack) -> Vec<u8> {
     Head { kind: ACK, frame: ack.frame, piece: 0, pieces: 1, total: content.len() as u32 }.write(&content)
 }
 
-/// Returns the acknowledgement in a datagram, if it is one.
+/// Returns the acknowledgement in a datagram, if it holds one.
 pub(super) fn read_ack(bytes: &[u8]) -> Option<Ack> {
     let (head, content) = Head::read(bytes)?;
     let ack = Ack::from_payload(content).ok()?;
@@ -98,7 +98,7 @@ pub(super) fn read_ack(bytes: &[u8]) -> Option<Ack> {
     (head == expected).then_some(ack)
 }
 
-/// Reassembles the body of the newest frame from its pieces. It makes all older bodies superfluous.
+/// Reassembles the body of the newest frame from its pieces. Older bodies are dropped.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Reassembler {
     head: Option<Head>,
@@ -110,11 +110,11 @@ pub(super) struct Reassembler {
 /// Result of a datagram.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Reassembly<'a> {
-    /// It is not a piece, or not one of the body that it claims to be of.
+    /// The datagram is not a piece, or does not fit the body that it names.
     Bad,
-    /// It is of an older frame, came before, or does not complete its body.
+    /// The piece belongs to an older frame, is a duplicate, or does not complete its body.
     Waiting,
-    /// The body is whole.
+    /// The body is complete.
     Whole(FrameIndex, &'a [u8]),
 }
 

@@ -1,13 +1,13 @@
-//! Why a session ended, or refused to send.
+//! Errors of sessions.
 
 use crate::message::{MessageError, Reject};
 use crate::{FrameType, FramerError, Micros, SceneError, WireFrameError};
 
-/// Why a session cannot go on. Nothing of the state that a client has received is lost by it.
+/// Why a session cannot go on. The state of a client stays.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SessionError {
-    /// The first bytes are not of this protocol.
+    /// The first bytes do not belong to this protocol.
     #[error(
         "the other end does not speak the psao protocol (its first bytes are {found:#06x}): is this the right address and port?"
     )]
@@ -15,24 +15,24 @@ pub enum SessionError {
         /// Its first two bytes, little endian.
         found: u16,
     },
-    /// The bytes stopped being frames.
+    /// The bytes are not frames any more.
     #[error("{0}")]
     Framer(FramerError),
-    /// A control message is bad.
+    /// A control message is invalid.
     #[error("the other end sent a bad message: {0}")]
     Message(#[from] MessageError),
-    /// The SCENE messages do not make a scene.
+    /// The SCENE messages do not form a valid scene table.
     #[error("the server sent a bad scene: {0}")]
     Scene(#[from] SceneError),
-    /// A frame came that has no place here.
+    /// A frame is not allowed at this point of the session.
     #[error("a {kind} frame came while {state}")]
     Unexpected {
         /// Type of the frame.
         kind: FrameType,
-        /// What the session was doing.
+        /// State of the session.
         state: &'static str,
     },
-    /// The ends have no version in common.
+    /// The ends have no protocol version in common.
     #[error(
         "the {peer} speaks protocol versions {oldest} to {newest}, this program {}: update the older of the two",
         own_versions()
@@ -45,56 +45,56 @@ pub enum SessionError {
         /// Newest version of the other end.
         newest: u16,
     },
-    /// The server turned this client away.
+    /// The server refused this client.
     #[error("the server refused: {} ({:?})", .0.text, .0.code)]
     Rejected(Reject),
-    /// This server turned a client away.
+    /// This server refused a client.
     #[error("turned the client away: {} ({:?})", .0.text, .0.code)]
     BadHello(Reject),
     /// The handshake took too long.
     #[error("the handshake was not complete after {:.1} s: the other end is stuck, or speaks another protocol", waited.as_secs_f64())]
     HandshakeTimeout {
-        /// How long it took.
+        /// Time since its start.
         waited: Micros,
     },
-    /// Nothing came from the other end.
+    /// The other end sent nothing for too long.
     #[error("nothing came from the other end for {:.1} s: it hangs, or the network between is gone", waited.as_secs_f64())]
     Silent {
-        /// For how long.
+        /// Time since the last byte.
         waited: Micros,
     },
-    /// The client takes none of the bytes that wait for it.
+    /// The client took no bytes for too long, although bytes wait for it.
     #[error("the client took none of the bytes that wait for it for {:.1} s: it hangs, or the network between is gone", waited.as_secs_f64())]
     Stalled {
-        /// For how long.
+        /// Time since the last byte.
         waited: Micros,
     },
-    /// The client says too much.
+    /// The client exceeded its rate of frames or bytes.
     #[error("the client sent more than {limit} {what} a second")]
     Flood {
         /// Frames or bytes.
         what: &'static str,
-        /// How many a second it may send.
+        /// Allowed number per second.
         limit: u32,
     },
-    /// The stream is of another scene than the one that this client has.
+    /// The stream's scene is not the client's scene.
     #[error(
         "the server streams \"{name}\", whose digest {} is not that of the scene here, {}: its AO would be drawn on the wrong surfaces",
         hex(found),
         hex(expected)
     )]
     OtherScene {
-        /// What the server calls its scene.
+        /// Name of the server's scene.
         name: String,
-        /// Digest of the scene that the client has.
+        /// Digest of the client's scene.
         expected: [u8; 32],
         /// Digest in the stream.
         found: [u8; 32],
     },
-    /// The stream has a profile or coder that this client did not offer.
+    /// The server chose a profile or coder that this client did not offer.
     #[error("the server chose {what}, which this client did not offer")]
     NotOffered {
-        /// What it chose.
+        /// The server's choice.
         what: &'static str,
     },
 }
@@ -120,21 +120,21 @@ impl From<FramerError> for SessionError {
     }
 }
 
-/// Why something cannot be sent.
+/// Why a body or message cannot be sent.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SendError {
-    /// The session is not, or no longer, open.
+    /// The session is not open yet, or has ended.
     #[error("the session is not open")]
     NotOpen,
-    /// The frame is longer than the other end takes.
+    /// The frame body is over the client's limit.
     #[error(
         "a frame body of {bytes} bytes is over the {limit} bytes that the client takes: send fewer points, or raise its limit"
     )]
     OverPeerLimit {
         /// Bytes of the body.
         bytes: usize,
-        /// What the client takes.
+        /// Largest body that the client takes, in bytes.
         limit: u32,
     },
     /// A keyframe was given as an update, or an update as a keyframe.
@@ -143,7 +143,7 @@ pub enum SendError {
     /// The frame does not fit the wire's 32-bit length.
     #[error(transparent)]
     Frame(#[from] WireFrameError),
-    /// The message makes no sense.
+    /// The message holds an invalid value.
     #[error(transparent)]
     Message(#[from] MessageError),
 }

@@ -2,43 +2,44 @@
 //!
 //! Nothing below datagrams slows them down when a network carries less than it is given, and each lost frame makes the
 //! next one larger. So there is a window, as in TCP, but loss alone does not shrink it. It grows with every
-//! acknowledgement. It shrinks when acknowledgements take much longer than the fastest one, because a queue has built up
-//! (LEDBAT, RFC 6817, with its target). It also shrinks when several frames in a row are lost. Frames of many datagrams
-//! go over the connection, because one of their datagrams is likely to be lost.
+//! acknowledgement. It shrinks when acknowledgements take much longer than the fastest one, because a queue has built
+//! up (LEDBAT, RFC 6817, with its target). It also shrinks when several frames in a row are lost. Frames of many
+//! datagrams go over the connection, because one of their datagrams is likely to be lost.
 
 use std::collections::VecDeque;
 
 use crate::message::Ack;
 use crate::{FrameIndex, Micros, StateHash};
 
-/// Most frames whose hashes are kept for acknowledgements that do not come.
+/// Largest number of frames whose hashes are kept for acknowledgements.
 const MAX_FRAMES_KEPT: usize = 256;
 /// Queueing delay of acknowledgements, in microseconds, that the window aims at (RFC 6817, section 2.5).
 const QUEUE_TARGET_US: u64 = 100_000;
 /// Microseconds beyond two round trips after which an acknowledgement is overdue.
 const ACK_PATIENCE_US: u64 = 100_000;
-/// Most frames in a row whose loss counts as chance.
+/// Largest number of consecutive lost frames that counts as chance.
 const MAX_CONSECUTIVE_LOSSES: u32 = 6;
 /// Round-trip time, in microseconds, until one is measured.
 const INITIAL_RTT_US: u64 = 150_000;
-/// Most datagrams of a frame. At a loss of 5 %, two of three frames of eight datagrams arrive whole; at 20 %, one of six.
+/// Largest number of datagrams of a frame. At a loss of 5 %, two of three frames of eight datagrams arrive whole; at 20
+/// %, one of six.
 const MAX_DATAGRAMS_PER_FRAME: usize = 8;
-/// How long updates go over the connection before datagrams are tried again.
+/// Time for which updates go over the connection before datagrams are tried again.
 const CONNECTION_PERIOD: Micros = Micros::from_secs(5);
-/// Frames that may be in flight however small the window is.
+/// Frames that may be in flight whatever the window.
 const MIN_FRAMES_IN_FLIGHT: usize = 4;
 /// Largest size of the window in bytes.
 const MAX_WINDOW_BYTES: u64 = 16 << 20;
 
-/// A frame that is on its way or waits.
+/// A frame that is in flight or waits.
 #[derive(Clone, Copy, Debug)]
 struct SentFrame {
     frame: FrameIndex,
     hash: StateHash,
     at: Micros,
-    /// Its bytes; 0 if its delay does not tell about the network.
+    /// Its bytes; 0 if its delay is no measure of the network.
     bytes: u64,
-    /// Whether they went as datagrams.
+    /// Whether it was sent as datagrams.
     datagrams: bool,
 }
 
@@ -48,43 +49,43 @@ impl SentFrame {
     }
 }
 
-/// How a frame goes to a client that takes datagrams.
+/// Route of a frame to a client that takes datagrams.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Route {
-    /// As datagrams.
+    /// Datagrams only.
     Datagrams,
-    /// As datagrams, and over the connection as well: acknowledgements are overdue.
+    /// Datagrams and the connection, because acknowledgements are overdue.
     Both,
-    /// Over the connection, like the next ones: it takes too many datagrams for all of them to come.
+    /// The connection, also for the next frames, because this one needs too many datagrams.
     Connection,
 }
 
-/// The frames that are on their way to one client.
+/// The frames in flight to one client.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Flight {
     sent: VecDeque<SentFrame>,
     /// Newest frame that the client is known to hold.
     acked: Option<FrameIndex>,
-    /// Newest frame that went both ways.
+    /// Newest frame that was sent over both routes.
     carried: Option<FrameIndex>,
-    /// Until then updates go over the connection.
+    /// Time until which updates go over the connection.
     large_until: Micros,
-    /// Bytes in datagrams that are on their way.
+    /// Bytes in flight as datagrams.
     outstanding: u64,
-    /// How many they may be before another frame goes; [`MIN_FRAMES_IN_FLIGHT`] frames may always.
+    /// Limit of these bytes. [`MIN_FRAMES_IN_FLIGHT`] frames are always allowed.
     window: u64,
-    /// The window has shrunk before: it grows by a frame a round trip only.
+    /// Whether the window has shrunk before. It then grows by only one frame per round trip.
     careful: bool,
-    /// How many microseconds acknowledgements take, smoothed, and the fastest, which slowly forgets.
+    /// Smoothed and shortest delay of acknowledgements, in microseconds. The shortest slowly decays.
     round_trip: Option<(u64, u64)>,
-    /// When an acknowledgement came, was given up, or began to be waited for.
+    /// Time at which the last acknowledgement arrived, was given up, or was first expected.
     news: Micros,
-    /// When the window shrank last.
+    /// Time at which the window last shrank.
     shrunk: Micros,
 }
 
 impl Flight {
-    /// Frames that are not acknowledged.
+    /// Returns the number of unacknowledged frames.
     pub(super) fn len(&self) -> usize {
         self.sent.len()
     }
@@ -127,7 +128,7 @@ impl Flight {
         self.sent.push_back(sent);
     }
 
-    /// Takes an acknowledgement. Returns whether its hash is the frame's.
+    /// Processes an acknowledgement. Returns whether its hash is the frame's.
     pub(super) fn acknowledge(&mut self, ack: &Ack, now: Micros) -> bool {
         let mut passed = 0;
         while let Some(&sent) = self.sent.front().filter(|sent| sent.frame <= ack.frame) {
@@ -149,7 +150,7 @@ impl Flight {
         true
     }
 
-    /// Returns whether another frame may go as datagrams.
+    /// Returns whether another frame may be sent as datagrams.
     pub(super) fn has_room(&self, now: Micros) -> bool {
         let few = || self.sent.iter().filter(|sent| sent.in_datagrams() > 0).count() < MIN_FRAMES_IN_FLIGHT;
         self.outstanding < self.window || few() || self.is_overdue(now)
@@ -160,7 +161,7 @@ impl Flight {
         now < self.large_until
     }
 
-    /// Returns the route of the next frame. `free` tells that nothing waits to go over the connection.
+    /// Returns the route of the next frame. `free` tells that no bytes wait for the connection.
     pub(super) fn choose(&mut self, frame: FrameIndex, datagrams: usize, free: bool, now: Micros) -> Route {
         if datagrams > MAX_DATAGRAMS_PER_FRAME {
             self.large_until = now.plus(CONNECTION_PERIOD);
@@ -180,7 +181,7 @@ impl Flight {
         Route::Both
     }
 
-    /// Returns whether a frame that went both ways is not acknowledged.
+    /// Returns whether a frame sent over both routes is not acknowledged.
     fn waits(&self) -> bool {
         self.carried > self.acked
     }
@@ -190,7 +191,7 @@ impl Flight {
         !self.sent.is_empty() && now.since(self.news).0 > ACK_PATIENCE_US + 2 * smoothed
     }
 
-    /// A frame was acknowledged now.
+    /// Updates delays and window for a frame that was acknowledged now.
     fn took(&mut self, sent: &SentFrame, now: Micros) {
         let SentFrame { at, bytes, datagrams, .. } = *sent;
         if bytes == 0 {
@@ -198,12 +199,13 @@ impl Flight {
         }
         let lasted = now.since(at).0;
         let (smoothed, fastest) = self.round_trip.unwrap_or((lasted, lasted));
-        // A way that has become longer is not a queue for ever.
+        // The shortest delay decays, so that a longer route does not count as a queue forever.
         let fastest = lasted.min(fastest + lasted.saturating_sub(fastest) / 1024);
         let queued = lasted.saturating_sub(fastest);
-        // Over the connection it may have waited for what was lost there; that it came fast says something all the same.
+        // Over the connection it may have waited for what was lost there; that it came fast says something all the
+        // same.
         if datagrams || queued < QUEUE_TARGET_US {
-            // A stall tells nothing about the next frame.
+            // A stall does not predict the next frame's delay.
             let counted = lasted.min(fastest + 2 * QUEUE_TARGET_US);
             self.round_trip = Some(((7 * smoothed + counted) / 8, fastest));
         }
@@ -236,8 +238,8 @@ mod tests {
         Ack { frame: FrameIndex(frame), hash: StateHash(frame.into()) }
     }
 
-    /// Frames of 1,000 B to a network on which acknowledgements take `trip(frame)`, none where that is nothing; how many
-    /// went as datagrams, and both ways.
+    /// Frames of 1,000 B to a network on which acknowledgements take `trip(frame)`, none where that is nothing; how
+    /// many went as datagrams, and both ways.
     fn fly(flight: &mut Flight, frames: u32, trip: impl Fn(u32) -> Option<u64>) -> (u32, u32) {
         let (mut went, mut both) = (0, 0);
         let mut coming = Vec::new();

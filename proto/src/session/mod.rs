@@ -1,8 +1,8 @@
-//! Sessions: both ends of a connection as state machines that do no I/O.
+//! Sessions: both ends of a connection as state machines without I/O.
 //!
-//! Bytes and a time go in; events, and bytes to send, come out. [`ClientSession`] and [`ServerSession`] hold all that
-//! the protocol knows; a socket, a file or a test only carries bytes between them. The drive loop is shown, compiled
-//! and run in the head of this crate.
+//! A session takes bytes and a time, and returns events and bytes to send. [`ClientSession`] and [`ServerSession`]
+//! implement the whole protocol; a socket, a file or a test only carries bytes between them. The documentation of the
+//! crate shows the drive loop.
 
 mod access;
 mod body;
@@ -37,10 +37,11 @@ pub const OLDEST_VERSION: u16 = 1;
 /// Newest protocol version that this crate speaks.
 pub const NEWEST_VERSION: u16 = 1;
 
-/// What this crate calls itself in a handshake unless told otherwise.
+/// Default name of both ends in a handshake.
 pub(crate) const PEER_NAME: &str = concat!("psao-proto ", env!("CARGO_PKG_VERSION"));
 
-/// What a session that met `error` says to the other end; `None` when the other end knows, or would not understand.
+/// Returns the CLOSE that tells the other end about `error`; `None` when the other end knows of it, or could not read
+/// it.
 fn close_message(error: &SessionError) -> Option<Close> {
     let code = match error {
         SessionError::Framer(FramerError { offset: 0, error: WireFrameError::Magic { .. } })
@@ -57,7 +58,7 @@ fn close_message(error: &SessionError) -> Option<Close> {
     Some(Close::new(code, &error.to_string()))
 }
 
-/// Reads a message for a session.
+/// Reads a message from the payload of its frame.
 fn read<M: Message>(payload: &[u8]) -> Result<M, MessageError> {
     M::from_payload(payload)
 }

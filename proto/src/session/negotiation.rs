@@ -1,4 +1,4 @@
-//! Whether a server can serve a client, from its HELLO.
+//! Checks whether a server can serve a client, by its HELLO.
 
 use psao_codec::Layout;
 
@@ -32,7 +32,7 @@ pub(super) fn negotiate(payload: &[u8], scene: &SceneTable) -> Result<Hello, Ses
     }
 }
 
-/// What the client would have to raise before it can hold the scene; nothing when it can.
+/// Returns why the scene exceeds the client's limits; `None` when it does not.
 fn over_limits(layout: &Layout, takes: &PeerLimits) -> Option<String> {
     let instances = layout.instances() as u32;
     let needs = match layout {
@@ -54,7 +54,7 @@ fn over_limits(layout: &Layout, takes: &PeerLimits) -> Option<String> {
     needs.iter().find_map(over)
 }
 
-/// Returns the versions at the start of any HELLO, however much the rest of it has changed.
+/// Returns the version range at the start of a HELLO of any protocol version.
 fn versions(payload: &[u8]) -> Option<(u16, u16)> {
     let &[o0, o1, n0, n1] = payload.first_chunk()?;
     Some((u16::from_le_bytes([o0, o1]), u16::from_le_bytes([n0, n1])))

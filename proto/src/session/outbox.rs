@@ -12,7 +12,7 @@ pub(super) struct StreamPosition {
     pub(super) numbering: Numbering,
     /// That frame, or `None` while it needs a keyframe.
     pub(super) holds: Option<FrameIndex>,
-    /// Set once a frame without coder context was sent: the client can no longer decode the shared updates.
+    /// Set once a frame without coder context was sent. The client can then no longer decode the shared updates.
     pub(super) context_lost: bool,
 }
 
@@ -20,7 +20,7 @@ pub(super) struct StreamPosition {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Outbox {
     frames: VecDeque<Frame>,
-    /// Bytes of the first frame that were taken already.
+    /// Bytes of the first frame that were sent already.
     taken: usize,
     /// Bytes that wait.
     bytes: usize,
@@ -29,11 +29,11 @@ pub(super) struct Outbox {
 /// Whether a frame that waits may be dropped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum DropPolicy {
-    /// It is always sent.
+    /// The frame is always sent.
     Keep,
-    /// A later one makes it superfluous.
+    /// The frame may be dropped, because a later one replaces it.
     Droppable,
-    /// Likewise. It is a keyframe or update; without it the client stays at the position before it.
+    /// The frame is a keyframe or update and may be dropped. The client then stays at this position.
     State(StreamPosition),
 }
 
@@ -58,7 +58,7 @@ impl Outbox {
         self.frames.push_back(frame);
     }
 
-    /// Bytes that wait.
+    /// Returns the number of bytes that wait.
     pub(super) const fn len(&self) -> usize {
         self.bytes
     }
@@ -67,7 +67,7 @@ impl Outbox {
         self.frames.is_empty()
     }
 
-    /// Returns the next bytes of the first frame; empty only if nothing waits.
+    /// Returns the next bytes of the first frame; empty only if none wait.
     pub(super) fn front(&self) -> &[u8] {
         let Some(frame) = self.frames.front() else { return &[] };
         match (frame.head.get(self.taken..), &frame.body) {
@@ -88,7 +88,7 @@ impl Outbox {
         }
     }
 
-    /// Everything that waits.
+    /// Returns all bytes that wait, and marks them as sent.
     pub(super) fn take(&mut self) -> Vec<u8> {
         let mut out = Vec::with_capacity(self.bytes);
         while !self.is_empty() {
@@ -100,9 +100,9 @@ impl Outbox {
         out
     }
 
-    /// Drops the droppable frames of which no byte was sent yet. Returns how many, and the client's position without them
-    /// if a keyframe or update was among them. With `keep_first` the first frame always stays: once it is taken, the
-    /// other end takes bytes again.
+    /// Drops the droppable frames of which no byte was sent yet. Returns their number, and the client's position
+    /// without them if a keyframe or update was among them. With `keep_first` the first frame always stays: once it is
+    /// taken, the other end takes bytes again.
     pub(super) fn drop_stale(&mut self, keep_first: bool) -> (u64, Option<StreamPosition>) {
         let before = self.frames.len();
         let begun = usize::from(keep_first || self.taken > 0);

@@ -1,4 +1,4 @@
-//! The server's end: one session a client.
+//! The server's end: one session per client.
 
 mod datagrams;
 
@@ -24,22 +24,23 @@ use crate::{FrameIndex, FrameType, Framer, HEADER_BYTES, Limits, Micros, SceneTa
 
 #[derive(Debug)]
 enum Phase {
-    /// No HELLO came yet.
+    /// No HELLO was received yet.
     Waiting(Option<Auth>),
-    /// HELLO came and was accepted.
+    /// HELLO was received and accepted.
     Joined(Hello),
-    /// A CLOSE or REJECT went, or a CLOSE came.
+    /// A CLOSE or REJECT was sent, or a CLOSE was received.
     Closed,
 }
 
-/// A server's view of one client.
+/// A server session: the server's end of the connection to one client.
 ///
-/// Give it what comes from the client with [`handle`](Self::handle) and, at the time that
-/// [`next_deadline`](Self::next_deadline) says, the time alone with [`tick`](Self::tick); send what
-/// [`output`](Self::output) gives and say how much of it went with [`advance`](Self::advance). Before each frame look at
-/// its [`demand`](Self::demand): that depends on what it holds, whether it takes what is sent, and what it asked for.
-/// [`Fanout`](crate::Fanout) does that for many clients. What waits for a client is bounded by
-/// [`Limits::max_queue_bytes`].
+/// Pass received bytes to [`handle`](Self::handle), and call [`tick`](Self::tick) at the time of
+/// [`next_deadline`](Self::next_deadline). Send the bytes of [`output`](Self::output) and confirm them with
+/// [`advance`](Self::advance).
+///
+/// Before each frame, ask for the client's [`demand`](Self::demand). It depends on the frames that the client holds, on
+/// the bytes that wait, and on the client's requests. [`Fanout`](crate::Fanout) does this for many clients.
+/// [`Limits::max_queue_bytes`] bounds the bytes that wait for a client.
 #[derive(Debug)]
 pub struct ServerSession {
     limits: Limits,
@@ -54,14 +55,14 @@ pub struct ServerSession {
     frames_left: RateLimiter,
     bytes_left: RateLimiter,
     failed: Option<SessionError>,
-    /// The client fell behind. It gets what it missed once the bytes that wait are gone.
+    /// Whether the client fell behind. It gets a newer frame once no bytes wait.
     lagging: bool,
     flight: Flight,
     stamps: bool,
-    /// Most bytes of a datagram, when the client wants updates as such.
+    /// Largest datagram in bytes, if the client asked for updates as datagrams.
     datagram_bytes: Option<u16>,
     datagrams: VecDeque<Vec<u8>>,
-    /// Read and written by [`Fanout`](crate::Fanout) alone.
+    /// Used by [`Fanout`](crate::Fanout) only.
     pub(crate) cursor: ClientCursor,
     stats: ServerStats,
 }
@@ -93,11 +94,11 @@ impl ServerSession {
         }
     }
 
-    /// Takes bytes from the client, in any chunking, at the time `now`.
+    /// Processes bytes from the client, in any chunking, at the time `now`.
     ///
     /// # Errors
-    /// [`SessionError`] when the session cannot go on; the same error comes again after that. The output may still
-    /// hold a REJECT or CLOSE for the client.
+    /// [`SessionError`] when the session cannot go on. Later calls return the same error. The output may still hold a
+    /// REJECT or CLOSE for the client.
     pub fn handle(&mut self, bytes: &[u8], now: Micros) -> Result<Vec<ServerEvent>, SessionError> {
         self.tick(now)?;
         if !bytes.is_empty() {
@@ -123,8 +124,8 @@ impl ServerSession {
         }
     }
 
-    /// Does what the time asks for: ends a handshake that takes too long, sends keep-alives, gives up a client that is
-    /// silent or takes nothing. The first call starts the handshake's time.
+    /// Processes deadlines: ends a handshake that takes too long, sends keep-alives, and gives up a client that is
+    /// silent or takes no bytes. The first call starts the time of the handshake.
     ///
     /// # Errors
     /// [`SessionError::HandshakeTimeout`], [`SessionError::Silent`], [`SessionError::Stalled`], or the error that ended
@@ -147,7 +148,7 @@ impl ServerSession {
         Ok(())
     }
 
-    /// The next time at which [`tick`](Self::tick) has something to do; `None` before the first time it was told, and
+    /// Returns the time of the next deadline for [`tick`](Self::tick); `None` before the first call with a time, and
     /// after the end.
     #[must_use]
     pub fn next_deadline(&self) -> Option<Micros> {
@@ -158,8 +159,8 @@ impl ServerSession {
         }
     }
 
-    /// Returns what brings the client to the newest frame. A client that fell behind demands nothing until it has taken
-    /// the bytes that wait.
+    /// Returns the kind of body that brings the client to the newest frame. A client that fell behind demands nothing
+    /// until it has taken the bytes that wait.
     #[must_use]
     pub fn demand(&self) -> Demand {
         let caught_up =
@@ -175,18 +176,19 @@ impl ServerSession {
                 if self.position.context_lost { Demand::Patch { base } } else { Demand::Update { base } }
             }
             (Some(_), Some(_), Some(base)) if self.flight.has_room(now) => Demand::Datagrams { base },
-            // The keyframe that datagrams build on is on its way, or the network is full.
+            // The base keyframe of the datagrams is not acknowledged yet, or the network is full.
             (Some(_), Some(_), _) => Demand::Nothing,
             (Some(base), None, _) => Demand::Update { base },
         }
     }
 
-    /// Sends a keyframe. Updates that still wait are dropped: the keyframe holds them. Returns whether the keyframe was
-    /// queued; before the client has joined it is dropped.
+    /// Sends a keyframe. It replaces updates that still wait. Returns whether the keyframe was queued; before the
+    /// client has joined it is dropped.
     ///
     /// # Errors
     /// [`SendError::NotOpen`] after the session ended; [`SendError::OverPeerLimit`] when the frame is longer than
-    /// the client takes: it can never follow, so close it. [`SendError::Kind`] for an update.
+    /// the client takes. Such a client can never follow the stream, so close its session. [`SendError::Kind`] for an
+    /// update.
     pub fn send_keyframe(&mut self, body: &SharedBody) -> Result<bool, SendError> {
         if body.kind != FrameKind::Key {
             return Err(SendError::Kind);
@@ -203,10 +205,12 @@ impl ServerSession {
         Ok(true)
     }
 
-    /// Sends an update that builds on the frame `base`. It is dropped unless that is the client's
-    /// [`demand`](Self::demand). One that does not fit the queue, or comes on top of too many that were not acknowledged,
-    /// makes the client lag: all updates that wait are dropped with it. Returns whether it was queued. What was dropped
-    /// need not be sent again, because the next body that the client demands holds it.
+    /// Sends an update that builds on the frame `base`. Returns whether it was queued. It is dropped unless the
+    /// client's [`demand`](Self::demand) names that base.
+    ///
+    /// An update that does not fit the queue, or that follows too many unacknowledged ones, makes the client fall
+    /// behind. It is dropped with all updates that wait. Dropped updates need not be sent again, because the next body
+    /// that the client demands contains them.
     ///
     /// # Errors
     /// As [`send_keyframe`](Self::send_keyframe); [`SendError::Kind`] for a keyframe.
@@ -235,12 +239,12 @@ impl ServerSession {
     /// Sends a report, unless the client is behind. Returns whether it was queued.
     ///
     /// # Errors
-    /// [`SendError::NotOpen`], or [`SendError::Message`] when the report makes no sense.
+    /// [`SendError::NotOpen`], or [`SendError::Message`] when the report is invalid.
     pub fn send_report(&mut self, report: &Report) -> Result<bool, SendError> {
         self.send_note(report)
     }
 
-    /// Sends what a frame did with its byte budget, unless the client is behind. Returns whether it was queued.
+    /// Sends the use of the byte budget by a frame, unless the client is behind. Returns whether it was queued.
     ///
     /// # Errors
     /// As [`send_report`](Self::send_report).
@@ -248,7 +252,7 @@ impl ServerSession {
         self.send_note(budget)
     }
 
-    /// Tells the client of an edit that is part of every frame sent from here on. Returns whether it was queued.
+    /// Sends an edit that every later frame includes. Returns whether it was queued.
     ///
     /// # Errors
     /// As [`send_report`](Self::send_report).
@@ -262,8 +266,8 @@ impl ServerSession {
         Ok(true)
     }
 
-    /// Ends the session: what waits is still sent, then a CLOSE. A client that has not joined gets a REJECT instead,
-    /// with the code BUSY.
+    /// Ends the session with a CLOSE behind the bytes that wait. A client that did not join yet gets a REJECT with the
+    /// code BUSY instead.
     pub fn close(&mut self, code: CloseCode, text: &str) {
         match self.phase {
             Phase::Waiting(_) => self.queue(&Reject::new(RejectCode::BUSY, text)),
@@ -273,7 +277,7 @@ impl ServerSession {
         self.phase = Phase::Closed;
     }
 
-    /// Returns the next bytes to send; empty when nothing waits.
+    /// Returns the next bytes to send; empty when none wait.
     #[must_use]
     pub fn output(&self) -> &[u8] {
         self.outbox.front()
@@ -287,26 +291,26 @@ impl ServerSession {
         self.outbox.advance(count);
     }
 
-    /// All bytes that wait, marked as sent.
+    /// Returns all bytes that wait, and marks them as sent.
     #[must_use]
     pub fn take_output(&mut self) -> Vec<u8> {
         self.timers.note_progress();
         self.outbox.take()
     }
 
-    /// Bytes that wait.
+    /// Returns the number of bytes that wait.
     #[must_use]
     pub const fn queued_bytes(&self) -> usize {
         self.outbox.len()
     }
 
-    /// Bytes that came in of a frame that is not whole yet.
+    /// Returns the number of bytes received of an incomplete frame.
     #[must_use]
     pub fn unfinished_bytes(&self) -> usize {
         self.framer.pending()
     }
 
-    /// Returns whether the client has joined and not left.
+    /// Returns whether the client has joined and did not leave.
     #[must_use]
     pub const fn is_joined(&self) -> bool {
         matches!(self.phase, Phase::Joined(_))
@@ -318,13 +322,13 @@ impl ServerSession {
         matches!(self.phase, Phase::Closed)
     }
 
-    /// Returns whether the client fell behind and still lacks what it missed.
+    /// Returns whether the client fell behind and did not catch up yet.
     #[must_use]
     pub const fn is_lagging(&self) -> bool {
         self.lagging
     }
 
-    /// Counts so far.
+    /// Returns the counts so far.
     #[must_use]
     pub const fn stats(&self) -> ServerStats {
         self.stats
@@ -345,7 +349,7 @@ impl ServerSession {
         if self.is_closed() { Err(SendError::NotOpen) } else { Ok(()) }
     }
 
-    /// Whether the client has joined, and the body is one that it takes.
+    /// Checks that the client takes a body of this size. Returns whether the client has joined.
     fn check_body(&self, body: &SharedBody) -> Result<bool, SendError> {
         let hello = match &self.phase {
             Phase::Waiting(_) => return Ok(false),
@@ -369,14 +373,14 @@ impl ServerSession {
         self.lagging = true;
     }
 
-    /// Drops what waits and can be dropped; the client then stands where it stood before that.
+    /// Drops waiting frames where their policy allows it, and moves the client's position back accordingly.
     fn drop_stale(&mut self, keep_first: bool) {
         let before = self.outbox.len();
         let (dropped, position) = self.outbox.drop_stale(keep_first);
         self.stats.dropped += dropped;
         self.stats.wire_bytes -= (before - self.outbox.len()) as u64;
         if let Some(position) = position {
-            // Datagrams that went since then went all the same.
+            // Datagrams sent since then cannot be taken back.
             self.position = StreamPosition {
                 context_lost: position.context_lost || self.position.context_lost,
                 ..position
@@ -385,7 +389,7 @@ impl ServerSession {
         }
     }
 
-    /// Queues a keyframe or update, its STAMP before it.
+    /// Queues a keyframe or update, with its STAMP before it if the client asked for stamps.
     fn push_state(&mut self, head: &[u8], body: &SharedBody, before: StreamPosition) {
         if self.stamps {
             let sent = self.timers.now();
@@ -397,7 +401,7 @@ impl ServerSession {
         self.push(head.to_vec(), Some(Arc::clone(&body.bytes)), DropPolicy::State(before));
         (self.position.holds, self.position.context_lost) = (Some(body.frame), false);
         self.lagging = false;
-        // How long a keyframe takes says how large it is.
+        // A keyframe's delay depends on its size, so it does not tell about the network.
         let bytes = if body.kind == FrameKind::Key { 0 } else { body.bytes.len() as u64 };
         self.flight.expect((body.frame, body.hash), self.timers.now(), bytes, false);
     }
@@ -410,7 +414,7 @@ impl ServerSession {
         self.outbox.push(head, body, policy);
     }
 
-    /// Queues a message that is known to be good.
+    /// Queues a message that is known to be valid.
     fn queue<M: Message>(&mut self, message: &M) {
         if let Ok(frame) = self.position.numbering.message(message) {
             self.push(frame, None, DropPolicy::Keep);
@@ -423,7 +427,7 @@ impl ServerSession {
         match (&self.phase, &error) {
             (Phase::Closed, _) => {}
             (_, SessionError::BadHello(reject)) => self.queue(&reject.clone()),
-            // A client that failed the handshake is told why by a message of the handshake.
+            // A client that fails the handshake gets a message of the handshake.
             (Phase::Waiting(_), SessionError::NotPsao { .. }) => {}
             (Phase::Waiting(_), _) => self.queue(&Reject::new(RejectCode::BAD_HELLO, &error.to_string())),
             (Phase::Joined(_), _) => {
@@ -462,17 +466,17 @@ impl ServerSession {
             (FrameType::PING, _) => {
                 let Ping { sent } = read(payload)?;
                 let now = self.timers.now();
-                // A client that takes no answers gets no more of them.
+                // A client that takes no bytes gets no more answers.
                 if self.fits(0) {
                     self.queue(&Pong { sent, received: now, replied: now });
                 }
             }
-            // That it came is all there is to know.
+            // Only its arrival matters.
             (FrameType::PONG, _) => drop(read::<Pong>(payload)?),
             (kind, _) if kind.name().is_some() => {
                 return Err(SessionError::Unexpected { kind, state: "serving the client" });
             }
-            // The unknown-type rule: skip it.
+            // Frames of unknown types are skipped.
             _ => self.stats.unknown += 1,
         }
         Ok(())
@@ -490,12 +494,12 @@ impl ServerSession {
         None
     }
 
-    /// Sets the time of what is sent next.
+    /// Sets the time for the frames that are sent next.
     pub(crate) fn set_now(&mut self, now: Micros) {
         self.timers.set_now(now);
     }
 
-    /// Makes the client need a keyframe, whatever it holds.
+    /// Makes the client need a keyframe, whatever frame it holds.
     pub(crate) fn need_keyframe(&mut self) {
         self.drop_stale(false);
         self.position.holds = None;
@@ -506,10 +510,10 @@ impl ServerSession {
 
     fn acked(&mut self, ack: Ack) -> ServerEvent {
         let before = self.flight.len();
-        let right = self.flight.acknowledge(&ack, self.timers.now());
-        // However fast frames go, a client that acknowledges each does not say too much.
+        let hash_matches = self.flight.acknowledge(&ack, self.timers.now());
+        // Acknowledgements do not count against the client's frame rate, however fast the server sends.
         self.frames_left.refund(before - self.flight.len());
-        if right {
+        if hash_matches {
             return ServerEvent::Acked(ack);
         }
         self.stats.diverged += 1;

@@ -6,42 +6,43 @@ use crate::message::{Ack, CameraPose, Close, Edit, Hello, KeyframeReason};
 /// Event of a client at its server.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ServerEvent {
-    /// It was accepted; the scene is on its way and it waits for a keyframe.
+    /// The client was accepted. Its scene table is queued, and it needs a keyframe.
     Joined(Hello),
-    /// It looks from here now.
+    /// The client sent its camera.
     View(CameraPose),
-    /// It wants the scene changed. A server may ignore it.
+    /// The client asks for an edit of the scene. A server may ignore it.
     Edit(Edit),
-    /// It holds a frame.
+    /// The client has applied a frame.
     Acked(Ack),
-    /// It says that it holds a frame, but with another hash than the frame's: it gets a keyframe.
+    /// The client has applied a frame but its state hash differs. It gets a keyframe.
     Diverged(Ack),
-    /// It cannot go on without a keyframe; [`ServerSession::demand`](super::ServerSession::demand) says so until it got one.
+    /// The client asked for a keyframe. [`ServerSession::demand`](super::ServerSession::demand) is a keyframe until it
+    /// is sent.
     KeyframeWanted(KeyframeReason),
-    /// It left. Nothing follows.
+    /// The client has left. No event follows.
     Closed(Close),
 }
 
-/// What brings a client to the newest frame.
+/// Kind of body that brings a client to the newest frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Demand {
-    /// Nothing now. It did not join yet, has left, or must first take the bytes that wait for it.
+    /// Nothing now. The client did not join yet, has left, or must first take the bytes that wait for it.
     Nothing,
     /// A keyframe.
     Keyframe,
     /// An update that builds on this frame: the stream's own, or a patch.
     Update {
-        /// What it holds once everything queued has arrived.
+        /// The frame that the client holds once all queued bytes have arrived.
         base: FrameIndex,
     },
-    /// A patch with context that builds on this frame: what it has now came without.
+    /// A patch with coder context that builds on this frame, because the client's last frames came without context.
     Patch {
-        /// What it holds once everything queued has arrived, or has acknowledged.
+        /// The frame that the client holds once all queued bytes have arrived, or a later one that it acknowledged.
         base: FrameIndex,
     },
-    /// A patch without context, as datagrams.
+    /// A patch without coder context, as datagrams.
     Datagrams {
-        /// What it has acknowledged.
+        /// The frame that the client acknowledged last.
         base: FrameIndex,
     },
 }
@@ -49,19 +50,19 @@ pub enum Demand {
 /// Counts of a server session.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ServerStats {
-    /// Bytes queued for the client, dropped ones left out; datagrams included.
+    /// Bytes queued for the client, including datagrams but without dropped frames.
     pub wire_bytes: u64,
     /// Keyframes queued.
     pub keyframes: u64,
     /// Updates queued, patches included.
     pub updates: u64,
-    /// Frames that went as datagrams.
+    /// Frames sent as datagrams.
     pub datagram_frames: u64,
-    /// Updates and other frames dropped, before or after they were queued.
+    /// Updates and other frames dropped before or after they were queued.
     pub dropped: u64,
-    /// How often the client fell behind.
+    /// Number of times that the client fell behind.
     pub lags: u64,
-    /// Acknowledgements whose hash was not the frame's.
+    /// Acknowledgements with a wrong state hash.
     pub diverged: u64,
     /// Frames of a type that this version does not know.
     pub unknown: u64,

@@ -7,17 +7,17 @@ use crate::{Limits, Micros};
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Timers {
     now: Micros,
-    /// First time that was set.
+    /// The first time that was set.
     started: Option<Micros>,
-    /// Bytes came.
+    /// Time at which bytes last arrived.
     last_received: Micros,
-    /// Bytes went, or began to wait.
+    /// Time at which bytes were last sent, or began to wait.
     last_progress: Micros,
-    /// A PING was due.
+    /// Time of the last PING that was due.
     last_ping: Micros,
 }
 
-/// What is due.
+/// Result of a check of deadlines.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Due {
     Nothing,
@@ -39,12 +39,12 @@ impl Timers {
         }
     }
 
-    /// Bytes came from the other end.
+    /// Records that bytes arrived from the other end.
     pub(super) const fn note_received(&mut self) {
         self.last_received = self.now;
     }
 
-    /// Bytes went to the other end, or the first of them began to wait.
+    /// Records that bytes were sent to the other end, or that the first of them began to wait.
     pub(super) const fn note_progress(&mut self) {
         self.last_progress = self.now;
     }
@@ -56,7 +56,7 @@ impl Timers {
     }
 
     /// Checks the deadlines after the handshake, and returns what is due. `waiting` tells whether bytes wait, `stalls`
-    /// whether it is an error if none of them go.
+    /// whether it is an error if none of them are sent.
     pub(super) fn open(&mut self, limits: &Limits, waiting: bool, stalls: bool) -> Result<Due, SessionError> {
         let waited = self.now.since(self.last_received);
         if waited > limits.silence {
@@ -70,16 +70,16 @@ impl Timers {
             return Ok(Due::Nothing);
         }
         self.last_ping = self.now;
-        // An end with bytes to take needs no PING to show that it is alive.
+        // While bytes wait, their progress shows whether the other end is alive.
         Ok(if waiting { Due::Nothing } else { Due::Ping })
     }
 
-    /// Returns the next time at which [`handshake`](Self::handshake) may say something new.
+    /// Returns the next time at which the result of [`handshake`](Self::handshake) may change.
     pub(super) fn next_in_handshake(&self, limits: &Limits) -> Option<Micros> {
         Some(self.started?.plus(limits.handshake).plus(Micros(1)))
     }
 
-    /// Returns the next time at which [`open`](Self::open) may say something new.
+    /// Returns the next time at which the result of [`open`](Self::open) may change.
     pub(super) fn next_when_open(&self, limits: &Limits, waiting: bool, stalls: bool) -> Option<Micros> {
         self.started?;
         let silent = self.last_received.plus(limits.silence).plus(Micros(1));
@@ -89,11 +89,11 @@ impl Timers {
     }
 }
 
-/// A token bucket: it fills at a rate, up to four seconds' worth.
+/// A rate limiter (token bucket). It fills at `rate` tokens per second, up to four seconds' worth.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct RateLimiter {
     rate: u32,
-    /// In millionths.
+    /// Tokens left, in millionths.
     left: u64,
     last: Option<Micros>,
 }
@@ -107,7 +107,7 @@ impl RateLimiter {
         rate as u64 * 4_000_000
     }
 
-    /// Takes so much; whether it was there.
+    /// Takes `amount` tokens. Returns whether there were enough.
     pub(super) fn take(&mut self, amount: usize, now: Micros) -> bool {
         let passed = now.since(self.last.unwrap_or(now));
         self.last = Some(now);

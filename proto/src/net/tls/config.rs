@@ -1,4 +1,4 @@
-//! Certificates and keys, checked before anything listens or connects.
+//! Certificates and keys of both ends.
 
 use std::fmt;
 use std::sync::Arc;
@@ -21,28 +21,28 @@ const AUTHORITY: &str = "authority's certificate";
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum TlsConfigError {
-    /// The text is not PEM, or has nothing of the kind in it.
+    /// The text is not PEM, or holds no item of the expected kind.
     #[error("there is no {what} in the PEM text that was given for it: {source}")]
     Pem {
-        /// What was looked for.
+        /// The expected kind.
         what: &'static str,
-        /// What the reader of PEM says.
+        /// Error of the PEM parser.
         source: pem::Error,
     },
-    /// It is there but cannot be used.
+    /// The certificate or key is present but cannot be used.
     #[error("the {what} cannot be used: {source}")]
     Unusable {
-        /// What.
+        /// The kind of item.
         what: &'static str,
         /// Why.
         source: Error,
     },
-    /// The key is that of another certificate.
+    /// The key belongs to another certificate.
     #[error("the private key does not belong to the certificate: give the two that were made together")]
     OtherKey,
 }
 
-/// A server's certificate, and whether clients must show theirs.
+/// A server's certificate and key, and the authorities for client certificates.
 #[derive(Clone)]
 pub struct ServerTls {
     acceptor: TlsAcceptor,
@@ -50,12 +50,12 @@ pub struct ServerTls {
 }
 
 impl ServerTls {
-    /// From PEM texts: the server's certificates, its own first; its private key; and the authorities that sign the
-    /// certificates of clients. With the latter a client that shows no such certificate is refused, without it clients
-    /// show none.
+    /// Reads PEM texts: the server's certificate chain, its own certificate first, its private key, and optionally the
+    /// authorities that sign client certificates. With `client_authorities` every client must present such a
+    /// certificate.
     ///
     /// # Errors
-    /// [`TlsConfigError`] when one of them is missing, unusable, or of another pair.
+    /// [`TlsConfigError`] when an item is missing or unusable, or when certificate and key do not match.
     pub fn from_pem(
         certificates: &[u8],
         key: &[u8],
@@ -81,7 +81,7 @@ impl ServerTls {
         Ok(Self { acceptor: TlsAcceptor::from(Arc::new(config)), requires_client_certificates })
     }
 
-    /// Returns whether only clients with a certificate are taken.
+    /// Returns whether clients must present a certificate.
     #[must_use]
     pub const fn requires_client_certificates(&self) -> bool {
         self.requires_client_certificates
@@ -92,15 +92,15 @@ impl ServerTls {
     }
 }
 
-/// The authorities that a client trusts, and the certificate that it shows.
+/// The authorities that a client trusts, and optionally its own certificate and key.
 #[derive(Clone)]
 pub struct ClientTls {
     connector: TlsConnector,
 }
 
 impl ClientTls {
-    /// From PEM texts: the authorities that sign the certificates of servers, and this client's certificates and private
-    /// key, for servers that ask for them.
+    /// Reads PEM texts: the authorities that sign server certificates, and optionally the client's certificate chain
+    /// and private key, for servers that require them.
     ///
     /// # Errors
     /// As [`ServerTls::from_pem`].
@@ -124,7 +124,7 @@ impl ClientTls {
     }
 }
 
-// Neither prints what it holds: keys are in there.
+// The output omits the contents, which include private keys.
 impl fmt::Debug for ServerTls {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("ServerTls")
@@ -166,7 +166,7 @@ fn roots(pem: &[u8]) -> Result<RootCertStore, TlsConfigError> {
     Ok(roots)
 }
 
-/// All certificates of a text; at least one.
+/// Returns all certificates of a PEM text, at least one.
 fn certificates(what: &'static str, pem: &[u8]) -> Result<Vec<CertificateDer<'static>>, TlsConfigError> {
     let all = CertificateDer::pem_slice_iter(pem).collect::<Result<Vec<_>, _>>();
     match all {

@@ -1,67 +1,67 @@
-//! What goes wrong between two ends that speak TLS, or of which only one does.
+//! TLS errors, with messages for users.
 
 use std::io;
 
 use tokio_rustls::rustls::{AlertDescription, CertificateError, Error};
 
-/// Why TLS could not be set up, or broke.
+/// Why a TLS handshake or connection failed.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum TlsError {
-    /// This end refuses the other's certificate.
+    /// This end refused the other end's certificate.
     #[error("the other end's certificate {0}")]
     PeerCertificate(TlsCertificateError),
-    /// The other end refuses this end's certificate.
+    /// The other end refused this end's certificate.
     #[error("the other end refused this end's certificate: it {0}")]
     OwnCertificate(TlsCertificateError),
-    /// The other end speaks something else.
+    /// The other end does not speak TLS.
     #[error("the other end does not speak TLS: it is another program, or was not certificate_error_of to")]
     NotTls,
-    /// The other end went away before the connection was set up.
+    /// The other end closed the connection during the handshake.
     #[error("the other end closed the connection during the TLS handshake: does it speak TLS?")]
     Closed,
-    /// Anything else.
+    /// Another TLS error.
     #[error("TLS failed: {0}")]
     Other(Error),
 }
 
-/// What is wrong with a certificate.
+/// Why a certificate was refused.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum TlsCertificateError {
     /// It has expired or is not valid yet.
     #[error("has expired or is not valid yet: check the clocks of both ends, or make a new one")]
     Expired,
-    /// It is of another host.
+    /// It belongs to another host.
     #[error(
         "is not valid for the name {expected}, but for {presented}: connect by one of those, or make one with that name"
     )]
     WrongName {
-        /// The name that was connected to.
+        /// Name of the host that the client connected to.
         expected: String,
-        /// The names in it.
+        /// Names in the certificate.
         presented: String,
     },
-    /// No authority that is trusted has signed it.
+    /// No trusted authority has signed it.
     #[error(
         "is signed by an authority that is not trusted: give both ends the certificate of the same authority"
     )]
     UnknownAuthority,
-    /// There is none.
+    /// The client presented none.
     #[error("is missing: the server takes only clients that show one")]
     Missing,
-    /// It was refused, and all that is known is how.
+    /// It was refused for another reason.
     #[error("is not acceptable: {0}")]
     Other(String),
 }
 
 impl TlsError {
-    /// Returns the TLS error in an error of a socket, if it is one.
+    /// Returns the TLS error within a socket error, if there is one.
     pub(crate) fn of(error: &io::Error) -> Option<Self> {
         error.get_ref().and_then(|inner| inner.downcast_ref::<Error>()).map(|inner| Self::from(inner.clone()))
     }
 
-    /// Returns the TLS error in an error during the handshake.
+    /// Returns the TLS error within a socket error of the handshake, if there is one.
     pub(crate) fn of_handshake(error: &io::Error) -> Option<Self> {
         let closed =
             [io::ErrorKind::UnexpectedEof, io::ErrorKind::ConnectionReset, io::ErrorKind::BrokenPipe];
@@ -95,14 +95,14 @@ impl From<CertificateError> for TlsCertificateError {
                 expected: expected.to_str().into_owned(),
                 presented: if presented.is_empty() { "none".to_owned() } else { presented.join(", ") },
             },
-            // The latter: by another authority of the same name.
+            // `BadSignature` means another authority of the same name.
             CertificateError::UnknownIssuer | CertificateError::BadSignature => Self::UnknownAuthority,
             other => Self::Other(other.to_string()),
         }
     }
 }
 
-/// What an alert says about this end's certificate (RFC 8446, 6.2).
+/// Returns the certificate error that an alert reports (RFC 8446, 6.2).
 fn certificate_error_of(alert: AlertDescription) -> Option<TlsCertificateError> {
     Some(match alert {
         AlertDescription::CertificateExpired => TlsCertificateError::Expired,

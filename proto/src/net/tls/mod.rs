@@ -1,7 +1,7 @@
-//! TLS over TCP, by `rustls` with the `ring` provider: TLS 1.3, or 1.2 with those that have no better.
+//! TLS over TCP by `rustls` with the `ring` provider. TLS 1.3 is preferred, TLS 1.2 is accepted.
 //!
-//! Certificates and keys come in as PEM text; where it lies is the caller's business. There are no built-in authorities:
-//! a client trusts those that it is given and no others.
+//! Certificates and keys are given as PEM text. There are no built-in authorities: a client trusts only the authorities
+//! that it is given.
 
 mod config;
 mod error;

@@ -1,4 +1,4 @@
-//! A file that is there when it is whole, and not before.
+//! Files that appear only once they are complete.
 
 use std::fs::{File, OpenOptions};
 use std::io::{BufWriter, ErrorKind, Write as _};
@@ -6,9 +6,10 @@ use std::path::{Path, PathBuf};
 
 use super::{FileError, Recorder};
 
-/// A file under a temporary name beside its own, which it gets at the end: a recording made of others, say.
+/// A file that is written under a temporary name and renamed at the end, such as a recording made of others.
 ///
-/// Until then a file of that name stays as it is. One that is dropped before leaves nothing behind.
+/// An existing file of the final name stays unchanged until then. A value that is dropped earlier leaves no file
+/// behind.
 #[derive(Debug)]
 pub struct AtomicFile {
     target: PathBuf,
@@ -17,10 +18,10 @@ pub struct AtomicFile {
 }
 
 impl AtomicFile {
-    /// Starts the file. It must not be one of `inputs`.
+    /// Creates the temporary file. `target` must not be one of `inputs`.
     ///
     /// # Errors
-    /// [`FileError::SameFile`] when it is, [`FileError::Io`] when no file can be made there.
+    /// [`FileError::SameFile`] when it is one of them, [`FileError::Io`] when the file cannot be created.
     pub fn create(target: &Path, inputs: &[PathBuf]) -> Result<Self, FileError> {
         Recorder::check_place(target)?;
         for input in inputs {
@@ -44,20 +45,20 @@ impl AtomicFile {
     /// Appends bytes.
     ///
     /// # Errors
-    /// [`FileError::Io`] when they could not be written.
+    /// [`FileError::Io`] when the bytes could not be written.
     pub fn put(&mut self, bytes: &[u8]) -> Result<(), FileError> {
         let Some(file) = &mut self.file else { return Ok(()) };
         file.write_all(bytes).map_err(|error| FileError::io(&self.target, error))
     }
 
-    /// Brings everything to the disk and gives the file its name.
+    /// Flushes the file to the disk and renames it.
     ///
     /// # Errors
-    /// [`FileError::Io`] when one of them failed; nothing is left behind then.
+    /// [`FileError::Io`] when either fails; no file is left behind.
     pub fn finish(mut self) -> Result<(), FileError> {
         let Some(file) = self.file.take() else { return Ok(()) };
         let written = file.into_inner().map_err(std::io::IntoInnerError::into_error);
-        // Closed before it is renamed: not every system renames an open file.
+        // The file is closed before the rename, because not every system renames an open file.
         written
             .and_then(|file| file.sync_all())
             .and_then(|()| std::fs::rename(&self.temporary, &self.target))
@@ -76,7 +77,7 @@ impl Drop for AtomicFile {
     }
 }
 
-/// Whether two paths lead to the same file.
+/// Returns whether two paths lead to the same file.
 fn is_same(one: &Path, other: &Path) -> bool {
     match (one.canonicalize(), other.canonicalize()) {
         (Ok(one), Ok(other)) => one == other,

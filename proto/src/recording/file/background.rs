@@ -1,4 +1,4 @@
-//! A recording that a thread of its own writes: the stream never waits for it.
+//! A recording written by a separate thread, so that the stream never waits.
 
 use std::io::ErrorKind;
 use std::path::PathBuf;
@@ -13,16 +13,16 @@ use super::recorder::Clock;
 use super::{FileError, RecorderNotice, RecorderOptions, RecordingOutcome};
 use crate::Micros;
 
-/// How often what was written is brought to the disk: what a power cut may cost.
+/// Time between two flushes to the disk, which bounds the loss at a power cut.
 const SYNC_INTERVAL: Micros = Micros::from_secs(1);
 
-/// The side of the stream: takes frames and never waits.
+/// The stream's side of the recorder. It takes frames and never waits.
 pub(super) struct BackgroundRecorder {
     path: PathBuf,
     shared: Arc<Shared>,
-    /// The thread that writes, until it is waited for.
+    /// The writing thread; `None` after it was joined.
     writer: Option<JoinHandle<Result<u64, FileError>>>,
-    /// Whether it was said that the disk is too slow.
+    /// Whether the observer was told that the disk is too slow.
     told_behind: bool,
 }
 
@@ -34,7 +34,7 @@ struct Shared {
 }
 
 impl BackgroundRecorder {
-    /// Starts the thread of a recording.
+    /// Starts the writing thread.
     pub(super) fn start(sink: impl Sink, options: RecorderOptions, clock: Clock) -> Result<Self, FileError> {
         let path = sink.path().to_owned();
         let shared = Arc::new(Shared {
@@ -51,7 +51,7 @@ impl BackgroundRecorder {
         Ok(Self { path, shared, writer: Some(writer), told_behind: false })
     }
 
-    /// Takes a frame, or counts it as missing.
+    /// Queues a frame, or counts it as missing.
     pub(super) fn take(&mut self, arrival: Micros, frame: &[u8]) {
         let taken = self.shared.lock().offer(arrival, frame);
         self.shared.changed.notify_one();
@@ -66,12 +66,12 @@ impl BackgroundRecorder {
         self.shared.lock().wants_keyframe(now)
     }
 
-    /// Returns what is missing so far.
+    /// Returns the frames that are missing so far.
     pub(super) fn missing(&self) -> GapTotals {
         self.shared.lock().missing()
     }
 
-    /// Writes what waits and ends the recording.
+    /// Writes all queued frames and ends the recording.
     pub(super) fn finish(mut self) -> Result<RecordingOutcome, FileError> {
         let written = self.end()?;
         let missing = self.shared.lock().missing();
@@ -81,7 +81,7 @@ impl BackgroundRecorder {
         Ok(RecordingOutcome { bytes: written?, missing })
     }
 
-    /// Waits until everything is written; returns how it went: the length of the file.
+    /// Waits until the thread has ended. Returns its result, which is the length of the file.
     fn end(&mut self) -> Result<Result<u64, FileError>, FileError> {
         self.shared.lock().end(self.shared.clock.now());
         self.shared.changed.notify_one();
@@ -93,7 +93,7 @@ impl BackgroundRecorder {
 impl Drop for BackgroundRecorder {
     fn drop(&mut self) {
         if self.writer.is_some() {
-            // Nobody is left to tell how it went.
+            // No caller is left to report an error to.
             let _ = self.end();
         }
     }
@@ -101,11 +101,11 @@ impl Drop for BackgroundRecorder {
 
 impl Shared {
     fn lock(&self) -> MutexGuard<'_, Backlog> {
-        // Nothing panics under the lock; if something did, the counts are all that may be off.
+        // No code panics while it holds the lock. If one did, only the counts could be wrong.
         self.backlog.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The side of the disk: writes until the stream has ended; returns the length of the file.
+    /// Runs the disk's side: writes until the stream has ended, and returns the length of the file.
     fn write<S: Sink>(&self, mut disk: Disk<S>) -> Result<u64, FileError> {
         let mut failure = None;
         let mut synced = self.clock.now();
@@ -164,13 +164,13 @@ mod tests {
     use crate::sample::SampleServer;
     use crate::{FrameType, Limits};
 
-    /// A disk in memory, that can be behind to wait and to be full.
+    /// A disk in memory that can be slow or full.
     #[derive(Clone)]
     struct MemorySink {
         file: Arc<Mutex<Vec<u8>>>,
-        /// Most bytes that it holds.
+        /// Its capacity in bytes.
         room: Arc<Mutex<usize>>,
-        /// It writes once for each word it gets; without, it writes at once.
+        /// With a gate, each write waits for one message.
         gate: Option<Arc<Mutex<mpsc::Receiver<()>>>>,
     }
 
@@ -187,7 +187,7 @@ mod tests {
 
         fn put(&mut self, bytes: &[u8]) -> Result<()> {
             if let Some(gate) = &self.gate {
-                // A sender that is gone lets everything pass.
+                // Once the sender is dropped, writes no longer wait.
                 let _ = gate.lock().unwrap().recv();
             }
             let mut file = self.file.lock().unwrap();
@@ -206,7 +206,7 @@ mod tests {
         }
     }
 
-    /// A stream into a recorder; a keyframe whenever it is wanted.
+    /// Records `frames` frames, with a keyframe whenever the recorder wants one.
     fn stream(recorder: &mut Recorder, server: &mut SampleServer, frames: u32) {
         for _ in 0..frames {
             let EncodedFrame { info, body, .. } = server.step().unwrap();
@@ -238,7 +238,7 @@ mod tests {
         let mut server = SampleServer::new().unwrap();
         let mut recorder = recorder(&sink, 3000);
         recorder.scene(server.scene()).unwrap();
-        // Nothing is written meanwhile: far more goes in than the buffer holds.
+        // The disk writes nothing meanwhile, so the buffer overflows.
         stream(&mut recorder, &mut server, 200);
         assert_eq!(sink.file.lock().unwrap().len(), 0);
         drop(words);
@@ -322,7 +322,7 @@ mod tests {
         while recorder.missing().frames == 0 {
             stream(&mut recorder, &mut server, 1);
         }
-        // This one comes into the gap.
+        // This frame falls into the gap.
         stream(&mut recorder, &mut server, 1);
         recorder.finish().unwrap_err();
         let heard: Vec<String> = heard.into_iter().collect();

@@ -1,17 +1,17 @@
-//! What waits for the disk, and what is dropped when it cannot keep up: decisions alone, without threads or files.
+//! The queue of frames for the disk, and the rules for dropping frames. It uses no threads and no files.
 
 use std::collections::VecDeque;
 
 use crate::message::{Gap, GapReason, Message as _};
 use crate::{FrameIndex, FrameType, HEADER_BYTES, Limits, Micros, Numbering};
 
-/// Bytes by which messages may go over the bound: a scene table, edits and a goodbye are small, and nothing makes up for
+/// Bytes by which messages may exceed the limit. Scene tables, edits and CLOSE are small, and no later frame replaces
 /// them.
 const MESSAGE_HEADROOM_BYTES: usize = 4 << 20;
-/// How long a disk that failed is left alone.
+/// Pause after a failed write before the next attempt.
 const RETRY_DELAY: Micros = Micros::from_secs(1);
 
-/// Something to write.
+/// A frame to write.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct BacklogItem {
     pub(super) arrival: Micros,
@@ -24,44 +24,44 @@ impl BacklogItem {
     }
 }
 
-/// Type of a frame.
+/// Returns the type of a wire frame.
 fn kind(frame: &[u8]) -> FrameType {
     FrameType(frame.get(2).copied().unwrap_or_default())
 }
 
-/// Sums over what is not in a recording, because the disk was too slow or failed.
+/// Sums over the gaps of a recording, which arise when the disk is too slow or fails.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct GapTotals {
-    /// Places where something is missing.
+    /// Number of gaps.
     pub gaps: u64,
-    /// Keyframes and updates.
+    /// Keyframes and updates missing.
     pub frames: u64,
-    /// Bytes of all frames on the wire.
+    /// Bytes of all missing frames on the wire.
     pub bytes: u64,
 }
 
 /// The queue between a stream and a disk.
 ///
-/// When a frame does not fit, it is dropped, and every frame after it until a keyframe fits: a gap. What a gap dropped is
-/// behind in the recording just before that keyframe.
+/// A frame that does not fit is dropped, and so is every later frame until a keyframe fits. This is a gap. A GAP
+/// message before that keyframe describes it.
 #[derive(Debug)]
 pub(super) struct Backlog {
     limit: usize,
     limits: Limits,
     queue: VecDeque<BacklogItem>,
-    /// Bytes in the queue and of what is being written.
+    /// Bytes in the queue and of the frame that is being written.
     bytes: usize,
     gap: Option<Gap>,
-    /// Gaps that are over.
+    /// Totals of the gaps that have ended.
     missing: GapTotals,
-    /// When a failed disk may be tried again; `None` while the disk works.
+    /// Time of the next attempt after a failed write; `None` while the disk works.
     retry_at: Option<Micros>,
     ended: bool,
 }
 
 impl Backlog {
-    /// An empty one that holds at most `limit` bytes; a frame that is longer waits alone.
+    /// Creates an empty queue of at most `limit` bytes. A longer frame is taken when the queue is empty.
     pub(super) fn new(limit: usize, limits: Limits) -> Self {
         let missing = GapTotals::default();
         Self {
@@ -76,7 +76,7 @@ impl Backlog {
         }
     }
 
-    /// Takes a frame, or drops it; gives whether it was taken.
+    /// Queues a frame, or drops it. Returns whether it was queued.
     pub(super) fn offer(&mut self, arrival: Micros, frame: &[u8]) -> bool {
         let taken = match kind(frame) {
             FrameType::KEYFRAME if self.gap.is_some() => self.may_retry(arrival) && self.fits(frame.len()),
@@ -99,23 +99,23 @@ impl Backlog {
         true
     }
 
-    /// Whether a keyframe would end a gap now: there is room for one.
+    /// Returns whether a keyframe would end a gap now, because there is room for one.
     pub(super) fn wants_keyframe(&self, now: Micros) -> bool {
         self.gap.is_some() && self.may_retry(now) && self.bytes <= self.limit / 2
     }
 
-    /// The next thing to write. Nothing while a failed disk is left alone.
+    /// Returns the next frame to write; `None` during the pause after a failed write.
     pub(super) fn pop(&mut self) -> Option<BacklogItem> {
         if self.retry_at.is_some() && !self.ended { None } else { self.queue.pop_front() }
     }
 
-    /// An item was written.
+    /// Frees the bytes of an item that was written.
     pub(super) fn wrote(&mut self, item: &BacklogItem) {
         self.bytes -= item.frame.len();
     }
 
-    /// An item could not be written. Frames that wait are lost; messages are kept for when the disk can be written again,
-    /// at the earliest in a second, or never.
+    /// Handles a failed write. Queued frames are dropped; messages are kept for the next attempt, which comes after
+    /// [`RETRY_DELAY`] or, with `for_good`, never.
     pub(super) fn failed(&mut self, item: Option<BacklogItem>, now: Micros, for_good: bool) {
         self.retry_at = Some(if for_good { Micros(u64::MAX) } else { now.plus(RETRY_DELAY) });
         let waiting: Vec<BacklogItem> = item.into_iter().chain(std::mem::take(&mut self.queue)).collect();
@@ -137,18 +137,18 @@ impl Backlog {
         }
     }
 
-    /// Nothing more comes; what is missing at the end is marked there.
+    /// Ends the stream. A GAP marks frames that are missing at its end.
     pub(super) fn end(&mut self, now: Micros) {
         self.ended = true;
         self.end_gap(now);
     }
 
-    /// Whether nothing more will come.
+    /// Returns whether the stream has ended.
     pub(super) const fn has_ended(&self) -> bool {
         self.ended
     }
 
-    /// What is not in the recording so far.
+    /// Returns the totals of all gaps so far, including the current one.
     pub(super) fn missing(&self) -> GapTotals {
         let mut missing = self.missing;
         if let Some(gap) = &self.gap {
@@ -173,7 +173,7 @@ impl Backlog {
         self.queue.push_back(item);
     }
 
-    /// Counts a frame that is dropped.
+    /// Counts a dropped frame.
     fn count_missing(&mut self, frame: &[u8], reason: GapReason) {
         let number = kind(frame).carries_state().then(|| {
             let body = frame.get(HEADER_BYTES..).unwrap_or_default();
@@ -197,7 +197,7 @@ impl Backlog {
         }
     }
 
-    /// Marks what was dropped.
+    /// Ends the current gap and queues its GAP message.
     fn end_gap(&mut self, arrival: Micros) {
         let Some(gap) = self.gap.take() else { return };
         self.missing.gaps += 1;
@@ -208,7 +208,7 @@ impl Backlog {
         }
     }
 
-    /// A mark that was not written goes back into the gap at hand.
+    /// Merges a GAP message that could not be written into the current gap.
     fn reopen_gap(&mut self, frame: &[u8]) {
         let Ok(mark) = Gap::from_payload(frame.get(HEADER_BYTES..).unwrap_or_default()) else { return };
         self.missing.gaps -= 1;
@@ -233,7 +233,7 @@ mod tests {
     use crate::sample::SampleServer;
     use proptest::prelude::*;
 
-    /// Frames of a stream: a keyframe each time it is asked for.
+    /// A stream that makes keyframes on request.
     struct Stream {
         server: SampleServer,
         numbering: Numbering,
@@ -275,7 +275,7 @@ mod tests {
         let first = stream.next(true);
         let mut backlog = Backlog::new(first.len() + 10, Limits::default());
         assert!(backlog.offer(Micros(0), &first));
-        // Being written, not yet written: the room is still taken.
+        // The frame is being written, so it still takes room.
         let item = backlog.pop().unwrap();
         assert!(!backlog.offer(Micros(1), &stream.next(false)));
         assert!(!backlog.wants_keyframe(Micros(1)), "there is no room for one");
@@ -316,7 +316,7 @@ mod tests {
         assert!(!backlog.wants_keyframe(almost) && !backlog.offer(almost, &stream.next(true)));
         let then = Micros(5).plus(RETRY_DELAY);
         assert!(backlog.wants_keyframe(then) && backlog.offer(then, &stream.next(true)));
-        // It fails again: the mark is taken back, and what is lost adds up.
+        // The disk fails again: the GAP message is merged back, and losses add up.
         let failing = backlog.pop();
         backlog.failed(failing, then, false);
         let later = then.plus(RETRY_DELAY);
@@ -365,7 +365,7 @@ mod tests {
                         let frame = stream.next(key);
                         let before = backlog.bytes;
                         if backlog.offer(now, &frame) {
-                            // A mark goes with the frame.
+                            // A GAP message may precede the frame.
                             prop_assert!(before == 0 || backlog.bytes <= limit + 60);
                         }
                     }
@@ -394,7 +394,7 @@ mod tests {
             prop_assert_eq!(prerequisites.iter().map(|gap| u64::from(gap.frames)).sum::<u64>(), missing.frames);
             for pair in written.windows(2) {
                 let after_gap = pair[0].kind() == FrameType::GAP;
-                // The keyframe itself may have failed; then another gap follows.
+                // If the keyframe itself failed, another gap follows.
                 prop_assert!(!after_gap || pair[1].kind() != FrameType::UPDATE);
             }
         }

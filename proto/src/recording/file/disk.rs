@@ -1,4 +1,4 @@
-//! A recording on a disk: after a failed write it goes on behind its last whole record.
+//! A recording on a disk. After a failed write it continues behind its last whole record.
 
 use std::fs::File;
 use std::io::{ErrorKind, Result, Seek as _, SeekFrom, Write as _};
@@ -8,29 +8,29 @@ use super::FileError;
 use crate::recording::{Writer, WriterError};
 use crate::{Limits, Micros};
 
-/// Where the bytes of a recording go.
+/// Destination of a recording's bytes.
 pub(super) trait Sink: Send + 'static {
-    /// Its name, for people.
+    /// Returns its path, for messages.
     fn path(&self) -> &Path;
 
     /// Appends all of `bytes`.
     fn put(&mut self, bytes: &[u8]) -> Result<()>;
 
-    /// Cuts it back to its first `length` bytes, after a [`put`](Self::put) that failed.
+    /// Truncates it to `length` bytes after a failed [`put`](Self::put).
     fn truncate(&mut self, length: u64) -> Result<()>;
 
-    /// Brings what was put to the disk, and checks that it is still where it should be.
+    /// Flushes the bytes to the disk, and checks that the file still exists at its path.
     fn sync(&mut self) -> Result<()>;
 }
 
-/// A file.
+/// A recording's file.
 pub(super) struct RecordingFile {
     path: PathBuf,
     file: File,
 }
 
 impl RecordingFile {
-    /// A new file; one of that name is replaced.
+    /// Creates the file; an existing file is replaced.
     #[expect(clippy::disallowed_methods, reason = "this module is the crate's way to the disk")]
     pub(super) fn create(path: &Path) -> std::result::Result<Self, FileError> {
         let file = File::create(path).map_err(|error| FileError::io(path, error))?;
@@ -57,19 +57,19 @@ impl Sink for RecordingFile {
             return Err(ErrorKind::NotFound.into());
         }
         match self.file.sync_data() {
-            // A device has nothing to bring anywhere.
+            // Devices do not support flushing.
             Err(error) if error.kind() == ErrorKind::InvalidInput => Ok(()),
             done => done,
         }
     }
 }
 
-/// Why a frame is not in the recording.
+/// Why a frame was not written.
 #[derive(Debug)]
 pub(super) enum DiskError {
-    /// It is no frame, or the recording is finished.
+    /// The bytes are not a frame, or the recording is finished.
     Writer(WriterError),
-    /// It could not be written.
+    /// The write failed.
     Io(std::io::Error),
 }
 
@@ -79,15 +79,15 @@ impl From<WriterError> for DiskError {
     }
 }
 
-/// A recording and where it goes.
+/// A recording and its destination.
 pub(super) struct Disk<S> {
     sink: S,
     writer: Writer,
-    /// The file header, until the first record: they are written together, so that a file is a recording or empty.
+    /// The file header until the first record. Both are written together, so a file is either empty or a recording.
     head: Vec<u8>,
     /// Bytes up to the end of the last whole record.
     whole_bytes: u64,
-    /// Whether something may follow them.
+    /// Whether a partial record may follow them.
     torn: bool,
 }
 
@@ -97,7 +97,7 @@ impl<S: Sink> Disk<S> {
         Self { sink, writer, head, whole_bytes: 0, torn: false }
     }
 
-    /// Writes one frame. After an error the recording is as before, and it may be tried again.
+    /// Writes one frame. After an error the recording is unchanged, and the caller may try again.
     pub(super) fn append(&mut self, arrival: Micros, frame: &[u8]) -> std::result::Result<(), DiskError> {
         let record = self.writer.append(arrival, frame)?;
         self.write(&record).map_err(|error| {
@@ -106,24 +106,24 @@ impl<S: Sink> Disk<S> {
         })
     }
 
-    /// Writes the index; gives the length of the file.
+    /// Writes the index and returns the length of the file.
     pub(super) fn finish(&mut self) -> std::result::Result<u64, DiskError> {
         let end = self.writer.finish()?;
         let written = self.write(&end).and_then(|()| self.sink.sync());
         if written.is_err() && self.torn {
-            // Half an index would read as damage.
+            // A partial index would read as damage.
             let _ = self.sink.truncate(self.whole_bytes);
         }
         written.map_err(DiskError::Io)?;
         Ok(self.whole_bytes)
     }
 
-    /// See [`Sink::sync`].
+    /// Flushes the recording; see [`Sink::sync`].
     pub(super) fn sync(&mut self) -> Result<()> {
         self.sink.sync()
     }
 
-    /// An error with the name of the file.
+    /// Adds the path of the file to an error.
     pub(super) fn describe(&self, error: DiskError) -> FileError {
         match error {
             DiskError::Writer(error) => FileError::Record(error),
@@ -136,7 +136,7 @@ impl<S: Sink> Disk<S> {
             self.sink.truncate(self.whole_bytes)?;
             self.torn = false;
         }
-        // One write for one record; the header goes with the first.
+        // Each record is one write; the first includes the file header.
         let joined = (!self.head.is_empty()).then(|| [&self.head[..], record].concat());
         let bytes = joined.as_deref().unwrap_or(record);
         self.torn = true;

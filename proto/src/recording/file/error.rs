@@ -1,4 +1,4 @@
-//! Why a recording could not be written to a file.
+//! Errors of recordings in files.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -11,18 +11,18 @@ use crate::recording::WriterError;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum FileError {
-    /// The file could not be made or written.
+    /// The file could not be created or written.
     #[error("cannot write {}: {error}; choose another place or free some room", path.display())]
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         error: io::Error,
     },
-    /// A file would be written over one that it is made of.
+    /// The output file is one of the input files.
     #[error("{} would be written over itself; choose another name for the copy", path.display())]
     SameFile {
-        /// The file that is read.
+        /// Path of the input file.
         path: PathBuf,
     },
     /// The scene table has a value that cannot be sent.
@@ -34,13 +34,13 @@ pub enum FileError {
     /// A frame body is too long for a frame.
     #[error(transparent)]
     Body(WireFrameError),
-    /// Bytes that should be a frame are not one.
+    /// The bytes are not one whole frame.
     #[error(transparent)]
     Record(WriterError),
-    /// The system gave no thread to write with.
+    /// The writing thread could not be started.
     #[error("cannot start a thread: {0}")]
     Thread(io::Error),
-    /// The thread that writes ended early.
+    /// The writing thread ended early.
     #[error("{}: the recorder's thread failed", path.display())]
     ThreadFailed {
         /// The file.

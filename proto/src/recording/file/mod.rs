@@ -1,28 +1,28 @@
-//! Recordings as files: the recorder that never slows its stream, and files that appear whole. Behind the feature `fs`.
+//! Recordings in files: a recorder that never slows its stream, and files that appear only once complete. Feature `fs`.
 //!
-//! This is the only part of [`recording`](super) that touches a disk, reads a clock and starts a thread.
+//! This is the only part of [`recording`](super) that uses a disk, a clock and a thread.
 //!
-//! A [`Recorder`] takes the frames of a stream and writes each record in one write, so that the file is a valid recording
-//! after every frame, whatever stops the program. It never makes the stream wait, unless that is asked for: a thread of
-//! its own writes, and what does not fit its buffer is left out up to the next keyframe. A
-//! [`Gap`](crate::message::Gap) record marks the place. After a failed write the recording goes on behind its last whole
-//! record, once the disk takes bytes again; the failure is reported at the end.
+//! A [`Recorder`] takes the frames of a stream and writes each record with one write. The file is therefore a valid
+//! recording after every frame, whatever stops the program. By default a separate thread writes, so the stream never
+//! waits. Frames that do not fit the buffer are left out up to the next keyframe, and a [`Gap`](crate::message::Gap)
+//! record marks the place. After a failed write the recording continues behind its last whole record, once the disk
+//! works again. The failure is reported at the end.
 //!
 //! ```
-//! use psao_codec::envelope::{FrameKind};
+//! use psao_codec::envelope::FrameKind;
 //! use psao_proto::recording::file::{Recorder, RecorderOptions};
 //! use psao_proto::sample::SampleServer;
 //!
 //! # let folder = tempfile::tempdir()?;
 //! # let path = folder.path().join("stream.psao");
-//! let mut source = SampleServer::new()?; // stands for the thing that traces
+//! let mut source = SampleServer::new()?; // stands for a server that traces
 //! let options = RecorderOptions::default().with_observer(|notice| eprintln!("recording: {notice}"));
 //! let mut recorder = Recorder::create(&path, options)?;
 //! recorder.scene(source.scene())?;
 //! for _ in 0..10 {
 //!     let frame = source.step()?;
 //!     if recorder.wants_keyframe() {
-//!         // Frames are missing: the recording can go on with this one.
+//!         // Frames are missing; the recording can continue with this keyframe.
 //!         recorder.body(recorder.now(), FrameKind::Key, &source.keyframe()?)?;
 //!     } else {
 //!         recorder.body(recorder.now(), frame.info.kind, &frame.body)?;

@@ -1,4 +1,4 @@
-//! What a recorder is behind, and what it tells.
+//! Options and notices of a recorder.
 
 use std::fmt;
 use std::sync::Arc;
@@ -6,7 +6,7 @@ use std::sync::Arc;
 use super::{FileError, GapTotals};
 use crate::Limits;
 
-/// How a [`Recorder`](super::Recorder) works.
+/// Options of a [`Recorder`](super::Recorder).
 #[derive(Clone)]
 pub struct RecorderOptions {
     pub(super) limits: Limits,
@@ -15,36 +15,36 @@ pub struct RecorderOptions {
     pub(super) observer: Observer,
 }
 
-/// What is called with notices, on whatever thread they come up.
+/// Callback for notices. It may be called on any thread.
 pub(super) type Observer = Arc<dyn Fn(RecorderNotice<'_>) + Send + Sync>;
 
 impl RecorderOptions {
-    /// Bytes that wait for the disk at most, unless [`with_buffer_bytes`](Self::with_buffer_bytes) says otherwise.
+    /// Default limit of the bytes that wait for the disk; see [`with_buffer_bytes`](Self::with_buffer_bytes).
     pub const BUFFER_BYTES: usize = 64 << 20;
 
-    /// Sets the bytes that wait in memory for the disk at most. A frame that is longer waits alone.
+    /// Sets the limit of the bytes that wait in memory for the disk. A longer frame is taken when no other waits.
     #[must_use]
     pub fn with_buffer_bytes(mut self, bytes: usize) -> Self {
         self.buffer_bytes = bytes;
         self
     }
 
-    /// Makes every call wait until its frame is written: for streams that nobody follows. There are no gaps then, the
-    /// first failure is an error of the call, and no thread is started.
+    /// Makes every call wait until its frame is written, for streams without live clients. The recording then has no
+    /// gaps, each failure is an error of its call, and no thread is started.
     #[must_use]
     pub fn with_backpressure(mut self) -> Self {
         self.waits = true;
         self
     }
 
-    /// Sets the limits that recorded frames are held to.
+    /// Sets the limits that recorded frames must respect.
     #[must_use]
     pub fn with_limits(mut self, limits: Limits) -> Self {
         self.limits = limits;
         self
     }
 
-    /// Sets what is called with notices, at once and on whatever thread they come up. It must not block for long.
+    /// Sets the callback for notices. It may be called on any thread and must not block for long.
     #[must_use]
     pub fn with_observer(mut self, observer: impl Fn(RecorderNotice<'_>) + Send + Sync + 'static) -> Self {
         self.observer = Arc::new(observer);
@@ -73,13 +73,13 @@ impl fmt::Debug for RecorderOptions {
     }
 }
 
-/// Something worth a line to a person while a recording is made.
+/// Notice for the user while a recording is made.
 #[derive(Debug)]
 #[non_exhaustive]
 pub enum RecorderNotice<'a> {
-    /// The disk is too slow for the stream, for the first time.
+    /// The disk is too slow for the stream. Sent once.
     Behind,
-    /// A write failed, for the first time. [`Recorder::finish`](super::Recorder::finish) returns this error.
+    /// A write failed. Sent once; [`Recorder::finish`](super::Recorder::finish) returns the same error.
     Failed(&'a FileError),
     /// The recording was finished and has gaps.
     Incomplete(GapTotals),

@@ -1,4 +1,4 @@
-//! A stream into a file.
+//! The recorder, which writes a stream to a file.
 
 use std::fmt;
 use std::io::ErrorKind;
@@ -15,19 +15,19 @@ use crate::{Micros, Numbering, SceneTable};
 
 /// Records a stream into a file.
 ///
-/// [`scene`](Self::scene), [`body`](Self::body) and [`message`](Self::message) number the frames of a stream that is made
-/// here, as a connection does; [`wire`](Self::wire) takes frames that were numbered elsewhere. An arrival is the time
-/// since the start of the recording: [`now`](Self::now) for a live stream, the stream's own time for one that is not.
+/// A server calls [`scene`](Self::scene), [`body`](Self::body) and [`message`](Self::message), which number its frames
+/// as a connection does. A client calls [`wire`](Self::wire) with the frames that it receives. Arrival times count from
+/// the start of the recording: [`now`](Self::now) for a live stream, the stream's own time otherwise.
 ///
-/// See the [module](super::file) for what it promises, and an example. A recorder that is
-/// dropped leaves a valid recording of everything that it took, but its failures stay unknown.
+/// The [module](super::file) describes the guarantees and has an example. A recorder that is dropped leaves a valid
+/// recording of all frames that it took, but does not report failures.
 pub struct Recorder {
     output: Output,
     numbering: Numbering,
     clock: Clock,
 }
 
-/// How frames get to the disk.
+/// Way of the frames to the disk.
 enum Output {
     /// Each call writes.
     Direct(Disk<RecordingFile>),
@@ -35,13 +35,13 @@ enum Output {
     Background(BackgroundRecorder),
 }
 
-/// A recording that was finished.
+/// Result of a finished recording.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct RecordingOutcome {
     /// Length of the file.
     pub bytes: u64,
-    /// What is not in it.
+    /// Frames that are missing from it.
     pub missing: GapTotals,
 }
 
@@ -50,7 +50,7 @@ pub struct RecordingOutcome {
 pub(super) struct Clock(Instant);
 
 impl Clock {
-    #[expect(clippy::disallowed_methods, reason = "a live recording says when each frame came")]
+    #[expect(clippy::disallowed_methods, reason = "a live recording stores the arrival time of each frame")]
     pub(super) fn start() -> Self {
         Self(Instant::now())
     }
@@ -61,10 +61,11 @@ impl Clock {
 }
 
 impl Recorder {
-    /// Starts a recording; a file of that name is replaced.
+    /// Starts a recording; an existing file is replaced.
     ///
     /// # Errors
-    /// [`FileError::Io`] when the file cannot be made, [`FileError::Thread`] without a thread to write with.
+    /// [`FileError::Io`] when the file cannot be created, [`FileError::Thread`] when the writing thread cannot be
+    /// started.
     pub fn create(path: &Path, options: RecorderOptions) -> Result<Self, FileError> {
         let file = RecordingFile::create(path)?;
         let clock = Clock::start();
@@ -76,10 +77,10 @@ impl Recorder {
         Ok(Self { output, numbering: Numbering::default(), clock })
     }
 
-    /// Checks that a file can be made at this place: worth asking before minutes of work for it. Nothing is written.
+    /// Checks that a file can probably be created at `path`, before a long computation for it. Writes nothing.
     ///
     /// # Errors
-    /// [`FileError::Io`] when the folder is not there, or a folder has that name.
+    /// [`FileError::Io`] when the folder does not exist, or when `path` is a folder.
     pub fn check_place(path: &Path) -> Result<(), FileError> {
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
         match folder.metadata() {
@@ -89,14 +90,14 @@ impl Recorder {
         }
     }
 
-    /// Returns the time since the recording began: the arrival of what comes now.
+    /// Returns the time since the recording began, which is the arrival time of a frame that comes now.
     #[must_use]
     pub fn now(&self) -> Micros {
         self.clock.now()
     }
 
-    /// Returns whether a keyframe would end a gap now. The next body should be one then: of the state after the frame
-    /// where the stream is made here, asked for from the server where it is not.
+    /// Returns whether a keyframe would end a gap now. A server should then record a keyframe of its state in place of
+    /// the next update; a client should request one.
     #[must_use]
     pub fn wants_keyframe(&self) -> bool {
         match &self.output {
@@ -105,7 +106,7 @@ impl Recorder {
         }
     }
 
-    /// Returns what is missing from the recording so far.
+    /// Returns the frames that are missing from the recording so far.
     #[must_use]
     pub fn missing(&self) -> GapTotals {
         match &self.output {
@@ -114,10 +115,10 @@ impl Recorder {
         }
     }
 
-    /// Records the scene table of a stream that is made here: first of all, at time 0.
+    /// Records the scene table of a server's stream, at time 0. It must come first.
     ///
     /// # Errors
-    /// [`FileError::Scene`] when a value in it makes no sense; else as [`wire`](Self::wire).
+    /// [`FileError::Scene`] when it holds an invalid value; otherwise as [`wire`](Self::wire).
     pub fn scene(&mut self, scene: &SceneTable) -> Result<(), FileError> {
         for frame in self.numbering.scene(scene).map_err(FileError::Scene)? {
             self.wire(Micros(0), &frame)?;
@@ -125,10 +126,10 @@ impl Recorder {
         Ok(())
     }
 
-    /// Records a frame body of a stream that is made here.
+    /// Records a frame body of a server's stream.
     ///
     /// # Errors
-    /// [`FileError::Body`] over 2^32 - 1 bytes; else as [`wire`](Self::wire).
+    /// [`FileError::Body`] for a body over 2^32 - 1 bytes; otherwise as [`wire`](Self::wire).
     pub fn body(&mut self, arrival: Micros, kind: FrameKind, body: &[u8]) -> Result<(), FileError> {
         let frame = match kind {
             FrameKind::Key => self.numbering.keyframe(body),
@@ -137,20 +138,21 @@ impl Recorder {
         self.wire(arrival, &frame.map_err(FileError::Body)?)
     }
 
-    /// Records a message of a stream that is made here.
+    /// Records a message of a server's stream.
     ///
     /// # Errors
-    /// [`FileError::Message`] when it makes no sense; else as [`wire`](Self::wire).
+    /// [`FileError::Message`] when it holds an invalid value; otherwise as [`wire`](Self::wire).
     pub fn message<M: Message>(&mut self, arrival: Micros, message: &M) -> Result<(), FileError> {
         let frame = self.numbering.message(message).map_err(FileError::Message)?;
         self.wire(arrival, &frame)
     }
 
-    /// Records a frame as it was on the wire.
+    /// Records a wire frame byte for byte.
     ///
     /// # Errors
     /// With [`RecorderOptions::with_backpressure`], [`FileError::Record`] when the bytes are not one frame and
-    /// [`FileError::Io`] when it could not be written. Without, none: the frame is written later, or missing.
+    /// [`FileError::Io`] when the frame could not be written. Without it there are no errors: the frame is written
+    /// later, or counted as missing.
     pub fn wire(&mut self, arrival: Micros, frame: &[u8]) -> Result<(), FileError> {
         match &mut self.output {
             Output::Direct(disk) => disk.append(arrival, frame).map_err(|error| disk.describe(error)),
@@ -161,10 +163,10 @@ impl Recorder {
         }
     }
 
-    /// Writes what waits and the index, and ends the recording.
+    /// Writes all queued frames and the index, and ends the recording.
     ///
     /// # Errors
-    /// The first failure of the recording, even if it went on afterwards.
+    /// The first failure of the recording, even if later writes succeeded.
     pub fn finish(self) -> Result<RecordingOutcome, FileError> {
         match self.output {
             Output::Direct(mut disk) => {
@@ -175,7 +177,7 @@ impl Recorder {
         }
     }
 
-    /// A recording into any sink, by a thread.
+    /// Creates a recorder with a writing thread and any sink.
     #[cfg(test)]
     pub(super) fn over(sink: impl super::disk::Sink, options: RecorderOptions) -> Self {
         let clock = Clock::start();

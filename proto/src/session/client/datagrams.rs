@@ -1,4 +1,4 @@
-//! Updates that come as datagrams, and their acknowledgements.
+//! Updates received as datagrams, and their acknowledgements.
 
 use psao_codec::envelope::{FrameBody, FrameError};
 
@@ -9,8 +9,8 @@ use crate::follow::FollowError;
 use crate::message::Ack;
 
 impl ClientSession {
-    /// Takes a datagram from the server: a piece of a frame body. One that is of no use is counted and dropped; a body
-    /// that is whole is applied like an update, but to any state from the one that it builds on.
+    /// Processes a datagram from the server, which holds a piece of a frame body. A useless datagram is counted and
+    /// dropped. A complete body is applied like an update, to its base state or any later one.
     pub fn handle_datagram(&mut self, bytes: &[u8], now: Micros) -> Vec<ClientEvent> {
         self.timers.set_now(now);
         let mut events = Vec::new();
@@ -31,7 +31,7 @@ impl ClientSession {
                 match patched {
                     Ok((info, (group, sequence))) => {
                         let ack = Ack { frame: info.frame, hash: info.hash };
-                        // The newest acknowledgement says all.
+                        // The newest acknowledgement covers all earlier ones.
                         self.datagrams = vec![write_ack(&ack)];
                         self.stats.applied += 1;
                         let stamp = self.stamp.take().filter(|stamp| stamp.frame == info.frame);

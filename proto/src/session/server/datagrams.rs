@@ -1,4 +1,4 @@
-//! Updates that go as datagrams, and the acknowledgements that come as such.
+//! Updates sent as datagrams, and acknowledgements received as datagrams.
 
 use psao_codec::envelope::FrameKind;
 
@@ -9,13 +9,14 @@ use super::ServerSession;
 use crate::{FrameIndex, Micros};
 
 impl ServerSession {
-    /// Takes a datagram from the client: an acknowledgement. Anything else is counted and dropped.
+    /// Processes a datagram from the client, which must be an acknowledgement. Any other datagram is counted and
+    /// dropped.
     pub fn handle_datagram(&mut self, bytes: &[u8], now: Micros) -> Option<ServerEvent> {
         self.timers.set_now(now);
         if !self.is_joined() {
             return None;
         }
-        // What comes too often or is too much is dropped: on a network that carries datagrams anybody may send one.
+        // Excess datagrams are dropped, because anyone on the network may send them.
         let allowed = self.frames_left.take(1, now) && self.bytes_left.take(bytes.len(), now);
         let Some(ack) = read_ack(bytes).filter(|_| allowed) else {
             self.stats.bad_datagrams += 1;
@@ -25,10 +26,12 @@ impl ServerSession {
         Some(self.acked(ack))
     }
 
-    /// Sends an update that builds on the frame `base`, or any later one, as datagrams; those of an older frame that were
-    /// not taken are dropped. When acknowledgements are overdue it goes over the connection as well. One of many datagrams is
-    /// dropped, and the client wants updates over the connection for a while; one over the limit for datagrams makes it
-    /// want a keyframe. Returns whether it was sent.
+    /// Sends an update as datagrams. It must apply to the frame `base` and any later one. Waiting datagrams of older
+    /// frames are dropped. Returns whether the update was sent.
+    ///
+    /// When acknowledgements are overdue, the update also goes over the connection. An update of too many datagrams is
+    /// dropped, and the client's demand changes to updates over the connection for a while. One over the limit for
+    /// datagram bodies changes the demand to a keyframe.
     ///
     /// # Errors
     /// As [`send_update`](Self::send_update).
@@ -48,8 +51,8 @@ impl ServerSession {
             return Ok(false);
         };
         let now = self.timers.now();
-        let way = self.flight.choose(body.frame, datagrams.len(), self.outbox.is_empty(), now);
-        if way == Route::Connection {
+        let route = self.flight.choose(body.frame, datagrams.len(), self.outbox.is_empty(), now);
+        if route == Route::Connection {
             return Ok(false);
         }
         self.lagging = false;
@@ -57,7 +60,7 @@ impl ServerSession {
         self.stats.wire_bytes += bytes;
         self.stats.datagram_frames += 1;
         self.datagrams = datagrams;
-        if way == Route::Both {
+        if route == Route::Both {
             let before = self.position;
             let head = self.position.numbering.update_head(&body.bytes)?;
             self.push_state(&head, body, before);

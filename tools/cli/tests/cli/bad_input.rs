@@ -131,7 +131,7 @@ fn recordings_that_are_none() {
     refuses(
         &["reconstruct", text(recording(Profile::Surface)), "--frame", "99", "-o", text(&path)],
         3,
-        &["no frame 99: frames 0 to 11 can be drawn\n"],
+        &["no frame 99; frames 0 to 11 can be drawn\n"],
     );
     refuses(
         &[

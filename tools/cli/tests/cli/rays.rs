@@ -49,7 +49,7 @@ fn rays_are_traced_both_ways_and_hit_the_same_whatever_the_instructions() {
             assert!(other["instructions"].as_str().unwrap().eq_ignore_ascii_case(name));
         }
     }
-    assert!(fine(&RAYS).contains("ratio"));
+    assert!(fine(&RAYS).contains("The server's tracer over the plain tree: "));
 }
 
 #[test]

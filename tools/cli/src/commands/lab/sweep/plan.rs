@@ -145,8 +145,8 @@ impl<'a> Sweep<'a> {
     }
 }
 
-/// What is measured of texture-space; its name is taken out of the methods. Without a video coder that is an error where it
-/// was asked for by name, and else something to say.
+/// Returns what is measured of texture-space; its name is taken out of the methods. Settings out of range are an error on
+/// any machine. A missing video coder is an error where the method was asked for by name, and else a note.
 fn textures(args: &Args, methods: &mut Option<Vec<String>>, rays: u32, rates: &[f32]) -> Outcome<Textures> {
     let by_name = args.methods.iter().any(|name| name == TEXTURE_SPACE);
     let wanted = match methods {
@@ -156,25 +156,25 @@ fn textures(args: &Args, methods: &mut Option<Vec<String>>, rays: u32, rates: &[
     if let Some(names) = methods {
         names.retain(|name| name != TEXTURE_SPACE);
     }
-    let Some(ffmpeg) = wanted.then(Ffmpeg::find).flatten() else {
-        return match (wanted, by_name) {
-            (true, true) => Err(Failure::new(Exit::System, format_args!("{TEXTURE_SPACE}: {MISSING}"))),
-            (true, false) => Ok(Textures {
-                left_out: vec![format!("{TEXTURE_SPACE} is left out: {MISSING}")],
-                ..Textures::default()
-            }),
-            (false, _) => Ok(Textures::default()),
-        };
+    if !wanted {
+        return Ok(Textures::default());
+    }
+    let atlases = args.texture.atlas.iter();
+    let settings: Vec<TextureSettings> = rates
+        .iter()
+        .flat_map(|&fps| atlases.clone().map(move |&divisor| TextureSettings::new(divisor, rays, fps)))
+        .collect();
+    settings.iter().try_for_each(TextureSettings::validate).map_err(Failure::usage)?;
+    let Some(ffmpeg) = Ffmpeg::find() else {
+        if by_name {
+            return Err(Failure::new(Exit::System, format_args!("{TEXTURE_SPACE}: {MISSING}")));
+        }
+        let left_out = vec![format!("{TEXTURE_SPACE} is left out: {MISSING}")];
+        return Ok(Textures { left_out, ..Textures::default() });
     };
     let mut found = Textures { video: Some(ffmpeg.to_string()), ..Textures::default() };
-    for &fps in rates {
-        for &divisor in &args.texture.atlas {
-            for &crf in &args.texture.crf {
-                let settings = TextureSettings::new(divisor, rays, fps);
-                settings.validate().map_err(Failure::usage)?;
-                found.all.push((settings, ffmpeg.x264(crf)));
-            }
-        }
+    for settings in settings {
+        found.all.extend(args.texture.crf.iter().map(|&crf| (settings, ffmpeg.x264(crf))));
     }
     Ok(found)
 }

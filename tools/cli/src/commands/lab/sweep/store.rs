@@ -173,7 +173,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         Store::open(Some(folder.path()), false).unwrap().add(record("a")).unwrap();
         let refused = Store::open(Some(folder.path()), false).err().unwrap();
-        assert_eq!(refused.exit, Exit::Usage);
+        assert_eq!(refused.exit, Exit::Input);
         assert!(refused.to_string().contains("--resume"), "{refused}");
         assert!(Store::open(Some(folder.path()), true).unwrap().record("a").is_some());
     }

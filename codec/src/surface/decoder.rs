@@ -279,7 +279,7 @@ impl Decoder {
         };
         for (set, geometry) in sets {
             let at = set as usize;
-            if std::mem::replace(&mut next.received[at], true) {
+            if next.received.replace(at, true) {
                 return Err(refuse(GeometrySectionError::Set { set }));
             }
             next.geometry[at] = Some(geometry);

@@ -2,6 +2,9 @@
 
 use std::sync::Arc;
 
+use bitvec::slice::BitSlice;
+use bitvec::vec::BitVec;
+
 use super::section::geometry::Sets;
 use super::section::values::Values;
 use super::section::writer::{FrameModels, SectionWriter};
@@ -20,7 +23,7 @@ pub(super) struct ParcelWriter<'a> {
     /// Geometry of the sets that the stream carries.
     pub(super) geometry: &'a [Option<Arc<Geometry>>],
     /// By set: whether clients have it. It is updated.
-    pub(super) sent: &'a mut [bool],
+    pub(super) sent: &'a mut BitSlice,
     /// Bytes of all padded indices, and whether blocks were received, as clients have them. Both are updated.
     pub(super) bytes: &'a mut [u8],
     pub(super) present: &'a mut [bool],
@@ -62,7 +65,7 @@ impl ParcelWriter<'_> {
             let set = self.layout.members()[self.layout.owner(*block as usize)].set;
             let at = set as usize;
             if let Some(geometry) = self.geometry[at].as_ref().filter(|_| !self.sent[at]) {
-                self.sent[at] = true;
+                self.sent.set(at, true);
                 sets.push((set, Arc::clone(geometry)));
             }
         }
@@ -99,7 +102,7 @@ pub fn keyframe(
     ParcelWriter {
         layout,
         geometry: &geometry,
-        sent: &mut vec![false; geometry.len()],
+        sent: &mut BitVec::<usize>::repeat(false, geometry.len()),
         bytes: &mut vec![0; state.values.len()],
         present: &mut vec![false; state.present.len()],
     }

@@ -257,8 +257,8 @@ impl Harness {
         self.latest.truncate(late + 1);
     }
 
-    /// Checks that clients hold what the reference tells, and are not off by the threshold, now or in one of the
-    /// frames by which a point may be late.
+    /// Checks that clients hold what the reference tells. No value may be off by the threshold both now and in the
+    /// earlier frames by which a point may be late.
     fn check_values(&self) {
         let layout = self.client.layout();
         let most = self.encoder.settings().max_error();

@@ -169,7 +169,7 @@ impl BudgetQueue {
         &mut self.weights
     }
 
-    /// What the last frame postponed.
+    /// Returns what the last frame postponed.
     pub(super) fn postponed(&self) -> &Postponed {
         &self.postponed
     }

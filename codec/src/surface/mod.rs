@@ -11,6 +11,7 @@ mod budget_tests;
 mod change_log;
 mod decoder;
 mod encoder;
+mod error;
 #[cfg(test)]
 mod example;
 mod geometry;
@@ -33,6 +34,7 @@ pub use budget::{Budget, Postponed};
 pub use change_log::ChangeLog;
 pub use decoder::Decoder;
 pub use encoder::{Encoder, EncoderSettings, GeometrySource};
+pub use error::SectionError;
 pub use geometry::{Geometry, GeometryDigest, GeometryError, RestPoint, RoundedGeometry};
 pub use keyframe::keyframe;
 pub use layout::{Layout, LayoutError, Member, SetLayout};

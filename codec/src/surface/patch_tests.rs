@@ -9,7 +9,7 @@ use crate::envelope::{
     FrameError, FrameIndex, FrameKind, Packing, Profile, SectionInfo, SectionTag, assemble, inspect,
 };
 use crate::testing::reseal;
-use crate::{self as of_either, Limits};
+use crate::{self as of_either, ContentError, Limits};
 
 /// One frame of a story: points and the AO that is set.
 type AoValues = Vec<(u32, u8)>;
@@ -228,7 +228,7 @@ fn flipped_bits_of_a_patch_under_a_right_checksum_are_refused_or_harmless() {
     }
 }
 
-/// A body of these sections, all stored.
+/// Returns a body of these sections, all stored.
 fn body(kind: FrameKind, sections: &[(SectionTag, u32, &[u8])]) -> Vec<u8> {
     let table = sections.iter().map(|(tag, records, block)| SectionInfo {
         tag: *tag,
@@ -296,7 +296,11 @@ fn patches_that_do_not_suit_are_refused_by_name() {
         assert_eq!((back, last), expected);
     }
     let problem = |error: FrameError| match error {
-        FrameError::Patch { problem, .. } => problem,
+        FrameError::Content {
+            section: SectionTag::PATCH,
+            problem: ContentError::Surface(SectionError::Changes(error)),
+            ..
+        } => error,
         other => unreachable!("{other}"),
     };
     let (block, mask) = (4, 1 << 63);

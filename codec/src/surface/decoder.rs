@@ -13,7 +13,7 @@ use super::model::patch::PatchModel;
 use super::section::changes::{ChangeError, Changes};
 use super::section::geometry::{self, GeometrySectionError};
 use super::section::patch::Patch;
-use super::section::values::{ValueError, Values};
+use super::section::values::{ClientValues, ValueError, Values};
 use super::section::writer::FrameModels;
 use super::state::value_words;
 use super::{SectionError, State};
@@ -298,12 +298,12 @@ impl Decoder {
         let mut found = Values::default();
         if coder == CoderId::RANGE {
             let mut decoder = RangeDecoder::new(block.bytes);
-            let known = (next.values.as_mut_slice(), next.present.as_mut_slice());
+            let clients = ClientValues { bytes: &mut next.values, present: &mut next.present };
             let none = Values::default();
             let pair = (&none, &mut found);
             models
                 .values
-                .code(&mut decoder, &layout, known, pair, records, RangeDecoder::is_exhausted)
+                .code(&mut decoder, &layout, clients, pair, records, RangeDecoder::is_exhausted)
                 .map_err(refuse)?;
             check_end(decoder, block)?;
             return check_plain(found.plain_bytes(), block);

@@ -10,9 +10,9 @@ use super::section::changes::Changes;
 use super::section::point_mask::SetBits;
 use super::section::writer::SectionWriter;
 use super::state::{geometry_words, value_words};
-use super::{Geometry, GeometryError, Layout, PaddedIndex, State};
+use super::{Geometry, GeometryError, Layout, PaddedIndex, State, frame_ids};
 use crate::block::BlockCoder;
-use crate::envelope::{EncodeError, EncodedFrame, FrameKind, FrameMeta, Packing, Profile, assemble};
+use crate::envelope::{EncodeError, EncodedFrame, FrameKind, FrameMeta, assemble};
 use crate::hash::RecordKind;
 use crate::{StateHash, memory};
 
@@ -234,7 +234,7 @@ impl Encoder {
             FrameKind::Key => self.finish_key(coder)?,
         }
         self.sent.frame = Some(frame);
-        let ids = (Profile::SURFACE, Packing::LATTICE, meta.kind);
+        let ids = frame_ids(meta.kind);
         let sections = std::mem::take(&mut self.writer.sections);
         let frame = assemble(&meta, ids, self.sent.hash, sections, &self.writer.blocks);
         if let Some(queue) = &mut self.queue {

@@ -6,11 +6,11 @@ use bitvec::slice::BitSlice;
 use bitvec::vec::BitVec;
 
 use super::section::geometry::Sets;
-use super::section::values::Values;
+use super::section::values::{ClientValues, Values};
 use super::section::writer::{FrameModels, SectionWriter};
-use super::{Geometry, Layout, State};
+use super::{Geometry, Layout, State, frame_ids};
 use crate::block::BlockCoder;
-use crate::envelope::{EncodeError, FrameKind, FrameMeta, Packing, Profile, assemble};
+use crate::envelope::{EncodeError, FrameKind, FrameMeta, assemble};
 
 /// Smallest number of blocks of a parcel: a section costs some ten bytes.
 const MIN_PARCEL_BLOCKS: usize = 64;
@@ -52,8 +52,8 @@ impl ParcelWriter<'_> {
                 let first = block * super::BLOCK_POINTS;
                 arriving.push(block, &values[first..first + self.layout.block_len(block)]);
             }
-            let known = (&mut *self.bytes, &mut *self.present);
-            writer.values(self.layout, known, &arriving, &mut models, coder)?;
+            let clients = ClientValues { bytes: self.bytes, present: self.present };
+            writer.values(self.layout, clients, &arriving, &mut models, coder)?;
         }
         Ok(())
     }
@@ -108,6 +108,6 @@ pub fn keyframe(
     }
     .write(&mut writer, &order, &state.values, coder)?;
     writer.context(state, coder)?;
-    let ids = (Profile::SURFACE, Packing::LATTICE, FrameKind::Key);
+    let ids = frame_ids(FrameKind::Key);
     Ok(assemble(&meta, ids, state.hash, writer.sections, &writer.blocks).body)
 }

@@ -46,7 +46,7 @@ pub(crate) use model::history::{History, NEVER};
 pub(crate) use padded_index::PaddedIndex;
 pub use patch::patch;
 pub use preview::{Preview, preview};
-pub(crate) use rules::Rules;
+pub(crate) use rules::{Rules, frame_ids};
 pub use section::changes::ChangeError;
 pub use section::geometry::GeometrySectionError;
 pub use section::values::ValueError;

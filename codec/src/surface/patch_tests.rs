@@ -5,9 +5,7 @@ use proptest::prelude::*;
 use super::tests::{CODERS, ao, meta, refuse};
 use super::*;
 use crate::block::{BlockCoder, CoderId};
-use crate::envelope::{
-    FrameError, FrameIndex, FrameKind, Packing, Profile, SectionInfo, SectionTag, assemble, inspect,
-};
+use crate::envelope::{FrameError, FrameIndex, FrameKind, SectionInfo, SectionTag, assemble, inspect};
 use crate::testing::reseal;
 use crate::{self as of_either, ContentError, Limits};
 
@@ -237,7 +235,7 @@ fn body(kind: FrameKind, sections: &[(SectionTag, u32, &[u8])]) -> Vec<u8> {
         raw_bytes: block.len() as u32,
         wire_bytes: block.len() as u32,
     });
-    let ids = (Profile::SURFACE, Packing::LATTICE, kind);
+    let ids = frame_ids(kind);
     let blocks: Vec<u8> = sections.iter().flat_map(|(_, _, block)| block.iter().copied()).collect();
     assemble(&meta(kind, 14), ids, crate::StateHash(7), table.collect(), &blocks).body
 }

@@ -1,7 +1,12 @@
 //! What frames of profile `surface` may hold.
 
 use crate::block::CoderId;
-use crate::envelope::{FrameKind, FrameRules, Packing, Profile, SectionTag};
+use crate::envelope::{FrameIds, FrameKind, FrameRules, Packing, Profile, SectionTag};
+
+/// Returns the ids of a frame of profile `surface`.
+pub(crate) const fn frame_ids(kind: FrameKind) -> FrameIds {
+    FrameIds { profile: Profile::SURFACE, packing: Packing::LATTICE, kind }
+}
 
 /// The rules of profile `surface`.
 pub(crate) struct Rules;

@@ -186,7 +186,7 @@ fn a_context_is_one_record() {
     let mut info = inspect(&body, &Limits::default()).unwrap();
     let context = info.sections.iter_mut().find(|section| section.tag == SectionTag::CONTEXT);
     context.unwrap().records = 2;
-    let ids = (info.profile, info.packing, info.kind);
+    let ids = frame_ids(info.kind);
     let blocks = &body[info.header_bytes as usize..];
     let forged = crate::envelope::assemble(&meta, ids, info.hash, info.sections, blocks).body;
     let error = refuse(&mut Decoder::new(), &client(&encoder), &forged, &Limits::default());
@@ -347,7 +347,7 @@ fn a_set_comes_once_and_with_points() {
                 raw_bytes: geometry::plain_bytes(&sets) as u32,
                 wire_bytes: bits.len() as u32,
             };
-            let ids = (crate::envelope::Profile::SURFACE, crate::envelope::Packing::LATTICE, FrameKind::Key);
+            let ids = frame_ids(FrameKind::Key);
             let meta = meta(FrameKind::Key, 0);
             let body = crate::envelope::assemble(&meta, ids, crate::StateHash(7), vec![section], &bits).body;
             let error = refuse(&mut Decoder::new(), &state, &body, &Limits::default());
@@ -385,7 +385,7 @@ fn a_set_without_points_cannot_come_for_ever() {
         raw_bytes: raw.len() as u32,
         wire_bytes: raw.len() as u32,
     };
-    let ids = (crate::envelope::Profile::SURFACE, crate::envelope::Packing::LATTICE, FrameKind::Key);
+    let ids = frame_ids(FrameKind::Key);
     let hash = crate::StateHash::default();
     let body = crate::envelope::assemble(&meta(FrameKind::Key, 0), ids, hash, vec![section], &raw).body;
     let error = refuse(&mut Decoder::new(), &state, &body, &Limits::default());
@@ -433,13 +433,13 @@ proptest! {
         let (state, ..) = &samples(BlockCoder::Range)[usize::from(!key) * 3];
         let meta = meta(if key { FrameKind::Key } else { FrameKind::Delta }, 100);
         let section = crate::envelope::SectionInfo {
-            tag: crate::envelope::SectionTag(tag),
+            tag: SectionTag(tag),
             coder: crate::block::CoderId(coder),
             records,
             raw_bytes: noise.len() as u32,
             wire_bytes: noise.len() as u32,
         };
-        let ids = (crate::envelope::Profile::SURFACE, crate::envelope::Packing::LATTICE, meta.kind);
+        let ids = frame_ids(meta.kind);
         let body = crate::envelope::assemble(&meta, ids, crate::StateHash(7), vec![section], &noise).body;
         let mut found = state.clone();
         if Decoder::new().decode(&mut found, &body, &Limits::default()).is_err() {

@@ -240,5 +240,6 @@ pub use encoder::Encoder;
 pub use hash::StateHash;
 pub use layout::Layout;
 pub use limits::Limits;
+pub use profiles::ContentError;
 pub use state::{State, StateRef, keyframe};
 pub use wire::VarintError;

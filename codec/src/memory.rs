@@ -1,9 +1,16 @@
 //! Counts heap memory from the sizes of collections. The result depends only on the word size, not on the allocator.
 
+use bitvec::vec::BitVec;
+
 /// Returns the bytes of a list's buffer. Heap memory of its elements is not included.
 #[must_use]
 pub fn list<T>(list: &Vec<T>) -> usize {
     list.capacity() * size_of::<T>()
+}
+
+/// Returns the bytes of the buffer of a list of bits.
+pub(crate) fn bits(list: &BitVec) -> usize {
+    list.capacity() / 8
 }
 
 #[cfg(test)]

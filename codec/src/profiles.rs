@@ -6,6 +6,18 @@ use crate::{paper, surface};
 /// The rules of every profile.
 const PROFILES: [&dyn FrameRules; 2] = [&paper::Rules, &surface::Rules];
 
+/// Why the content of a section was refused, by the profile that has the section.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum ContentError {
+    /// A section of profile `paper`.
+    #[error(transparent)]
+    Paper(#[from] paper::RecordError),
+    /// A section of profile `surface`.
+    #[error(transparent)]
+    Surface(#[from] surface::SectionError),
+}
+
 /// Returns the rules of a profile; `None` if it is unknown.
 pub(crate) fn rules_of(profile: Profile) -> Option<&'static dyn FrameRules> {
     PROFILES.into_iter().find(|rules| rules.profile() == profile)

@@ -6,10 +6,18 @@ use super::{
 };
 use crate::StateHash;
 
+/// The ids at the start of a header.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct FrameIds {
+    pub(crate) profile: Profile,
+    pub(crate) packing: Packing,
+    pub(crate) kind: FrameKind,
+}
+
 /// Returns the frame of these blocks: it writes the header and the checksum.
 pub(crate) fn assemble(
     meta: &FrameMeta,
-    (profile, packing, kind): (Profile, Packing, FrameKind),
+    FrameIds { profile, packing, kind }: FrameIds,
     hash: StateHash,
     sections: Vec<SectionInfo>,
     blocks: &[u8],

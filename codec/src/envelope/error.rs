@@ -4,8 +4,7 @@
 use super::{FrameIndex, FrameKind, Packing, Profile, SectionTag};
 use crate::StateHash;
 use crate::block::{BlockError, CoderId};
-use crate::paper::{BucketError, PoseError};
-use crate::surface::{ChangeError, ContextError, GeometrySectionError, ValueError};
+use crate::profiles::ContentError;
 use crate::wire::{VarintError, WireError, WireErrorKind};
 
 /// Why a frame body was refused. The state is unchanged.
@@ -248,70 +247,27 @@ pub enum FrameError {
         /// Places of the layout.
         places: u32,
     },
-    /// A pose is not finite, or its rotation is not of unit length.
-    #[error("record {record} of section poses (byte {raw_offset} of its content): {source}")]
-    Pose {
+    /// A record of a section breaks a rule of its profile.
+    #[error("record {record} of section {section} (byte {raw_offset} of its content): {problem}")]
+    Record {
+        /// The section.
+        section: SectionTag,
         /// The record.
         record: u32,
         /// Start of the record.
         raw_offset: usize,
         /// The error.
-        source: PoseError,
+        problem: ContentError,
     },
-    /// A bucket breaks the rules of its layout.
-    #[error("record {record} of section buckets (byte {raw_offset} of its content): {problem}")]
-    Bucket {
-        /// The record.
-        record: u32,
-        /// Start of the record.
-        raw_offset: usize,
-        /// The error.
-        problem: BucketError,
-    },
-    /// A cell has set bits after its last point.
-    #[error(
-        "record {record} of section cells (byte {raw_offset} of its content): slot {slot} holds no point \
-         but is not empty, or a point follows it"
-    )]
-    Cell {
-        /// The record.
-        record: u32,
-        /// Start of the record.
-        raw_offset: usize,
-        /// Index of the slot, 0 to 6.
-        slot: usize,
-    },
-    /// The points of a set are invalid.
-    #[error("section geometry at byte {offset}: {problem}")]
-    Geometry {
+    /// The content of a section is invalid, or does not fit the state.
+    #[error("section {section} at byte {offset}: {problem}")]
+    Content {
+        /// The section.
+        section: SectionTag,
         /// Start of the block.
         offset: usize,
         /// The error.
-        problem: GeometrySectionError,
-    },
-    /// Point blocks or their AO are invalid.
-    #[error("section values at byte {offset}: {problem}")]
-    Values {
-        /// Start of the block.
-        offset: usize,
-        /// The error.
-        problem: ValueError,
-    },
-    /// Changes of AO are invalid, or do not fit the state.
-    #[error("section changes at byte {offset}: {problem}")]
-    Changes {
-        /// Start of the block.
-        offset: usize,
-        /// The error.
-        problem: ChangeError,
-    },
-    /// A patch is invalid, or does not fit the state.
-    #[error("section patch at byte {offset}: {problem}")]
-    Patch {
-        /// Start of the block.
-        offset: usize,
-        /// The error.
-        problem: ChangeError,
+        problem: ContentError,
     },
     /// A patch does not reach back to the frame of the state.
     #[error(
@@ -325,14 +281,6 @@ pub enum FrameError {
         back: u32,
         /// The frame of the state.
         last: FrameIndex,
-    },
-    /// The coder context is invalid.
-    #[error("section context at byte {offset}: {problem}")]
-    Context {
-        /// Start of the block.
-        offset: usize,
-        /// The error.
-        problem: ContextError,
     },
     /// A block of the range coder is longer or shorter than its decisions.
     #[error("range-coded section {section} at byte {offset}: {}", length_mismatch(*.extra))]

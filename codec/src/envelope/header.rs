@@ -219,7 +219,7 @@ mod tests {
         inspect(body, &Limits::default())
     }
 
-    /// `body` with the byte at `at` replaced, its checksum made right.
+    /// Returns `body` with the byte at `at` replaced and its checksum corrected.
     fn with(body: &[u8], at: usize, byte: u8) -> Result<FrameInfo, FrameError> {
         let mut changed = body.to_vec();
         changed[at] = byte;

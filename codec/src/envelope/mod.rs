@@ -11,7 +11,7 @@ mod ids;
 mod info;
 mod rules;
 
-pub(crate) use assemble::assemble;
+pub(crate) use assemble::{FrameIds, assemble};
 pub use body::{FrameBody, inspect};
 pub(crate) use body::{SectionBlock, whole_blocks};
 pub use error::{EncodeError, FrameError};

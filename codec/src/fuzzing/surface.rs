@@ -7,13 +7,12 @@ use super::{HASH_BYTES, LIMITS, damage, make_checksum_right, meta};
 use crate::StateHash;
 use crate::block::{BlockCoder, CoderId};
 use crate::envelope::{
-    EncodedFrame, FrameError, FrameIndex, FrameInfo, FrameKind, Packing, Profile, SectionInfo, SectionTag,
-    assemble,
+    EncodedFrame, FrameError, FrameIndex, FrameInfo, FrameKind, SectionInfo, SectionTag, assemble,
 };
 use crate::reference::{SurfaceReferenceEncoder, apply_surface};
 use crate::surface::{
     Budget, ChangeLog, Decoder, Encoder, EncoderSettings, Geometry, GeometryDigest, GeometrySource, Layout,
-    Member, RestPoint, SetLayout, State, keyframe, patch, preview,
+    Member, RestPoint, SetLayout, State, frame_ids, keyframe, patch, preview,
 };
 
 const CODERS: [BlockCoder; 4] =
@@ -257,8 +256,8 @@ impl Harness {
         self.latest.truncate(late + 1);
     }
 
-    /// Checks that clients hold what the reference tells, and are not off by the threshold, now or in one of the
-    /// frames by which a point may be late.
+    /// Checks that clients hold what the reference tells. No value may be off by the threshold both now and in the
+    /// earlier frames by which a point may be late.
     fn check_values(&self) {
         let layout = self.client.layout();
         let most = self.encoder.settings().max_error();
@@ -415,7 +414,7 @@ fn one_section(kind: FrameKind, data: &[u8]) -> Option<Vec<u8>> {
         raw_bytes: u16::from_le_bytes([c, d]).into(),
         wire_bytes: block.len() as u32,
     };
-    let ids = (Profile::SURFACE, Packing::LATTICE, kind);
+    let ids = frame_ids(kind);
     Some(assemble(&meta(kind, 9), ids, StateHash(1), vec![section], block).body)
 }
 

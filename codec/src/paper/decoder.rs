@@ -3,7 +3,7 @@
 //! A first pass checks every record and computes the hash of the resulting state. Only if it matches the server's does
 //! a second pass write. Both are linear in the records.
 
-use super::{Bucket, Cell, Layout, POINTS_PER_CELL, PointFormat, Pose, State};
+use super::{Bucket, Cell, Layout, POINTS_PER_CELL, PointFormat, Pose, RecordError, State};
 use crate::block::Decompressor;
 use crate::envelope::{
     FrameBody, FrameError, FrameInfo, FrameKind, HASH_OFFSET, PACKING_OFFSET, Profile, SectionBlock,
@@ -125,7 +125,8 @@ impl Decoder {
         for entry in SectionRecords::<4, 7>::new(SectionTag::POSES, &self.poses, layout) {
             let SectionRecord { record, raw_offset, offset, words } = entry?;
             let pose = Pose::from_words(words);
-            pose.check(offset).map_err(|source| FrameError::Pose { record, raw_offset, source })?;
+            pose.check(offset)
+                .map_err(|error| refused(SectionTag::POSES, record, raw_offset, error.into()))?;
             let old = if is_delta { state.poses[offset as usize] } else { Pose::IDENTITY };
             hash = hash.replace(RecordKind::Pose, offset, &old.hash_words(), &pose.hash_words());
         }
@@ -133,7 +134,7 @@ impl Decoder {
             let SectionRecord { record, raw_offset, offset, words } = entry?;
             Bucket::from_words(&words)
                 .check(layout.cell_capacity())
-                .map_err(|problem| FrameError::Bucket { record, raw_offset, problem })?;
+                .map_err(|error| refused(SectionTag::BUCKETS, record, raw_offset, error.into()))?;
             let old = if is_delta { state.buckets[offset as usize].to_words() } else { [0; 16] };
             hash = hash.replace(RecordKind::Bucket, offset, &old, &words);
         }
@@ -157,7 +158,7 @@ impl Decoder {
             let old = if is_delta { state.cells[offset as usize] } else { Cell::default() };
             let new = old.xor(&words);
             if let Some(slot) = Cell::first_fault::<WIDTH>(&new) {
-                return Err(FrameError::Cell { record, raw_offset, slot });
+                return Err(refused(SectionTag::CELLS, record, raw_offset, RecordError::Cell { slot }));
             }
             hash = hash.replace(RecordKind::Cell, offset, old.words(), &new);
         }
@@ -191,6 +192,11 @@ impl Decoder {
             *cell = Cell::from_words(cell.xor(&narrow_words(&record[4..], WIDTH)));
         }
     }
+}
+
+/// Returns the error of a record.
+fn refused(section: SectionTag, record: u32, raw_offset: usize, error: RecordError) -> FrameError {
+    FrameError::Record { section, record, raw_offset, problem: error.into() }
 }
 
 /// Checks that points are packed as in the layout.
@@ -269,6 +275,7 @@ impl<const WIDTH: usize, const N: usize> Iterator for SectionRecords<'_, WIDTH, 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::ContentError;
     use crate::block::{BlockCoder, BlockError, CoderId, Compressor};
     use crate::envelope::FrameIndex;
     use crate::envelope::Packing;
@@ -385,6 +392,10 @@ mod tests {
         assert!(matches!(error, FrameError::Hash { offset: 16, .. }), "{error}");
     }
 
+    fn is_translation(problem: ContentError) -> bool {
+        matches!(problem, ContentError::Paper(RecordError::Pose(PoseError::Translation { .. })))
+    }
+
     /// Returns the error for a keyframe of these records with a hash that no state has.
     fn forged(fill: impl FnOnce(&mut Records)) -> FrameError {
         let mut records = Records::new(PointFormat::Bits32);
@@ -407,18 +418,17 @@ mod tests {
         assert_eq!(error, FrameError::OffsetRange { section, record, raw_offset, found: 64, places: 64 });
         let hole = [1 << 31, 0, 1 << 31, 0, 0, 0, 0];
         let error = forged(|records| records.push_cell(7, &hole));
-        assert_eq!(error, FrameError::Cell { record: 0, raw_offset: 0, slot: 2 });
+        assert_eq!(error, refused(section, 0, 0, RecordError::Cell { slot: 2 }));
         let error = forged(|records| (0..65).for_each(|at| records.push_cell(at, &point)));
         assert!(matches!(error, FrameError::TooManyRecords { records: 65, places: 64, .. }), "{error}");
         let mut words = [0; 16];
         words[1] = (1 << 27) | (8 << 22);
         let error = forged(|records| records.push_bucket(3, &Bucket::from_words(&words)));
         let problem = BucketError::Points { entry: 0, points: 8 };
-        assert_eq!(error, FrameError::Bucket { record: 0, raw_offset: 0, problem });
+        assert_eq!(error, refused(SectionTag::BUCKETS, 0, 0, problem.into()));
         let pose = Pose { translation: [0.0, f32::NAN, 0.0], ..Pose::IDENTITY };
         let error = forged(|records| records.push_pose(1, pose));
-        let expected =
-            matches!(error, FrameError::Pose { record: 0, source: PoseError::Translation { .. }, .. });
+        let expected = matches!(error, FrameError::Record { section: SectionTag::POSES, record: 0, problem, .. } if is_translation(problem));
         assert!(expected, "{error}");
         let error = forged(|records| records.push_cell(7, &point));
         assert!(matches!(error, FrameError::Hash { stored: StateHash(0x0BAD), .. }), "{error}");

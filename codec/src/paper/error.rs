@@ -1,4 +1,6 @@
-//! Errors of grids, layouts and points.
+//! Errors of grids, layouts, points and records.
+
+use super::{BucketError, PoseError};
 
 /// Why a [`super::Grid`] was refused.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
@@ -133,5 +135,23 @@ pub enum PointError {
         point: u32,
         /// The normal.
         normal: [f32; 3],
+    },
+}
+
+/// Why a record of a frame was refused.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum RecordError {
+    /// A pose is not finite, or its rotation is not of unit length.
+    #[error(transparent)]
+    Pose(#[from] PoseError),
+    /// A bucket breaks the rules of its layout.
+    #[error(transparent)]
+    Bucket(#[from] BucketError),
+    /// A cell has set bits after its last point.
+    #[error("slot {slot} holds no point but is not empty, or a point follows it")]
+    Cell {
+        /// Index of the slot, 0 to 6.
+        slot: usize,
     },
 }

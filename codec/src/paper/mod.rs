@@ -26,7 +26,7 @@ pub use cells::{
 };
 pub use decoder::{Decoder, apply};
 pub use encoder::{Encoder, PointSample};
-pub use error::{GridError, LayoutError, PointError};
+pub use error::{GridError, LayoutError, PointError, RecordError};
 pub use keyframe::keyframe;
 pub use layout::{InstanceLayout, Layout, bucket_count};
 pub use point::{BitSplit, Packed, Packed16, Packed24, Packed32, Point, PointFormat, WordError};

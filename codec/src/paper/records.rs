@@ -4,7 +4,7 @@ use super::rules::record_bytes;
 use super::{Bucket, Cell, POINTS_PER_CELL, PointFormat, Pose};
 use crate::block::{BlockCoder, Compressor};
 use crate::envelope::{
-    EncodeError, EncodedFrame, FrameKind, FrameMeta, Profile, SectionInfo, SectionTag, assemble,
+    EncodeError, EncodedFrame, FrameIds, FrameKind, FrameMeta, Profile, SectionInfo, SectionTag, assemble,
 };
 use crate::wire::{push_narrow_words, push_words};
 use crate::{StateHash, memory};
@@ -109,5 +109,6 @@ pub(crate) fn write_body(
         sections.push(SectionInfo { tag, coder, records: raw_bytes / record_bytes, raw_bytes, wire_bytes });
     }
     let packing = records.format.packing();
-    Ok(assemble(meta, (Profile::PAPER, packing, kind), hash, sections, &blocks))
+    let ids = FrameIds { profile: Profile::PAPER, packing, kind };
+    Ok(assemble(meta, ids, hash, sections, &blocks))
 }

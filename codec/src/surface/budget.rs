@@ -28,13 +28,13 @@ use crate::memory;
 ///
 /// *Error.* Let `T` be the threshold. For every point that clients hold and every frame `n` there is a frame `m` with
 /// `n - longest_age <= m <= n` such that the byte held after frame `n` is less than `T` from the one last set before
-/// frame `m` was finished. Suppose a point has differed since frame `d`. It was not sent in `d..=n`, so `n < d +
-/// longest_age`; choose `m = d - 1`.
+/// frame `m` was finished. Suppose a point has differed since frame `d`. It was not sent in `d..=n`, so
+/// `n < d + longest_age`; choose `m = d - 1`.
 ///
 /// *Waiting.* Suppose that a section of `k` changes takes at most `f + c k` bytes, where `f` counts all of the body
 /// that is not changes, and that at most `D` points differ at any time. A frame that postpones a point sends at least
-/// `s = (15 / 16 bytes - f) / c - 1` others: the search ends when 15/16 of the budget are used, or when `k + k / 16 +
-/// 1` changes are known not to fit. Let `q` be the largest quotient of two products of difference and weight, at most
+/// `s = (15 / 16 bytes - f) / c - 1` others: the search ends when 15/16 of the budget are used, or when
+/// `k + k / 16 + 1` changes are known not to fit. Let `q` be the largest quotient of two products of difference and weight, at most
 /// `255 w / T` with weights of 1 to `w`. Then no point waits for more than `(q + 1) ceil(D / s)` frames. The reason:
 /// once a point is `q` times `x = ceil(D / s)` frames old, only points that have waited for more than `x` frames can
 /// go before it. Those that do so in the next `x` frames differed at the beginning of these frames. So there are fewer
@@ -169,7 +169,7 @@ impl BudgetQueue {
         &mut self.weights
     }
 
-    /// What the last frame postponed.
+    /// Returns what the last frame postponed.
     pub(super) fn postponed(&self) -> &Postponed {
         &self.postponed
     }

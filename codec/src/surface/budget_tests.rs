@@ -124,7 +124,8 @@ proptest! {
         prop_assert!(run(budgeted(threshold, most, 3)) == plain);
     }
 
-    /// With no point forced: the bound of [`Budget`], from what was measured of the stream and the plain layout's sizes.
+    /// Checks, with no point forced, the bound of [`Budget`] from what was measured of the stream and the sizes of the
+    /// plain layout.
     #[test]
     fn nobody_waits_longer_than_the_budget_says(threshold in 4_u8..12, jump in 40_u32..100, seed: u32) {
         const BYTES: usize = 200;
@@ -229,7 +230,7 @@ fn a_frame_that_fails_leaves_those_that_wait_as_they_were() {
     assert!(bodies(true) == bodies(false));
 }
 
-/// The same number of points in each frame, by three orders: the mean of what clients are off by, weighed as the points are.
+/// Compares three orders of the same number of points in each frame, by the weighted mean error of clients.
 #[test]
 fn the_order_beats_that_of_age_alone() {
     let mut encoder = budgeted(4, 110, 200);

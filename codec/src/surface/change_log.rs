@@ -2,6 +2,8 @@
 
 use std::sync::Arc;
 
+use bitvec::vec::BitVec;
+
 use super::{BLOCK_POINTS, Layout, State};
 use crate::envelope::FrameIndex;
 
@@ -18,7 +20,7 @@ pub struct ChangeLog {
     since: FrameIndex,
     values: Vec<u8>,
     present: Vec<bool>,
-    received: Vec<bool>,
+    received: BitVec,
     /// By padded index: the frame in which the point changed last, or 0.
     changed: Vec<u32>,
     /// By block: the newest of these frames.

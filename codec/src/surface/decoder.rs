@@ -5,7 +5,6 @@
 
 use std::sync::Arc;
 
-use super::State;
 use super::encoder::hash_with_arrivals;
 use super::model::change::ChangeModel;
 use super::model::context;
@@ -14,9 +13,10 @@ use super::model::patch::PatchModel;
 use super::section::changes::{ChangeError, Changes};
 use super::section::geometry::{self, GeometrySectionError};
 use super::section::patch::Patch;
-use super::section::values::Values;
+use super::section::values::{ClientValues, ValueError, Values};
 use super::section::writer::FrameModels;
 use super::state::value_words;
+use super::{SectionError, State};
 use crate::block::{CoderId, Decompressor};
 use crate::envelope::{
     FrameBody, FrameError, FrameInfo, FrameKind, HASH_OFFSET, Profile, SectionBlock, SectionInfo, SectionTag,
@@ -132,8 +132,7 @@ impl Decoder {
         let mut learned = false;
         if let Some(block) = blocks.find(|block| block.section.tag == SectionTag::CHANGES) {
             learned = self.read_changes(state, &block, limits)?;
-            let offset = block.offset;
-            check_changes(state, &self.changes).map_err(|problem| FrameError::Changes { offset, problem })?;
+            check_changes(state, &self.changes).map_err(|error| refused(&block, error))?;
             hash = state.hash_after(hash, &self.changes);
         }
         let computed = check_hash(hash, info)?;
@@ -192,7 +191,7 @@ impl Decoder {
     ) -> Result<(), FrameError> {
         let SectionInfo { records, coder, .. } = block.section;
         let (offset, blocks) = (block.offset, state.layout.blocks());
-        let refuse = |problem| FrameError::Patch { offset, problem };
+        let refuse = |error: ChangeError| refused(block, error);
         if coder != CoderId::RANGE {
             self.decompress(block, limits)?;
             self.patch.read_plain(&self.plain, blocks, records).map_err(refuse)?;
@@ -226,8 +225,7 @@ impl Decoder {
         check_single(block)?;
         self.decompress(block, limits)?;
         let mut learned = (History::new(state.present.len()), ChangeModel::new());
-        context::read(&self.plain, &mut learned.0, &mut learned.1)
-            .map_err(|problem| FrameError::Context { offset: block.offset, problem })?;
+        context::read(&self.plain, &mut learned.0, &mut learned.1).map_err(|error| refused(block, error))?;
         Ok(learned)
     }
 
@@ -254,7 +252,7 @@ impl Decoder {
         limits: &Limits,
     ) -> Result<(), FrameError> {
         let layout = Arc::clone(&next.layout);
-        let refuse = |problem| FrameError::Geometry { offset: block.offset, problem };
+        let refuse = |error: GeometrySectionError| refused(block, error);
         let records = block.section.records;
         let sets = if block.section.coder == CoderId::RANGE {
             let mut decoder = RangeDecoder::new(block.bytes);
@@ -279,7 +277,7 @@ impl Decoder {
         };
         for (set, geometry) in sets {
             let at = set as usize;
-            if std::mem::replace(&mut next.received[at], true) {
+            if next.received.replace(at, true) {
                 return Err(refuse(GeometrySectionError::Set { set }));
             }
             next.geometry[at] = Some(geometry);
@@ -295,17 +293,17 @@ impl Decoder {
         limits: &Limits,
     ) -> Result<(), FrameError> {
         let layout = Arc::clone(&next.layout);
-        let refuse = |problem| FrameError::Values { offset: block.offset, problem };
+        let refuse = |error: ValueError| refused(block, error);
         let SectionInfo { records, coder, .. } = block.section;
         let mut found = Values::default();
         if coder == CoderId::RANGE {
             let mut decoder = RangeDecoder::new(block.bytes);
-            let known = (next.values.as_mut_slice(), next.present.as_mut_slice());
+            let clients = ClientValues { bytes: &mut next.values, present: &mut next.present };
             let none = Values::default();
             let pair = (&none, &mut found);
             models
                 .values
-                .code(&mut decoder, &layout, known, pair, records, RangeDecoder::is_exhausted)
+                .code(&mut decoder, &layout, clients, pair, records, RangeDecoder::is_exhausted)
                 .map_err(refuse)?;
             check_end(decoder, block)?;
             return check_plain(found.plain_bytes(), block);
@@ -324,8 +322,8 @@ impl Decoder {
         limits: &Limits,
     ) -> Result<bool, FrameError> {
         let SectionInfo { records, coder, .. } = block.section;
-        let (offset, blocks) = (block.offset, state.layout.blocks());
-        let refuse = |problem| FrameError::Changes { offset, problem };
+        let blocks = state.layout.blocks();
+        let refuse = |error: ChangeError| refused(block, error);
         if coder != CoderId::RANGE {
             self.decompress(block, limits)?;
             self.changes.read_plain(&self.plain, blocks, records).map_err(refuse)?;
@@ -358,6 +356,12 @@ impl Decoder {
             .decompress(block.bytes, coder, raw_bytes, limits.max_block_bytes, &mut self.plain)
             .map_err(|source| FrameError::Block { offset: block.offset, section: tag, source })
     }
+}
+
+/// Returns the error of a section.
+fn refused(block: &SectionBlock<'_>, error: impl Into<SectionError>) -> FrameError {
+    let error: SectionError = error.into();
+    FrameError::Content { section: block.section.tag, offset: block.offset, problem: error.into() }
 }
 
 /// Returns the empty state of the same stream, with the geometry that did not come with frames.

@@ -2,15 +2,17 @@
 
 use std::sync::Arc;
 
+use bitvec::vec::BitVec;
+
 use super::budget::{Budget, BudgetQueue, PendingFrame, Postponed};
 use super::keyframe::ParcelWriter;
 use super::section::changes::Changes;
 use super::section::point_mask::SetBits;
 use super::section::writer::SectionWriter;
 use super::state::{geometry_words, value_words};
-use super::{Geometry, GeometryError, Layout, PaddedIndex, State};
+use super::{Geometry, GeometryError, Layout, PaddedIndex, State, frame_ids};
 use crate::block::BlockCoder;
-use crate::envelope::{EncodeError, EncodedFrame, FrameKind, FrameMeta, Packing, Profile, assemble};
+use crate::envelope::{EncodeError, EncodedFrame, FrameKind, FrameMeta, assemble};
 use crate::hash::RecordKind;
 use crate::{StateHash, memory};
 
@@ -65,7 +67,7 @@ pub struct Encoder {
     dirty: Vec<u64>,
     /// Blocks that were set but not sent yet, in the order in which they were first set.
     arriving: Vec<u32>,
-    is_arriving: Vec<bool>,
+    is_arriving: BitVec,
     /// Instance of the point last set; the next one is mostly of the same.
     instance: usize,
     changes: Changes,
@@ -102,7 +104,7 @@ impl Encoder {
             latest: vec![255; sent.values.len()],
             dirty: vec![0; sent.present.len()],
             arriving: Vec::new(),
-            is_arriving: vec![false; sent.present.len()],
+            is_arriving: BitVec::repeat(false, sent.present.len()),
             instance: 0,
             geometry: geometry.into_iter().map(carried).collect(),
             changes: Changes::default(),
@@ -124,7 +126,7 @@ impl Encoder {
             (ours, _) => ours.as_ref().map_or(0, |geometry| geometry.heap_bytes()),
         });
         let points = carried.sum::<usize>() + memory::list(geometry) + memory::list(latest);
-        let blocks = memory::list(dirty) + memory::list(arriving) + memory::list(is_arriving);
+        let blocks = memory::list(dirty) + memory::list(arriving) + memory::bits(is_arriving);
         let queue = queue.as_ref().map_or(0, |queue| queue.heap_bytes());
         sent.heap_bytes() + points + blocks + changes.heap_bytes() + writer.heap_bytes() + queue
     }
@@ -145,7 +147,7 @@ impl Encoder {
         let (block, bit) = (index.block(), index.bit());
         self.latest[index.0] = ao;
         if !self.sent.present[block] {
-            if !std::mem::replace(&mut self.is_arriving[block], true) {
+            if !self.is_arriving.replace(block, true) {
                 self.arriving.push(block as u32);
             }
             return Some(true);
@@ -232,7 +234,7 @@ impl Encoder {
             FrameKind::Key => self.finish_key(coder)?,
         }
         self.sent.frame = Some(frame);
-        let ids = (Profile::SURFACE, Packing::LATTICE, meta.kind);
+        let ids = frame_ids(meta.kind);
         let sections = std::mem::take(&mut self.writer.sections);
         let frame = assemble(&meta, ids, self.sent.hash, sections, &self.writer.blocks);
         if let Some(queue) = &mut self.queue {
@@ -285,7 +287,7 @@ impl Encoder {
                 let range = next.block_range(block as usize);
                 self.sent.values[range.clone()].copy_from_slice(&next.values[range]);
                 self.sent.present[block as usize] = true;
-                self.is_arriving[block as usize] = false;
+                self.is_arriving.set(block as usize, false);
             }
             self.sent.geometry = next.geometry;
             self.sent.received = next.received;

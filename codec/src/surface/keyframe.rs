@@ -2,12 +2,15 @@
 
 use std::sync::Arc;
 
+use bitvec::slice::BitSlice;
+use bitvec::vec::BitVec;
+
 use super::section::geometry::Sets;
-use super::section::values::Values;
+use super::section::values::{ClientValues, Values};
 use super::section::writer::{FrameModels, SectionWriter};
-use super::{Geometry, Layout, State};
+use super::{Geometry, Layout, State, frame_ids};
 use crate::block::BlockCoder;
-use crate::envelope::{EncodeError, FrameKind, FrameMeta, Packing, Profile, assemble};
+use crate::envelope::{EncodeError, FrameKind, FrameMeta, assemble};
 
 /// Smallest number of blocks of a parcel: a section costs some ten bytes.
 const MIN_PARCEL_BLOCKS: usize = 64;
@@ -20,7 +23,7 @@ pub(super) struct ParcelWriter<'a> {
     /// Geometry of the sets that the stream carries.
     pub(super) geometry: &'a [Option<Arc<Geometry>>],
     /// By set: whether clients have it. It is updated.
-    pub(super) sent: &'a mut [bool],
+    pub(super) sent: &'a mut BitSlice,
     /// Bytes of all padded indices, and whether blocks were received, as clients have them. Both are updated.
     pub(super) bytes: &'a mut [u8],
     pub(super) present: &'a mut [bool],
@@ -49,8 +52,8 @@ impl ParcelWriter<'_> {
                 let first = block * super::BLOCK_POINTS;
                 arriving.push(block, &values[first..first + self.layout.block_len(block)]);
             }
-            let known = (&mut *self.bytes, &mut *self.present);
-            writer.values(self.layout, known, &arriving, &mut models, coder)?;
+            let clients = ClientValues { bytes: self.bytes, present: self.present };
+            writer.values(self.layout, clients, &arriving, &mut models, coder)?;
         }
         Ok(())
     }
@@ -62,7 +65,7 @@ impl ParcelWriter<'_> {
             let set = self.layout.members()[self.layout.owner(*block as usize)].set;
             let at = set as usize;
             if let Some(geometry) = self.geometry[at].as_ref().filter(|_| !self.sent[at]) {
-                self.sent[at] = true;
+                self.sent.set(at, true);
                 sets.push((set, Arc::clone(geometry)));
             }
         }
@@ -99,12 +102,12 @@ pub fn keyframe(
     ParcelWriter {
         layout,
         geometry: &geometry,
-        sent: &mut vec![false; geometry.len()],
+        sent: &mut BitVec::<usize>::repeat(false, geometry.len()),
         bytes: &mut vec![0; state.values.len()],
         present: &mut vec![false; state.present.len()],
     }
     .write(&mut writer, &order, &state.values, coder)?;
     writer.context(state, coder)?;
-    let ids = (Profile::SURFACE, Packing::LATTICE, FrameKind::Key);
+    let ids = frame_ids(FrameKind::Key);
     Ok(assemble(&meta, ids, state.hash, writer.sections, &writer.blocks).body)
 }

@@ -2,9 +2,9 @@
 
 use super::section::patch::Patch;
 use super::section::writer::SectionWriter;
-use super::{ChangeLog, PaddedIndex, State};
+use super::{ChangeLog, PaddedIndex, State, frame_ids};
 use crate::block::BlockCoder;
-use crate::envelope::{EncodeError, FrameIndex, FrameKind, FrameMeta, Packing, Profile, assemble};
+use crate::envelope::{EncodeError, FrameIndex, FrameKind, FrameMeta, assemble};
 
 /// Largest number of frames that a patch reaches back: the largest number that the range coder can code.
 const FURTHEST: u32 = (1 << 31) - 1;
@@ -51,6 +51,6 @@ pub fn patch(
         writer.context(state, coder)?;
     }
     writer.patch(state, &patch, coder)?;
-    let ids = (Profile::SURFACE, Packing::LATTICE, FrameKind::Delta);
+    let ids = frame_ids(FrameKind::Delta);
     Ok(Some(assemble(&meta, ids, state.hash, writer.sections, &writer.blocks).body))
 }

@@ -5,11 +5,9 @@ use proptest::prelude::*;
 use super::tests::{CODERS, ao, meta, refuse};
 use super::*;
 use crate::block::{BlockCoder, CoderId};
-use crate::envelope::{
-    FrameError, FrameIndex, FrameKind, Packing, Profile, SectionInfo, SectionTag, assemble, inspect,
-};
+use crate::envelope::{FrameError, FrameIndex, FrameKind, SectionInfo, SectionTag, assemble, inspect};
 use crate::testing::reseal;
-use crate::{self as of_either, Limits};
+use crate::{self as of_either, ContentError, Limits};
 
 /// One frame of a story: points and the AO that is set.
 type AoValues = Vec<(u32, u8)>;
@@ -228,7 +226,7 @@ fn flipped_bits_of_a_patch_under_a_right_checksum_are_refused_or_harmless() {
     }
 }
 
-/// A body of these sections, all stored.
+/// Returns a body of these sections, all stored.
 fn body(kind: FrameKind, sections: &[(SectionTag, u32, &[u8])]) -> Vec<u8> {
     let table = sections.iter().map(|(tag, records, block)| SectionInfo {
         tag: *tag,
@@ -237,7 +235,7 @@ fn body(kind: FrameKind, sections: &[(SectionTag, u32, &[u8])]) -> Vec<u8> {
         raw_bytes: block.len() as u32,
         wire_bytes: block.len() as u32,
     });
-    let ids = (Profile::SURFACE, Packing::LATTICE, kind);
+    let ids = frame_ids(kind);
     let blocks: Vec<u8> = sections.iter().flat_map(|(_, _, block)| block.iter().copied()).collect();
     assemble(&meta(kind, 14), ids, crate::StateHash(7), table.collect(), &blocks).body
 }
@@ -296,7 +294,11 @@ fn patches_that_do_not_suit_are_refused_by_name() {
         assert_eq!((back, last), expected);
     }
     let problem = |error: FrameError| match error {
-        FrameError::Patch { problem, .. } => problem,
+        FrameError::Content {
+            section: SectionTag::PATCH,
+            problem: ContentError::Surface(SectionError::Changes(error)),
+            ..
+        } => error,
         other => unreachable!("{other}"),
     };
     let (block, mask) = (4, 1 << 63);

@@ -1,7 +1,12 @@
 //! What frames of profile `surface` may hold.
 
 use crate::block::CoderId;
-use crate::envelope::{FrameKind, FrameRules, Packing, Profile, SectionTag};
+use crate::envelope::{FrameIds, FrameKind, FrameRules, Packing, Profile, SectionTag};
+
+/// Returns the ids of a frame of profile `surface`.
+pub(crate) const fn frame_ids(kind: FrameKind) -> FrameIds {
+    FrameIds { profile: Profile::SURFACE, packing: Packing::LATTICE, kind }
+}
 
 /// The rules of profile `surface`.
 pub(crate) struct Rules;
@@ -33,19 +38,19 @@ impl FrameRules for Rules {
         }
     }
 
-    /// Changes and patches are only in deltas.
     fn may_be_in(&self, section: SectionTag, kind: FrameKind) -> bool {
+        // Changes and patches are only in deltas.
         kind == FrameKind::Delta || !matches!(section, SectionTag::CHANGES | SectionTag::PATCH)
     }
 
-    /// Tags ascend, except that geometry and values may alternate.
     fn is_ordered(&self, previous: SectionTag, next: SectionTag) -> bool {
+        // Tags ascend, except that geometry and values may alternate.
         let parcel = |tag| matches!(tag, SectionTag::GEOMETRY | SectionTag::VALUES);
         previous < next || parcel(previous) && parcel(next)
     }
 
-    /// A delta with a patch has nothing else, except a context before it.
     fn may_follow(&self, previous: SectionTag, next: SectionTag, kind: FrameKind) -> bool {
+        // A delta with a patch has nothing else, except a context before it.
         match next {
             SectionTag::CONTEXT => kind == FrameKind::Key,
             SectionTag::PATCH => previous == SectionTag::CONTEXT,
@@ -53,8 +58,8 @@ impl FrameRules for Rules {
         }
     }
 
-    /// A delta has a context only before a patch.
     fn may_be_last(&self, section: SectionTag, kind: FrameKind) -> bool {
+        // A delta has a context only before a patch.
         kind == FrameKind::Key || section != SectionTag::CONTEXT
     }
 }

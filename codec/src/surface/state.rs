@@ -2,6 +2,8 @@
 
 use std::sync::Arc;
 
+use bitvec::vec::BitVec;
+
 use super::model::change::{ChangeModel, StateView};
 use super::model::history::History;
 use super::section::changes::Changes;
@@ -18,10 +20,11 @@ pub struct State {
     pub(crate) layout: Arc<Layout>,
     pub(crate) geometry: Vec<Option<Arc<Geometry>>>,
     /// By set: whether its geometry came with a frame. Then it is part of the hash.
-    pub(crate) received: Vec<bool>,
+    pub(crate) received: BitVec,
     /// By padded index; 0 where nothing was received.
     pub(crate) values: Vec<u8>,
-    /// By block.
+    /// By block: whether its values were received. Bytes and not bits, because the coders test slices of it in every
+    /// frame.
     pub(crate) present: Vec<bool>,
     pub(crate) history: History,
     pub(crate) model: ChangeModel,
@@ -38,7 +41,7 @@ impl State {
         let blocks = layout.blocks();
         State {
             geometry: vec![None; layout.sets().len()],
-            received: vec![false; layout.sets().len()],
+            received: BitVec::repeat(false, layout.sets().len()),
             values: vec![0; blocks * BLOCK_POINTS],
             present: vec![false; blocks],
             history: History::new(blocks),
@@ -54,7 +57,7 @@ impl State {
         let State { layout, geometry, received, values, present, history, model, .. } = self;
         let points: usize = geometry.iter().flatten().map(|geometry| geometry.heap_bytes()).sum();
         let lists =
-            memory::list(geometry) + memory::list(received) + memory::list(values) + memory::list(present);
+            memory::list(geometry) + memory::bits(received) + memory::list(values) + memory::list(present);
         layout.heap_bytes() + points + lists + history.heap_bytes() + model.heap_bytes()
     }
 

@@ -9,7 +9,9 @@ use super::section::writer::FrameModels;
 use super::*;
 use crate::Limits;
 use crate::block::BlockCoder;
-use crate::envelope::{EncodedFrame, FrameError, FrameIndex, FrameKind, FrameMeta, StreamTime, inspect};
+use crate::envelope::{
+    EncodedFrame, FrameError, FrameIndex, FrameKind, FrameMeta, SectionTag, StreamTime, inspect,
+};
 use crate::testing::reseal;
 
 pub(super) const CODERS: [BlockCoder; 4] =
@@ -182,10 +184,9 @@ fn a_context_is_one_record() {
     let meta = meta(FrameKind::Key, 5);
     let body = keyframe(encoder.state(), meta, BlockCoder::Stored, &[]).unwrap();
     let mut info = inspect(&body, &Limits::default()).unwrap();
-    let context =
-        info.sections.iter_mut().find(|section| section.tag == crate::envelope::SectionTag::CONTEXT);
+    let context = info.sections.iter_mut().find(|section| section.tag == SectionTag::CONTEXT);
     context.unwrap().records = 2;
-    let ids = (info.profile, info.packing, info.kind);
+    let ids = frame_ids(info.kind);
     let blocks = &body[info.header_bytes as usize..];
     let forged = crate::envelope::assemble(&meta, ids, info.hash, info.sections, blocks).body;
     let error = refuse(&mut Decoder::new(), &client(&encoder), &forged, &Limits::default());
@@ -292,7 +293,9 @@ fn frames_out_of_order_and_of_the_other_profile_are_refused() {
     let skipped = refuse(&mut decoder, &samples[1].0, &samples[2].1.body, &limits);
     assert!(matches!(
         skipped,
-        FrameError::Hash { .. } | FrameError::Changes { .. } | FrameError::RangeLength { .. }
+        FrameError::Hash { .. }
+            | FrameError::Content { section: SectionTag::CHANGES, .. }
+            | FrameError::RangeLength { .. }
     ));
 }
 
@@ -338,19 +341,19 @@ fn a_set_comes_once_and_with_points() {
                 geometry::write_plain(&sets, &mut bits);
             }
             let section = crate::envelope::SectionInfo {
-                tag: crate::envelope::SectionTag::GEOMETRY,
+                tag: SectionTag::GEOMETRY,
                 coder: coder.id(),
                 records: points,
                 raw_bytes: geometry::plain_bytes(&sets) as u32,
                 wire_bytes: bits.len() as u32,
             };
-            let ids = (crate::envelope::Profile::SURFACE, crate::envelope::Packing::LATTICE, FrameKind::Key);
+            let ids = frame_ids(FrameKind::Key);
             let meta = meta(FrameKind::Key, 0);
             let body = crate::envelope::assemble(&meta, ids, crate::StateHash(7), vec![section], &bits).body;
             let error = refuse(&mut Decoder::new(), &state, &body, &Limits::default());
             let expected = GeometrySectionError::Set { set };
             assert!(
-                matches!(error, FrameError::Geometry { problem, .. } if problem == expected),
+                matches!(error, FrameError::Content { problem, .. } if problem == SectionError::from(expected).into()),
                 "{coder:?}: {error}"
             );
         }
@@ -376,18 +379,18 @@ fn a_set_without_points_cannot_come_for_ever() {
     let floor = encoder.state().layout().sets()[0].points;
     let raw = [2_u32.to_le_bytes(); 1000].concat();
     let section = crate::envelope::SectionInfo {
-        tag: crate::envelope::SectionTag::GEOMETRY,
+        tag: SectionTag::GEOMETRY,
         coder: crate::block::CoderId::STORED,
         records: floor,
         raw_bytes: raw.len() as u32,
         wire_bytes: raw.len() as u32,
     };
-    let ids = (crate::envelope::Profile::SURFACE, crate::envelope::Packing::LATTICE, FrameKind::Key);
+    let ids = frame_ids(FrameKind::Key);
     let hash = crate::StateHash::default();
     let body = crate::envelope::assemble(&meta(FrameKind::Key, 0), ids, hash, vec![section], &raw).body;
     let error = refuse(&mut Decoder::new(), &state, &body, &Limits::default());
     assert!(
-        matches!(error, FrameError::Geometry { problem: GeometrySectionError::Set { set: 2 }, .. }),
+        matches!(error, FrameError::Content { problem, .. } if problem == SectionError::from(GeometrySectionError::Set { set: 2 }).into()),
         "{error}"
     );
 }
@@ -430,13 +433,13 @@ proptest! {
         let (state, ..) = &samples(BlockCoder::Range)[usize::from(!key) * 3];
         let meta = meta(if key { FrameKind::Key } else { FrameKind::Delta }, 100);
         let section = crate::envelope::SectionInfo {
-            tag: crate::envelope::SectionTag(tag),
+            tag: SectionTag(tag),
             coder: crate::block::CoderId(coder),
             records,
             raw_bytes: noise.len() as u32,
             wire_bytes: noise.len() as u32,
         };
-        let ids = (crate::envelope::Profile::SURFACE, crate::envelope::Packing::LATTICE, meta.kind);
+        let ids = frame_ids(meta.kind);
         let body = crate::envelope::assemble(&meta, ids, crate::StateHash(7), vec![section], &noise).body;
         let mut found = state.clone();
         if Decoder::new().decode(&mut found, &body, &Limits::default()).is_err() {

@@ -2,9 +2,10 @@
 
 use std::fmt::Write;
 
-use psao_codec::envelope::{FrameError, FrameInfo};
+use psao_codec::ContentError;
+use psao_codec::envelope::{FrameError, FrameInfo, SectionTag};
 use psao_codec::paper::State;
-use psao_codec::surface::{self, ValueError};
+use psao_codec::surface::{self, SectionError, ValueError};
 
 use super::Vector;
 use super::scenes::Stream;
@@ -243,16 +244,19 @@ pub(super) fn reason(error: &FrameError) -> &'static str {
         FrameError::Checksum { .. } => "checksum",
         FrameError::Block { .. } => "block",
         FrameError::OffsetOrder { .. } | FrameError::OffsetRange { .. } => "offset",
-        FrameError::Pose { .. } => "pose",
-        FrameError::Bucket { .. } => "bucket",
-        FrameError::Cell { .. } => "cell",
-        FrameError::Geometry { .. } => "geometry",
+        FrameError::Record { section: SectionTag::POSES, .. } => "pose",
+        FrameError::Record { section: SectionTag::BUCKETS, .. } => "bucket",
+        FrameError::Record { section: SectionTag::CELLS, .. } => "cell",
+        FrameError::Content { section: SectionTag::GEOMETRY, .. } => "geometry",
         // Only the range coder's reader calls the field so: it stops as soon as the block cannot be whole.
-        FrameError::Values { problem: ValueError::Ends { field: "the values", .. }, .. } => "range",
-        FrameError::Values { .. } => "values",
-        FrameError::Changes { .. } => "changes",
-        FrameError::Context { .. } => "context",
-        FrameError::Patch { .. } => "patch",
+        FrameError::Content {
+            problem: ContentError::Surface(SectionError::Values(ValueError::Ends { field: "the values", .. })),
+            ..
+        } => "range",
+        FrameError::Content { section: SectionTag::VALUES, .. } => "values",
+        FrameError::Content { section: SectionTag::CHANGES, .. } => "changes",
+        FrameError::Content { section: SectionTag::CONTEXT, .. } => "context",
+        FrameError::Content { section: SectionTag::PATCH, .. } => "patch",
         FrameError::RangeLength { .. } => "range",
         FrameError::PlainLength { .. } => "plain",
         FrameError::NoKeyframe { .. } => "keyframe",

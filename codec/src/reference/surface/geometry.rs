@@ -63,7 +63,7 @@ fn arrive(
     let (coords, normals) = points.into_iter().unzip();
     let geometry = Geometry { layout, coords, normals };
     rule(geometry.digest() == layout.digest)?;
-    next.received[set as usize] = true;
+    next.received.set(set as usize, true);
     next.geometry[set as usize] = Some(Arc::new(geometry));
     Ok(())
 }

@@ -5,7 +5,7 @@
 
 use crate::range::{BinaryCoder, NumberModel, logistic};
 use crate::surface::model::change::ContextMixer;
-use crate::surface::section::values::{ArrivalCheck, ValueError, Values};
+use crate::surface::section::values::{ArrivalCheck, ClientValues, ValueError, Values};
 use crate::surface::{BLOCK_POINTS, Layout};
 
 /// What the range coder learns of the values of one frame, section after section. Every frame starts a fresh model.
@@ -36,11 +36,12 @@ impl ValueModel {
         &mut self,
         coder: &mut B,
         layout: &Layout,
-        (values, present): (&mut [u8], &mut [bool]),
+        clients: ClientValues<'_>,
         (source, coded): (&Values, &mut Values),
         records: u32,
         stop: impl Fn(&B) -> bool,
     ) -> Result<(), ValueError> {
+        let ClientValues { bytes: values, present } = clients;
         coded.clear();
         let count = self.numbers.code(coder, source.runs.len() as u32);
         let before = present.to_vec();

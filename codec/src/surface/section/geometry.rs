@@ -7,6 +7,8 @@
 
 use std::sync::Arc;
 
+use bitvec::vec::BitVec;
+
 use crate::range::{BinaryCoder, NumberModel};
 use crate::surface::geometry::Geometry;
 use crate::surface::model::curve;
@@ -111,13 +113,13 @@ struct SetCheck<'a> {
     expected: u32,
     points: u64,
     /// By set: whether it was announced. A set that came again and again would take memory without limit.
-    announced: Vec<bool>,
+    announced: BitVec,
     sets: Sets,
 }
 
 impl<'a> SetCheck<'a> {
     fn new(layout: &'a Layout, expected: u32) -> SetCheck<'a> {
-        let announced = vec![false; layout.sets().len()];
+        let announced = BitVec::repeat(false, layout.sets().len());
         SetCheck { layout, expected, points: 0, announced, sets: Sets::new() }
     }
 
@@ -125,7 +127,7 @@ impl<'a> SetCheck<'a> {
     fn announce(&mut self, set: u32) -> Result<&'a SetLayout, GeometrySectionError> {
         let layout = self.layout.sets().get(set as usize).filter(|layout| layout.points > 0);
         let layout = layout.ok_or(GeometrySectionError::Set { set })?;
-        if std::mem::replace(&mut self.announced[set as usize], true) {
+        if self.announced.replace(set as usize, true) {
             return Err(GeometrySectionError::Set { set });
         }
         self.points += u64::from(layout.points);

@@ -15,6 +15,14 @@ pub(crate) struct Values {
     pub(crate) bytes: Vec<u8>,
 }
 
+/// What clients have of the points, while values are being written or read.
+pub(crate) struct ClientValues<'a> {
+    /// AO bytes, by padded index.
+    pub(crate) bytes: &'a mut [u8],
+    /// By block: whether its values were received.
+    pub(crate) present: &'a mut [bool],
+}
+
 /// Why values were refused. An offset counts bytes of the plain layout.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]

@@ -3,7 +3,7 @@
 use super::changes::Changes;
 use super::geometry::{self, Sets};
 use super::patch::Patch;
-use super::values::Values;
+use super::values::{ClientValues, Values};
 use crate::block::{BlockCoder, BlockError, CoderId, Compressor};
 use crate::envelope::{EncodeError, SectionInfo, SectionTag};
 use crate::memory;
@@ -112,7 +112,7 @@ impl SectionWriter {
     pub(crate) fn values(
         &mut self,
         layout: &Layout,
-        (bytes, present): (&mut [u8], &mut [bool]),
+        clients: ClientValues<'_>,
         values: &Values,
         models: &mut FrameModels,
         coder: BlockCoder,
@@ -123,8 +123,7 @@ impl SectionWriter {
             let mut encoder = RangeEncoder::new(&mut self.blocks);
             let mut coded = Values::default();
             let pair = (values, &mut coded);
-            let coded =
-                models.values.code(&mut encoder, layout, (bytes, present), pair, points as u32, |_| false);
+            let coded = models.values.code(&mut encoder, layout, clients, pair, points as u32, |_| false);
             encoder.finish();
             debug_assert!(coded.is_ok(), "{coded:?}");
             self.section(SectionTag::VALUES, CoderId::RANGE, points, values.plain_bytes(), start);
@@ -132,8 +131,8 @@ impl SectionWriter {
         }
         self.plain.clear();
         values.write_plain(&mut self.plain);
-        values.scatter(layout, bytes);
-        values.blocks().for_each(|block| present[block] = true);
+        values.scatter(layout, clients.bytes);
+        values.blocks().for_each(|block| clients.present[block] = true);
         self.block(SectionTag::VALUES, coder, points)
     }
 

@@ -50,9 +50,9 @@ struct Newest {
 /// patch, and joining clients get a keyframe. Every body is made at most once per frame, whatever the number of
 /// clients.
 ///
-/// One change log for all clients, of 5 bytes per point, tells what a patch must contain. Nothing is kept for a client
-/// that takes no bytes. A keyframe that was made for one joiner serves later ones too, followed by a patch. It is
-/// replaced once that patch is larger than half of it.
+/// One change log for all clients, of 5 bytes per point, determines the content of patches. Nothing is kept for a
+/// client that takes no bytes. A keyframe that was made for one joiner serves later ones too, followed by a patch. It
+/// is replaced once that patch is larger than half of it.
 ///
 /// ```
 /// use psao_proto::sample::SampleServer;
@@ -68,7 +68,7 @@ struct Newest {
 ///     let now = Micros(turn * 16_667);
 ///     let frame = source.step()?;
 ///     fanout.advance(&frame.info, frame.body, source.state().into(), now);
-///     // The client hangs for three frames; what it missed comes in one.
+///     // The client hangs for three frames; then one patch brings it up to date.
 ///     if !(3..6).contains(&turn) {
 ///         server.handle(&client.take_output(), now)?;
 ///         deliveries.push(fanout.give(&mut server, source.state().into())?);
@@ -228,7 +228,7 @@ impl Fanout {
             };
             self.edits.send_new(session)?;
             let Some(patch) = made else {
-                // No patch leads from what the client holds to the newest frame.
+                // No patch leads from the client's frame to the newest one.
                 session.need_keyframe();
                 continue;
             };

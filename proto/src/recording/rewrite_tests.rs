@@ -56,7 +56,7 @@ fn play(file: &[u8]) -> (Vec<(u32, StateHash)>, PlayerStats) {
     while let Some(event) = player.next_event() {
         if let PlayerEvent::Frame(frame) = event {
             assert_eq!(player.state().unwrap().full_hash(), frame.info.hash);
-            assert!(frame.arrival >= arrival, "frame {} map_arrival earlier", frame.info.frame);
+            assert!(frame.arrival >= arrival, "frame {} arrives earlier", frame.info.frame);
             arrival = frame.arrival;
             frames.push((frame.info.frame.0, frame.info.hash));
         }

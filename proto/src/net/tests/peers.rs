@@ -1,4 +1,4 @@
-//! Bad peers over real sockets: each ends with the right word, is told once, and costs a good client nothing.
+//! Bad peers over real sockets: each ends with the right message, is reported once, and does not affect a good client.
 
 use std::collections::BTreeMap;
 use std::net::SocketAddr;

@@ -14,24 +14,24 @@ use crate::{FrameIndex, Micros};
 /// Result of giving one client the newest frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Delivery {
-    /// It gets the stream's own update.
+    /// The client gets the stream's own update.
     Update,
-    /// It gets a keyframe, followed by a patch if the keyframe is of an earlier frame.
+    /// The client gets a keyframe, followed by a patch if the keyframe is of an earlier frame.
     Keyframe,
-    /// It gets the newest values of what it missed.
+    /// The client gets a patch with the newest values of what it missed.
     Patch,
-    /// It gets nothing. It did not join yet, has left, or must first take the bytes that wait for it.
+    /// The client gets nothing. It did not join yet, has left, or must first take the bytes that wait for it.
     Nothing,
-    /// It has the newest frame already.
+    /// The client has the newest frame already.
     Current,
     /// The body for this demand is missing; [`Fanout::make`] makes it.
     Missing(Demand),
 }
 
-/// How far a [`Fanout`] has served one client. Its session carries it.
+/// Position of one client in a [`Fanout`], stored in its session.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct ClientCursor {
-    /// Number of the last edit that the client was told of.
+    /// Number of the last edit that was sent to the client.
     edits: u64,
     /// Epoch of the frames that the client holds.
     epoch: u32,
@@ -50,9 +50,9 @@ struct Newest {
 /// patch, and joining clients get a keyframe. Every body is made at most once per frame, whatever the number of
 /// clients.
 ///
-/// One change log for all clients, of 5 bytes per point, tells what a patch must contain. Nothing is kept for a client
-/// that takes no bytes. A keyframe that was made for one joiner serves later ones too, followed by a patch. It is
-/// replaced once that patch is larger than half of it.
+/// One change log for all clients, of 5 bytes per point, determines the content of patches. Nothing is kept for a
+/// client that takes no bytes. A keyframe that was made for one joiner serves later ones too, followed by a patch. It
+/// is replaced once that patch is larger than half of it.
 ///
 /// ```
 /// use psao_proto::sample::SampleServer;
@@ -68,7 +68,7 @@ struct Newest {
 ///     let now = Micros(turn * 16_667);
 ///     let frame = source.step()?;
 ///     fanout.advance(&frame.info, frame.body, source.state().into(), now);
-///     // The client hangs for three frames; what it missed comes in one.
+///     // The client hangs for three frames; then one patch brings it up to date.
 ///     if !(3..6).contains(&turn) {
 ///         server.handle(&client.take_output(), now)?;
 ///         deliveries.push(fanout.give(&mut server, source.state().into())?);
@@ -86,12 +86,13 @@ pub struct Fanout {
     newest: Option<Newest>,
     /// The keyframe for clients that join: of the newest frame, or of one from which a patch leads to it.
     join_keyframe: Option<SharedBody>,
-    /// The patch on top of the cached keyframe has become too large; the next joiner gets a new keyframe.
+    /// Whether the patch on top of the cached keyframe has become too large, so that the next joiner gets a new
+    /// keyframe.
     join_keyframe_stale: bool,
     /// Patches to the newest frame, by their base and whether they have coder context. `None` if only a keyframe helps.
     patches: BTreeMap<(FrameIndex, bool), Option<SharedBody>>,
-    /// How often frame numbers began again, as in a recording that is played in a loop. A client cannot use a frame of
-    /// an earlier epoch.
+    /// Number of times that frame numbers restarted, as in a recording that is played in a loop. A client cannot use a
+    /// frame of an earlier epoch.
     epoch: u32,
     edits: EditLog,
 }
@@ -100,10 +101,10 @@ pub struct Fanout {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum FanoutError {
-    /// The session does not take it.
+    /// The session refused the frame.
     #[error(transparent)]
     Send(#[from] SendError),
-    /// A body could not be made.
+    /// A body could not be encoded.
     #[error(transparent)]
     Encode(#[from] EncodeError),
 }
@@ -152,12 +153,12 @@ impl Fanout {
         self.newest = Some(Newest { info: info.clone(), body, previous });
     }
 
-    /// Takes an edit that is part of all frames from the next one on. Every client is told before it gets one of them.
+    /// Takes an edit that all frames from the next one on include. Every client gets the edit before these frames.
     pub fn edit(&mut self, edit: &Edit) {
         self.edits.push(edit);
     }
 
-    /// Gives a client the newest frame, and makes the bodies that this needs. `state` is the one of the last
+    /// Gives a client the newest frame and makes the bodies that it needs. `state` is the one of the last
     /// [`advance`](Self::advance).
     ///
     /// # Errors
@@ -177,7 +178,7 @@ impl Fanout {
     }
 
     /// Gives a client the newest frame, or returns [`Delivery::Missing`] when a body must be made first. A caller that
-    /// holds a lock over the sessions can so make bodies outside of the lock.
+    /// holds a lock over the sessions can thus make bodies outside the lock.
     ///
     /// # Errors
     /// [`SendError`] when the session is over or does not take the frame.
@@ -227,7 +228,7 @@ impl Fanout {
             };
             self.edits.send_new(session)?;
             let Some(patch) = made else {
-                // No patch leads from what the client holds to the newest frame.
+                // No patch leads from the client's frame to the newest one.
                 session.need_keyframe();
                 continue;
             };
@@ -236,7 +237,7 @@ impl Fanout {
                 _ => session.send_update(patch, base)?,
             };
             return Ok(match sent {
-                // It may have turned out too large for datagrams.
+                // The body may be too large for datagrams.
                 false if session.demand() != demand => continue,
                 false => Delivery::Nothing,
                 true if joined => Delivery::Keyframe,
@@ -281,10 +282,10 @@ impl Fanout {
     }
 }
 
-/// The edits that are in force, each with the number that it had among all.
+/// The edits in force, each with its number among all edits.
 #[derive(Clone, Debug, Default)]
 struct EditLog {
-    /// Newest last; of an instance at most one that moves or releases it and one that shows or hides it.
+    /// Newest last. An instance has at most one edit of its pose and one of its visibility.
     entries: VecDeque<(u64, Edit)>,
     count: u64,
 }
@@ -297,7 +298,7 @@ impl EditLog {
         self.entries.push_back((self.count, *edit));
     }
 
-    /// Sends a client the edits that it was not told of yet.
+    /// Sends a client the edits that it did not get yet.
     fn send_new(&self, session: &mut ServerSession) -> Result<(), SendError> {
         for (number, edit) in &self.entries {
             if *number > session.cursor.edits {

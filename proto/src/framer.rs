@@ -33,7 +33,7 @@ wire_enum! {
         SCENE = 4 => "SCENE",
         /// Client to server: [`View`](crate::message::View).
         VIEW = 5 => "VIEW",
-        /// Both ways: [`Edit`](crate::message::Edit); from a server it says what is done.
+        /// Both ways: [`Edit`](crate::message::Edit); a server sends it for an edit that later frames include.
         EDIT = 6 => "EDIT",
         /// Server to client: a frame body of `psao-codec` that replaces the whole state.
         KEYFRAME = 7 => "KEYFRAME",
@@ -126,7 +126,7 @@ pub enum WireFrameError {
         "checksum of a {kind} frame is {found:#010x}, expected {expected:#010x}: the bytes were damaged on the way"
     )]
     Checksum {
-        /// Type of the frame, which may be what was damaged.
+        /// Type of the frame. It may itself be damaged.
         kind: FrameType,
         /// Checksum over the bytes.
         found: u32,

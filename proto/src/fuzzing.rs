@@ -1,7 +1,7 @@
 //! Bodies of the fuzz targets, and the seeds of their corpora.
 //!
-//! Any bytes must pass through each body without a panic, without an allocation over the limits, and with its
-//! assertions holding. The targets under `fuzz/` only call these; `cargo test` runs them over the committed corpora.
+//! With any input, a body must not panic or allocate more than the limits allow, and its assertions must hold. The
+//! targets under `fuzz/` only call these functions. `cargo test` runs them over the committed corpora.
 
 use crate::message::{
     Accept, Ack, Auth, Budget, CameraPose, Close, CloseCode, Edit, EditAction, Gap, Hello, KeyframeReason,
@@ -15,7 +15,7 @@ use crate::{
     write_frame,
 };
 
-/// Small limits, so that a target which breaks them runs out of memory soon.
+/// Returns small limits, so that a target that exceeds them runs out of memory soon.
 fn limits() -> Limits {
     let mut limits = Limits::default();
     limits.codec.max_instances = 64;
@@ -27,7 +27,7 @@ fn limits() -> Limits {
     limits
 }
 
-/// Sizes of chunks, drawn from the data itself.
+/// Sizes of chunks, taken from the data itself.
 fn chunks(data: &[u8]) -> impl Iterator<Item = &[u8]> {
     let mut rest = data;
     let mut turn = 0;
@@ -40,8 +40,8 @@ fn chunks(data: &[u8]) -> impl Iterator<Item = &[u8]> {
     })
 }
 
-/// Frames with right checksums, made of any bytes: type, group and sequence a byte each, the length two, then the
-/// payload. Damage that a checksum would catch is not worth a fuzzer's time.
+/// Returns frames with right checksums, made from any bytes: one byte each for type, group and sequence, two for the
+/// length, then the payload. A fuzzer need not look for damage that a checksum would find.
 fn framed(data: &[u8]) -> Vec<Vec<u8>> {
     let mut frames = Vec::new();
     let mut rest = data;
@@ -57,9 +57,10 @@ fn framed(data: &[u8]) -> Vec<Vec<u8>> {
     frames
 }
 
-/// Frames and messages of a byte stream: chunking must not matter, and whatever is read is written back as it was.
+/// Checks frames and messages of a byte stream: chunking has no effect, and everything that is read is written back
+/// equal.
 ///
-/// The bytes are also read as one message, of the type that their first byte says.
+/// The bytes are also read as one message, of the type in their first byte.
 pub fn framer(data: &[u8]) {
     if let Some((&kind, payload)) = data.split_first() {
         message(FrameType(kind), payload);
@@ -121,15 +122,15 @@ fn message(kind: FrameType, payload: &[u8]) {
     }
 }
 
-/// A whole file: every byte is in a record, a damage, the file header or a footer; playing it never disagrees with the
-/// state's hash. Bytes that are no recording are made into the frames of one.
+/// Checks a whole file: every byte belongs to a record, a damage, the file header or a footer, and every played state
+/// has the right hash. Bytes that are not a recording are first made into the frames of one.
 pub fn recording(data: &[u8]) {
     if Reader::with_limits(data, limits()).is_ok() {
         return read_and_play(data);
     }
     let (mut writer, mut file) = Writer::new(limits());
     for (arrival, frame) in (0..).zip(framed(data)) {
-        // A frame over the limits is refused, and leaves nothing behind.
+        // A frame over the limits is refused and has no effect.
         file.extend(writer.append(Micros(arrival), &frame).unwrap_or_default());
     }
     read_and_play(&file);
@@ -144,7 +145,7 @@ fn read_and_play(data: &[u8]) {
             Err(damage) => (damage.offset, damage.lost_bytes),
         };
         assert!(start >= end && bytes > 0, "items overlap at {start}");
-        // Only a file header and footers, 16 bytes each, are passed over.
+        // Only a file header and footers, 16 bytes each, are skipped.
         assert_eq!((start - end) % 16, 0, "bytes before {start} were passed over");
         end = start + bytes;
     }
@@ -161,8 +162,7 @@ fn read_and_play(data: &[u8]) {
     rewritten(data, player.stats().applied);
 }
 
-/// What is recovered of a file, and what is cut out of it, plays without a fault; recovering loses no frame that can be
-/// played.
+/// Checks that a recovered file and a cut file play without errors, and that recovery loses no playable frame.
 fn rewritten(data: &[u8], playable: u64) {
     let frames = |file: &[u8]| {
         let mut player = Player::new(file, limits()).ok()?;
@@ -189,9 +189,8 @@ fn rewritten(data: &[u8], playable: u64) {
     }
 }
 
-/// Either end of a session, given the bytes in chunks. The first byte's bits choose: 0, the server's end; 1, behind a
-/// good handshake, so that frames are reached; 2, bytes made into frames with right checksums; 3, a stream of profile
-/// `surface`.
+/// Gives bytes in chunks to one end of a session. The bits of the first byte select: 0, the server's end; 1, a
+/// completed handshake before the bytes; 2, bytes made into frames with right checksums; 3, profile `surface`.
 pub fn session(data: &[u8]) {
     let Some((&mode, data)) = data.split_first() else { return };
     let profile = if mode & 8 == 0 { Profile::PAPER } else { Profile::SURFACE };
@@ -212,7 +211,7 @@ pub fn session(data: &[u8]) {
         } else {
             server.handle(chunk, Micros(0)).is_err()
         };
-        // The same bytes as a datagram do no harm either.
+        // The same bytes must be harmless as a datagram, too.
         client.handle_datagram(chunk, Micros(0));
         server.handle_datagram(chunk, Micros(0));
         if over {
@@ -224,18 +223,19 @@ pub fn session(data: &[u8]) {
     }
 }
 
-/// One file of a corpus.
+/// A file of a corpus.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Seed {
-    /// The target that it is for.
+    /// Its fuzz target.
     pub target: &'static str,
     /// Name of the file.
     pub name: &'static str,
-    /// What is in it.
+    /// Its content.
     pub bytes: Vec<u8>,
 }
 
-/// Corpus seeds of all targets, those of `psao_codec::fuzzing` (`frame`, `round_trip`, `surface_*`) included.
+/// Returns the corpus seeds of all targets, including those of `psao_codec::fuzzing` (`frame`, `round_trip`,
+/// `surface_*`).
 ///
 /// # Errors
 /// None is expected; see [`Error`].
@@ -260,7 +260,7 @@ pub fn seeds() -> Result<Vec<Seed>, Error> {
     let unframed = unframed(&file)?;
     let seed = |target, name, bytes| Seed { target, name, bytes };
     let key = SampleServer::new()?.step()?.body;
-    // Multiples of an odd number: bytes without a pattern that a decoder could know.
+    // Multiples of an odd number, so that the bytes have no pattern that a decoder knows.
     let mixed = |seed: u32, count: u32| -> Vec<u8> {
         (0..count).map(|n| ((n + seed).wrapping_mul(0x9E37_79B1) >> 24) as u8).collect()
     };
@@ -326,8 +326,8 @@ fn unframed(file: &[u8]) -> Result<Vec<u8>, Error> {
     Ok(unframed)
 }
 
-/// Operations of `surface_round_trip`: a shadow that moves, with every coder; points that come late, a client that
-/// joins, a frame that fails, a keyframe.
+/// Returns operations for `surface_round_trip`: a moving shadow with every coder, late points, a joining client, a
+/// failed frame, and a keyframe.
 fn surface_operations(threshold: u8, source: u8) -> Vec<u8> {
     let mut operations = vec![threshold, source, 4, 0, 150, 200, 0, 15];
     for frame in 0..8 {
@@ -344,7 +344,7 @@ fn surface_operations(threshold: u8, source: u8) -> Vec<u8> {
     operations
 }
 
-/// Every message that a client sends, and every one that a server sends.
+/// Returns every message of a client, and every message of a server.
 fn conversation(profile: Profile) -> Result<(Vec<u8>, Vec<u8>), Error> {
     let mut source = SampleServer::of(profile)?;
     let mut client = ClientSession::new(Limits::default());

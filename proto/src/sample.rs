@@ -1,6 +1,6 @@
 //! A tiny stream with real frames, for examples, tests and the corpora of the fuzz targets.
 //!
-//! Two instances of a few points each: one lies still while its AO changes, one rides on a moving pose. In profile
+//! The scene has two instances of a few points each: one is still and its AO changes, one has a moving pose. In profile
 //! `surface` they share their points. The same call gives the same bytes on any machine.
 
 use std::sync::Arc;
@@ -25,20 +25,20 @@ use crate::{
 
 /// Points of each instance.
 const POINTS: u32 = 12;
-/// Microseconds from frame to frame.
+/// Microseconds between frames.
 const STEP: u64 = 16_667;
-/// AO steps from which on a point is sent.
+/// Difference of an AO byte from which a point is sent.
 const THRESHOLD: u8 = 8;
 
-/// Any error: in a sample, none is expected.
+/// Error of the sample. None is expected.
 pub type Error = Box<dyn std::error::Error + Send + Sync>;
 
-/// The sample's server: makes one frame after the other.
+/// The sample's server, which makes one frame after another.
 #[derive(Debug)]
 pub struct SampleServer {
     scene: Arc<SceneTable>,
     source: Source,
-    /// What every client should hold, kept by applying what is sent.
+    /// The state that every client should have, kept by applying every frame.
     state: State,
     next: FrameIndex,
 }
@@ -131,7 +131,7 @@ impl SampleServer {
         Ok(keyframe(&self.state, self.meta(frame), BlockCoder::default(), &[])?)
     }
 
-    /// Returns the state after the last step: what every client should hold.
+    /// Returns the state after the last step, which every client should have.
     #[must_use]
     pub const fn state(&self) -> &State {
         &self.state
@@ -150,7 +150,8 @@ impl SampleServer {
     }
 }
 
-/// A recording of `frames` frames with a keyframe every `group` frames and a report after each, closed and indexed.
+/// Returns a recording of `frames` frames with a keyframe every `group` frames and a report after each, closed and
+/// indexed.
 ///
 /// # Errors
 /// None is expected; see [`Error`].
@@ -158,7 +159,7 @@ pub fn recording(frames: u32, group: u32) -> Result<Vec<u8>, Error> {
     recording_of(Profile::PAPER, frames, group)
 }
 
-/// As [`recording`], of a profile.
+/// Does the same as [`recording`], for a profile.
 ///
 /// # Errors
 /// A profile that is neither `paper` nor `surface`.
@@ -186,7 +187,7 @@ pub fn recording_of(profile: Profile, frames: u32, group: u32) -> Result<Vec<u8>
     Ok(file)
 }
 
-/// Point `point` of frame `frame`: on a grid, its normal up, its AO a function of both.
+/// Returns point `point` of frame `frame`: on a grid, with the normal up, and AO from both numbers.
 fn sample(point: u32, frame: u32) -> PointSample {
     let at = |step: u32| (point / step % 3) as f32 * 0.4 + 0.1;
     let ao = (point * 20 + frame * 7) % 256;
@@ -214,7 +215,7 @@ fn geometry() -> Geometry {
     Geometry::round(SetLayout { digest, ..plain }, &points).geometry
 }
 
-/// Facts of a scene without the paper's, for examples and tests.
+/// Returns facts about a scene without those of profile `paper`, for examples and tests.
 #[must_use]
 pub fn info() -> SceneInfo {
     let trace = TraceInfo::new(64, 0.6).with_seed(1).with_density(12.0, POINTS).with_view_margin(1.3);

@@ -1,4 +1,4 @@
-//! A small soak: many clients at once, some of which take nothing.
+//! A small soak test: many clients at once, some of which take no bytes.
 
 #[path = "../examples/soak/load.rs"]
 mod load;
@@ -24,7 +24,7 @@ async fn good_clients_follow_while_others_take_nothing() {
         }
         let applied = seen.iter().map(|one| one.frames).max();
         assert!(applied <= Some(served.frames), "{applied:?} of {}", served.frames);
-        // Who takes nothing leaves bytes unread, so that its system may break the connection at the end.
+        // A stalled client leaves bytes unread, so its system may reset the connection at the end.
         assert!(served.faults.len() <= 4, "{:?}", served.faults);
     }
 }

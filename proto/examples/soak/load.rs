@@ -1,4 +1,4 @@
-//! The two ends of the soak: a server with a frame loop, and many clients of which some take nothing.
+//! Both ends of the soak test: a server with a frame loop, and many clients, some of which take no bytes.
 
 use std::error::Error;
 use std::time::Duration;
@@ -15,46 +15,46 @@ use crate::source::Source;
 
 pub(crate) type Result<T> = std::result::Result<T, Box<dyn Error + Send + Sync>>;
 
-/// What is asked of the two ends.
+/// Settings of the soak test.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Load {
     pub(crate) clients: usize,
-    /// How many of the clients read nothing after their handshake.
+    /// Number of clients that read nothing after their handshake.
     pub(crate) stalled: usize,
     pub(crate) hz: f64,
     pub(crate) seconds: f64,
 }
 
-/// What a server did.
+/// Counts of the server.
 #[derive(Debug, Default)]
 pub(crate) struct ServerTally {
     pub(crate) frames: u64,
-    /// Ticks that the frame loop missed since the one before took too long.
+    /// Ticks that were late because the frame before took too long.
     pub(crate) late: u64,
     pub(crate) bytes: u64,
     pub(crate) sent: Broadcast,
     pub(crate) joined: u64,
     pub(crate) left: u64,
-    /// Those that left by a fault, in words.
+    /// Errors of the clients that left with one.
     pub(crate) faults: Vec<String>,
-    /// The longest that giving one frame to all clients took.
+    /// Longest time to give one frame to all clients.
     pub(crate) slowest: Duration,
     pub(crate) most_queued: usize,
 }
 
-/// What a good client saw.
+/// Counts of a good client.
 #[derive(Debug)]
 pub(crate) struct ClientTally {
     pub(crate) frames: u64,
     pub(crate) per_second: f64,
-    /// Updates that could not be applied, wrong hashes among them.
+    /// Updates that could not be applied, including wrong hashes.
     pub(crate) unusable: u64,
     pub(crate) error: Option<String>,
 }
 
-/// Listens at a port of the loopback, and gives the hub and the address.
+/// Listens at a port of the loopback. Returns the hub and the address.
 pub(crate) async fn listen(source: &Source, coder: psao_codec::block::BlockCoder) -> Result<(Hub, Address)> {
-    // Those that take nothing are not given up: what they cost is what is looked at.
+    // Stalled clients stay connected, because their cost is what this test measures.
     let hour = Micros::from_secs(3_600);
     let limits = Limits::default().with_max_clients(10_000).with_silence(hour).with_stall(hour);
     let hub = Hub::new(source.scene().clone(), coder, Access::Open, limits);
@@ -64,8 +64,8 @@ pub(crate) async fn listen(source: &Source, coder: psao_codec::block::BlockCoder
     Ok((hub, address))
 }
 
-/// Sends frames at the rate for the time, once every client is there, and says goodbye. `watch` is shown the figures
-/// every so often.
+/// Waits for all clients, sends frames for the given time, and closes the hub. Calls `watch` with the counts every five
+/// seconds.
 pub(crate) async fn serve(
     hub: &Hub,
     source: &mut Source,
@@ -125,7 +125,7 @@ impl ServerTally {
     }
 }
 
-/// Connects all clients and follows to the end; what the good ones saw.
+/// Connects all clients and follows the stream to its end. Returns the counts of the good clients.
 pub(crate) async fn follow(address: &Address, load: Load) -> Result<Vec<ClientTally>> {
     let mut stalled = Vec::new();
     for _ in 0..load.stalled.min(load.clients) {

@@ -1,9 +1,9 @@
-//! Many clients on the loopback, some of which take nothing, for a while:
-//! `cargo run --release -p psao-proto --example soak --features tokio -- --clients 200 --stalled 20 --hz 60 --seconds 60`.
+//! Soak test: many clients on the loopback, some of which take no bytes. `cargo run --release -p psao-proto --example
+//! soak --features tokio -- --clients 200 --stalled 20 --hz 60 --seconds 60`.
 //!
-//! The server runs in this process and the clients in a child, so that the memory of each is its own. Each needs a file
-//! descriptor for every client: `ulimit -n`. All clients decode every frame, so what this shows first on few cores is how
-//! long that takes; `--points` and `--coder` make it less.
+//! The server runs in this process and the clients in a child process, so that their memory is measured separately.
+//! Both need a file descriptor for every client (`ulimit -n`). All clients decode every frame, which dominates the time
+//! on few cores; `--points` and `--coder` reduce it.
 
 mod load;
 mod source;
@@ -35,7 +35,7 @@ struct Arguments {
     load: Load,
     points: u32,
     coder: BlockCoder,
-    /// That of the server, in the process that has the clients.
+    /// The server's address, in the process of the clients.
     address: Option<Address>,
 }
 
@@ -119,11 +119,7 @@ fn print_server(served: &ServerTally, load: Load, before: Option<u64>) {
         "  giving a frame to all took at most {:.2} ms; at most {most_queued} bytes waited",
         slowest.as_secs_f64() * 1e3
     );
-    println!(
-        "  resident memory {} with nobody sent anything, {} at the end",
-        mib(before),
-        mib(resident_kib())
-    );
+    println!("  resident memory {} before the first frame, {} at the end", mib(before), mib(resident_kib()));
     let mut counts = BTreeMap::new();
     for fault in faults {
         *counts.entry(fault).or_insert(0) += 1;
@@ -154,7 +150,7 @@ fn print_clients(seen: &[ClientTally], load: Load) {
     }
 }
 
-/// The resident memory of this process, where the system tells.
+/// Returns the resident memory of this process, if the system provides it.
 fn resident_kib() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     status.lines().find_map(|line| line.strip_prefix("VmRSS:"))?.split_whitespace().next()?.parse().ok()
@@ -164,7 +160,7 @@ fn mib(kib: Option<u64>) -> String {
     kib.map_or_else(|| "unknown".to_owned(), |kib| format!("{:.1} MiB", kib as f64 / 1024.0))
 }
 
-/// Says so when the system gives fewer file descriptors than there are clients.
+/// Prints a warning if the system allows fewer file descriptors than there are clients.
 fn check_descriptors(clients: usize) {
     let limits = std::fs::read_to_string("/proc/self/limits").unwrap_or_default();
     let limit = limits.lines().find_map(|line| line.strip_prefix("Max open files"));

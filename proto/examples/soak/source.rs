@@ -15,7 +15,7 @@ use psao_proto::{Limits, SceneEntries, SceneInfo, SceneTable};
 /// Points in a row of the square that the points lie on.
 const ROW: u32 = 256;
 
-/// What stands for the tracer.
+/// A source of frames in place of a tracer.
 pub(crate) struct Source {
     scene: Arc<SceneTable>,
     encoder: Encoder,
@@ -25,7 +25,7 @@ pub(crate) struct Source {
 }
 
 impl Source {
-    /// A stream of twice as many points as change in a frame.
+    /// Creates a stream in which `changing` of twice as many points change in a frame.
     pub(crate) fn new(
         changing: u32,
         coder: BlockCoder,
@@ -48,7 +48,7 @@ impl Source {
         self.encoder.state().into()
     }
 
-    /// The next frame: a wave of AO goes over the points, of which every other one is looked at.
+    /// Makes the next frame: a wave of AO moves over the points, and every other point changes.
     pub(crate) fn step(&mut self) -> Result<EncodedFrame, Box<dyn Error + Send + Sync>> {
         let frame = self.next;
         self.next += 1;
@@ -65,12 +65,12 @@ impl Source {
     }
 }
 
-/// 0 to 15, so that no frame is like the one before.
+/// Returns a number from 0 to 15, so that consecutive frames differ.
 fn noise(point: u32, frame: u32) -> u32 {
     (point ^ frame.wrapping_mul(0x9E37_79B1)).wrapping_mul(0x85EB_CA6B) >> 28
 }
 
-/// Points on a square in the plane y = 0.
+/// Returns points on a square in the plane y = 0.
 fn geometry(points: u32) -> Geometry {
     let place = |point: u32| [(point % ROW) as f32 * 0.05, 0.0, (point / ROW) as f32 * 0.05];
     let rest: Vec<_> =

@@ -1,4 +1,4 @@
-//! Every message with any values: what is written is read back, what is read is written back.
+//! Every message with any values: a written message is read back equal, and a read payload is written back equal.
 
 use proptest::prelude::*;
 
@@ -122,8 +122,8 @@ fn edit() -> impl Strategy<Value = Edit> {
     (any::<u32>(), action).prop_map(|(instance, action)| Edit { instance, action })
 }
 
-/// Writes and reads; then reads with one byte changed, which must give an error or a message that is written as it was
-/// read, so another one (0.0 and -0.0 are equal and are two messages).
+/// Checks that a written message is read back equal. Then changes one byte, which must give an error or another message
+/// that is written back equal (0.0 and -0.0 compare equal but are two messages).
 fn check<M: Message + PartialEq + std::fmt::Debug>(
     message: &M,
     place: usize,

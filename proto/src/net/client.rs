@@ -35,14 +35,14 @@ pub struct ConnectOptions {
 impl ConnectOptions {
     /// Sets the options of the session, which include the token.
     #[must_use]
-    pub fn session(mut self, session: ClientOptions) -> Self {
+    pub fn with_session(mut self, session: ClientOptions) -> Self {
         self.session = session;
         self
     }
 
     /// Sets whether the token may leave this machine without TLS. Use it on closed networks only.
     #[must_use]
-    pub const fn token_in_clear(mut self, allowed: bool) -> Self {
+    pub const fn with_token_in_clear(mut self, allowed: bool) -> Self {
         self.token_in_clear = allowed;
         self
     }
@@ -50,7 +50,7 @@ impl ConnectOptions {
     /// Sets the trusted authorities, for addresses `tls:host:port`.
     #[cfg(feature = "tls")]
     #[must_use]
-    pub fn tls(mut self, tls: ClientTls) -> Self {
+    pub fn with_tls(mut self, tls: ClientTls) -> Self {
         self.tls = Some(tls);
         self
     }

@@ -15,7 +15,7 @@ use crate::message::{Budget, CameraPose, CloseCode, Edit, Report, Token};
 use crate::session::{Access, SendError, ServerEvent, ServerSession, SessionError};
 use crate::{Delivery, Fanout, FrameIndex, Limits, Micros, SceneTable};
 
-/// Most events that wait for the frame loop. Beyond that the oldest are dropped and counted.
+/// Largest number of events that wait for the frame loop. Beyond it the oldest are dropped and counted.
 const MAX_EVENTS: usize = 1024;
 /// How many rejected connections may be told `BUSY` at a time. Beyond that, new ones are closed without a reply.
 const MAX_REJECTING: usize = 64;
@@ -24,7 +24,7 @@ const MAX_REJECTING: usize = 64;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct ClientId(pub u64);
 
-/// Event at a hub, for the frame loop and for people.
+/// Event of a hub, for the frame loop and for logs.
 #[derive(Clone, Debug, PartialEq)]
 pub enum HubEvent {
     /// A client was accepted.
@@ -128,7 +128,7 @@ struct Slot {
 }
 
 impl Slot {
-    /// Takes an event of the session of `client`; returns what the frame loop learns of it.
+    /// Processes an event of the session of `client`. Returns the event for the frame loop, if there is one.
     fn heard(&mut self, client: ClientId, event: ServerEvent) -> Option<HubEvent> {
         match event {
             ServerEvent::Joined(hello) => {
@@ -202,7 +202,7 @@ impl Hub {
         Ok(counts)
     }
 
-    /// Takes an edit that is part of all frames from the next one on. Every client is told.
+    /// Takes an edit that all frames from the next one on include. Every client gets the edit.
     pub fn edit(&self, edit: &Edit) {
         self.shared.fanout.lock().unwrap_or_else(PoisonError::into_inner).edit(edit);
     }
@@ -218,7 +218,7 @@ impl Hub {
         self.note(|session| session.send_report(report));
     }
 
-    /// Tells every client that is not behind what a frame did with its byte budget.
+    /// Gives the use of the byte budget by a frame to every client that is not behind.
     pub fn budget(&self, budget: &Budget) {
         self.note(|session| session.send_budget(budget));
     }
@@ -338,7 +338,7 @@ impl Hub {
         Some((id, wake))
     }
 
-    /// Takes bytes from a client. Returns whether the session goes on.
+    /// Processes bytes from a client. Returns whether the session is still open.
     pub(super) fn received(&self, id: ClientId, bytes: &[u8]) -> bool {
         let now = self.now();
         let mut inner = self.lock();
@@ -374,7 +374,7 @@ impl Hub {
         (out, slot.session.is_closed() && slot.session.output().is_empty())
     }
 
-    /// Sets the time of the client's session. Returns whether it goes on.
+    /// Sets the time of the client's session. Returns whether the session is still open.
     pub(super) fn tick(&self, id: ClientId) -> bool {
         let now = self.now();
         let mut inner = self.lock();

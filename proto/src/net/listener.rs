@@ -38,7 +38,7 @@ pub struct ListenOptions {
 impl ListenOptions {
     /// Sets the rule for addresses that other machines can reach.
     #[must_use]
-    pub const fn exposure(mut self, exposure: Exposure) -> Self {
+    pub const fn with_exposure(mut self, exposure: Exposure) -> Self {
         self.exposure = exposure;
         self
     }
@@ -46,7 +46,7 @@ impl ListenOptions {
     /// Sets the certificate, for addresses `tls:host:port`.
     #[cfg(feature = "tls")]
     #[must_use]
-    pub fn tls(mut self, tls: ServerTls) -> Self {
+    pub fn with_tls(mut self, tls: ServerTls) -> Self {
         self.tls = Some(tls);
         self
     }

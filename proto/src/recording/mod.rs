@@ -7,8 +7,8 @@
 //! | index, optional | a record whose frame has the type INDEX |
 //! | footer, after an index | offset of the index record `u64`, magic `u32` `0x1D0A_A05E`, CRC32C `u32` of the 12 bytes before |
 //!
-//! A file only grows and is a valid recording after every record, so a file that a killed recorder leaves can be read
-//! up to its last whole record. `docs/spec/recording.md` specifies the format.
+//! A file only grows, and is a valid recording after every record. The file of a killed recorder can be read up to its
+//! last whole record. `docs/spec/recording.md` specifies the format.
 //!
 //! | type | does |
 //! |---|---|

@@ -10,8 +10,8 @@ use crate::{FRAME_MAGIC, HEADER_BYTES, Limits, Micros, WireFrame, WireFrameError
 /// Smallest record in bytes: its head and a frame without payload.
 const MIN_RECORD_BYTES: usize = RECORD_HEAD_BYTES + HEADER_BYTES;
 
-/// Payload bytes that a reader may check in vain, in multiples of the file's length. Accidental damage costs one check
-/// per lost frame; only a file made to slow readers down reaches this bound.
+/// Limit of the payload bytes of false records that a reader checks, in multiples of the file's length. Accidental
+/// damage costs one check per lost frame; only a file made to slow readers down reaches this bound.
 const FALSE_RECORD_FACTOR: u64 = 16;
 
 /// One frame of a recording, borrowed from the file's bytes.
@@ -114,7 +114,7 @@ pub struct Reader<'a> {
     bytes: &'a [u8],
     limits: Limits,
     at: usize,
-    /// Payload bytes that may still be checked in vain.
+    /// Payload bytes of false records that may still be checked.
     check_budget: u64,
 }
 
@@ -122,7 +122,7 @@ pub struct Reader<'a> {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Position {
     at: usize,
-    /// Payload bytes that may still be checked in vain.
+    /// Payload bytes of false records that may still be checked.
     check_budget: u64,
 }
 

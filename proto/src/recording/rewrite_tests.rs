@@ -49,14 +49,14 @@ fn joined(files: &[&[u8]]) -> (Vec<u8>, Vec<RewriteOutcome>) {
     (out, parts)
 }
 
-/// Frames and hashes that a file plays, and what its player counted. Arrivals must not go back.
+/// Plays a file. Returns frame numbers and hashes, and the player's counts. Arrivals must not decrease.
 fn play(file: &[u8]) -> (Vec<(u32, StateHash)>, PlayerStats) {
     let mut player = Player::new(file, Limits::default()).unwrap();
     let (mut frames, mut arrival) = (Vec::new(), Micros(0));
     while let Some(event) = player.next_event() {
         if let PlayerEvent::Frame(frame) = event {
             assert_eq!(player.state().unwrap().full_hash(), frame.info.hash);
-            assert!(frame.arrival >= arrival, "frame {} map_arrival earlier", frame.info.frame);
+            assert!(frame.arrival >= arrival, "frame {} arrives earlier", frame.info.frame);
             arrival = frame.arrival;
             frames.push((frame.info.frame.0, frame.info.hash));
         }
@@ -72,7 +72,7 @@ fn count(file: &[u8], kind: FrameType) -> u64 {
     Summary::scan(file, Limits::default()).unwrap().count(kind).frames
 }
 
-/// A stream with edits: two before frame 3, one before frame 6.
+/// Returns a recording with edits: two before frame 3, one before frame 6.
 fn edited(profile: Profile) -> Vec<u8> {
     let mut server = SampleServer::of(profile).unwrap();
     let numbering = &mut Numbering::default();
@@ -132,7 +132,8 @@ fn every_cut_plays_to_the_recorded_hashes_and_is_no_larger_than_it_must() {
     }
 }
 
-/// What a cut may take: the scene, a keyframe of the state at `from`, the frames after it, and heads.
+/// Returns the largest allowed size of a cut: the scene table, a keyframe of the state at `from`, the frames after it,
+/// and headers.
 fn longest(file: &[u8], from: u32, to: u32) -> usize {
     let index = load_index(file, Limits::default()).unwrap();
     let mut player = Player::new(file, Limits::default()).unwrap();
@@ -208,7 +209,7 @@ fn ranges_without_frames_are_refused() {
     assert_eq!(cut(&file, &frames(0, 1), Limits::default(), failing), Err(RewriteError::Put("full")));
 }
 
-/// A file with one byte changed in the middle of the record of a frame.
+/// Returns the file with one byte changed in the middle of a frame's record.
 fn hurt(file: &[u8], frame: usize) -> Vec<u8> {
     let mut bad = file.to_vec();
     let entry = load_index(file, Limits::default()).unwrap()[frame];
@@ -239,7 +240,7 @@ fn damage_in_a_range_is_left_out_and_said_and_damage_outside_is_not() {
                 let hit = lost > 0;
                 assert_eq!(!done.losses.is_empty(), hit, "frame {frame}, {from} to {to}: {done:?}");
                 assert_eq!(stats.gaps > 0, hit, "frame {frame}, {from} to {to}: {stats:?}");
-                // A damaged last frame is not known to have been one.
+                // A damaged last frame cannot be recognised as a frame.
                 let untold = frame == to || frame == 9;
                 assert!(done.lost_frames == lost || untold, "frame {frame}, {from} to {to}: {done:?}");
             }
@@ -271,14 +272,14 @@ fn recordings_follow_each_other_under_one_scene_table() {
         assert_eq!(count(&all, FrameType::CLOSE), 1);
         assert_eq!(count(&all, FrameType::REPORT), 23);
         assert_eq!(records(&all).last().unwrap().frame.header.kind, FrameType::INDEX);
-        // One frame of 60 Hz between the last frame of one and the first of the next.
+        // One frame interval at 60 Hz between two recordings.
         let arrivals: Vec<u64> = records(&all)
             .iter()
             .filter(|record| record.frame.header.kind.carries_state())
             .map(|record| record.arrival.0)
             .collect();
         assert_eq!(arrivals[10] - arrivals[9], 16_667);
-        // What was joined is cut apart again; a range goes on to its first end.
+        // The concatenation can be cut again. A range ends at its first end.
         let (piece, _) = cut_out(&all, frames(2, 8)).unwrap();
         assert_eq!(play(&piece).0, play(&long).0[2..9]);
     }
@@ -347,7 +348,7 @@ fn a_whole_recording_is_recovered_as_it_is() {
         let file = recording_of(profile, 10, 4).unwrap();
         let (same, done) = recovered(&file, false);
         assert_eq!((same == file, done.losses.len(), done.lost_frames), (true, 0, 0));
-        // An index that is missing, cut off or old is made anew.
+        // A missing, truncated or old index is rebuilt.
         let index = *records(&file).last().unwrap();
         let plain = &file[..index.offset() as usize];
         assert_eq!(recovered(plain, false), (file.clone(), done));

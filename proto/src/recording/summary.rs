@@ -182,8 +182,8 @@ impl Summary {
         &self.gaps
     }
 
-    /// Returns the offsets of the records that must be played before the one at `offset`, in order: the last scene
-    /// table before it and the edits since that table.
+    /// Returns the offsets of the records that must be played before the one at `offset`, in order. These are the last
+    /// scene table before it, and the edits since that table.
     pub(super) fn prerequisites_of(&self, offset: u64) -> impl Iterator<Item = u64> + '_ {
         let end = self.prerequisites.partition_point(|mark| mark.offset < offset);
         let prerequisites = self.prerequisites.get(..end).unwrap_or_default();

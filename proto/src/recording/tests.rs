@@ -5,7 +5,7 @@ use crate::message::{Close, CloseCode, Edit, EditAction};
 use crate::sample::{SampleServer, recording};
 use crate::{FollowError, FrameIndex, FrameType, Limits, Micros, Numbering, StateHash};
 
-/// What playing a file gave: applied frames and their hashes, and the player's counts.
+/// Plays a file. Returns applied frames and their hashes, and the player's counts.
 fn play(file: &[u8]) -> (Vec<(u32, StateHash)>, PlayerStats) {
     let mut player = Player::new(file, Limits::default()).unwrap();
     let mut frames = Vec::new();
@@ -23,7 +23,7 @@ fn play(file: &[u8]) -> (Vec<(u32, StateHash)>, PlayerStats) {
     (frames, player.stats())
 }
 
-/// The hash after each frame of the sample.
+/// Returns the hash after each frame of the sample.
 fn hashes(count: u32) -> Vec<(u32, StateHash)> {
     let mut server = SampleServer::new().unwrap();
     (0..count).map(|n| (n, server.step().unwrap().info.hash)).collect()
@@ -59,7 +59,7 @@ fn edits_are_played_in_their_place() {
     server.step().unwrap();
     frames.push(numbering.keyframe(&server.keyframe().unwrap()).unwrap());
     frames.push(numbering.message(&edit).unwrap());
-    // One that no program of this version writes: it is named, and playing goes on.
+    // An invalid edit, which no program of this version writes, is reported, and playing continues.
     let mut bad = Vec::new();
     crate::write_frame(&mut bad, FrameType::EDIT, crate::Group(1), crate::Sequence(0), &[1; 5]).unwrap();
     frames.push(bad);
@@ -91,7 +91,7 @@ fn the_index_is_rebuilt_when_it_is_missing_or_wrong() {
     assert_eq!(load_index(&file[..cut], Limits::default()).unwrap(), whole);
     assert_eq!(load_index(&file[..file.len() - 1], Limits::default()).unwrap(), whole);
 
-    // Records that follow an index make it old: the file ends without its footer.
+    // Records after an index make it old, because the file then ends without a footer.
     let mut longer = file.clone();
     longer.extend_from_slice(&file[FILE_HEADER_BYTES..cut]);
     let summary = Summary::scan(&longer, Limits::default()).unwrap();
@@ -161,19 +161,19 @@ fn any_flipped_byte_is_reported_and_never_gives_a_wrong_state() {
         let stats = player.stats();
         assert_eq!(stats.damages, 1, "byte {place}");
         assert!(frames.iter().all(|f| expected.contains(f)), "byte {place}");
-        // Whichever frame was hit, everything is accounted for.
+        // All frames are accounted for, whichever was damaged.
         let hit = index.iter().rposition(|e| (e.offset as usize) <= place);
         let end = hit.and_then(|h| {
             Reader::new(&file).unwrap().map(Result::unwrap).find(|r| r.offset() == index[h].offset)
         });
         match (hit, end) {
             (Some(h), Some(record)) if (place as u64) < record.offset() + record.record_bytes() => {
-                // Its group is lost from here on; the groups after it are not.
+                // The rest of its group is lost, but no later group.
                 let group_end = index[h + 1..].iter().position(|e| e.keyframe).map_or(7, |n| h + 1 + n);
                 let kept: Vec<_> = [&expected[..h], &expected[group_end..]].concat();
                 assert_eq!(frames, kept, "byte {place}");
                 assert_eq!(stats.unusable as usize, group_end - h - 1, "byte {place}");
-                // Frame 6 is the last: nothing after it tells that it is missing. Nor does anything before frame 0.
+                // The loss of frame 6, the last, and of frame 0, the first, does not show.
                 let untold = h == 6 || h == 0;
                 assert!(stats.lost == 1 || untold, "byte {place}: {stats:?}");
             }

@@ -41,8 +41,7 @@ impl Clock {
             return;
         };
         let Some(round_trip) = away.checked_sub(there) else { return };
-        // Half the sum of how far the other clock is ahead as the PING comes and as the PONG goes (RFC 5905, section
-        // 8).
+        // The mean of the clock differences at the PING's arrival and at the PONG's departure (RFC 5905, section 8).
         let ahead = |theirs: Micros, ours: Micros| i128::from(theirs.0) - i128::from(ours.0);
         let offset = (ahead(pong.received, pong.sent) + ahead(pong.replied, now)) / 2;
         let Ok(offset) = i64::try_from(offset) else { return };

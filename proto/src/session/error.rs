@@ -99,7 +99,7 @@ pub enum SessionError {
     },
 }
 
-/// Returns the first bytes of a digest: enough for people to tell two apart.
+/// Returns the first bytes of a digest, which are enough to tell two digests apart.
 fn hex(digest: &[u8; 32]) -> String {
     digest.iter().take(8).map(|byte| format!("{byte:02x}")).collect()
 }

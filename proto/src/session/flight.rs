@@ -202,8 +202,7 @@ impl Flight {
         // The shortest delay decays, so that a longer route does not count as a queue forever.
         let fastest = lasted.min(fastest + lasted.saturating_sub(fastest) / 1024);
         let queued = lasted.saturating_sub(fastest);
-        // Over the connection it may have waited for what was lost there; that it came fast says something all the
-        // same.
+        // A frame over the connection may have waited for retransmissions, but a short delay is still a valid sample.
         if datagrams || queued < QUEUE_TARGET_US {
             // A stall does not predict the next frame's delay.
             let counted = lasted.min(fastest + 2 * QUEUE_TARGET_US);

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use crate::{FrameIndex, Numbering};
 
-/// Position of a client in the stream once everything queued so far has arrived: what the next frame may build on.
+/// Position of a client in the stream once all queued bytes have arrived. The next frame may build on it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct StreamPosition {
     /// Group and sequence of its last keyframe or update.

@@ -161,7 +161,7 @@ mod tests {
         assert!(timers.handshake(&limits).is_err());
 
         for (waiting, expected) in [(false, "silent"), (true, "stalled")] {
-            // A session that hears enough, or waits in vain.
+            // One session receives bytes often enough, the other does not.
             let limits = Limits { stall: Micros::from_secs(5), ..limits };
             let mut timers = Timers::default();
             timers.set_now(Micros(7));

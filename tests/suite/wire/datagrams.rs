@@ -24,7 +24,7 @@ pub(super) struct Plan {
     to: Receiver,
     /// Bytes of each datagram, in the order of arrival.
     lengths: Vec<usize>,
-    /// Frame number and bytes of each body that becomes whole, in that order. The client's counts do not show them.
+    /// Frame number and bytes of each completed body, in that order. The client's counts do not show them.
     wholes: Vec<(u32, Vec<u8>)>,
 }
 

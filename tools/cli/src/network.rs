@@ -89,10 +89,10 @@ impl ListenArgs {
             let (cert, key) = (read(cert)?, read_secret(key)?);
             let authority = self.client_ca.as_deref().map(read).transpose()?;
             let tls = ServerTls::from_pem(&cert, &key, authority.as_deref()).map_err(Failure::input)?;
-            options = options.tls(tls);
+            options = options.with_tls(tls);
         }
         if self.open_to_everyone {
-            options = options.exposure(Exposure::OpenToEveryone);
+            options = options.with_exposure(Exposure::OpenToEveryone);
         }
         let listener = Listener::bind(hub, &address, &options).await.map_err(refused)?;
         let bound = listener.address().clone();
@@ -105,7 +105,8 @@ impl ConnectArgs {
     /// Connects to a server with the options of `session`, except that the token is the command line's.
     pub(crate) async fn connect(&self, address: &Address, session: ClientOptions) -> Outcome<Connection> {
         let session = session.with_token(self.token.read()?);
-        let mut options = ConnectOptions::default().session(session).token_in_clear(self.token_in_clear);
+        let mut options =
+            ConnectOptions::default().with_session(session).with_token_in_clear(self.token_in_clear);
         if let Some(ca) = &self.ca {
             let ca = read(ca)?;
             let identity = match (&self.cert, &self.key) {
@@ -113,7 +114,7 @@ impl ConnectArgs {
                 _ => None,
             };
             let identity = identity.as_ref().map(|(cert, key)| (&cert[..], &key[..]));
-            options = options.tls(ClientTls::from_pem(&ca, identity).map_err(Failure::input)?);
+            options = options.with_tls(ClientTls::from_pem(&ca, identity).map_err(Failure::input)?);
         }
         connect(address, &options, Limits::default()).await.map_err(refused)
     }

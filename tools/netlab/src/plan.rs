@@ -60,7 +60,7 @@ impl ClientPlan {
     /// Returns the plan if it is valid.
     ///
     /// # Errors
-    /// [`ConditionsError`] names what is not.
+    /// [`ConditionsError`] names the invalid value.
     pub fn checked(self) -> Result<Self, ConditionsError> {
         self.down.checked()?;
         self.up.checked()?;

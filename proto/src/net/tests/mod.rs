@@ -20,7 +20,7 @@ mod unix;
 
 const PATIENCE: Duration = Duration::from_secs(20);
 
-/// The loopback, at a port that the system chooses.
+/// Returns a loopback address with a port that the system chooses.
 fn local() -> Address {
     "127.0.0.1:0".parse().unwrap()
 }
@@ -30,7 +30,7 @@ async fn dial(address: &Address) -> Result<Connection, NetError> {
     connect(address, &ConnectOptions::default(), Limits::default()).await
 }
 
-/// A listener that speaks something else.
+/// Starts a listener that does not speak this protocol.
 async fn stranger() -> (TcpListener, Address) {
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let address = listener.local_addr().unwrap().to_string().parse().unwrap();
@@ -46,7 +46,7 @@ async fn start(limits: Limits) -> (Hub, Address, SampleServer) {
     (hub, address, source)
 }
 
-/// Follows a server until it closes; the hashes of the frames, and the wire frames as they came.
+/// Follows a server until it closes. Returns the state hashes and the wire frames received.
 async fn follow(address: Address) -> (Vec<(u32, StateHash)>, u64) {
     let mut connection = dial(&address).await.unwrap();
     let camera = CameraPose {
@@ -75,7 +75,7 @@ async fn follow(address: Address) -> (Vec<(u32, StateHash)>, u64) {
     (hashes, tapped)
 }
 
-/// A recorded stream is served from its file to two clients, one of them late; both end up with the recorded hashes.
+/// A recorded stream is served from its file to two clients, one of which joins late. Both reach the recorded hashes.
 #[tokio::test]
 async fn a_recorded_stream_is_served() {
     let file = recording(8, 8).unwrap();
@@ -115,7 +115,7 @@ async fn a_recorded_stream_is_served() {
     assert_eq!(events.iter().filter(|e| matches!(e, HubEvent::Left { error: None, .. })).count(), 2);
 }
 
-/// The same bytes without a socket; where the hub wants a token, its own clients have it.
+/// Clients in the same process get the same bytes without a socket, and use the hub's token.
 #[tokio::test]
 async fn a_client_in_the_same_process_needs_no_address() {
     let mut source = SampleServer::new().unwrap();
@@ -144,7 +144,7 @@ async fn a_client_in_the_same_process_needs_no_address() {
 #[test]
 fn a_token_leaves_this_machine_over_tls_or_on_purpose() {
     let token = Some(Token::new(*b"a token for tests").unwrap());
-    let options = ConnectOptions::default().session(ClientOptions { token, ..ClientOptions::default() });
+    let options = ConnectOptions::default().with_session(ClientOptions { token, ..ClientOptions::default() });
     for (to, harmless) in [
         ("127.0.0.1:1", true),
         ("[::1]:1", true),
@@ -154,7 +154,7 @@ fn a_token_leaves_this_machine_over_tls_or_on_purpose() {
     ] {
         let to = to.parse().unwrap();
         assert_eq!(options.may_go_in_clear(&to), harmless, "{to}");
-        assert!(options.clone().token_in_clear(true).may_go_in_clear(&to));
+        assert!(options.clone().with_token_in_clear(true).may_go_in_clear(&to));
         assert!(ConnectOptions::default().may_go_in_clear(&to));
     }
 }
@@ -235,7 +235,7 @@ async fn a_server_that_goes_away_is_noticed() {
     assert!(matches!(error, NetError::Disconnected { unfinished: 3, .. }), "{error}");
 }
 
-/// A silent peer is dropped at the handshake's deadline, on both sides. The clock is tokio's, and paused.
+/// Both ends drop a silent peer at the deadline of the handshake. The test pauses tokio's clock.
 #[tokio::test(start_paused = true)]
 async fn a_silent_peer_runs_into_the_deadline() {
     let (_listener, address) = stranger().await;
@@ -256,7 +256,7 @@ async fn a_silent_peer_runs_into_the_deadline() {
     assert!(answer.len() > HEADER_BYTES);
 }
 
-/// A client that joins and then takes nothing: what waits for it stays under the limit, and others are not held up.
+/// The bytes that wait for a client that takes none stay under the limit, and other clients are not delayed.
 #[tokio::test]
 async fn a_stalled_client_costs_a_bounded_queue() {
     let limits = Limits { max_queue_bytes: 2000, ..Limits::default() };
@@ -267,7 +267,7 @@ async fn a_stalled_client_costs_a_bounded_queue() {
     assert!(hub.wait_joined(1, PATIENCE).await);
     for _ in 0..300 {
         let frame = source.step().unwrap();
-        // Without a pause between, the connection's task never runs: the queue alone must hold.
+        // Without a pause the connection's task never runs, so only the queue's limit applies.
         hub.broadcast(&frame.info, frame.body, source.state().into(), hub.now()).unwrap();
         assert!(hub.queued_bytes() <= 2000, "{} bytes wait", hub.queued_bytes());
     }

@@ -1,4 +1,4 @@
-//! Bad peers over real sockets: each ends with the right word, is told once, and costs a good client nothing.
+//! Bad peers over real sockets: each ends with the right message, is reported once, and does not affect a good client.
 
 use std::collections::BTreeMap;
 use std::net::SocketAddr;
@@ -20,7 +20,7 @@ fn with_token(token: Option<Token>) -> ClientOptions {
     ClientOptions { token, ..ClientOptions::default() }
 }
 
-/// What a client says first.
+/// Returns the first bytes of a client.
 fn greeting(token: Option<Token>) -> Vec<u8> {
     ClientSession::with(Limits::default(), with_token(token)).take_output()
 }
@@ -31,7 +31,7 @@ fn frame(kind: FrameType, payload: &[u8]) -> Vec<u8> {
     out
 }
 
-/// A greeting whose HELLO is of versions that do not exist yet.
+/// Returns the first bytes of a client with only unknown protocol versions.
 fn greeting_of_the_future() -> Vec<u8> {
     let mut framer = Framer::new(Limits::default());
     framer.push(&greeting(Some(token())));
@@ -46,14 +46,14 @@ fn greeting_of_the_future() -> Vec<u8> {
     out
 }
 
-/// The head of a frame that claims a payload of almost 4 GiB.
+/// Returns a frame header that claims a payload of almost 4 GiB.
 fn huge() -> Vec<u8> {
     let mut head = frame(FrameType::HELLO, &[]);
     head[4..8].copy_from_slice(&u32::MAX.to_le_bytes());
     head
 }
 
-/// The last frame that a server sent, as far as it is a REJECT or CLOSE.
+/// Returns the last frame of a server if it is a REJECT or CLOSE.
 #[derive(Debug, PartialEq)]
 enum LastWord {
     Nothing,
@@ -75,7 +75,8 @@ fn last_word(bytes: &[u8]) -> LastWord {
     last
 }
 
-/// Says `words` as often as told, and hears the server out. Gives where it was, and the server's last word.
+/// Sends `words` the given number of times and reads to the end. Returns the peer's address and the server's last
+/// frame.
 async fn attack(address: String, words: Vec<u8>, times: u32, hangs_up: bool) -> (SocketAddr, LastWord) {
     let stream = TcpStream::connect(&address).await.unwrap();
     let place = stream.local_addr().unwrap();
@@ -92,14 +93,14 @@ async fn attack(address: String, words: Vec<u8>, times: u32, hangs_up: bool) -> 
     };
     let mut heard = Vec::new();
     let hearing = from.read_to_end(&mut heard);
-    // What arrived before a reset was read all the same.
+    // Bytes that arrived before a reset were read.
     let both = async { tokio::join!(saying, hearing) };
     tokio::time::timeout(PATIENCE * 10, both).await.map(drop).expect("the server ends the connection");
     drop(to);
     (place, last_word(&heard))
 }
 
-/// The kind of a fault, which is what the peers differ in.
+/// Returns the kind of an error, by which the peers differ.
 fn kind(fault: &PeerError) -> &'static str {
     match fault {
         PeerError::TlsAtPlainPort => "tls",
@@ -117,7 +118,8 @@ fn kind(fault: &PeerError) -> &'static str {
     }
 }
 
-/// Sends a frame whenever the good client has applied the one before, until told to stop. Gives how many.
+/// Sends a frame whenever the good client has applied the one before, until it is stopped. Returns the number of
+/// frames.
 async fn frames(
     hub: Hub,
     mut source: SampleServer,
@@ -137,9 +139,9 @@ async fn frames(
     sent
 }
 
-/// Follows to the end, and says how many frames it holds.
+/// Follows the stream to its end and returns the number of frames applied.
 async fn good_client(address: Address, held: watch::Sender<u32>) -> Vec<u32> {
-    let options = ConnectOptions::default().session(with_token(Some(token())));
+    let options = ConnectOptions::default().with_session(with_token(Some(token())));
     let mut connection = connect(&address, &options, Limits::default()).await.unwrap();
     let mut applied = Vec::new();
     while !connection.session().is_closed() {
@@ -193,7 +195,8 @@ async fn each_bad_peer_is_told_once_and_costs_a_good_client_nothing() {
     assert_eq!(good.await.unwrap(), (0..sent).collect::<Vec<_>>());
 }
 
-/// What each says, how often, whether it hangs up then; what it hears last; what is told of it.
+/// For each bad peer: its bytes, their repetitions, whether it then disconnects, the server's last frame, and the
+/// error.
 fn bad_peers() -> Vec<(Vec<u8>, u32, bool, LastWord, &'static str)> {
     let joined = greeting(Some(token()));
     let then = |more: &[u8]| [&joined[..], more].concat();
@@ -217,7 +220,7 @@ fn bad_peers() -> Vec<(Vec<u8>, u32, bool, LastWord, &'static str)> {
     ]
 }
 
-/// A client that says nothing more after its greeting is given up, and is told why. The clock is tokio's, and paused.
+/// A client that is silent after its handshake is closed with a reason. The test pauses tokio's clock.
 #[tokio::test(start_paused = true)]
 async fn a_client_that_falls_silent_is_given_up() {
     let (hub, address, _) = start(Limits::default()).await;
@@ -235,7 +238,7 @@ async fn a_client_that_falls_silent_is_given_up() {
     assert!(error.to_string().starts_with("nothing came from the other end for 30."), "{error}");
 }
 
-/// A still scene has nothing to say for an hour, and both ends know that the other is there.
+/// Both ends stay connected for an hour in which no frame is sent.
 #[tokio::test(start_paused = true)]
 async fn two_ends_with_nothing_to_say_stay_connected() {
     let (hub, address, mut source) = start(Limits::default()).await;
@@ -257,7 +260,7 @@ async fn two_ends_with_nothing_to_say_stay_connected() {
     assert_eq!(client.await.unwrap(), 1);
 }
 
-/// One that takes nothing is closed when that has lasted too long; what it owes does not hold up the rest.
+/// A client that takes no bytes is closed after the stall limit. Its waiting bytes do not delay others.
 #[tokio::test]
 async fn a_client_that_takes_nothing_is_given_up() {
     let limits = Limits { stall: Micros(300_000), max_unacked: u32::MAX, ..Limits::default() };
@@ -280,7 +283,7 @@ async fn a_client_that_takes_nothing_is_given_up() {
     assert!(matches!(error, PeerError::Session(SessionError::Stalled { .. })), "{error}");
 }
 
-/// Connections over the limit hear that the server is full; many more at once are dropped, and counted.
+/// Connections over the limit are told that the server is full. Many more at once are dropped and counted.
 #[tokio::test]
 async fn what_is_turned_away_or_dropped_is_counted() {
     let (hub, address, _) = start(Limits { max_clients: 1, ..Limits::default() }).await;
@@ -292,7 +295,7 @@ async fn what_is_turned_away_or_dropped_is_counted() {
     let mut hearing = true;
     while dropped + turned_away < 199 {
         if hearing && dropped > 0 {
-            // Those who hang up make room, and are told of.
+            // Connections that close make room and are reported.
             flood.clear();
             hearing = false;
         }
@@ -309,7 +312,7 @@ async fn what_is_turned_away_or_dropped_is_counted() {
     assert!(turned_away >= 64 && dropped > 0, "{turned_away} turned away, {dropped} dropped");
 }
 
-/// A client that does not take so long a frame can never follow; it is closed, and both ends say why.
+/// A client whose limit is below a frame's length is closed, and both ends report the reason.
 #[tokio::test]
 async fn a_client_that_cannot_take_the_frames_is_told_of() {
     let (hub, address, mut source) = start(Limits::default()).await;

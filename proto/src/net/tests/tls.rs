@@ -1,4 +1,4 @@
-//! TLS: who is let in, who is not, and what both ends say about it.
+//! TLS: which clients are accepted, and the errors of both ends.
 
 use rcgen::{
     BasicConstraints, CertificateParams, DnType, ExtendedKeyUsagePurpose, IsCa, Issuer, KeyPair,
@@ -61,11 +61,11 @@ impl Pair {
     }
 }
 
-/// A server at `localhost`, which the certificates are made for.
+/// Starts a server at `localhost`, the name in the certificates.
 async fn start_tls(tls: ServerTls) -> (Hub, Address, SampleServer) {
     let source = SampleServer::new().unwrap();
     let hub = Hub::new(source.scene().clone(), source.coder(), Access::Open, Limits::default());
-    let options = ListenOptions::default().tls(tls);
+    let options = ListenOptions::default().with_tls(tls);
     let listener = Listener::bind(&hub, &"tls:localhost:0".parse().unwrap(), &options).await.unwrap();
     let address = listener.address().clone();
     tokio::spawn(listener.run());
@@ -74,7 +74,7 @@ async fn start_tls(tls: ServerTls) -> (Hub, Address, SampleServer) {
 
 /// Connects and follows to the first event or error.
 async fn attempt(address: &Address, tls: ClientTls) -> Result<(), NetError> {
-    let options = ConnectOptions::default().tls(tls);
+    let options = ConnectOptions::default().with_tls(tls);
     let mut connection = connect(address, &options, Limits::default()).await?;
     while connection.session().state().is_none() {
         connection.next_events().await?;
@@ -83,7 +83,7 @@ async fn attempt(address: &Address, tls: ClientTls) -> Result<(), NetError> {
     connection.flush().await
 }
 
-/// Why the next client left.
+/// Returns why the next client left.
 async fn left(hub: &Hub) -> Option<PeerError> {
     loop {
         for event in hub.take_events() {
@@ -99,7 +99,7 @@ async fn left(hub: &Hub) -> Option<PeerError> {
 async fn frames_go_over_tls_to_clients_with_a_certificate() {
     let made = Certificates::new("trial");
     let (hub, address, mut source) = start_tls(made.server.server_tls(Some(&made.authority))).await;
-    let options = ConnectOptions::default().tls(made.client_tls(Some(&made.client)));
+    let options = ConnectOptions::default().with_tls(made.client_tls(Some(&made.client)));
     let mut connection = connect(&address, &options, Limits::default()).await.unwrap();
     let sending = async {
         assert!(hub.wait_joined(1, PATIENCE).await);
@@ -124,7 +124,7 @@ async fn frames_go_over_tls_to_clients_with_a_certificate() {
     assert!(matches!(events[1], HubEvent::Left { error: None, .. }), "{events:?}");
 }
 
-/// Each failure has its own type at both ends, and leaves the server as it was.
+/// Each failure has an error type of its own at both ends, and does not affect the server.
 #[tokio::test]
 async fn certificates_that_do_not_hold_are_told_at_both_ends() {
     type Problem = TlsCertificateError;
@@ -162,7 +162,7 @@ async fn certificates_that_do_not_hold_are_told_at_both_ends() {
     assert_eq!(error, TlsError::OwnCertificate(Problem::Missing));
     assert_eq!(left(&hub).await, Some(PeerError::Tls(TlsError::PeerCertificate(Problem::Missing))));
 
-    // Signed by another authority than the server asks for; the client itself trusts the server.
+    // The client's certificate has another authority than the server requires. The client trusts the server.
     for stranger in [&other, &namesake] {
         let error = told(attempt(&address, made.client_tls(Some(&stranger.client))).await.unwrap_err());
         assert_eq!(error, TlsError::OwnCertificate(Problem::UnknownAuthority));
@@ -203,7 +203,7 @@ async fn tls_and_plain_ends_are_told_apart() {
     assert!(matches!(error, NetError::Tls { source: TlsError::NotTls, .. }), "{error}");
 }
 
-/// The clock is tokio's, and paused.
+/// The test pauses tokio's clock.
 #[tokio::test(start_paused = true)]
 async fn a_silent_tls_handshake_runs_into_the_deadline() {
     let made = Certificates::new("trial");
@@ -232,7 +232,7 @@ async fn what_tls_needs_is_checked_before_anything_listens_or_connects() {
     assert!(matches!(error, NetError::TlsNeeds { .. }), "{error}");
     let error = dial(&address).await.unwrap_err();
     assert!(error.to_string().contains("certificate of the authority"), "{error}");
-    let options = ListenOptions::default().tls(made.server.server_tls(None));
+    let options = ListenOptions::default().with_tls(made.server.server_tls(None));
     let error = Listener::bind(&hub, &local(), &options).await.unwrap_err();
     assert!(matches!(error, NetError::TlsUnused { .. }), "{error}");
     let error = attempt(&plain, made.client_tls(None)).await.unwrap_err();
@@ -255,8 +255,8 @@ async fn what_tls_needs_is_checked_before_anything_listens_or_connects() {
 async fn addresses_that_others_can_reach_need_tls_and_a_credential() {
     let made = Certificates::new("trial");
     let (hub, ..) = start(Limits::default()).await;
-    let anonymous = ListenOptions::default().tls(made.server.server_tls(None));
-    let guarded = ListenOptions::default().tls(made.server.server_tls(Some(&made.authority)));
+    let anonymous = ListenOptions::default().with_tls(made.server.server_tls(None));
+    let guarded = ListenOptions::default().with_tls(made.server.server_tls(Some(&made.authority)));
     let plain = ListenOptions::default();
     for (host, options) in [
         ("0.0.0.0", &plain),
@@ -270,7 +270,7 @@ async fn addresses_that_others_can_reach_need_tls_and_a_credential() {
         assert!(matches!(error, NetError::Exposed { .. }), "{error}");
         assert!(error.to_string().contains("a token or client certificates"), "{error}");
     }
-    let open = plain.exposure(Exposure::OpenToEveryone);
+    let open = plain.with_exposure(Exposure::OpenToEveryone);
     for (address, options) in [("tls:0.0.0.0:0", &guarded), ("0.0.0.0:0", &open)] {
         let address = address.parse().unwrap();
         Listener::bind(&hub, &address, options).await.unwrap();

@@ -46,7 +46,7 @@ async fn a_socket_is_replaced_only_if_it_is_one_and_nothing_answers() {
     let error = listen_at(&path).await.unwrap_err();
     assert!(matches!(error, NetError::InUse { .. }), "{error}");
 
-    // A server that dies leaves its file. What it has bound goes without the file being removed.
+    // A killed server leaves its file: the socket is closed, but the file stays.
     let stale = folder.path().join("stale.socket");
     drop(std::os::unix::net::UnixListener::bind(&stale).unwrap());
     let error = dial(&Address::Unix(stale.clone())).await.unwrap_err();

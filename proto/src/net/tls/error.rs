@@ -15,7 +15,7 @@ pub enum TlsError {
     #[error("the other end refused this end's certificate: it {0}")]
     OwnCertificate(TlsCertificateError),
     /// The other end does not speak TLS.
-    #[error("the other end does not speak TLS: it is another program, or was not certificate_error_of to")]
+    #[error("the other end does not speak TLS: it is another program, or is not set up for it")]
     NotTls,
     /// The other end closed the connection during the handshake.
     #[error("the other end closed the connection during the TLS handshake: does it speak TLS?")]

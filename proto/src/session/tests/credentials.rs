@@ -6,7 +6,7 @@ fn token(secret: &[u8; 16]) -> Token {
     Token::new(*secret).unwrap()
 }
 
-/// What a server that wants a token says to a client, which it has not told anything.
+/// Returns the answer of a server that requires a token. It reveals nothing about the scene.
 fn refused(client: Option<Token>) -> (SessionError, SessionError) {
     let scene = SampleServer::new().unwrap().scene().clone();
     let access = Access::Token(token(b"the right secret"));
@@ -84,7 +84,7 @@ fn a_client_that_says_too_much_is_closed_and_told_why() {
     let view = frame(FrameType::PONG, 0, 0, &[0; 24]);
     let mut pair = joined();
     let limits = Limits::default();
-    // As many as it may send at once, then one more.
+    // The largest allowed burst, then one frame more.
     let at_once = 4 * limits.max_frames_per_s as usize;
     let (mut sent, mut refused) = (0, None);
     while refused.is_none() && sent <= 2 * at_once {

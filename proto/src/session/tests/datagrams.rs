@@ -24,7 +24,7 @@ fn lost_datagrams_cost_nothing_but_their_own_frames() {
             datagrams.push(datagram);
         }
         pieces += datagrams.len();
-        // Two of three frames lose a piece; the pieces come last first, some of them twice, with rubbish between.
+        // Two of three frames lose a piece. Pieces arrive in reverse order, some twice, with invalid datagrams between.
         if turn % 3 > 0 {
             datagrams.pop();
         }
@@ -45,7 +45,7 @@ fn lost_datagrams_cost_nothing_but_their_own_frames() {
             assert!(matches!(server.handle_datagram(&ack, now), Some(ServerEvent::Acked(_))));
         }
     }
-    // Of two in three that are lost the window takes some for a network that carries less.
+    // At a loss of two in three frames, the window shrinks at times.
     assert!((40..=68).contains(&applied), "{applied} frames of 200");
     assert!(pieces > 200, "{pieces} pieces");
     assert_eq!((server.stats().keyframes, client.stats().hash_mismatches), (1, 0));
@@ -83,7 +83,7 @@ fn updates_that_follow_datagrams_on_the_connection_start_with_a_patch() {
         let made = pair.source.step().unwrap();
         fanout.advance(&made.info, made.body, pair.source.state().into(), NOW);
         if let (true, Demand::Datagrams { base }) = (large, pair.server.demand()) {
-            // Bytes that make more datagrams than all of which would come.
+            // A body of too many datagrams for all of them to arrive.
             let body = SharedBody { frame: made.info.frame, ..update(&[0; 1000]) };
             assert_eq!(pair.server.send_datagrams(&body, base), Ok(false));
         }
@@ -93,7 +93,7 @@ fn updates_that_follow_datagrams_on_the_connection_start_with_a_patch() {
             pair.client.handle_datagram(&datagram, NOW);
         }
         pair.settle();
-        // The way is so short that the newest frame is acknowledged before the next is made.
+        // The delay is so short that each frame is acknowledged before the next is made.
         while let Some(ack) = pair.client.take_datagram() {
             pair.server.handle_datagram(&ack, NOW);
         }

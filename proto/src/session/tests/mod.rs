@@ -14,7 +14,7 @@ use crate::*;
 
 const NOW: Micros = Micros(0);
 
-/// A server with one client, and what both said.
+/// A server with one client, and the events of both.
 struct Pair {
     source: SampleServer,
     server: ServerSession,
@@ -38,7 +38,7 @@ impl Pair {
         Self { source, server, client: ClientSession::new(client), seen: vec![], heard: vec![] }
     }
 
-    /// Carries bytes both ways until neither has any.
+    /// Carries bytes in both directions until none are left.
     fn settle(&mut self) {
         loop {
             let up = self.client.take_output();
@@ -51,7 +51,7 @@ impl Pair {
         }
     }
 
-    /// One frame of the server's loop.
+    /// Runs one frame of the server's loop.
     fn step(&mut self) {
         let made = self.source.step().unwrap();
         let body = SharedBody::new(&made.info, made.body, NOW);
@@ -72,7 +72,7 @@ impl Pair {
         }
     }
 
-    /// A keyframe of what the source holds.
+    /// Returns a keyframe of the source's state.
     fn keyframe(&self) -> SharedBody {
         body(&self.source.keyframe().unwrap())
     }
@@ -93,13 +93,13 @@ impl Pair {
     }
 }
 
-/// A body that the codec made.
+/// Returns the shared body of encoded bytes.
 fn body(bytes: &[u8]) -> SharedBody {
     let info = psao_codec::envelope::inspect(bytes, &Limits::default().codec).unwrap();
     SharedBody::new(&info, bytes, NOW)
 }
 
-/// Bytes that pass as an update of frame 1.
+/// Returns bytes that look like an update of frame 1.
 fn update(bytes: &[u8]) -> SharedBody {
     let (kind, frame) = (FrameKind::Delta, FrameIndex(1));
     SharedBody { kind, frame, hash: StateHash(0), captured: NOW, bytes: bytes.into() }
@@ -111,7 +111,7 @@ fn frame(kind: FrameType, group: u32, sequence: u32, payload: &[u8]) -> Vec<u8> 
     out
 }
 
-/// A client that holds frame 0, and its server.
+/// Returns a client that has applied frame 0, and its server.
 fn joined() -> Pair {
     let mut pair = Pair::new();
     pair.settle();
@@ -165,7 +165,7 @@ fn a_client_joins_and_follows() {
 fn a_late_client_gets_the_scene_and_a_keyframe_first() {
     let mut pair = Pair::new();
     for _ in 0..4 {
-        pair.step(); // nobody is there yet
+        pair.step(); // no client has joined yet
     }
     assert_eq!(pair.server.stats().updates, 0);
     pair.settle();
@@ -387,7 +387,7 @@ fn what_waits_for_a_slow_client_stays_bounded() {
     pair.step();
     pair.settle();
     for _ in 0..100 {
-        pair.step(); // the client takes nothing
+        pair.step(); // the client takes no bytes
         assert!(pair.server.queued_bytes() <= 600, "{}", pair.server.queued_bytes());
     }
     assert_eq!(pair.server.stats().lags, 1);

@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// A stream, and clients that take its frames when they like.
+/// A stream, and clients that take its frames at different times.
 struct Many {
     source: SampleServer,
     fanout: Fanout,
@@ -23,14 +23,14 @@ impl Many {
         Self { source, fanout, clients, offers: Vec::new(), time: NOW }
     }
 
-    /// As new, all of them joined.
+    /// Creates the stream with `clients` clients, all joined.
     fn joined(profile: Profile, count: usize, limits: Limits) -> Self {
         let mut many = Self::new(profile, count, limits);
         (0..count).for_each(|client| many.settle(client));
         many
     }
 
-    /// One frame for all.
+    /// Gives one frame to all clients.
     fn step(&mut self) {
         let made = self.source.step().unwrap();
         self.time = self.time.plus(Micros(16_667));
@@ -42,7 +42,7 @@ impl Many {
         self.offers = self.clients.iter_mut().map(give).collect();
     }
 
-    /// Carries what waits for one client, and what it answers.
+    /// Carries the bytes that wait for one client, and its answers.
     fn settle(&mut self, client: usize) {
         let (server, client) = &mut self.clients[client];
         for _ in 0..4 {
@@ -70,7 +70,7 @@ fn whoever_falls_behind_gets_the_newest_values_of_what_it_missed() {
             many.step();
             many.settle(0);
             many.assert_current(0);
-            // The second hangs now and then, the third takes nothing for most of the time.
+            // The second client pauses at times, the third takes no bytes for most of the time.
             if turn < 3 || turn % 10 < 5 {
                 many.settle(1);
             }
@@ -106,7 +106,7 @@ fn joiners_share_a_keyframe_and_updates_follow() {
             let early = many.offers[..client].iter().all(|offer| *offer == Delivery::Update);
             assert!(early, "{:?}", many.offers);
         }
-        many.settle(client); // says HELLO
+        many.settle(client); // sends HELLO
         many.step();
         (0..=client).for_each(|here| many.settle(here));
         assert_eq!(many.offers[client], Delivery::Keyframe);
@@ -125,7 +125,7 @@ fn an_acknowledgement_with_another_hash_gets_a_keyframe() {
     let wire = frame(FrameType::ACK, 0, 0, &ack.to_payload().unwrap());
     assert_eq!(pair.server.handle(&wire, NOW), Ok(vec![ServerEvent::Diverged(ack)]));
     assert_eq!((pair.server.demand(), pair.server.stats().diverged), (Demand::Keyframe, 1));
-    // Of frames that were never sent, or acknowledged already, nothing is known.
+    // Hashes of frames that were never sent or already acknowledged are unknown.
     for number in [0, 1, 77] {
         let ack = Ack { frame: FrameIndex(number), hash: StateHash(5) };
         let wire = frame(FrameType::ACK, 0, 0, &ack.to_payload().unwrap());

@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// Both ends, told the time at every deadline that one of them announces, until `end`.
+/// Calls both ends at each of their deadlines until `end`.
 fn pass_time(pair: &mut Pair, from: Micros, end: Micros, mut carry: impl FnMut(&mut Pair, Micros)) {
     let mut now = from;
     while now <= end {

@@ -1,4 +1,4 @@
-//! Ambient occlusion where a renderer wants it, from the points of a decoded stream.
+//! Ambient occlusion at any place of a surface, from the points of a decoded stream.
 //!
 //! A client draws the scene itself and takes only ambient occlusion (AO) from the stream. `psao-codec` decodes the
 //! stream into points with AO values. This crate is the step after it: [`AoSampler`] blends the points around any place

@@ -83,7 +83,7 @@ enum Pixels {
 /// Width in pixels of the white bar between two pictures of [`Picture::side_by_side`].
 pub const GAP_PIXELS: u32 = 4;
 
-/// Why a picture could not be made.
+/// Error of making a picture.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum PictureError {
@@ -98,7 +98,7 @@ pub enum PictureError {
     /// The amplification of a difference is not a positive, finite number.
     #[error("a difference is amplified by a positive, finite gain, not by {gain}")]
     Gain {
-        /// The gain asked for.
+        /// The requested gain.
         gain: f32,
     },
     /// The list of pictures is empty.

@@ -83,7 +83,7 @@ pub enum SampleError {
 }
 
 impl AoSampler {
-    /// Makes a sampler that has no index yet.
+    /// Makes a sampler without indices.
     #[must_use]
     pub fn new() -> Self {
         Self::default()
@@ -104,9 +104,11 @@ impl AoSampler {
     ///
     /// It is the weighted mean of Eq. 4 over the points around the place. The function allocates nothing.
     ///
-    /// It returns `None` when no point supports the place. No point may have a weight above 0 there (Eq. 4 calls such a
-    /// place open), the points may not have arrived yet, their geometry may have arrived after the last
-    /// [`prepare`](Self::prepare), or the stream may not have the instance.
+    /// It returns `None` when no point supports the place:
+    ///
+    /// * No point has a weight above 0 there. Eq. 4 calls such a place open.
+    /// * The points have yet to arrive, or their geometry arrived after the last [`prepare`](Self::prepare).
+    /// * The stream lacks the instance.
     #[must_use]
     pub fn ao<'a>(
         &self,
@@ -156,7 +158,7 @@ impl AoSampler {
         }
     }
 
-    /// Returns the memory that the indices take, in bytes.
+    /// Returns the size of the indices on the heap in bytes.
     #[must_use]
     pub fn heap_bytes(&self) -> usize {
         self.indices.heap_bytes()

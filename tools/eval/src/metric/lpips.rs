@@ -32,7 +32,7 @@ const POOLED_LAYERS: usize = 2;
 const CHANNEL_SHIFT: [f32; 3] = [-0.030, -0.088, -0.188];
 const CHANNEL_SCALE: [f32; 3] = [0.458, 0.448, 0.450];
 
-/// The network, ready to compare.
+/// The network with its weights.
 pub struct Lpips {
     layers: Vec<Layer>,
 }
@@ -40,14 +40,14 @@ pub struct Lpips {
 /// A convolution with its weights, and the weights of its planes in the distance.
 struct Layer {
     shape: &'static Convolution,
-    /// By plane out, plane in, row, column.
+    /// Weights by output plane, input plane, row and column.
     weights: Vec<f32>,
     bias: Vec<f32>,
-    /// By plane out.
+    /// Weights of the planes in the distance, by output plane.
     head: Vec<f32>,
 }
 
-/// Bytes that are not the weights of the network.
+/// Error of reading the network's weights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum WeightsError {
     /// The number of bytes is wrong.
@@ -57,7 +57,7 @@ pub enum WeightsError {
         Lpips::WEIGHT_COUNT
     )]
     Length {
-        /// Bytes given.
+        /// Number of given bytes.
         found: usize,
     },
     /// A weight is infinite or not a number.
@@ -136,7 +136,7 @@ impl Lpips {
     }
 }
 
-/// Planes of one size, each row by row.
+/// Planes of equal size, each row by row.
 struct Planes {
     width: usize,
     height: usize,

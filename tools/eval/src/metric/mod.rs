@@ -31,7 +31,7 @@ use psao_reconstruct::{AoImage, Size};
 pub use self::error::{Comparison, mae, psnr, rmse};
 pub use self::lpips::{Lpips, WeightsError};
 
-/// Two images that cannot be compared.
+/// Error of comparing two images of different sizes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("the reference has {reference} pixels and the image under test {test}; compare images of equal size")]
 pub struct SizeMismatchError {

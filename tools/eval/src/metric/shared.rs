@@ -39,7 +39,7 @@ fn each_pair(mut check: impl FnMut(&str, &AoImage, &AoImage, &serde_json::Value)
 fn errors_equal_those_of_other_implementations() {
     each_pair(|name, reference, test, pair| {
         let found = Comparison::new(reference, test).unwrap();
-        // The figures were made from bytes / 255 in f64; ours is an image of f32, rounded to 6e-8.
+        // The figures were computed from bytes / 255 in f64. The images here are f32, rounded to 6e-8.
         let mae = pair["mae"].as_f64().unwrap();
         assert!((found.mae - mae).abs() < 1e-7, "{name}: mae {} against {mae}", found.mae);
         let rmse = pair["mse"].as_f64().unwrap().sqrt();

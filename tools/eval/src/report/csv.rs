@@ -108,7 +108,7 @@ mod tests {
         assert!(lines[2].contains("\"ssao, 8 steps\""), "{}", lines[2]);
         assert!(lines[2].ends_with(",0.5,40.5,,,3,96"), "{}", lines[2]);
         for (line, record) in lines[1..].iter().zip(&records) {
-            // The label holds commas of its own.
+            // The label itself contains commas.
             let commas = line.matches(',').count() - record.label.matches(',').count();
             assert_eq!(commas, COLUMNS.len() - 1, "{line}");
         }

@@ -285,7 +285,7 @@ mod tests {
         assert!(page.contains("data:image/png;base64,AQID"), "{page}");
         assert!(page.contains("a &lt;scene&gt;") && !page.contains("<script"));
         assert!(!page.contains("http"), "a page that opens offline loads nothing: {page}");
-        // Two errors by two costs, and the legend.
+        // There are plots of two errors by two costs.
         assert_eq!(page.matches("role=\"img\"").count(), 4);
         assert_eq!(
             page.matches("class=\"level\"").count(),

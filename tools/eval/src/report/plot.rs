@@ -18,7 +18,7 @@ const MARK_RADIUS: f64 = 5.0;
 /// Width and height of a mark's number.
 const LABEL_SIZE: (f64, f64) = (15.0, 11.0);
 
-/// One measured setting.
+/// The dot of a measured setting.
 pub(super) struct Dot {
     /// Its number in the table.
     pub(super) number: usize,

@@ -1,4 +1,4 @@
-//! Records as rows of text.
+//! Tables of records, as text.
 
 use crate::sweep::Record;
 

@@ -42,7 +42,7 @@ pub enum EdgeStop {
 }
 
 impl Blur {
-    /// No blur at all.
+    /// No blur.
     pub const NONE: Self = Self { taps: 0, spacing: 1, sigma: 1.0, edge: EdgeStop::None };
 
     /// Checks the ranges. Errors name `method`.

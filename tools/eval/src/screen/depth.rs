@@ -56,8 +56,8 @@ impl Screen {
     ///
     /// # Errors
     ///
-    /// [`ScreenError`] when the pose is degenerate, the guard band or the whole is too large, or the scene returns a
-    /// depth of 0 or a normal that is not of unit length.
+    /// [`ScreenError`] when the pose is degenerate, or the guard band or the whole is too large. Also when the scene
+    /// returns a depth of 0, or a normal that is not of unit length.
     pub fn new<S: Surfaces + ?Sized>(
         scene: &S,
         pose: &CameraPose,
@@ -389,7 +389,7 @@ mod tests {
             (depths[4], normals[4]) = (depth, normal);
             Screen::from_parts(size(3, 2), 0, [1.0, 1.0], depths, normals)
         };
-        // Reversed and normalised depth has zeros at the sky, right-handed views negative depths.
+        // Reversed and normalised depths have zeros at the sky; right-handed views have negative depths.
         for depth in [0.0, -0.0, -3.0, f32::NEG_INFINITY, f32::NAN] {
             let found = make(depth, Vec3::NEG_Z);
             assert!(matches!(found, Err(ScreenError::Depth { x: 1, y: 1, .. })), "{found:?}");

@@ -143,13 +143,13 @@ impl ScreenMethod for Hbao {
         let mut stages = StageTimer::new(clock);
         let compass = DirectionTable::new();
         let angle = self.angle_bias_deg.to_radians();
-        // A plane is flat only to rounding.
+        // A plane is flat only up to rounding.
         let bias = AngleBias { tan: libm::tanf(angle), sin: libm::sinf(angle).max(1e-3) };
         let mut values = screen.each_inner(|pixel| self.pixel(screen, &pixel, &compass, bias));
         stages.end("sample");
         self.blur.apply(screen, &mut values);
         stages.end("blur");
-        stages.shaded(screen, values, DirectionTable::BYTES + self.blur.heap_bytes(screen))
+        stages.finish(screen, values, DirectionTable::BYTES + self.blur.heap_bytes(screen))
     }
 }
 

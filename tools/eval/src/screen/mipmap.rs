@@ -135,7 +135,7 @@ impl ScreenMethod for Mipmap {
             1.0 - width * turns.iter().map(|along| gather.slice(&pixel, *along)).sum::<f32>()
         });
         stages.end("obscurance");
-        stages.shaded(screen, values, levels.bytes() + self.table.bytes())
+        stages.finish(screen, values, levels.heap_bytes() + self.table.heap_bytes())
     }
 }
 
@@ -215,7 +215,7 @@ impl MipLevels {
         Self { levels, snapped }
     }
 
-    fn bytes(&self) -> usize {
+    fn heap_bytes(&self) -> usize {
         self.levels.iter().map(|level| size_of_val(level.inverse.as_slice())).sum()
     }
 
@@ -302,7 +302,7 @@ mod tests {
         assert_eq!(near.levels[1].inverse, [1.0, 0.25, 0.25, 0.0625]);
         assert_eq!(near.levels[2].inverse, [1.0]);
         assert_eq!(near.inverse(Vec2::new(3.9, 0.1), 1.7), 0.25, "the pixel itself, of the level itself");
-        assert_eq!(means.bytes(), (12 + 4 + 1) * 4);
+        assert_eq!(means.heap_bytes(), (12 + 4 + 1) * 4);
         // Halfway between two pixels, halfway between two levels.
         assert_eq!(means.inverse(Vec2::new(1.0, 0.5), 0.0), 0.75);
         let between = 0.5

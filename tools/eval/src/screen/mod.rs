@@ -111,15 +111,19 @@ impl<'a> StageTimer<'a> {
         Self { clock, since: clock.micros(), done: Vec::new() }
     }
 
-    /// Ends `stage`, which began at the last call or when the timer was made.
+    /// Ends `stage`, which began at the last call or when the timer was made. Times of equal stages add up.
     pub(crate) fn end(&mut self, stage: &'static str) {
         let now = self.clock.micros();
-        self.done.push((stage, now.saturating_sub(self.since)));
+        let micros = now.saturating_sub(self.since);
+        match self.done.iter_mut().find(|(name, _)| *name == stage) {
+            Some((_, sum)) => *sum += micros,
+            None => self.done.push((stage, micros)),
+        }
         self.since = now;
     }
 
     /// Makes the result from the accessibilities of the inner pixels and the bytes of all other buffers.
-    pub(crate) fn shaded(
+    pub(crate) fn finish(
         self,
         screen: &Screen,
         values: Vec<f32>,
@@ -153,7 +157,7 @@ pub enum ScreenError {
         what: &'static str,
         /// Size with guard band.
         size: Size,
-        /// Values given.
+        /// Number of given values.
         found: usize,
     },
     /// A tangent of the half angles of view is not above 0 and finite.
@@ -167,9 +171,9 @@ pub enum ScreenError {
         "pixel ({x}, {y}) of the guarded screen has depth {depth}; depths are metres above 0, infinite for sky"
     )]
     Depth {
-        /// Column, guard band included.
+        /// Column, including the guard band.
         x: u32,
-        /// Row, guard band included.
+        /// Row, including the guard band.
         y: u32,
         /// The value.
         depth: f32,
@@ -177,14 +181,14 @@ pub enum ScreenError {
     /// A normal is not of unit length.
     #[error("pixel ({x}, {y}) of the guarded screen has a normal of length {length}; normals have length 1")]
     Normal {
-        /// Column, guard band included.
+        /// Column, including the guard band.
         x: u32,
-        /// Row, guard band included.
+        /// Row, including the guard band.
         y: u32,
         /// Its length.
         length: f32,
     },
-    /// The radius is not a length.
+    /// The radius is out of its range.
     #[error("an AO radius of {radius} m: choose {} to {}", MIN_RADIUS, MAX_RADIUS)]
     Radius {
         /// The given value.
@@ -199,9 +203,9 @@ pub enum ScreenError {
         setting: &'static str,
         /// The given value.
         value: f32,
-        /// The least it may be.
+        /// Smallest possible value.
         least: f32,
-        /// The most it may be.
+        /// Largest possible value.
         most: f32,
     },
     /// A parameter of a falloff is out of its range.

@@ -53,7 +53,7 @@ impl DepthPyramid {
     }
 
     /// Returns the size on the heap in bytes.
-    pub(crate) fn bytes(&self) -> usize {
+    pub(crate) fn heap_bytes(&self) -> usize {
         self.levels.iter().map(|level| level.depth.len() * size_of::<f32>()).sum()
     }
 
@@ -124,7 +124,7 @@ mod tests {
         let screen = screen(7, 4, depths.clone());
         let pyramid = DepthPyramid::new(&screen, 3, 9, Reduce::Mean);
         assert_eq!(pyramid.top(), 2, "7 x 4, 3 x 2, 1 x 1");
-        assert_eq!(pyramid.bytes(), 7 * 4);
+        assert_eq!(pyramid.heap_bytes(), 7 * 4);
         let mean = |xs: std::ops::Range<usize>, ys: std::ops::Range<usize>| {
             let all: Vec<f32> =
                 ys.flat_map(|y| xs.clone().map(move |x| (y, x))).map(|(y, x)| depths[y * 7 + x]).collect();
@@ -163,7 +163,7 @@ mod tests {
     fn one_pixel_has_no_levels() {
         let screen = screen(1, 1, vec![3.0]);
         let pyramid = DepthPyramid::new(&screen, 3, 4, Reduce::Mean);
-        assert_eq!((pyramid.top(), pyramid.bytes()), (0, 0));
+        assert_eq!((pyramid.top(), pyramid.heap_bytes()), (0, 0));
         assert_eq!(pyramid.read(&screen, 0, Vec2::new(0.5, 0.5)), Some((Vec2::new(0.5, 0.5), 3.0)));
     }
 }

@@ -155,7 +155,11 @@ impl ScreenMethod for PyramidHbao {
         stages.end("sample");
         self.blur.apply(screen, &mut values);
         stages.end("blur");
-        stages.shaded(screen, values, pyramid.bytes() + DirectionTable::BYTES + self.blur.heap_bytes(screen))
+        stages.finish(
+            screen,
+            values,
+            pyramid.heap_bytes() + DirectionTable::BYTES + self.blur.heap_bytes(screen),
+        )
     }
 }
 

@@ -141,7 +141,11 @@ impl ScreenMethod for Scalable {
         stages.end("sample");
         self.blur.apply(screen, &mut values);
         stages.end("blur");
-        stages.shaded(screen, values, pyramid.bytes() + DirectionTable::BYTES + self.blur.heap_bytes(screen))
+        stages.finish(
+            screen,
+            values,
+            pyramid.heap_bytes() + DirectionTable::BYTES + self.blur.heap_bytes(screen),
+        )
     }
 }
 

@@ -204,7 +204,7 @@ impl ScreenMethod for ScreenRays {
         stages.end("trace");
         let bytes = Self::DIRECTION_SETS * self.rays as usize * size_of::<Vec3>()
             + field.inverse.len() * size_of::<f32>();
-        stages.shaded(screen, values, bytes)
+        stages.finish(screen, values, bytes)
     }
 }
 
@@ -242,7 +242,7 @@ mod tests {
 
     #[test]
     fn what_is_nearer_than_the_bias_is_not_met() {
-        // Beside the step, whose side is higher than the lift of so large a radius, and below it.
+        // The pixel is beside and below the step, whose side is higher than the bias for so large a radius.
         let screen = step();
         let high = ScreenRays { falloff: Falloff::Binary, ..ScreenRays::new(60.0) };
         let low = ScreenRays::far(60.0, Falloff::Binary);

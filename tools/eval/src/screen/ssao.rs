@@ -80,7 +80,7 @@ impl ScreenMethod for Ssao {
         stages.end("sample");
         self.blur.apply(screen, &mut values);
         stages.end("blur");
-        stages.shaded(screen, values, sphere.len() * size_of::<Vec3>() + self.blur.heap_bytes(screen))
+        stages.finish(screen, values, sphere.len() * size_of::<Vec3>() + self.blur.heap_bytes(screen))
     }
 }
 

@@ -87,6 +87,6 @@ impl ScreenMethod for SsaoPlus {
         stages.end("sample");
         self.blur.apply(screen, &mut values);
         stages.end("blur");
-        stages.shaded(screen, values, hemisphere.len() * size_of::<Vec3>() + self.blur.heap_bytes(screen))
+        stages.finish(screen, values, hemisphere.len() * size_of::<Vec3>() + self.blur.heap_bytes(screen))
     }
 }

@@ -205,7 +205,7 @@ fn sky_is_open_and_hides_nothing() {
     let sky =
         Screen::from_parts(size, 2, [1.0, 0.7], vec![f32::INFINITY; 28 * 20], vec![Vec3::ZERO; 28 * 20]);
     let all_sky = sky.unwrap();
-    // A lone plate before the sky.
+    // A single plate in front of the sky.
     let depth = (0..28 * 20).map(|i| if (5..20).contains(&(i % 28)) { 2.0 } else { f32::INFINITY }).collect();
     let plate = Screen::from_parts(size, 2, [1.0, 0.7], depth, vec![Vec3::NEG_Z; 28 * 20]).unwrap();
     for method in every() {

@@ -14,7 +14,7 @@ pub(super) fn cases() -> Vec<Case> {
         Case {
             name: "eq1-plane-256",
             what: "Cells of a wall x = const in a 256 x 256 x 256 grid that find no slot in the paper's table hashed by Eq. 1.",
-            bound_text: "at most 1 % lost; documented of Eq. 1 with 32,768 buckets: 98.44 %",
+            bound_text: "at most 1 % lost; documented for Eq. 1 with 32,768 buckets: 98.44 %",
             bound: 1.0,
             documented: Some(98.44),
             unit: "%",
@@ -23,7 +23,7 @@ pub(super) fn cases() -> Vec<Case> {
         Case {
             name: "eq1-plane-256-double",
             what: "The same wall in a table twice as large.",
-            bound_text: "at most 1 % lost; documented of Eq. 1 with 65,536 buckets: 96.88 %",
+            bound_text: "at most 1 % lost; documented for Eq. 1 with 65,536 buckets: 96.88 %",
             bound: 1.0,
             documented: Some(96.88),
             unit: "%",
@@ -32,7 +32,7 @@ pub(super) fn cases() -> Vec<Case> {
         Case {
             name: "eq1-plane-512x16x512",
             what: "Cells of a wall x = const in a 512 x 16 x 512 grid that find no slot in the paper's table hashed by Eq. 1.",
-            bound_text: "at most 1 % lost; documented of Eq. 1 with 4,096 buckets: 99.22 %",
+            bound_text: "at most 1 % lost; documented for Eq. 1 with 4,096 buckets: 99.22 %",
             bound: 1.0,
             documented: Some(99.22),
             unit: "%",
@@ -41,7 +41,7 @@ pub(super) fn cases() -> Vec<Case> {
         Case {
             name: "mixed-plane-256",
             what: "The wall in the 256 x 256 x 256 grid again, hashed by a mixing function instead of Eq. 1.",
-            bound_text: "at most 0.1 % lost: what chance leaves at two cells a bucket of eight",
+            bound_text: "at most 0.1 % lost: the loss by chance at two cells a bucket of eight",
             bound: 0.1,
             documented: None,
             unit: "%",
@@ -50,7 +50,7 @@ pub(super) fn cases() -> Vec<Case> {
         Case {
             name: "mixed-plane-512x16x512",
             what: "The wall in the 512 x 16 x 512 grid again, hashed by a mixing function instead of Eq. 1.",
-            bound_text: "at most 0.1 % lost: what chance leaves at two cells a bucket of eight",
+            bound_text: "at most 0.1 % lost: the loss by chance at two cells a bucket of eight",
             bound: 0.1,
             documented: None,
             unit: "%",

@@ -52,7 +52,7 @@ impl std::fmt::Display for Verdict {
     }
 }
 
-/// One case: what it measures, and the bound.
+/// A case: its measurement and its bound.
 #[derive(Clone, Debug)]
 pub struct Case {
     name: &'static str,

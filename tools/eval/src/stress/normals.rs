@@ -29,16 +29,16 @@ pub(super) fn cases() -> Vec<Case> {
     vec![
         case(
             "normals-plain",
-            "Largest angle between a normal and its 8-bit octahedral code with each axis rounded alone.",
-            "what the best of four codes reaches, 10.62 degrees; documented of plain rounding: 15.80",
+            "Largest angle between a normal and its 8-bit octahedral code with each axis rounded separately.",
+            "the value of the best of four codes, 10.62 degrees; documented for plain rounding: 15.80",
             10.62,
             Some(15.80),
             || Ok(errors(|normal| oct::decode(oct::encode_plain(normal))).0),
         ),
         case(
             "normals-plain-mean",
-            "Mean angle between a normal and its 8-bit octahedral code with each axis rounded alone.",
-            "what the best of four codes reaches, 5.32 degrees; documented of plain rounding: 5.70",
+            "Mean angle between a normal and its 8-bit octahedral code with each axis rounded separately.",
+            "the value of the best of four codes, 5.32 degrees; documented for plain rounding: 5.70",
             5.32,
             Some(5.70),
             || Ok(errors(|normal| oct::decode(oct::encode_plain(normal))).1),
@@ -53,8 +53,8 @@ pub(super) fn cases() -> Vec<Case> {
         ),
         case(
             "normals-best-of-four-16",
-            "Largest angle between a normal and its octahedral code in a 16-bit point, which names the axes only.",
-            "54.74 degrees, of a normal between three axes",
+            "Largest angle between a normal and its octahedral code in a 16-bit point, which has codes for the axes only.",
+            "54.74 degrees, for a normal between three axes",
             54.74,
             None,
             || Ok(errors(best_of_four::<2>).0),

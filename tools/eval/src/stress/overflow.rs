@@ -18,7 +18,7 @@ pub(super) fn cases() -> Vec<Case> {
     let exact = |name, what, measure| Case {
         name,
         what,
-        bound_text: "exact: points stored plus points counted as overflow are the points put, and clients hold those stored",
+        bound_text: "exact: stored points plus points counted as overflow equal the points put, and clients hold the stored points",
         bound: 0.0,
         documented: None,
         unit: "points",

@@ -61,7 +61,7 @@ pub(super) fn cases() -> Vec<Case> {
         Case {
             name: "position-far-1e4",
             what: "Largest error of a point's position on one axis in a grid of 0.1 m cells that begins ten kilometres from the origin.",
-            bound_text: "half a step of 1/31 of a cell: 1.61 mm; documented: and twice the 0.98 mm between neighbouring f32 values there",
+            bound_text: "half a step of 1/31 of a cell: 1.61 mm; documented: plus twice the 0.98 mm between neighbouring f32 values there",
             bound: HALF_STEP * 0.1 * 1e3,
             documented: Some(HALF_STEP * 0.1 * 1e3 + 2.0 * 0.976_562_5),
             unit: "mm",

@@ -70,7 +70,7 @@ pub(super) fn cases() -> Vec<Case> {
         Case {
             name: "slivers",
             what: "Points on slivers as thin as a ten-millionth of their length, and triangles without area beside them, that are missing, misplaced or without an AO in [0, 1].",
-            bound_text: "none: as many points as the area asks for, all finite and on the surface",
+            bound_text: "no such point: as many points as the area requires, all finite and on the surface",
             bound: 0.0,
             documented: None,
             unit: "points",

@@ -115,7 +115,8 @@ pub fn far_field_methods(reference: &ScreenRays) -> Result<Vec<Box<dyn ScreenMet
 /// The smallest of the radii is `smallest_m`. The radius of `ao` is `reach_px` pixels long
 /// ([`reach_px`](super::reach_px())).
 ///
-/// * Pyramid HBAO has D = 8 directions, 4 samples a direction on each level, and the fewest levels that reach `reach_px`.
+/// * Pyramid HBAO has D = 8 directions, 4 samples a direction on each level, and the fewest levels that reach
+///   `reach_px`.
 /// * HBAO has D = 8 and S = 10 at the smallest radius; both grow in proportion to the radius (section 3.1). It has no
 ///   angle bias, because the paper gives none to it (Eq. 5) or to pyramid HBAO.
 /// * Scalable AO has as many taps as pyramid HBAO has samples.

@@ -89,9 +89,9 @@ pub struct ErrorFigures {
     pub mae: f64,
     /// Root of the mean squared error.
     pub rmse: f64,
-    /// In dB; `None` for equal pictures.
+    /// PSNR in dB; `None` for equal pictures.
     pub psnr_db: Option<f64>,
-    /// Mean of picture less reference.
+    /// Mean of picture minus reference.
     pub bias: f64,
     /// Error that 99 % of the pixels do not exceed.
     pub p99: f64,

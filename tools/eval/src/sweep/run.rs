@@ -51,9 +51,9 @@ pub(super) struct ClipBytes {
 #[derive(Default)]
 pub(super) struct ClipTimes {
     pub(super) first: u64,
-    /// By later frame, then stage.
+    /// Times of the server's stages, by later frame and stage.
     pub(super) server: Vec<StageMicros>,
-    /// By later frame.
+    /// Times of the decoder, by later frame.
     pub(super) decode: Vec<u64>,
 }
 

@@ -252,7 +252,7 @@ mod tests {
     fn the_full_grid_has_every_possible_combination_once() {
         let settings = grid().full();
         assert_eq!(settings[0], grid().centre());
-        // Surface with either coder, paper with one.
+        // Surface has either coder, paper one.
         assert_eq!(settings.len(), 2 * 3 * 3);
         let paper = settings.iter().filter(|setting| setting.profile == Profile::PAPER);
         assert!(paper.clone().all(|setting| setting.coder == PAPER_CODER) && paper.count() == 6);

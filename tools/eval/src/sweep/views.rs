@@ -31,7 +31,7 @@ pub struct View {
     pub buffer: GBuffer,
     /// Input of screen-space methods.
     pub screen: Screen,
-    /// The reference.
+    /// The reference AO.
     pub truth: AoImage,
 }
 

@@ -33,7 +33,7 @@ impl Extent {
     }
 }
 
-/// The texels of a patch.
+/// The block of texels of a patch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Block {
     /// Left column.
@@ -63,7 +63,7 @@ pub struct Atlas {
 }
 
 impl Atlas {
-    /// Columns.
+    /// Number of columns.
     pub const WIDTH: u32 = 1024;
     /// Largest number of rows.
     pub const MAX_ROWS: u32 = 8192;

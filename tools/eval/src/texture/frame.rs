@@ -25,16 +25,16 @@ const BLOCK_LIFETIME_S: f32 = 1.0;
 /// Value of texels without a patch: open.
 const EMPTY_TEXEL: u8 = 255;
 
-/// Shades the patches in view.
+/// The server of a texture-space stream. It shades the patches in view.
 pub struct TextureServer {
     settings: TextureSettings,
     tracer: Tracer,
     patches: Arc<Patches>,
     world: SceneBvh,
     atlas: Atlas,
-    /// Row by row.
+    /// Texels of the atlas, row by row.
     texels: Vec<u8>,
-    /// By patch that has a block: frames since it was in view.
+    /// Frames since a patch with a block was in view.
     ages: BTreeMap<Patch, u32>,
 }
 

@@ -60,7 +60,7 @@ impl VideoClip {
             return Ok(());
         }
         Err(VideoError(format!(
-            "of {} frames it wrote {bytes} and read {decoded} back, or parts of them",
+            "of {} frames it wrote {bytes} and read back {decoded}, or only parts of them",
             frames.len()
         )))
     }

@@ -9,7 +9,7 @@ use psao_server::scene::Geometry;
 pub(super) struct TrianglePair {
     /// The first triangle.
     pub(super) first: PairTriangle,
-    /// The second triangle; `None` for a triangle that is left over.
+    /// The second triangle; `None` for a single triangle.
     pub(super) second: Option<PairTriangle>,
 }
 

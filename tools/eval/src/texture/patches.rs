@@ -5,7 +5,7 @@ use psao_server::world::Hit;
 
 use super::pairs::{TrianglePair, pairs};
 
-/// Number of a patch: one side of a pair of triangles of an instance.
+/// Number of a patch, which is one side of an instance's pair of triangles.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Patch(pub u32);
 
@@ -22,8 +22,8 @@ pub struct PatchPoint {
 
 /// All patches of a scene.
 ///
-/// A patch's unit square has the first triangle's own corner at (0, 0), the second's at (1, 1), and the shared edge
-/// between (1, 0) and (0, 1). A triangle that is left over is mirrored over that diagonal.
+/// The unit square of a patch has the first triangle's own corner at (0, 0) and the second's at (1, 1). The shared edge
+/// is between (1, 0) and (0, 1). A single triangle is mirrored over that diagonal.
 pub struct Patches {
     /// By rest mesh.
     pairs: Vec<Vec<TrianglePair>>,

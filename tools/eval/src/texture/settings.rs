@@ -70,9 +70,9 @@ pub enum TextureError {
         setting: &'static str,
         /// The given value.
         value: f32,
-        /// The least it may be.
+        /// Smallest possible value.
         least: f32,
-        /// The most it may be.
+        /// Largest possible value.
         most: f32,
     },
     /// The limit of a block's side is not a power of two.

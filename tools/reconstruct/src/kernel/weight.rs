@@ -1,4 +1,4 @@
-//! How much one point counts for one fragment (paper, Eq. 2 and 3).
+//! The weight of a point for a fragment (paper, Eq. 2 and 3).
 
 use glam::Vec3;
 

@@ -79,8 +79,8 @@ pub(crate) struct NeighbourhoodCache {
 }
 
 impl NeighbourhoodCache {
-    /// Slots: neighbourhoods that touch, whose bases differ by one, never share a entry, nor do two instances that
-    /// follow each other.
+    /// Number of entries. Adjacent neighbourhoods, whose bases differ by one, never share an entry, nor do two
+    /// consecutive instances.
     const ENTRIES: usize = 16;
 
     pub(crate) fn new() -> Self {

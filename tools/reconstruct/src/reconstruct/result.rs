@@ -2,7 +2,7 @@
 
 use crate::AoImage;
 
-/// Ambient occlusion of a view, and how well the points supported it.
+/// Ambient occlusion of a view, and counts of the points that support it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reconstruction {
     /// Accessibility of each pixel; 1 where there is background or no point counts.
@@ -42,7 +42,7 @@ impl Statistics {
     }
 }
 
-/// A view that does not belong to the state.
+/// Error of a view that does not match the state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReconstructError {

@@ -25,7 +25,7 @@ pub fn surface(state: &State, view: &GBuffer) -> Result<Reconstruction, Reconstr
 }
 
 impl SurfaceReconstructor {
-    /// Makes a reconstructor that has no index yet.
+    /// Makes a reconstructor without indices.
     #[must_use]
     pub fn new() -> Self {
         Self::default()
@@ -39,9 +39,9 @@ impl SurfaceReconstructor {
 
     /// Reconstructs the ambient occlusion of every fragment of `view` from the points of `state`.
     ///
-    /// All points of a fragment's instance within the kernel radius of its place at rest are weighted by Eq. 2 and 3
-    /// ([`weight`](crate::kernel::weight())), with the fragment's normal at rest. The fragment's value is their
-    /// weighted mean (Eq. 4), or 1 if no weight is above 0. Background is 1.
+    /// All points of the fragment's instance within the kernel radius of its place at rest count. Their weights are
+    /// those of Eq. 2 and 3 ([`weight`](crate::kernel::weight())), with the fragment's normal at rest. The fragment's
+    /// value is their weighted mean (Eq. 4), or 1 if no weight is above 0. Background is 1.
     ///
     /// Points that have not arrived yet do not count, so that a client can show a first state while it arrives.
     /// [`Statistics::unsupported`](super::Statistics::unsupported) counts the fragments that have no points.

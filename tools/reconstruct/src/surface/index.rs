@@ -1,4 +1,4 @@
-//! The points of a set by place: a sparse grid in rest space, derived from the geometry alone.
+//! The spatial index of a set's points: a sparse grid in rest space, derived from the geometry alone.
 
 use glam::Vec3;
 use psao_codec::surface::Geometry;
@@ -152,7 +152,7 @@ impl SurfaceIndex {
         self.kernel_radius * REACH_FACTOR
     }
 
-    /// The points of a cell.
+    /// Returns the points of a cell.
     pub(crate) fn cell(&self, [x, y, z]: [i32; 3]) -> &[IndexPoint] {
         if x < 0 || y < 0 || z < 0 {
             return &[];

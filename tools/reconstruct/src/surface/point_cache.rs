@@ -1,8 +1,8 @@
 //! The points around an octant of a cell with their current AO, in groups of eight.
 //!
-//! Two caches stand one behind the other. The first holds the points of 2 x 2 x 2 cells (a *region*), the second those
-//! of a region that are near enough to an octant. Neighbouring fragments mostly share an octant, and neighbouring
-//! octants a region, so entries are rarely filled.
+//! Two caches stand one behind the other. The first holds the points of 2 x 2 x 2 cells (a *region*). The second holds
+//! those points of a region that are near enough to an octant. Neighbouring fragments mostly share an octant, and
+//! neighbouring octants a region, so entries are rarely filled.
 
 use super::index::{IndexPoint, Octant, SurfaceIndex};
 use crate::kernel::{LANES, PointGroup};
@@ -155,8 +155,8 @@ pub(crate) struct PointCache {
 }
 
 impl PointCache {
-    /// Slots: regions that touch never share one, nor patches less than four apart, nor two instances that follow
-    /// each other.
+    /// Number of entries. Adjacent regions never share an entry, nor do octants less than four apart, nor two
+    /// consecutive instances.
     const REGION_ENTRIES: usize = 16;
     const OCTANT_ENTRIES: usize = 128;
 

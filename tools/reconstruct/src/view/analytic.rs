@@ -4,7 +4,7 @@ use glam::Vec3;
 
 use super::{Surface, Surfaces};
 
-/// One shape; its index in [`Analytic`] is its instance.
+/// A shape. Its index in [`Analytic`] is its instance.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Shape {
     Sphere { centre: Vec3, radius: f32 },

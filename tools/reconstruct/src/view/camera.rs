@@ -69,8 +69,8 @@ impl Camera {
     ///
     /// # Errors
     ///
-    /// [`CameraError`] when a field is not finite, eye and target coincide, `up` is parallel to the view, the
-    /// field of view is not in `(0, 180)` degrees or the aspect is not positive.
+    /// [`CameraError`] when a field is not finite, eye and target coincide, or `up` is parallel to the view. Also when
+    /// the field of view is not in `(0, 180)` degrees, or the aspect is not positive.
     pub fn new(pose: &CameraPose) -> Result<Self, CameraError> {
         check_finite(pose)?;
         if !(pose.fov_y_deg > 0.0 && pose.fov_y_deg < 180.0) {

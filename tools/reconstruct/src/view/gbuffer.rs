@@ -31,7 +31,7 @@ pub struct AtRest {
     pub normal: Vec3,
 }
 
-/// The nearest surface of each pixel, row by row from the top left. Background has none.
+/// The nearest surface at each pixel, row by row from the top left. Background has no surface.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GBuffer {
     size: Size,

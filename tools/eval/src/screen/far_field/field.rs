@@ -98,7 +98,7 @@ impl DepthField {
         &self.pixels
     }
 
-    pub(crate) fn bytes(&self) -> usize {
+    pub(crate) fn heap_bytes(&self) -> usize {
         self.inverse.len() * size_of::<f32>()
     }
 

@@ -33,7 +33,7 @@ use self::segments::{Gather, Segments};
 use self::separate::PixelAverage;
 use self::slice::{Estimator, Receiver};
 use self::table::ObscuranceTable;
-use super::{Screen, ScreenError, ScreenMethod, Shading, check_setting};
+use super::{Screen, ScreenError, ScreenMethod, Shading, StageTimer, check_setting};
 
 const NAME: &str = "far-field";
 
@@ -107,11 +107,9 @@ impl FarField {
     }
 }
 
-/// Buffers over the inner pixels, and the times of the stages.
+/// Buffers over the inner pixels.
 struct Buffers<'a> {
     screen: &'a Screen,
-    clock: &'a dyn Clock,
-    stages: Vec<(&'static str, u64)>,
     averaged: Option<Vec<Option<PixelAverage>>>,
     /// Sums of Eq. 2 of all sectors so far.
     near: Vec<f32>,
@@ -121,19 +119,7 @@ struct Buffers<'a> {
 }
 
 impl Buffers<'_> {
-    /// Runs a stage and adds its time to that of its earlier runs.
-    fn time<T>(&mut self, stage: &'static str, run: impl FnOnce(&mut Self) -> T) -> T {
-        let start = self.clock.micros();
-        let made = run(self);
-        let micros = self.clock.micros().saturating_sub(start);
-        match self.stages.iter_mut().find(|(name, _)| *name == stage) {
-            Some((_, sum)) => *sum += micros,
-            None => self.stages.push((stage, micros)),
-        }
-        made
-    }
-
-    fn bytes(&self) -> usize {
+    fn heap_bytes(&self) -> usize {
         let averaged = self.averaged.as_deref().map_or(0, size_of_val);
         averaged
             + size_of_val(self.near.as_slice())
@@ -186,18 +172,20 @@ impl Buffers<'_> {
     }
 
     /// Joins near and far field, and returns accessibility.
-    fn finish(&mut self, settings: &FarFieldSettings, width: f32) -> Vec<f32> {
+    fn finish(&mut self, settings: &FarFieldSettings, width: f32, stages: &mut StageTimer<'_>) -> Vec<f32> {
         let size = self.screen.inner();
         let averaged = self.averaged.take();
         let mut hidden = std::mem::take(&mut self.near);
         let far = std::mem::take(&mut self.far);
-        self.time("gather", |_| match &averaged {
+        match &averaged {
             Some(averaged) => separate::gather(size, averaged, &far, &mut hidden),
             None => hidden.iter_mut().zip(&far).for_each(|(hidden, far)| *hidden += far),
-        });
+        }
+        stages.end("gather");
         let mut values: Vec<f32> = hidden.iter().map(|hidden| 1.0 - width * hidden).collect();
         if let (Some(averaged), Some(Separation { blur: true })) = (&averaged, settings.separate) {
-            values = self.time("blur", |_| separate::blur(size, averaged, &values));
+            values = separate::blur(size, averaged, &values);
+            stages.end("blur");
         }
         values
     }
@@ -225,47 +213,46 @@ impl ScreenMethod for FarField {
         let each = 2 * settings.segments as usize;
         let distances = self.near_distances();
         let horizons = if settings.near.is_some() { count * each } else { 0 };
-        let mut work = Buffers {
+        let mut buffers = Buffers {
             screen,
-            clock,
-            stages: Vec::new(),
             averaged: None,
             near: vec![0.0; count],
             far: vec![0.0; count],
             horizons: vec![Vec2::ZERO; horizons],
         };
-        let field = work.time("scan", |_| DepthField::new(screen, settings.thickness));
+        let mut stages = StageTimer::new(clock);
+        let field = DepthField::new(screen, settings.thickness);
+        stages.end("scan");
         check_setting(NAME, "the stretch of pixels", field.pixels().stretch(), 1.0, MAX_STRETCH)?;
         if settings.separate.is_some() {
-            work.averaged = work.time("box average", |_| Some(separate::box_average(screen)));
+            buffers.averaged = Some(separate::box_average(screen));
+            stages.end("box average");
         }
         let estimator = Estimator { table: &self.table, thickness: settings.thickness };
         let mut scan_bytes = 0;
         for pair in 0..settings.sectors / 2 {
             let turn = f64::from(pair) / f64::from(settings.sectors) * std::f64::consts::TAU;
             let along = Vec2::new(libm::cos(turn) as f32, libm::sin(turn) as f32);
-            let mut scan = work.time("scan", |_| {
-                Scan::new(&field, ScanLines::new(field.pixels(), along, settings.interval))
-            });
+            let mut scan = Scan::new(&field, ScanLines::new(field.pixels(), along, settings.interval));
+            stages.end("scan");
             if settings.thickness.is_none() {
-                work.time("prefix sum", |_| scan.sum());
+                scan.sum();
+                stages.end("prefix sum");
             }
-            scan_bytes = scan_bytes.max(scan.bytes());
+            scan_bytes = scan_bytes.max(scan.heap_bytes());
             let segments = Segments::new(settings, along);
             let gather = Gather { field: &field, scan: &scan, estimator, midway, density: density as f32 };
             if settings.near.is_some() {
-                work.time("near field", |work| work.near_field(&gather, &segments, each, &distances));
+                buffers.near_field(&gather, &segments, each, &distances);
+                stages.end("near field");
             }
-            work.time("obscurance", |work| work.far_field(&gather, &segments, each, pair as usize));
+            buffers.far_field(&gather, &segments, each, pair as usize);
+            stages.end("obscurance");
         }
-        let bytes = work.bytes() + scan_bytes + field.bytes() + self.table.bytes();
+        let bytes = buffers.heap_bytes() + scan_bytes + field.heap_bytes() + self.table.heap_bytes();
         // The remaining factor of Eq. 2 is the width of a segment on the screen, the same for all segments.
         let width = std::f32::consts::TAU / (settings.sectors * settings.segments) as f32;
-        let values = work.finish(settings, width);
-        Ok(Shading {
-            bytes: bytes + size_of_val(values.as_slice()),
-            image: screen.image(values)?,
-            stages: work.stages,
-        })
+        let values = buffers.finish(settings, width, &mut stages);
+        stages.finish(screen, values, bytes)
     }
 }

@@ -126,7 +126,7 @@ impl Scan {
     }
 
     /// Returns the size of all levels on the heap in bytes.
-    pub(crate) fn bytes(&self) -> usize {
+    pub(crate) fn heap_bytes(&self) -> usize {
         let level = |level: &ScanLevel| {
             size_of_val(level.offsets.as_slice())
                 + size_of_val(level.peaks.as_slice())

@@ -21,7 +21,7 @@ const BLUR_THRESHOLD: f32 = 0.07;
 pub(crate) struct PixelAverage {
     /// Average of the accepted pixels.
     pub(crate) receiver: Receiver,
-    /// A bit for each pixel of the group, row by row.
+    /// Accepted pixels of the group: a bit for each, row by row.
     accepted: u16,
 }
 

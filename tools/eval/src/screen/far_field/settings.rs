@@ -19,8 +19,8 @@ pub struct FarFieldSettings {
     pub interval: u32,
     /// Smallest distance of an interval in units of its length, 1 to [`FarFieldSettings::MAX_DENSITY`].
     ///
-    /// A larger one gives more slabs a direction and a longer near field. 1 is the paper's spacing, some eight slabs in
-    /// each direction of a screen of 1536 x 864 with intervals of 10 pixels.
+    /// A larger one gives more slabs a direction and a longer near field. The paper's spacing is 1. It gives some eight
+    /// slabs in each direction of a screen of 1536 x 864 with intervals of 10 pixels.
     pub density: u32,
     /// Search of the near field; `None` leaves it out.
     pub near: Option<NearField>,

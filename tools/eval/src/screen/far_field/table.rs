@@ -69,7 +69,7 @@ impl ObscuranceTable {
     }
 
     /// Returns the size of the table on the heap in bytes.
-    pub(crate) fn bytes(&self) -> usize {
+    pub(crate) fn heap_bytes(&self) -> usize {
         self.values.len() * size_of::<Vec3A>()
     }
 

@@ -55,7 +55,7 @@ fn an_all_hidden_hemisphere_is_one_whatever_the_normal() {
             let angle = std::f32::consts::TAU * k as f32 / count as f32;
             let slice = Slice::new(&receiver, Vec2::new(libm::cosf(angle), libm::sinf(angle)));
             let mut horizon = slice.open();
-            // A slab at hand that begins just before the eye.
+            // A near slab that begins just before the eye.
             let [across, depth] = slice.axes();
             let z = 1e-4;
             let top = across

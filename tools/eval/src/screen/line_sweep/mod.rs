@@ -181,7 +181,7 @@ impl ScreenMethod for LineSweep {
             most = most.max(hidden.len() * size_of::<f32>());
         }
         stages.end("sweep");
-        stages.shaded(screen, values, most)
+        stages.finish(screen, values, most)
     }
 }
 

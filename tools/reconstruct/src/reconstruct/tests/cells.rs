@@ -39,7 +39,7 @@ fn brute_force(state: &State, fragment: &Surface) -> Reference {
     let [width, height, depth] = layout.grid.dims();
     let all = (0..depth).flat_map(|z| (0..height).flat_map(move |y| (0..width).map(move |x| [x, y, z])));
     let near = all.filter(|cell| {
-        // From the cell's centre: the two nearest centres lie within one cell on each axis.
+        // The two nearest cell centres lie within one cell on each axis.
         let off = in_cells - 0.5 - Vec3::from(cell.map(|axis| axis as f32));
         off.to_array().iter().all(|o| (-1.0..1.0).contains(o))
     });
@@ -71,7 +71,7 @@ fn two_points_are_blended_by_distance() {
 #[test]
 fn a_point_at_the_fragment_counts_in_full() {
     let state = one(vec![point([1.0, 1.0, 1.0], 51)]);
-    // Straight along the normal is what Eq. 3 throws out; at distance 0 there is no direction to judge.
+    // Eq. 3 discards points straight along the normal; at distance 0 there is no direction.
     let found = cells(&state, &row(&[fragment(0, Vec3::ONE, Vec3::Z)])).unwrap();
     assert_eq!(found.image.values(), [0.2]);
     let above = fragment(0, Vec3::new(1.0, 1.0, 1.01), Vec3::Z);
@@ -161,7 +161,7 @@ proptest! {
             TestInstance { grid, kernel_radius, pose: Pose::IDENTITY, points: more },
         ]);
         let mut pixels: Vec<_> = fragments.iter().map(|&(instance, local, normal)| {
-            // Some fragments in the local space of the moved instance, so that both find points.
+            // Some fragments lie in the local space of the moved instance, so that both instances have points near.
             let position = if instance == 0 { rotation * Vec3::from(local) + Vec3::from(translation) } else { local.into() };
             Some(fragment(instance, position, normal))
         }).collect();

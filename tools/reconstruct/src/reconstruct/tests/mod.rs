@@ -15,7 +15,7 @@ fn row(fragments: &[impl Copy + Into<Option<Surface>>]) -> GBuffer {
     GBuffer::from_fragments(size, fragments.iter().map(|&fragment| fragment.into()).collect()).unwrap()
 }
 
-/// How far a reconstruction may be from its reference.
+/// Largest differences of a reconstruction from its reference.
 #[derive(Clone, Copy)]
 struct Bounds {
     /// Largest difference of a value where no criterion is near its threshold.

@@ -29,7 +29,7 @@ pub(crate) struct NodeHierarchy {
 }
 
 impl NodeHierarchy {
-    /// Selects the ancestors of all mesh nodes and of their joints, with the channels that drive them.
+    /// Selects all mesh nodes, their joints and the ancestors of both, with the channels that drive them.
     pub(crate) fn new(model: &Model, report: &mut SceneReport) -> Self {
         let order = needed_in_order(model);
         let mut indices = vec![None; model.nodes.len()];
@@ -131,8 +131,8 @@ impl NodeHierarchy {
     }
 }
 
-/// Returns the model's nodes that are ancestors of a mesh node or of one of its joints. Parents come first, otherwise
-/// nodes are in file order.
+/// Returns all mesh nodes, their joints and the ancestors of both. Parents come first, otherwise nodes are
+/// in file order.
 fn needed_in_order(model: &Model) -> Vec<usize> {
     let mut order = Vec::new();
     let mut seen = vec![false; model.nodes.len()];

@@ -49,9 +49,9 @@ pub(crate) enum RecordKind {
 }
 
 /// Odd multiplier of every round: 2^64 divided by the golden ratio.
-const ROUND: u64 = 0x9E37_79B9_7F4A_7C15;
+const ROUND_MULTIPLIER: u64 = 0x9E37_79B9_7F4A_7C15;
 /// Multiplier of the closing round, the first one of `SplitMix64`.
-const CLOSE: u64 = 0xBF58_476D_1CE4_E5B9;
+const CLOSING_MULTIPLIER: u64 = 0xBF58_476D_1CE4_E5B9;
 
 /// Returns the term of one record.
 #[inline]
@@ -60,7 +60,7 @@ pub(crate) fn term<const N: usize>(kind: RecordKind, index: u32, words: &[u32; N
         return 0;
     }
     let mut hash = fold_words(round(((kind as u64) << 32) | u64::from(index)), words);
-    hash = (hash ^ (hash >> 29)).wrapping_mul(CLOSE);
+    hash = (hash ^ (hash >> 29)).wrapping_mul(CLOSING_MULTIPLIER);
     hash ^ (hash >> 32)
 }
 
@@ -76,7 +76,7 @@ pub(crate) fn fold_words(digest: u64, words: &[u32]) -> u64 {
 /// Mixes 64 bits by a bijection, so that no single changed word goes unnoticed.
 #[inline]
 fn round(value: u64) -> u64 {
-    let product = value.wrapping_mul(ROUND);
+    let product = value.wrapping_mul(ROUND_MULTIPLIER);
     product ^ (product >> 32)
 }
 
@@ -95,19 +95,19 @@ mod tests {
     #[test]
     fn golden_terms() {
         // The worked example of the specification.
-        assert_eq!(term(RecordKind::Cell, 0, &[1, 0, 0, 0, 0, 0, 0]), GOLDEN);
+        assert_eq!(term(RecordKind::Cell, 0, &[1, 0, 0, 0, 0, 0, 0]), GOLDEN_TERM);
         let by_hand = {
             let mut hash = round(3 << 32);
             for pair in [1, 0, 0, 0] {
                 hash = round(hash ^ pair);
             }
-            hash = (hash ^ (hash >> 29)).wrapping_mul(CLOSE);
+            hash = (hash ^ (hash >> 29)).wrapping_mul(CLOSING_MULTIPLIER);
             hash ^ (hash >> 32)
         };
-        assert_eq!(by_hand, GOLDEN);
+        assert_eq!(by_hand, GOLDEN_TERM);
     }
 
-    const GOLDEN: u64 = 0x8474128510d0df72;
+    const GOLDEN_TERM: u64 = 0x8474128510d0df72;
 
     proptest! {
         #[test]

@@ -262,7 +262,7 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(400))]
 
         #[test]
-        fn encoder_and_twin_agree(data in prop::collection::vec(any::<u8>(), 0..1500)) {
+        fn encoder_and_reference_agree(data in prop::collection::vec(any::<u8>(), 0..1500)) {
             round_trip(&data);
         }
 

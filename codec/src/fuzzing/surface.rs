@@ -160,7 +160,7 @@ struct Harness {
 }
 
 /// Number of frames after which a client counts as gone.
-const EARLIER: usize = 6;
+const REMEMBERED_FRAMES: usize = 6;
 
 impl Harness {
     fn new(settings: EncoderSettings) -> Option<Harness> {
@@ -212,7 +212,7 @@ impl Harness {
 
     fn note_frame(&mut self) {
         self.log.record(&self.client);
-        if self.earlier.len() == EARLIER {
+        if self.earlier.len() == REMEMBERED_FRAMES {
             self.earlier.pop_front();
         }
         self.earlier.push_back(self.client.clone());
@@ -487,7 +487,7 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(150))]
 
         #[test]
-        fn encoder_applier_and_twins_agree(data in prop::collection::vec(any::<u8>(), 0..200)) {
+        fn encoder_decoder_and_references_agree(data in prop::collection::vec(any::<u8>(), 0..200)) {
             surface_round_trip(&data);
         }
 

@@ -45,7 +45,7 @@ struct PointRecord {
     outside: bool,
 }
 
-const ABSENT: PointRecord =
+const ABSENT_POINT: PointRecord =
     PointRecord { status: PointStatus::Absent, coord: [0; 3], word: 0, outside: false };
 
 /// Keeps the points of a stream in cells and buckets, and writes what changed.
@@ -92,7 +92,7 @@ impl Encoder {
         });
         Ok(Encoder {
             first_points: starts.collect(),
-            points: vec![ABSENT; total as usize],
+            points: vec![ABSENT_POINT; total as usize],
             unplaced: BTreeSet::new(),
             tables: Tables::new(layout.bucket_total(), layout.cell_capacity()),
             poses: vec![Pose::IDENTITY; instances],
@@ -246,7 +246,7 @@ impl Encoder {
         let PointRecord { status, outside, .. } = self.record(point)?;
         self.counts.outside_grid -= u32::from(outside);
         self.take_out(point, status);
-        self.points[point as usize] = ABSENT;
+        self.points[point as usize] = ABSENT_POINT;
         Ok(())
     }
 

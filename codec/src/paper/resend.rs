@@ -8,9 +8,9 @@ use super::{Grid, PointFormat, PointSample};
 use crate::memory;
 
 /// Smallest cosine between the current normal and the one sent that counts as unchanged.
-const SAME_NORMAL: f32 = 0.6;
+const MIN_NORMAL_COSINE: f32 = 0.6;
 /// Largest distance that counts as unchanged, in cell edges: 3 of the 31 steps of a packed position.
-const SAME_POSITION: f32 = 3.0 / 31.0;
+const MAX_DRIFT_EDGES: f32 = 3.0 / 31.0;
 
 /// The rule by which the AO of a point is sent again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -49,10 +49,10 @@ pub(super) struct PointRef {
 /// Returns whether a point of a deforming instance moved or turned enough: farther than 3/31 of a cell edge, into
 /// another cell, or with a cosine of its normals below 0.6.
 fn place_changed(grid: &Grid, now: PointPlace, sent: PointPlace) -> bool {
-    let limit = grid.edge() * SAME_POSITION;
+    let limit = grid.edge() * MAX_DRIFT_EDGES;
     let moved: [f32; 3] = std::array::from_fn(|axis| now.0[axis] - sent.0[axis]);
     dot(moved, moved) > limit * limit
-        || dot(now.1, sent.1) < SAME_NORMAL
+        || dot(now.1, sent.1) < MIN_NORMAL_COSINE
         || (now.0 != sent.0 && grid.locate(now.0).cell != grid.locate(sent.0).cell)
 }
 

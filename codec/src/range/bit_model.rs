@@ -1,15 +1,15 @@
 //! The adaptive probability of one binary decision.
 
-/// A probability of `true` in 2^22nds (high 22 bits) and its number of uses up to [`LIMIT`] (low 10 bits).
+/// A probability of `true` in 2^22nds (high 22 bits) and its number of uses up to [`MAX_USES`] (low 10 bits).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct BitModel(pub(crate) u32);
 
 /// Number of uses after which a model learns no slower.
-const LIMIT: u32 = 255;
+const MAX_USES: u32 = 255;
 
 /// Step towards the outcome after `n` uses, in 65,536ths: 65536 / (n + 1.6), rounded down.
-const STEPS: [u16; LIMIT as usize + 1] = {
-    let mut steps = [0; LIMIT as usize + 1];
+const LEARNING_STEPS: [u16; MAX_USES as usize + 1] = {
+    let mut steps = [0; MAX_USES as usize + 1];
     let mut n = 0;
     while n < steps.len() {
         steps[n] = (655_360 / (10 * n + 16)) as u16;
@@ -26,7 +26,7 @@ impl BitModel {
 
     /// Returns the model of a word; `None` if no model ever has that word.
     pub(crate) fn from_word(word: u32) -> Option<BitModel> {
-        (word & 0x3FF <= LIMIT).then_some(BitModel(word))
+        (word & 0x3FF <= MAX_USES).then_some(BitModel(word))
     }
 
     /// Returns the probability of `true` in 4,096ths, 0 to 4,095.
@@ -47,9 +47,9 @@ impl BitModel {
         let count = self.0 & 0x3FF;
         let value = (self.0 >> 10) as i32;
         let target = if bit { (1 << 22) - 1 } else { 0 };
-        let step = i64::from(target - value) * i64::from(STEPS[count.min(LIMIT) as usize]);
+        let step = i64::from(target - value) * i64::from(LEARNING_STEPS[count.min(MAX_USES) as usize]);
         let value = (value + (step >> 16) as i32) as u32;
-        self.0 = value << 10 | (count + 1).min(LIMIT);
+        self.0 = value << 10 | (count + 1).min(MAX_USES);
     }
 }
 

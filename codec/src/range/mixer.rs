@@ -17,22 +17,22 @@ pub(crate) struct Logistic {
 }
 
 /// 65,536 / (1 + exp(-x)) for x = -8, -7.5 .. 8, rounded. The first and last values are equally far from the ends.
-const SQUASH: [i32; 33] = [
+const SQUASH_KNOTS: [i32; 33] = [
     22, 36, 60, 98, 162, 267, 439, 720, 1179, 1921, 3108, 4971, 7812, 11_955, 17_625, 24_743, 32_768, 40_793,
     47_911, 53_581, 57_724, 60_565, 62_428, 63_615, 64_357, 64_816, 65_097, 65_269, 65_374, 65_438, 65_476,
     65_500, 65_514,
 ];
 
-/// Returns the probability in 65,536ths of a logistic value in 256ths, interpolated between the knots of [`SQUASH`].
+/// Returns the probability in 65,536ths of a logistic value in 256ths, interpolated between the knots of [`SQUASH_KNOTS`].
 fn squash(x: i32) -> i32 {
     let x = x.clamp(-2047, 2047) + 2048;
     let (knot, part) = ((x >> 7) as usize, x & 127);
-    (SQUASH[knot] * (128 - part) + SQUASH[knot + 1] * part + 64) >> 7
+    (SQUASH_KNOTS[knot] * (128 - part) + SQUASH_KNOTS[knot + 1] * part + 64) >> 7
 }
 
 /// Returns the tables, which are computed once.
 pub(crate) fn logistic() -> &'static Logistic {
-    static TABLES: LazyLock<Logistic> = LazyLock::new(|| {
+    static LOGISTIC: LazyLock<Logistic> = LazyLock::new(|| {
         // For every probability: the smallest logistic value whose `squash` is at least the middle of its step.
         let mut x = -2047;
         let stretch = std::array::from_fn(|step| {
@@ -45,7 +45,7 @@ pub(crate) fn logistic() -> &'static Logistic {
         let squash = std::array::from_fn(|x| squash(x as i32 - 2048) as u16);
         Logistic { stretch, squash }
     });
-    &TABLES
+    &LOGISTIC
 }
 
 /// Largest absolute value of a weight.
@@ -146,7 +146,7 @@ mod tests {
 
     #[test]
     fn the_tables_are_the_logistic_function() {
-        for (knot, value) in SQUASH.iter().enumerate() {
+        for (knot, value) in SQUASH_KNOTS.iter().enumerate() {
             let x = (knot as f64 - 16.0) / 2.0;
             let exact = 65_536.0 / (1.0 + (-x).exp());
             assert!((f64::from(*value) - exact).abs() <= 0.51, "{x}: {value} {exact}");

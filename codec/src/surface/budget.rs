@@ -83,9 +83,9 @@ struct DueChange {
 type Rank = (Reverse<u64>, PaddedIndex);
 
 /// Priority of a point that must not wait any longer: above every product.
-const FORCED: u64 = u64::MAX;
+const FORCED_PRIORITY: u64 = u64::MAX;
 /// Number of trials with a guessed number of points; later trials halve the remaining range.
-const GUESSES: u32 = 5;
+const MAX_GUESSES: u32 = 5;
 
 impl DueChange {
     fn rank(&self) -> Rank {
@@ -224,7 +224,7 @@ impl BudgetQueue {
             let waited = waiting.next_if(|(same, _)| *same == index).map_or(0, |(_, waited)| waited);
             let priority = if waited >= self.budget.longest_age {
                 forced += 1;
-                FORCED
+                FORCED_PRIORITY
             } else {
                 let difference = frame.latest[index.0].abs_diff(frame.sent.values[index.0]);
                 let weight = self.weights[index.block()];
@@ -265,7 +265,7 @@ impl BudgetQueue {
         let (mut fits, mut over) = (forced, all);
         let mut trials = 0;
         while over - fits > 1 + fits / 16 && !(trial.fits && trial.used as u64 * 16 >= most * 15) {
-            let sensible = trials < GUESSES && (fits + 1..over).contains(&guess);
+            let sensible = trials < MAX_GUESSES && (fits + 1..over).contains(&guess);
             let count = if sensible { guess } else { fits + (over - fits) / 2 };
             trials += 1;
             trial = self.attempt(frame, changes, start, count, false)?;

@@ -7,7 +7,7 @@ use crate::block::BlockCoder;
 use crate::envelope::{EncodeError, FrameIndex, FrameKind, FrameMeta, assemble};
 
 /// Largest number of frames that a patch reaches back: the largest number that the range coder can code.
-const FURTHEST: u32 = (1 << 31) - 1;
+const MAX_BACK_FRAMES: u32 = (1 << 31) - 1;
 
 /// Writes the body of a delta that brings every client to `state` whose last frame is `base` or a later one before
 /// `meta.frame`. `meta.frame` is the frame of `state`, and `meta.kind` is taken as delta. The patch has the newest
@@ -30,7 +30,7 @@ pub fn patch(
     coder: BlockCoder,
     context: bool,
 ) -> Result<Option<Vec<u8>>, EncodeError> {
-    let back = meta.frame.0.checked_sub(base.0).filter(|back| (1..=FURTHEST).contains(back));
+    let back = meta.frame.0.checked_sub(base.0).filter(|back| (1..=MAX_BACK_FRAMES).contains(back));
     let followed = state.frame.is_some() && log.frame() == state.frame;
     let (Some(back), Some(missed)) = (back, log.changed_since(base).filter(|_| followed)) else {
         return Ok(None);

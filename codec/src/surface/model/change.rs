@@ -11,9 +11,9 @@ use crate::surface::section::changes::{Changes, MAX_LEVEL};
 use crate::surface::{BLOCK_POINTS, Layout, PaddedIndex};
 
 /// Number of blocks that one decision can skip.
-const GROUP: usize = 16;
+const GROUP_BLOCKS: usize = 16;
 /// Levels beyond this one are coded as a number.
-const STEPS: usize = 12;
+const UNARY_SIZES: usize = 12;
 
 /// What the coder has learned of the changes of a stream.
 #[derive(Debug, PartialEq)]
@@ -153,8 +153,8 @@ impl ChangeModel {
             point: ContextMixer::new([9 * 9 * 16, 256 * 3, 16 * 16 * 9, 256 * 12], 36, 13_107),
             sign: ContextMixer::new([17 * 9, 17 * 17, 256 * 3, 17 * 3], 1, 1 << 15),
             size: ContextMixer::new(
-                [12 * STEPS * 12, 12 * STEPS * 9, 12 * STEPS, 512 * STEPS],
-                STEPS,
+                [12 * UNARY_SIZES * 12, 12 * UNARY_SIZES * 9, 12 * UNARY_SIZES, 512 * UNARY_SIZES],
+                UNARY_SIZES,
                 26_214,
             ),
             large: NumberModel::new(),
@@ -209,8 +209,8 @@ impl ChangeModel {
         };
         let blocks = view.present.len();
         let mut before = false;
-        for first in (0..blocks).step_by(GROUP) {
-            let group = first..blocks.min(first + GROUP);
+        for first in (0..blocks).step_by(GROUP_BLOCKS) {
+            let group = first..blocks.min(first + GROUP_BLOCKS);
             before = coding.group(group, before);
             if coding.coded.levels.len() > most || stop(coding.coder) {
                 return;
@@ -437,10 +437,10 @@ impl<B: BinaryCoder> ChangeCoder<'_, B> {
         let usual = (2 * sizes).checked_div(now).map_or(0, |mean| significant(mean).min(11));
         let at = |step: usize| {
             [
-                (usual * STEPS + step) * 12 + significant(usize::from(last.unsigned_abs())),
-                (usual * STEPS + step) * 9 + significant(own.into()),
+                (usual * UNARY_SIZES + step) * 12 + significant(usize::from(last.unsigned_abs())),
+                (usual * UNARY_SIZES + step) * 9 + significant(own.into()),
                 step * 12 + usize::from(history.recent_level(index).unsigned_abs()).min(11),
-                (value * 2 + usize::from(darkens)) * STEPS + step,
+                (value * 2 + usize::from(darkens)) * UNARY_SIZES + step,
             ]
         };
         let size = self.size(at, level.unsigned_abs().saturating_sub(1).into()) as i16;
@@ -451,16 +451,16 @@ impl<B: BinaryCoder> ChangeCoder<'_, B> {
     #[inline]
     fn size(&mut self, at: impl Fn(usize) -> [usize; 4], source: u32) -> u32 {
         self.coder.set_class(SymbolClass::Sizes);
-        for step in 0..STEPS {
+        for step in 0..UNARY_SIZES {
             let more = (step as u32) < source;
             if !self.model.size.code(self.logistic, self.coder, step, at(step), more) {
                 return step as u32;
             }
         }
-        let beyond = source.saturating_sub(STEPS as u32);
+        let beyond = source.saturating_sub(UNARY_SIZES as u32);
         let beyond = self.model.large.code(self.coder, beyond);
         // A level that is too large stays too large. It is refused with the others.
-        beyond.min(MAX_LEVEL as u32) + STEPS as u32
+        beyond.min(MAX_LEVEL as u32) + UNARY_SIZES as u32
     }
 }
 

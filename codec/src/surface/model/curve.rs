@@ -1,13 +1,13 @@
 //! The space-filling curve that orders the points of a set. Neighbours on it are mostly neighbours on the surface.
 
 /// Number of bits of an axis that the curve can tell apart.
-pub(crate) const BITS: u32 = 21;
+pub(crate) const AXIS_BITS: u32 = 21;
 
 /// Returns the place of a lattice node, each coordinate below 2^21, on the three-dimensional Hilbert curve. It uses
 /// the transposed form of J. Skilling, "Programming the Hilbert curve", AIP Conference Proceedings 707, 2004.
 pub(crate) fn place(coord: [u32; 3]) -> u64 {
     let [mut x, mut y, mut z] = coord;
-    let mut bit = 1 << (BITS - 1);
+    let mut bit = 1 << (AXIS_BITS - 1);
     while bit > 1 {
         let below = bit - 1;
         // Undo the turns of each level: invert the low bits of x, or swap them with those of the axis.
@@ -29,7 +29,7 @@ pub(crate) fn place(coord: [u32; 3]) -> u64 {
     z ^= y;
     // Gray decoding: every set bit of z inverts all lower bits.
     let mut turned = 0;
-    let mut bit = 1 << (BITS - 1);
+    let mut bit = 1 << (AXIS_BITS - 1);
     while bit > 1 {
         if z & bit != 0 {
             turned ^= bit - 1;
@@ -71,10 +71,10 @@ mod tests {
     proptest! {
         #[test]
         fn different_nodes_have_different_places(
-            a in prop::array::uniform3(0_u32..1 << BITS), b in prop::array::uniform3(0_u32..1 << BITS),
+            a in prop::array::uniform3(0_u32..1 << AXIS_BITS), b in prop::array::uniform3(0_u32..1 << AXIS_BITS),
         ) {
             prop_assert_eq!(a == b, place(a) == place(b));
-            prop_assert!(place(a) < 1 << (3 * BITS));
+            prop_assert!(place(a) < 1 << (3 * AXIS_BITS));
         }
     }
 }

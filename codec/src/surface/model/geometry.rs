@@ -8,9 +8,9 @@ use crate::surface::geometry::Geometry;
 use crate::surface::{GeometrySectionError, SetLayout};
 
 /// Size of the window: the points coded last, from which the next one is predicted.
-const WINDOW: usize = 16;
+const WINDOW_POINTS: usize = 16;
 /// Number of counts in a box with contexts of their own.
-const COUNTS: usize = 17;
+const COUNT_CLASSES: usize = 17;
 
 /// What the coder has learned. Every frame starts a fresh model.
 pub(crate) struct GeometryModel {
@@ -60,12 +60,12 @@ impl GeometryModel {
     pub(crate) fn new() -> GeometryModel {
         let half = BitModel::new(1 << 15);
         GeometryModel {
-            empty: [vec![half; COUNTS * 2 * 8], vec![half; COUNTS * 2 * 8]],
+            empty: [vec![half; COUNT_CLASSES * 2 * 8], vec![half; COUNT_CLASSES * 2 * 8]],
             share: vec![half; 32 * 8],
             plane: vec![half; 17 * 8],
             same: [vec![BitModel::new(1 << 15); 2 * 4], vec![half; 4]],
             turn: [NumberModel::new(), NumberModel::new()],
-            recent: Vec::with_capacity(WINDOW),
+            recent: Vec::with_capacity(WINDOW_POINTS),
             was_same: true,
         }
     }
@@ -135,7 +135,7 @@ impl GeometryModel {
     ) -> Result<usize, GeometrySectionError> {
         let count = cuboid.count;
         let across = self.recent.last().is_some_and(|point| steepest(&point.direction) == axis);
-        let class = count.min(COUNTS - 1);
+        let class = count.min(COUNT_CLASSES - 1);
         let at = (class * 2 + usize::from(across)) * 8 + cuboid.size[axis].min(7) as usize;
         for (empty, all) in [(0, 0), (1, count)] {
             let model = &mut self.empty[empty][at];
@@ -184,7 +184,7 @@ impl GeometryModel {
             return Err(GeometrySectionError::Outside { coord });
         }
         let normal = self.normal(coder, layout, &coord, source_normal)?;
-        if self.recent.len() == WINDOW {
+        if self.recent.len() == WINDOW_POINTS {
             self.recent.remove(0);
         }
         self.recent.push(Point { coord, normal, direction: direction(layout.normal_bits, normal) });

@@ -13,13 +13,13 @@ use crate::surface::section::point_mask::{PointMask, SetBits};
 use crate::surface::{BLOCK_POINTS, Layout, PaddedIndex};
 
 /// Number of blocks that one decision can skip.
-const GROUP: usize = 16;
+const GROUP_BLOCKS: usize = 16;
 /// Weights of the neighbours to either side from which a byte is guessed, the nearest first.
-const WEIGHTS: [u32; 3] = [6, 3, 2];
+const NEIGHBOUR_WEIGHTS: [u32; 3] = [6, 3, 2];
 /// Number of classes of a difference of bytes. The class is the number of significant bits.
-const CLASSES: usize = 9;
+const DIFFERENCE_CLASSES: usize = 9;
 /// Number of classes of the distance between the byte coded before and the guess, in eighths: -16 to 16.
-const LEANS: usize = 33;
+const LEAN_CLASSES: usize = 33;
 
 /// What the range coder learns of a patch. Every patch starts a fresh model.
 pub(crate) struct PatchModel {
@@ -34,7 +34,7 @@ pub(crate) struct PatchModel {
 struct ByteModel {
     sizes: ContextMixer<4>,
     signs: ContextMixer<4>,
-    seconds: [BitModel; CLASSES],
+    seconds: [BitModel; DIFFERENCE_CLASSES],
     /// The last byte; 255 before the first.
     last: u8,
     /// Classes of the last two differences, the latest first.
@@ -53,9 +53,18 @@ impl PatchModel {
             blocks: [BitModel::new(half); 8],
             points: ContextMixer::new([256, 9], 1, 1 << 14),
             bytes: ByteModel {
-                sizes: ContextMixer::new([CLASSES * 8, CLASSES * CLASSES * 8, 32 * 8, LEANS * 8], 8, half),
-                signs: ContextMixer::new([32, 8 * 4, LEANS * 2, 64], 8, half),
-                seconds: [BitModel::new(half); CLASSES],
+                sizes: ContextMixer::new(
+                    [
+                        DIFFERENCE_CLASSES * 8,
+                        DIFFERENCE_CLASSES * DIFFERENCE_CLASSES * 8,
+                        32 * 8,
+                        LEAN_CLASSES * 8,
+                    ],
+                    8,
+                    half,
+                ),
+                signs: ContextMixer::new([32, 8 * 4, LEAN_CLASSES * 2, 64], 8, half),
+                seconds: [BitModel::new(half); DIFFERENCE_CLASSES],
                 last: 255,
                 classes: [0; 2],
                 signs_before: 0,
@@ -113,8 +122,8 @@ impl PatchModel {
     ) {
         let mut given = source.iter().peekable();
         let (mut count, mut before) = (0, false);
-        for first in (0..present.len()).step_by(GROUP) {
-            let group = first..present.len().min(first + GROUP);
+        for first in (0..present.len()).step_by(GROUP_BLOCKS) {
+            let group = first..present.len().min(first + GROUP_BLOCKS);
             if !present[group.clone()].contains(&true) {
                 continue;
             }
@@ -194,10 +203,10 @@ impl ByteModel {
         source: usize,
     ) -> usize {
         let [last, before] = self.classes;
-        for class in 0..CLASSES - 1 {
+        for class in 0..DIFFERENCE_CLASSES - 1 {
             let at = [
                 significant(neighbours.spread.into()) * 8 + class,
-                (last * CLASSES + before) * 8 + class,
+                (last * DIFFERENCE_CLASSES + before) * 8 + class,
                 usize::from(neighbours.guess / 8) * 8 + class,
                 lean * 8 + class,
             ];
@@ -205,7 +214,7 @@ impl ByteModel {
                 return class;
             }
         }
-        CLASSES - 1
+        DIFFERENCE_CLASSES - 1
     }
 
     /// Codes the sign of a difference: whether a byte is below its guess.
@@ -261,7 +270,7 @@ impl Neighbours {
             weights += weight;
             (low, high) = (low.min(byte), high.max(byte));
         };
-        for (distance, weight) in (1..).zip(WEIGHTS) {
+        for (distance, weight) in (1..).zip(NEIGHBOUR_WEIGHTS) {
             if index >= range.start + distance {
                 note(values[index - distance], weight);
             }

@@ -15,11 +15,11 @@ pub(crate) struct ValueModel {
 }
 
 /// Number of earlier points that are looked at.
-const PAST: usize = 8;
+const PAST_VALUES: usize = 8;
 /// Their weights in the mean, the nearest first.
-const WEIGHTS: [u32; 3] = [2, 1, 1];
+const MEAN_WEIGHTS: [u32; 3] = [2, 1, 1];
 /// Stands for an unknown value.
-const UNKNOWN: u8 = 255;
+const UNKNOWN_VALUE: u8 = 255;
 
 impl ValueModel {
     pub(crate) fn new() -> ValueModel {
@@ -93,7 +93,7 @@ impl ValueModel {
         let instance = layout.owner(block);
         let first = block * BLOCK_POINTS;
         let blocks = layout.blocks_of(instance as u32);
-        let mut past = [UNKNOWN; PAST];
+        let mut past = [UNKNOWN_VALUE; PAST_VALUES];
         if block > blocks.start && known[block - 1] {
             past = std::array::from_fn(|n| values[first - 1 - n]);
         }
@@ -108,7 +108,7 @@ impl ValueModel {
             let source = source.get(at).copied().unwrap_or(0);
             let value = self.byte(coder, &past, sibling, alike, source);
             values[first + at] = value;
-            past.copy_within(0..PAST - 1, 1);
+            past.copy_within(0..PAST_VALUES - 1, 1);
             past[0] = value;
             alike = if sibling == Some(value) { (alike + 1).min(3) } else { 0 };
         }
@@ -117,12 +117,12 @@ impl ValueModel {
     fn byte<B: BinaryCoder>(
         &mut self,
         coder: &mut B,
-        past: &[u8; PAST],
+        past: &[u8; PAST_VALUES],
         sibling: Option<u8>,
         alike: usize,
         source: u8,
     ) -> u8 {
-        let mean: u32 = past.iter().zip(WEIGHTS).map(|(value, weight)| u32::from(*value) * weight).sum();
+        let mean: u32 = past.iter().zip(MEAN_WEIGHTS).map(|(value, weight)| u32::from(*value) * weight).sum();
         let rough: u32 = past.windows(2).take(4).map(|pair| u32::from(pair[0].abs_diff(pair[1]))).sum();
         let rough = (32 - rough.leading_zeros()) as usize;
         let sibling = sibling.map_or(128, |sibling| usize::from(sibling / 2));

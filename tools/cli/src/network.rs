@@ -66,7 +66,7 @@ pub(crate) struct ConnectArgs {
 /// The secret that server and clients share.
 #[derive(Args, Clone, Debug)]
 struct TokenArgs {
-    /// File with the token that server and clients share [default: the variable PSAO_TOKEN]
+    /// File with the token that server and clients share [default: the variable `PSAO_TOKEN`]
     #[arg(long, value_name = "FILE", help_heading = NETWORK)]
     token_file: Option<PathBuf>,
 }
@@ -185,7 +185,7 @@ pub(crate) fn tell(event: &HubEvent) {
             eprintln!("psao: connections dropped since then, too many at the same time: {connections}");
         }
         HubEvent::Missed { events } => {
-            eprintln!("psao: earlier messages about clients that were left out: {events}")
+            eprintln!("psao: earlier messages about clients that were left out: {events}");
         }
         HubEvent::Edit { .. } => {}
     }

@@ -32,7 +32,7 @@ pub(crate) fn run(args: &Args) -> Outcome {
     let mut length = 0;
     let put = |bytes: &[u8]| {
         length += bytes.len() as u64;
-        Ok(out.put(bytes)?)
+        out.put(bytes)
     };
     let target = args.output.output.as_path();
     let mut all = Concatenation::new(Limits::default(), put).map_err(|error| refused(target, error))?;

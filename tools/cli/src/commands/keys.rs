@@ -25,7 +25,7 @@ pub(crate) struct Args {
     /// Folder to write to; created if missing
     #[arg(value_name = "FOLDER")]
     folder: PathBuf,
-    /// Name or IP address by which clients reach the server; repeat it for more [default: localhost, 127.0.0.1 and ::1]
+    /// Name or IP address by which clients reach the server; repeat it for more [default: localhost and its addresses]
     #[arg(long = "name", value_name = "NAME", hide_default_value = true, default_values = ["localhost", "127.0.0.1", "::1"])]
     names: Vec<String>,
     /// Days for which the certificates are valid

@@ -45,7 +45,7 @@ pub(crate) fn rewrite(
     let mut length = 0;
     let mut put = |bytes: &[u8]| {
         length += bytes.len() as u64;
-        Ok(out.put(bytes)?)
+        out.put(bytes)
     };
     let done = make(&bytes, &mut put).map_err(|error| refused(path, error))?;
     out.finish()?;

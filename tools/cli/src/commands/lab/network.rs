@@ -267,6 +267,13 @@ fn refused(args: &Args, error: LabError) -> Failure {
     }
 }
 
+fn name(mode: Mode) -> &'static str {
+    match mode {
+        Mode::Stream => "stream",
+        Mode::Datagram => "datagram",
+    }
+}
+
 fn table(args: &Args, document: &Document) -> Outcome {
     let heads = [
         "mode",
@@ -311,10 +318,7 @@ fn table(args: &Args, document: &Document) -> Outcome {
             clients.iter().map(|client| client.first_frame_us).max_by_key(|first| first.unwrap_or(u64::MAX));
         let staleness = report.staleness;
         table.row([
-            match mode {
-                Mode::Stream => "stream".to_owned(),
-                Mode::Datagram => "datagram".to_owned(),
-            },
+            name(*mode).to_owned(),
             format!("{} %", f64::from(conditions.loss) / 10_000.0),
             millis(conditions.delay),
             conditions

@@ -218,7 +218,7 @@ impl Document {
                 figure(row.bytes),
                 figure(row.traced),
                 figure(row.rays),
-                row.ms.map_or("n/a".to_owned(), |ms| ms.signed_text()),
+                row.ms.map_or("n/a".to_owned(), MedianRange::signed_text),
                 row.frames_equal.map_or("n/a".to_owned(), |equal| yes(equal, "NO")),
             ]);
         }

@@ -17,6 +17,7 @@ const DIRECTION_SETS: usize = 16;
 
 /// Error of tracing a reference.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum ReferenceError {
     /// A setting is out of its range.
     #[error(transparent)]

@@ -207,6 +207,9 @@
 //! # }
 //! ```
 
+#[macro_use]
+mod setters;
+
 pub mod block;
 mod change_log;
 mod decoder;

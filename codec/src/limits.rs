@@ -35,3 +35,15 @@ impl Default for Limits {
         }
     }
 }
+
+impl Limits {
+    setters! {
+        const fn:
+        with_max_instances: max_instances as u32,
+        with_max_buckets: max_buckets as u32,
+        with_max_cells: max_cells as u32,
+        with_max_points: max_points as u32,
+        with_max_block_bytes: max_block_bytes as u32,
+        with_max_frame_bytes: max_frame_bytes as u32,
+    }
+}

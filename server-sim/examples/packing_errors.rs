@@ -93,7 +93,7 @@ fn main() -> Result<(), Failure> {
     }
     let mut server = Server::new(
         Arc::clone(&scene),
-        ServerSettings { profile: Profile::PAPER, coder, points, ..ServerSettings::default() },
+        ServerSettings::default().with_profile(Profile::PAPER).with_coder(coder).with_points(points),
         Arc::new(|_| {}),
     )?;
     for frame in arguments {

@@ -18,7 +18,7 @@
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! let scene = Arc::new(Scene::load("colonnade")?);
 //! let points = PointSettings { per_m2: 1.0, minimum: 16, seed: 1 };
-//! let settings = ServerSettings { points, ..ServerSettings::default() };
+//! let settings = ServerSettings::default().with_points(points);
 //! let mut server = Server::new(scene, settings, Arc::new(|_progress| {}))?;
 //!
 //! // Without a view every point counts as seen. The first frame holds every point of the scene.

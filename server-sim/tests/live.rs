@@ -32,13 +32,11 @@ const PATIENCE: Duration = Duration::from_secs(60);
 
 /// Few points and rays.
 fn settings(scene: &Scene, profile: Profile) -> ServerSettings {
-    ServerSettings {
-        profile,
-        coder: if profile == Profile::PAPER { BlockCoder::Lz4 } else { BlockCoder::Range },
-        points: PointSettings { per_m2: 8.0, minimum: 32, seed: 3 },
-        ao: AoSettings { rays: 16, radius: scene.ao_radius_m(), ..AoSettings::default() },
-        ..ServerSettings::default()
-    }
+    ServerSettings::default()
+        .with_profile(profile)
+        .with_coder(if profile == Profile::PAPER { BlockCoder::Lz4 } else { BlockCoder::Range })
+        .with_points(PointSettings { per_m2: 8.0, minimum: 32, seed: 3 })
+        .with_ao(AoSettings { rays: 16, radius: scene.ao_radius_m(), ..AoSettings::default() })
 }
 
 fn scene() -> Arc<Scene> {
@@ -152,7 +150,7 @@ fn clients_and_the_recording_get_what_a_server_writes_that_steps() {
     let folder = tempfile::tempdir().unwrap();
     let scene = scene();
     let surface = settings(&scene, Profile::SURFACE);
-    let budget = ServerSettings { budget: Some(Budget { bytes: 4_000, longest_age: 9 }), ..surface };
+    let budget = surface.with_budget(Some(Budget { bytes: 4_000, longest_age: 9 }));
     for settings in [surface, budget, settings(&scene, Profile::PAPER)] {
         let path = folder.path().join("live.psao");
         let expected = stepped(&scene, settings, FRAMES, true);
@@ -182,7 +180,7 @@ fn a_keyframe_ends_a_gap_of_the_recording() {
         // The first frame is longer than a pipe holds.
         let settings = settings(&scene, profile);
         let points = PointSettings { per_m2: 200.0, ..settings.points };
-        let settings = ServerSettings { points, ao: AoSettings { rays: 1, ..settings.ao }, ..settings };
+        let settings = settings.with_points(points).with_ao(AoSettings { rays: 1, ..settings.ao });
         let server = server(&scene, settings);
         let (start, wait) = std::sync::mpsc::channel();
         let place = path.clone();

@@ -1,6 +1,6 @@
 //! Which points are traced in a frame when there is no time for all of them.
 
-use psao_codec::memory;
+use psao_codec::{memory, setters};
 use psao_proto::message::CameraPose;
 
 use super::field::Field;
@@ -27,6 +27,18 @@ pub struct RayBudget {
 impl RayBudget {
     /// Half a second at 60 Hz.
     pub const LONGEST_AGE: u16 = 30;
+
+    /// Returns a budget of `rays` rays a frame, with [`LONGEST_AGE`](Self::LONGEST_AGE).
+    #[must_use]
+    pub const fn new(rays: u64) -> Self {
+        Self { rays, longest_age: Self::LONGEST_AGE }
+    }
+
+    setters! {
+        const fn:
+        with_rays: rays as u64,
+        with_longest_age: longest_age as u16,
+    }
 }
 
 /// What a frame left for later ones.

@@ -35,13 +35,11 @@ fn cube_on_floor(profile: Profile, per_m2: f32) -> Seen {
     let lists = [shapes::floor(2.0), shapes::cube(Vec3::new(0.0, 0.3, 0.0), 0.3)];
     let scene = Arc::new(Scene::from_triangles("cube on floor", &lists, 0.6).unwrap());
     let ao = AoSettings { rays: 64, ..AoSettings::default() };
-    let settings = ServerSettings {
-        points: PointSettings { per_m2, minimum: 64, seed: 1 },
-        ao,
-        profile,
-        coder: BlockCoder::Stored,
-        ..ServerSettings::default()
-    };
+    let settings = ServerSettings::default()
+        .with_points(PointSettings { per_m2, minimum: 64, seed: 1 })
+        .with_ao(ao)
+        .with_profile(profile)
+        .with_coder(BlockCoder::Stored);
     let mut server = Server::new(scene, settings, Arc::new(|_| ())).unwrap();
     let frame = server.step(FrameIndex(0), StreamTime(0), &[], &NoClock).unwrap();
     let mut state = State::new(server.layout());

@@ -36,7 +36,7 @@ struct Both {
 impl Both {
     fn new(scene: &Arc<Scene>, time_s: f64, points: PointSettings, rays: u32) -> Self {
         let ao = AoSettings { rays, ..AoSettings::default() };
-        let settings = ServerSettings { profile: Profile::PAPER, points, ao, ..ServerSettings::default() };
+        let settings = ServerSettings::default().with_profile(Profile::PAPER).with_points(points).with_ao(ao);
         let server = Server::new(Arc::clone(scene), settings, Arc::new(|_| ())).unwrap();
         let world = SceneBvh::new(scene, &scene.pose(time_s));
         let placed: Vec<Vec<PlacedPoint>> = (0..)

@@ -8,7 +8,7 @@ use psao_codec::surface::{BLOCK_POINTS, Budget, Encoder, EncoderSettings, Geomet
 use psao_proto::message;
 use psao_server::clock::NoClock;
 use psao_server::scene::Scene;
-use psao_server::server::{Server, ServerSettings};
+use psao_server::server::Server;
 use serde::Serialize;
 
 use crate::args::{Coder, Format, FormatArg, PointArgs, ProfileArg};
@@ -111,7 +111,7 @@ pub(crate) fn run(args: &Args) -> Outcome {
     let scene = Arc::new(Scene::load(&args.scene).map_err(Failure::input)?);
     // A budget that nothing exceeds: with one, the server weighs the points.
     let budget = Some(Budget { bytes: u32::MAX, longest_age: args.age.longest_age });
-    let settings = ServerSettings { coder, budget, ..settings(&args.points, &scene, args.frames) };
+    let settings = settings(&args.points, &scene, args.frames).with_coder(coder).with_budget(budget);
     let cache = Folder::of(&args.points.cache);
     let server = Server::with_cache(Arc::clone(&scene), settings, as_cache(&cache), show_progress());
     let mut server = server.map_err(refused)?;

@@ -218,11 +218,9 @@ impl<'a> Plan<'a> {
             ReferenceRays::Screen(rays) => far_field_methods(rays).map_err(Failure::usage),
         };
         let usual = ServerSettings::default();
-        let base = ServerSettings {
-            points: PointSettings { minimum: args.min_points, seed: args.seed, ..usual.points },
-            ao: AoSettings { rays: usual.ao.rays, ..reference },
-            ..usual
-        };
+        let base = usual
+            .with_points(PointSettings { minimum: args.min_points, seed: args.seed, ..usual.points })
+            .with_ao(AoSettings { rays: usual.ao.rays, ..reference });
         let mut jobs = Vec::new();
         for setting in &sweep.settings {
             setting.server(base).validate().map_err(Failure::usage)?;

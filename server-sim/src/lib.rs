@@ -17,7 +17,7 @@
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! let scene = Arc::new(Scene::load("colonnade")?);
-//! let points = PointSettings { per_m2: 1.0, minimum: 16, seed: 1 };
+//! let points = PointSettings::default().with_per_m2(1.0).with_minimum(16);
 //! let settings = ServerSettings::default().with_points(points);
 //! let mut server = Server::new(scene, settings, Arc::new(|_progress| {}))?;
 //!

@@ -35,7 +35,7 @@ fn settings(scene: &Scene, profile: Profile) -> ServerSettings {
     ServerSettings::default()
         .with_profile(profile)
         .with_coder(if profile == Profile::PAPER { BlockCoder::Lz4 } else { BlockCoder::Range })
-        .with_points(PointSettings { per_m2: 8.0, minimum: 32, seed: 3 })
+        .with_points(PointSettings::default().with_per_m2(8.0).with_minimum(32).with_seed(3))
         .with_ao(AoSettings { rays: 16, radius: scene.ao_radius_m(), ..AoSettings::default() })
 }
 
@@ -179,7 +179,7 @@ fn a_keyframe_ends_a_gap_of_the_recording() {
     for profile in [Profile::SURFACE, Profile::PAPER] {
         // The first frame is longer than a pipe holds.
         let settings = settings(&scene, profile);
-        let points = PointSettings { per_m2: 200.0, ..settings.points };
+        let points = settings.points.with_per_m2(200.0);
         let settings = settings.with_points(points).with_ao(AoSettings { rays: 1, ..settings.ao });
         let server = server(&scene, settings);
         let (start, wait) = std::sync::mpsc::channel();

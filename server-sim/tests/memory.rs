@@ -17,7 +17,7 @@ use psao_server::server::{Server, ServerMemory, ServerSettings};
 /// Returns settings with few points and rays.
 fn settings(scene: &Scene) -> ServerSettings {
     ServerSettings::default()
-        .with_points(PointSettings { per_m2: 32.0, minimum: 64, ..PointSettings::default() })
+        .with_points(PointSettings::default().with_per_m2(32.0).with_minimum(64))
         .with_ao(AoSettings { rays: 32, radius: scene.ao_radius_m(), ..AoSettings::default() })
 }
 

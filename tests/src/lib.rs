@@ -33,7 +33,7 @@ pub fn shared(part: &str) -> Option<PathBuf> {
 #[must_use]
 pub fn fast_settings(scene: &Scene, threshold: u8) -> ServerSettings {
     ServerSettings::default()
-        .with_points(PointSettings { per_m2: 2.0, minimum: 24, seed: 1 })
+        .with_points(PointSettings::default().with_per_m2(2.0).with_minimum(24).with_seed(1))
         .with_ao(AoSettings { rays: 16, radius: scene.ao_radius_m(), ..AoSettings::default() })
         .with_threshold(threshold)
         .with_coder(psao_codec::block::BlockCoder::Zstd { level: 1 })

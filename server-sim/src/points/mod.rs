@@ -128,6 +128,7 @@ impl ScenePoints {
 
 /// Density and number of points.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct PointSettings {
     /// Points per square metre of surface, above 0 and finite.
     pub per_m2: f32,

@@ -77,7 +77,12 @@ pub(crate) fn settings(points: &PointArgs, scene: &Scene, frames_hint: u32) -> S
     ServerSettings::default()
         .with_geometry(points.geometry.into())
         .with_bits(points.bits)
-        .with_points(PointSettings { per_m2: points.per_m2, minimum: points.min_points, seed: points.seed })
+        .with_points(
+            PointSettings::default()
+                .with_per_m2(points.per_m2)
+                .with_minimum(points.min_points)
+                .with_seed(points.seed),
+        )
         .with_ao(AoSettings {
             rays: points.rays,
             radius: points.radius.unwrap_or_else(|| scene.ao_radius_m()),

@@ -36,7 +36,7 @@ fn cube_on_floor(profile: Profile, per_m2: f32) -> Seen {
     let scene = Arc::new(Scene::from_triangles("cube on floor", &lists, 0.6).unwrap());
     let ao = AoSettings { rays: 64, ..AoSettings::default() };
     let settings = ServerSettings::default()
-        .with_points(PointSettings { per_m2, minimum: 64, seed: 1 })
+        .with_points(PointSettings::default().with_per_m2(per_m2).with_minimum(64).with_seed(1))
         .with_ao(ao)
         .with_profile(profile)
         .with_coder(BlockCoder::Stored);

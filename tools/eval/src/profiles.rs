@@ -147,7 +147,8 @@ fn at_rest(server: &Server, settings: &ServerSettings, values: &[Vec<u8>]) -> su
 fn points_at_rest_are_as_good_as_paper_on_a_still_scene() {
     let lists = [shapes::floor(2.0), shapes::cube(Vec3::new(0.0, 0.3, 0.0), 0.3)];
     let scene = Arc::new(Scene::from_triangles("cube on floor", &lists, 0.6).unwrap());
-    let both = Both::new(&scene, 0.0, PointSettings { per_m2: 512.0, minimum: 64, seed: 1 }, 64);
+    let both =
+        Both::new(&scene, 0.0, PointSettings::default().with_per_m2(512.0).with_minimum(64).with_seed(1), 64);
     let pose = CameraPose {
         eye: [1.1, 1.2, 1.6],
         target: [0.0, 0.2, 0.0],
@@ -170,7 +171,8 @@ fn points_at_rest_are_as_good_as_paper_on_a_still_scene() {
 #[test]
 fn points_at_rest_are_better_than_cells_where_bodies_walk() {
     let scene = Arc::new(Scene::load("colonnade").unwrap());
-    let both = Both::new(&scene, 0.7, PointSettings { per_m2: 64.0, minimum: 256, seed: 1 }, 32);
+    let both =
+        Both::new(&scene, 0.7, PointSettings::default().with_per_m2(64.0).with_minimum(256).with_seed(1), 32);
     let view = both.view(&scene.camera(0.7), Size::new(160, 90).unwrap());
     let [(cells, cells_error), (rest, rest_error)] = both.draw(&view, 64);
     assert!(rest_error.psnr > cells_error.psnr, "{rest_error:?} {cells_error:?}");

@@ -117,7 +117,7 @@ fn traced(
 ) -> Result<(ScenePoints, PointPicture), StressError> {
     let scene = Scene::from_triangles("stress", lists, settings.radius).map_err(StressError::new)?;
     let scene = Arc::new(scene);
-    let wanted = PointSettings { per_m2, minimum: 16, seed: 1 };
+    let wanted = PointSettings::default().with_per_m2(per_m2).with_minimum(16).with_seed(1);
     let points = generate(&scene, &wanted, &|_, _| ()).map_err(StressError::new)?;
     let found = trace(&scene, &points, settings)?;
     Ok((points, found))

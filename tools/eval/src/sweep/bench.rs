@@ -325,8 +325,7 @@ mod tests {
     fn check(look: impl FnOnce(&Bench<'_>, &Clip<'_>, &Setting)) {
         let lists = [shapes::floor(2.0), shapes::cube(Vec3::new(0.0, 0.3, 0.0), 0.3)];
         let scene = Arc::new(Scene::from_triangles("cube on floor", &lists, 0.6).unwrap());
-        let base =
-            ServerSettings::default().with_points(PointSettings { minimum: 64, ..PointSettings::default() });
+        let base = ServerSettings::default().with_points(PointSettings::default().with_minimum(64));
         let setting = Setting { per_m2: 32.0, rays: 16, fps: 10.0, ..Setting::usual() };
         let ao = AoSettings { rays: 32, ..base.ao };
         let times = picture_times(0.4, 20.0, 2);

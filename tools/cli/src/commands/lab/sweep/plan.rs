@@ -10,7 +10,6 @@ use psao_eval::sweep::{
 use psao_eval::texture::TextureSettings;
 use psao_reconstruct::Size;
 use psao_server::ao::{AoSettings, Occlusion};
-use psao_server::points::PointSettings;
 use psao_server::scene::Scene;
 use psao_server::server::ServerSettings;
 
@@ -219,7 +218,7 @@ impl<'a> Plan<'a> {
         };
         let usual = ServerSettings::default();
         let base = usual
-            .with_points(PointSettings { minimum: args.min_points, seed: args.seed, ..usual.points })
+            .with_points(usual.points.with_minimum(args.min_points).with_seed(args.seed))
             .with_ao(AoSettings { rays: usual.ao.rays, ..reference });
         let mut jobs = Vec::new();
         for setting in &sweep.settings {

@@ -63,7 +63,7 @@ fn trace(criterion: &mut Criterion) {
         let mut group = criterion.benchmark_group(name);
         group.sample_size(10);
         for kind in [Occlusion::Obscurance, Occlusion::Binary] {
-            let Ok(tracer) = Tracer::new(AoSettings { kind, ..AoSettings::default() }) else { continue };
+            let Ok(tracer) = Tracer::new(AoSettings::default().with_kind(kind)) else { continue };
             rays(&mut group, kind, &RayWorkload::new(&scene, &points, tracer, SAMPLE, 1));
         }
         group.throughput(Throughput::Elements(places.len() as u64));

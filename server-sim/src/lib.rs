@@ -49,7 +49,7 @@
 //! let hit = world.closest(Vec3::new(0.0, top, 0.0), Vec3::NEG_Y, 100.0).ok_or("nothing below")?;
 //! let surface = world.surface(&hit).ok_or("not of this world")?;
 //!
-//! let tracer = Tracer::new(AoSettings { rays: 512, ..AoSettings::default() })?;
+//! let tracer = Tracer::new(AoSettings::default().with_rays(512))?;
 //! let ao = tracer.at(&world, RayKey(0), surface.position, surface.normal, &mut Scratch::default()).ao;
 //! assert!(ao > 0.0 && ao <= 1.0);
 //! # Ok(())

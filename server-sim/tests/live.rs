@@ -36,7 +36,7 @@ fn settings(scene: &Scene, profile: Profile) -> ServerSettings {
         .with_profile(profile)
         .with_coder(if profile == Profile::PAPER { BlockCoder::Lz4 } else { BlockCoder::Range })
         .with_points(PointSettings::default().with_per_m2(8.0).with_minimum(32).with_seed(3))
-        .with_ao(AoSettings { rays: 16, radius: scene.ao_radius_m(), ..AoSettings::default() })
+        .with_ao(AoSettings::default().with_rays(16).with_radius(scene.ao_radius_m()))
 }
 
 fn scene() -> Arc<Scene> {
@@ -180,7 +180,7 @@ fn a_keyframe_ends_a_gap_of_the_recording() {
         // The first frame is longer than a pipe holds.
         let settings = settings(&scene, profile);
         let points = settings.points.with_per_m2(200.0);
-        let settings = settings.with_points(points).with_ao(AoSettings { rays: 1, ..settings.ao });
+        let settings = settings.with_points(points).with_ao(settings.ao.with_rays(1));
         let server = server(&scene, settings);
         let (start, wait) = std::sync::mpsc::channel();
         let place = path.clone();

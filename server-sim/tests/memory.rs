@@ -18,7 +18,7 @@ use psao_server::server::{Server, ServerMemory, ServerSettings};
 fn settings(scene: &Scene) -> ServerSettings {
     ServerSettings::default()
         .with_points(PointSettings::default().with_per_m2(32.0).with_minimum(64))
-        .with_ao(AoSettings { rays: 32, radius: scene.ao_radius_m(), ..AoSettings::default() })
+        .with_ao(AoSettings::default().with_rays(32).with_radius(scene.ao_radius_m()))
 }
 
 /// Runs a server for a few frames of a scene.

@@ -34,7 +34,7 @@ pub fn shared(part: &str) -> Option<PathBuf> {
 pub fn fast_settings(scene: &Scene, threshold: u8) -> ServerSettings {
     ServerSettings::default()
         .with_points(PointSettings::default().with_per_m2(2.0).with_minimum(24).with_seed(1))
-        .with_ao(AoSettings { rays: 16, radius: scene.ao_radius_m(), ..AoSettings::default() })
+        .with_ao(AoSettings::default().with_rays(16).with_radius(scene.ao_radius_m()))
         .with_threshold(threshold)
         .with_coder(psao_codec::block::BlockCoder::Zstd { level: 1 })
 }

@@ -17,6 +17,7 @@ pub enum Occlusion {
 
 /// Settings of the AO of a point (paper, section 3.3).
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct AoSettings {
     /// Number of rays per point, 1 to [`MAX_RAYS`].
     pub rays: u32,

@@ -83,12 +83,13 @@ pub(crate) fn settings(points: &PointArgs, scene: &Scene, frames_hint: u32) -> S
                 .with_minimum(points.min_points)
                 .with_seed(points.seed),
         )
-        .with_ao(AoSettings {
-            rays: points.rays,
-            radius: points.radius.unwrap_or_else(|| scene.ao_radius_m()),
-            kind: points.occlusion.into(),
-            seed: points.seed,
-        })
+        .with_ao(
+            AoSettings::default()
+                .with_rays(points.rays)
+                .with_radius(points.radius.unwrap_or_else(|| scene.ao_radius_m()))
+                .with_kind(points.occlusion.into())
+                .with_seed(points.seed),
+        )
         .with_threshold(points.threshold)
         .with_view_margin(points.view_margin)
         .with_table_slots(points.slots_per_cell)

@@ -34,7 +34,7 @@ const PROFILES: [Profile; 2] = [Profile::PAPER, Profile::SURFACE];
 fn cube_on_floor(profile: Profile, per_m2: f32) -> Seen {
     let lists = [shapes::floor(2.0), shapes::cube(Vec3::new(0.0, 0.3, 0.0), 0.3)];
     let scene = Arc::new(Scene::from_triangles("cube on floor", &lists, 0.6).unwrap());
-    let ao = AoSettings { rays: 64, ..AoSettings::default() };
+    let ao = AoSettings::default().with_rays(64);
     let settings = ServerSettings::default()
         .with_points(PointSettings::default().with_per_m2(per_m2).with_minimum(64).with_seed(1))
         .with_ao(ao)
@@ -54,7 +54,7 @@ fn cube_on_floor(profile: Profile, per_m2: f32) -> Seen {
     };
     let scene = SceneView::new(server.world());
     let view = cast_view(&scene, &pose, Size::new(96, 64).unwrap()).unwrap();
-    let reference = reference(&scene, &view, &AoSettings { rays: 256, ..ao }).unwrap();
+    let reference = reference(&scene, &view, &ao.with_rays(256)).unwrap();
     let found = match &state {
         State::Paper(state) => reconstruct::cells(state, &view).unwrap(),
         State::Surface(state) => reconstruct::surface(state, &view).unwrap(),
@@ -113,7 +113,7 @@ fn rays_traced_together_agree_with_single_ones() {
     };
     let view = cast_view(&scene, &pose, Size::new(48, 32).unwrap()).unwrap();
     for kind in [Occlusion::Obscurance, Occlusion::Binary] {
-        let settings = AoSettings { rays: 1024, kind, ..AoSettings::default() };
+        let settings = AoSettings::default().with_rays(1024).with_kind(kind);
         let together = reference(&scene, &view, &settings).unwrap();
         let single = reference_by_single_rays(&scene, &view, &settings).unwrap();
         let difference = Comparison::new(&single, &together).unwrap();

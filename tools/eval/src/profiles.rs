@@ -35,7 +35,7 @@ struct Both {
 
 impl Both {
     fn new(scene: &Arc<Scene>, time_s: f64, points: PointSettings, rays: u32) -> Self {
-        let ao = AoSettings { rays, ..AoSettings::default() };
+        let ao = AoSettings::default().with_rays(rays);
         let settings = ServerSettings::default().with_profile(Profile::PAPER).with_points(points).with_ao(ao);
         let server = Server::new(Arc::clone(scene), settings, Arc::new(|_| ())).unwrap();
         let world = SceneBvh::new(scene, &scene.pose(time_s));
@@ -63,7 +63,7 @@ impl Both {
 
     /// Reconstructs the view from cells and from points at rest, and compares each with the reference.
     fn draw(&self, view: &GBuffer, rays: u32) -> [(Reconstruction, Comparison); 2] {
-        let settings = AoSettings { rays, ..self.ao };
+        let settings = self.ao.with_rays(rays);
         let truth = reference(&SceneView::new(&self.world), view, &settings).unwrap();
         let both = [reconstruct::cells(&self.cells, view), reconstruct::surface(&self.rest, view)];
         both.map(|found| {

@@ -124,7 +124,7 @@ fn traced(
 }
 
 fn settings(radius: f32, kind: Occlusion) -> AoSettings {
-    AoSettings { rays: RAYS, radius, kind, seed: 1 }
+    AoSettings::default().with_rays(RAYS).with_radius(radius).with_kind(kind).with_seed(1)
 }
 
 fn open_plane(kind: Occlusion) -> Result<f64, StressError> {

@@ -279,7 +279,6 @@ mod tests {
     use glam::Vec3;
     use psao_codec::envelope::FrameInfo;
     use psao_reconstruct::Size;
-    use psao_server::ao::AoSettings;
     use psao_server::points::PointSettings;
     use psao_server::scene::Scene;
     use psao_server::server::ServerSettings;
@@ -327,7 +326,7 @@ mod tests {
         let scene = Arc::new(Scene::from_triangles("cube on floor", &lists, 0.6).unwrap());
         let base = ServerSettings::default().with_points(PointSettings::default().with_minimum(64));
         let setting = Setting { per_m2: 32.0, rays: 16, fps: 10.0, ..Setting::usual() };
-        let ao = AoSettings { rays: 32, ..base.ao };
+        let ao = base.ao.with_rays(32);
         let times = picture_times(0.4, 20.0, 2);
         let size = Size::new(24, 16).unwrap();
         let views = views(&scene, &times, size, 2, &ReferenceRays::Scene(ao), &|| ()).unwrap();

@@ -195,7 +195,11 @@ impl<'a> Plan<'a> {
     fn new(sweep: &'a Sweep<'a>, scene: &'a Arc<Scene>, radius: f32, radii: &[f32]) -> Outcome<Self> {
         let args = sweep.args;
         let kind = args.occlusion.into();
-        let reference = AoSettings { rays: args.reference_rays, radius, kind, seed: args.seed };
+        let reference = AoSettings::default()
+            .with_rays(args.reference_rays)
+            .with_radius(radius)
+            .with_kind(kind)
+            .with_seed(args.seed);
         reference.validate().map_err(Failure::usage)?;
         let far = args.table == Some(TableArg::FarField);
         let truth = if far {
@@ -219,7 +223,7 @@ impl<'a> Plan<'a> {
         let usual = ServerSettings::default();
         let base = usual
             .with_points(usual.points.with_minimum(args.min_points).with_seed(args.seed))
-            .with_ao(AoSettings { rays: usual.ao.rays, ..reference });
+            .with_ao(reference.with_rays(usual.ao.rays));
         let mut jobs = Vec::new();
         for setting in &sweep.settings {
             setting.server(base).validate().map_err(Failure::usage)?;

@@ -5,6 +5,7 @@
 /// A layout that exceeds its limits is refused. A frame body is refused if it, or one of its blocks after
 /// decompression, exceeds the last two. Nothing is allocated before the check.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Limits {
     /// Largest number of instances of a layout (default 65,536).
     pub max_instances: u32,

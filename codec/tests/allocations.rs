@@ -35,7 +35,7 @@ fn encoder(budget: Option<Budget>) -> Encoder {
     let geometry = Geometry::round(layout, &points).geometry;
     let sets = vec![*geometry.layout()];
     let layout = Arc::new(Layout::new(sets, vec![Member { set: 0 }], &Limits::default()).unwrap());
-    let settings = EncoderSettings { threshold: 8, geometry: GeometrySource::Sent, budget };
+    let settings = EncoderSettings::new(8, GeometrySource::Sent).with_budget(budget);
     Encoder::new(layout, vec![Arc::new(geometry)], settings).unwrap()
 }
 

@@ -18,6 +18,7 @@ use crate::{StateHash, memory};
 
 /// Settings of an encoder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct EncoderSettings {
     /// A point is sent if its AO byte differs by at least this much from that of clients, 1 to 255; 0 counts as 1.
     pub threshold: u8,

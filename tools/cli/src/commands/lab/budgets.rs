@@ -179,8 +179,7 @@ impl Traced {
 
     /// Returns an encoder of the stream.
     fn encoder(&self, budget: Option<Budget>) -> Outcome<Encoder> {
-        let settings =
-            EncoderSettings { threshold: self.threshold, geometry: GeometrySource::Shared, budget };
+        let settings = EncoderSettings::new(self.threshold, GeometrySource::Shared).with_budget(budget);
         Encoder::new(Arc::clone(&self.layout), self.geometry.clone(), settings).map_err(Failure::input)
     }
 }

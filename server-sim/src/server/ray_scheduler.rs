@@ -17,6 +17,7 @@ use crate::world::SceneBvh;
 /// `longest_age + ceil(C / c)` frames, where C chunks are in view and c are traced a frame. A point that waits keeps the AO
 /// that it had.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct RayBudget {
     /// Rays a frame. The first frame, which makes the AO of every point, takes what it takes.
     pub rays: u64,

@@ -56,9 +56,7 @@ pub(crate) fn open(scene: &str, tuning: &TuningArgs, frames_hint: u32) -> Outcom
         .with_profile(tuning.profile.into())
         .with_coder(coder)
         .with_budget(budget)
-        .with_ray_budget(
-            tuning.ray_budget.map(|rays| RayBudget { rays, longest_age: RayBudget::LONGEST_AGE }),
-        );
+        .with_ray_budget(tuning.ray_budget.map(RayBudget::new));
     let cache = Folder::of(&tuning.points.cache);
     let server = Server::with_cache(Arc::clone(&scene), settings, as_cache(&cache), show_progress());
     Ok((server.map_err(refused)?, Timetable::new(&scene, &tuning.points)))

@@ -150,7 +150,7 @@ fn clients_and_the_recording_get_what_a_server_writes_that_steps() {
     let folder = tempfile::tempdir().unwrap();
     let scene = scene();
     let surface = settings(&scene, Profile::SURFACE);
-    let budget = surface.with_budget(Some(Budget { bytes: 4_000, longest_age: 9 }));
+    let budget = surface.with_budget(Some(Budget::new(4_000).with_longest_age(9)));
     for settings in [surface, budget, settings(&scene, Profile::PAPER)] {
         let path = folder.path().join("live.psao");
         let expected = stepped(&scene, settings, FRAMES, true);

@@ -40,7 +40,7 @@ fn a_server_holds_what_it_says() {
     let [still, walkers] = &scenes;
     let usual = settings(walkers);
     let paper = usual.with_profile(Profile::PAPER).with_coder(BlockCoder::Lz4);
-    let budget = usual.with_budget(Some(Budget { bytes: 2_000, longest_age: 9 }));
+    let budget = usual.with_budget(Some(Budget::new(2_000).with_longest_age(9)));
     for (scene, settings) in [(still, settings(still)), (walkers, usual), (walkers, paper), (walkers, budget)]
     {
         // Make the allocations that happen only once before counting.

@@ -43,6 +43,7 @@ use crate::memory;
 ///
 /// With a budget that no frame exceeds anyway, the stream is identical to one without a budget.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Budget {
     /// Length of a frame body, bytes.
     pub bytes: u32,

@@ -217,7 +217,7 @@ mod tests {
             let error = ServerSettings { bits: found, ..good }.validate();
             assert_eq!(error, Err(SettingsError::Bits { found }));
         }
-        let budget = |bytes| Some(Budget { bytes, longest_age: 0 });
+        let budget = |bytes| Some(Budget::new(bytes).with_longest_age(0));
         assert_eq!(ServerSettings { budget: budget(64), ..good }.validate(), Ok(()));
         let refused = ServerSettings { budget: budget(63), ..good }.validate();
         assert_eq!(refused, Err(SettingsError::Budget { found: 63 }));

@@ -47,7 +47,7 @@
 //! let layout = Arc::new(Layout::new(vec![*geometry.layout()], members, &limits)?);
 //!
 //! // The server sets the AO of every point. The encoder knows what clients hold and sends changes of 8 or more.
-//! let settings = EncoderSettings { threshold: 8, geometry: GeometrySource::Sent, budget: None };
+//! let settings = EncoderSettings::new(8, GeometrySource::Sent);
 //! let mut encoder = Encoder::new(Arc::clone(&layout), vec![geometry], settings)?;
 //! let meta = |kind, frame| FrameMeta { kind, frame: FrameIndex(frame), time: StreamTime(0), changed_points: 0 };
 //! for point in 0..200 {
@@ -83,7 +83,7 @@
 //! # let geometry = Arc::new(Geometry::round(set, &(0..100).map(along).collect::<Vec<_>>()).geometry);
 //! # let limits = Limits::default();
 //! # let layout = Arc::new(Layout::new(vec![*geometry.layout()], vec![Member { set: 0 }], &limits)?);
-//! # let settings = EncoderSettings { threshold: 8, geometry: GeometrySource::Sent, budget: None };
+//! # let settings = EncoderSettings::new(8, GeometrySource::Sent);
 //! # let mut encoder = Encoder::new(Arc::clone(&layout), vec![geometry], settings)?;
 //! # let meta = |kind, frame| FrameMeta { kind, frame: FrameIndex(frame), time: StreamTime(0), changed_points: 0 };
 //! # (0..100).for_each(|point| { encoder.set_ao(point, 255); });
@@ -206,6 +206,9 @@
 //! # Ok(())
 //! # }
 //! ```
+
+#[macro_use]
+mod setters;
 
 pub mod block;
 mod change_log;

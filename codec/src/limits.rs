@@ -5,6 +5,7 @@
 /// A layout that exceeds its limits is refused. A frame body is refused if it, or one of its blocks after
 /// decompression, exceeds the last two. Nothing is allocated before the check.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Limits {
     /// Largest number of instances of a layout (default 65,536).
     pub max_instances: u32,
@@ -33,5 +34,17 @@ impl Default for Limits {
             max_block_bytes: 272 << 20,
             max_frame_bytes: 512 << 20,
         }
+    }
+}
+
+impl Limits {
+    setters! {
+        const fn:
+        with_max_instances: max_instances as u32,
+        with_max_buckets: max_buckets as u32,
+        with_max_cells: max_cells as u32,
+        with_max_points: max_points as u32,
+        with_max_block_bytes: max_block_bytes as u32,
+        with_max_frame_bytes: max_frame_bytes as u32,
     }
 }

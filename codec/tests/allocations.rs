@@ -35,7 +35,7 @@ fn encoder(budget: Option<Budget>) -> Encoder {
     let geometry = Geometry::round(layout, &points).geometry;
     let sets = vec![*geometry.layout()];
     let layout = Arc::new(Layout::new(sets, vec![Member { set: 0 }], &Limits::default()).unwrap());
-    let settings = EncoderSettings { threshold: 8, geometry: GeometrySource::Sent, budget };
+    let settings = EncoderSettings::new(8, GeometrySource::Sent).with_budget(budget);
     Encoder::new(layout, vec![Arc::new(geometry)], settings).unwrap()
 }
 
@@ -54,7 +54,7 @@ fn frame(encoder: &mut Encoder, number: u32, coder: BlockCoder) -> EncodedFrame 
 #[test]
 fn frames_of_changes_take_no_memory_but_for_what_they_return() {
     let limits = Limits::default();
-    let budgets = [None, Some(Budget { bytes: 150, longest_age: 9 })];
+    let budgets = [None, Some(Budget::new(150).with_longest_age(9))];
     for (coder, budget) in CODERS.into_iter().flat_map(|coder| budgets.map(|budget| (coder, budget))) {
         let mut encoder = encoder(budget);
         let mut state = State::new(Arc::clone(encoder.state().layout()));

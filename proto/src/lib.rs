@@ -106,8 +106,6 @@
 //! ```
 
 #[macro_use]
-mod setters;
-#[macro_use]
 mod wire_enum;
 
 mod fanout;

@@ -1,5 +1,7 @@
 //! Limits of an end. They are checked before every allocation whose size comes from the other end.
 
+use psao_codec::setters;
+
 use crate::message::MAX_MESSAGE_BYTES;
 use crate::{FrameType, Micros};
 

@@ -70,8 +70,7 @@ impl SampleServer {
                 Source::Paper(Box::new(paper::Encoder::new(layout.clone(), &[POINTS; 2])?))
             }
             Layout::Surface(layout) => {
-                let settings =
-                    EncoderSettings { threshold: THRESHOLD, geometry: GeometrySource::Sent, budget: None };
+                let settings = EncoderSettings::new(THRESHOLD, GeometrySource::Sent);
                 Source::Surface(Box::new(Encoder::new(layout.clone(), vec![geometry], settings)?))
             }
         };

@@ -56,14 +56,14 @@ fn trace(criterion: &mut Criterion) {
     for name in ["colonnade", "robot-lab"] {
         let Ok(scene) = Scene::load(name) else { continue };
         let scene = Arc::new(scene);
-        let settings = PointSettings { per_m2: 64.0, minimum: 256, seed: 1 };
+        let settings = PointSettings::default().with_per_m2(64.0).with_minimum(256).with_seed(1);
         let Ok(points) = generate(&scene, &settings, &|_, _| {}) else { continue };
         let world = SceneBvh::new(&scene, &scene.pose(0.0));
         let places = places(&world, &points);
         let mut group = criterion.benchmark_group(name);
         group.sample_size(10);
         for kind in [Occlusion::Obscurance, Occlusion::Binary] {
-            let Ok(tracer) = Tracer::new(AoSettings { kind, ..AoSettings::default() }) else { continue };
+            let Ok(tracer) = Tracer::new(AoSettings::default().with_kind(kind)) else { continue };
             rays(&mut group, kind, &RayWorkload::new(&scene, &points, tracer, SAMPLE, 1));
         }
         group.throughput(Throughput::Elements(places.len() as u64));
@@ -81,7 +81,7 @@ fn trace(criterion: &mut Criterion) {
 
 fn points(criterion: &mut Criterion) {
     let Ok(scene) = Scene::load("colonnade") else { return };
-    let settings = PointSettings { per_m2: 256.0, minimum: 1024, seed: 1 };
+    let settings = PointSettings::default().with_per_m2(256.0).with_minimum(1024).with_seed(1);
     let made = generate(&scene, &settings, &|_, _| {});
     let count: usize = made.map_or(0, |points| points.sets().iter().map(|set| set.points().len()).sum());
     assert!(count > 10_000);

@@ -74,7 +74,7 @@ fn main() -> Result<(), Failure> {
     let mut arguments = std::env::args().skip(1);
     let scene = Arc::new(Scene::load(&arguments.next().ok_or(usage)?)?);
     let per_m2 = arguments.next().ok_or(usage)?.parse()?;
-    let points = PointSettings { per_m2, ..PointSettings::default() };
+    let points = PointSettings::default().with_per_m2(per_m2);
     let coder = BlockCoder::default();
     println!("profile surface, mean / largest");
     println!("  bits | position, mm | Poisson radii | normal, degrees | lattice, normal bits");
@@ -93,7 +93,7 @@ fn main() -> Result<(), Failure> {
     }
     let mut server = Server::new(
         Arc::clone(&scene),
-        ServerSettings { profile: Profile::PAPER, coder, points, ..ServerSettings::default() },
+        ServerSettings::default().with_profile(Profile::PAPER).with_coder(coder).with_points(points),
         Arc::new(|_| {}),
     )?;
     for frame in arguments {

@@ -17,8 +17,8 @@
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! let scene = Arc::new(Scene::load("colonnade")?);
-//! let points = PointSettings { per_m2: 1.0, minimum: 16, seed: 1 };
-//! let settings = ServerSettings { points, ..ServerSettings::default() };
+//! let points = PointSettings::default().with_per_m2(1.0).with_minimum(16);
+//! let settings = ServerSettings::default().with_points(points);
 //! let mut server = Server::new(scene, settings, Arc::new(|_progress| {}))?;
 //!
 //! // Without a view every point counts as seen. The first frame holds every point of the scene.
@@ -49,7 +49,7 @@
 //! let hit = world.closest(Vec3::new(0.0, top, 0.0), Vec3::NEG_Y, 100.0).ok_or("nothing below")?;
 //! let surface = world.surface(&hit).ok_or("not of this world")?;
 //!
-//! let tracer = Tracer::new(AoSettings { rays: 512, ..AoSettings::default() })?;
+//! let tracer = Tracer::new(AoSettings::default().with_rays(512))?;
 //! let ao = tracer.at(&world, RayKey(0), surface.position, surface.normal, &mut Scratch::default()).ao;
 //! assert!(ao > 0.0 && ao <= 1.0);
 //! # Ok(())

@@ -32,13 +32,11 @@ const PATIENCE: Duration = Duration::from_secs(60);
 
 /// Few points and rays.
 fn settings(scene: &Scene, profile: Profile) -> ServerSettings {
-    ServerSettings {
-        profile,
-        coder: if profile == Profile::PAPER { BlockCoder::Lz4 } else { BlockCoder::Range },
-        points: PointSettings { per_m2: 8.0, minimum: 32, seed: 3 },
-        ao: AoSettings { rays: 16, radius: scene.ao_radius_m(), ..AoSettings::default() },
-        ..ServerSettings::default()
-    }
+    ServerSettings::default()
+        .with_profile(profile)
+        .with_coder(if profile == Profile::PAPER { BlockCoder::Lz4 } else { BlockCoder::Range })
+        .with_points(PointSettings::default().with_per_m2(8.0).with_minimum(32).with_seed(3))
+        .with_ao(AoSettings::default().with_rays(16).with_radius(scene.ao_radius_m()))
 }
 
 fn scene() -> Arc<Scene> {
@@ -152,7 +150,7 @@ fn clients_and_the_recording_get_what_a_server_writes_that_steps() {
     let folder = tempfile::tempdir().unwrap();
     let scene = scene();
     let surface = settings(&scene, Profile::SURFACE);
-    let budget = ServerSettings { budget: Some(Budget { bytes: 4_000, longest_age: 9 }), ..surface };
+    let budget = surface.with_budget(Some(Budget::new(4_000).with_longest_age(9)));
     for settings in [surface, budget, settings(&scene, Profile::PAPER)] {
         let path = folder.path().join("live.psao");
         let expected = stepped(&scene, settings, FRAMES, true);
@@ -181,8 +179,8 @@ fn a_keyframe_ends_a_gap_of_the_recording() {
     for profile in [Profile::SURFACE, Profile::PAPER] {
         // The first frame is longer than a pipe holds.
         let settings = settings(&scene, profile);
-        let points = PointSettings { per_m2: 200.0, ..settings.points };
-        let settings = ServerSettings { points, ao: AoSettings { rays: 1, ..settings.ao }, ..settings };
+        let points = settings.points.with_per_m2(200.0);
+        let settings = settings.with_points(points).with_ao(settings.ao.with_rays(1));
         let server = server(&scene, settings);
         let (start, wait) = std::sync::mpsc::channel();
         let place = path.clone();

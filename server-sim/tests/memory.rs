@@ -16,11 +16,9 @@ use psao_server::server::{Server, ServerMemory, ServerSettings};
 
 /// Returns settings with few points and rays.
 fn settings(scene: &Scene) -> ServerSettings {
-    ServerSettings {
-        points: PointSettings { per_m2: 32.0, minimum: 64, ..PointSettings::default() },
-        ao: AoSettings { rays: 32, radius: scene.ao_radius_m(), ..AoSettings::default() },
-        ..ServerSettings::default()
-    }
+    ServerSettings::default()
+        .with_points(PointSettings::default().with_per_m2(32.0).with_minimum(64))
+        .with_ao(AoSettings::default().with_rays(32).with_radius(scene.ao_radius_m()))
 }
 
 /// Runs a server for a few frames of a scene.
@@ -41,8 +39,8 @@ fn a_server_holds_what_it_says() {
     let scenes = ["colonnade", "robot-lab"].map(|name| Arc::new(Scene::load(name).unwrap()));
     let [still, walkers] = &scenes;
     let usual = settings(walkers);
-    let paper = ServerSettings { profile: Profile::PAPER, coder: BlockCoder::Lz4, ..usual };
-    let budget = ServerSettings { budget: Some(Budget { bytes: 2_000, longest_age: 9 }), ..usual };
+    let paper = usual.with_profile(Profile::PAPER).with_coder(BlockCoder::Lz4);
+    let budget = usual.with_budget(Some(Budget::new(2_000).with_longest_age(9)));
     for (scene, settings) in [(still, settings(still)), (walkers, usual), (walkers, paper), (walkers, budget)]
     {
         // Make the allocations that happen only once before counting.
@@ -66,8 +64,7 @@ fn a_server_holds_what_it_says() {
 fn what_is_remembered_is_counted() {
     let scene = Arc::new(Scene::load("robot-lab").unwrap());
     let usual = settings(&scene);
-    let [much, none] =
-        [1 << 30, 0].map(|ray_memory| run(&scene, ServerSettings { ray_memory, ..usual }).memory());
+    let [much, none] = [1 << 30, 0].map(|ray_memory| run(&scene, usual.with_ray_memory(ray_memory)).memory());
     assert!(much.remembered > 0 && none.remembered == 0, "{much:?} {none:?}");
     assert_eq!(much.total() - much.remembered, none.total(), "nothing else differs");
 }

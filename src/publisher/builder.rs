@@ -160,8 +160,7 @@ impl PublisherBuilder {
         let members = self.instances.iter().map(member).collect();
         let scene = SceneTable::new(info, SceneEntries::Surface { sets, members }, &self.limits)?;
         let geometry = self.meshes.iter().map(|mesh| Arc::clone(&mesh.geometry)).collect();
-        let settings =
-            EncoderSettings { threshold: self.threshold, geometry: GeometrySource::Sent, budget: None };
+        let settings = EncoderSettings::new(self.threshold, GeometrySource::Sent);
         let Layout::Surface(layout) = scene.layout() else {
             // The entries are those of profile `surface`.
             return Err(PublishError::Setting { setting: "profile", range: "surface" });

@@ -32,13 +32,11 @@ pub fn shared(part: &str) -> Option<PathBuf> {
 /// Returns settings for a quick test: few points, few rays, fast compression.
 #[must_use]
 pub fn fast_settings(scene: &Scene, threshold: u8) -> ServerSettings {
-    ServerSettings {
-        points: PointSettings { per_m2: 2.0, minimum: 24, seed: 1 },
-        ao: AoSettings { rays: 16, radius: scene.ao_radius_m(), ..AoSettings::default() },
-        threshold,
-        coder: psao_codec::block::BlockCoder::Zstd { level: 1 },
-        ..ServerSettings::default()
-    }
+    ServerSettings::default()
+        .with_points(PointSettings::default().with_per_m2(2.0).with_minimum(24).with_seed(1))
+        .with_ao(AoSettings::default().with_rays(16).with_radius(scene.ao_radius_m()))
+        .with_threshold(threshold)
+        .with_coder(psao_codec::block::BlockCoder::Zstd { level: 1 })
 }
 
 /// Creates a server of a scene without progress reports.

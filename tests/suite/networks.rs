@@ -8,7 +8,7 @@ use psao_codec::envelope::EncodedFrame;
 use psao_netlab::{ClientPlan, Conditions, Fault, Lab, LabError, LabSettings, Mode, Source};
 use psao_proto::{Micros, Profile, SceneTable};
 use psao_server::scene::Scene;
-use psao_server::server::{Server, ServerSettings};
+use psao_server::server::Server;
 
 use psao_tests::{fast_settings, server, step};
 
@@ -23,7 +23,7 @@ struct TracedSource {
 impl TracedSource {
     fn new(profile: Profile) -> Self {
         let scene = Arc::new(Scene::load("robot-lab").unwrap());
-        let settings = ServerSettings { profile, ..fast_settings(&scene, 2) };
+        let settings = fast_settings(&scene, 2).with_profile(profile);
         let coder = settings.coder;
         let server = server(&scene, settings).unwrap();
         Self { scene: Arc::clone(server.table()), server, coder, next: 0 }

@@ -8,7 +8,7 @@ use psao_eval::adapter::SceneView;
 use psao_proto::Profile;
 use psao_reconstruct::{Size, cast_view, reconstruct};
 use psao_server::scene::Scene;
-use psao_server::server::{Server, ServerSettings};
+use psao_server::server::Server;
 
 use psao_tests::{fast_settings, server, shared, step};
 
@@ -21,7 +21,7 @@ fn stream(name: &str, frames: u32) {
 }
 
 fn stream_as(profile: Profile, name: &str, scene: &Arc<Scene>, frames: u32) {
-    let mut server = server(scene, ServerSettings { profile, ..fast_settings(scene, 2) }).unwrap();
+    let mut server = server(scene, fast_settings(scene, 2).with_profile(profile)).unwrap();
     let mut state = State::new(server.layout());
     let mut decoder = Decoder::new();
     for number in 0..frames {

@@ -47,7 +47,7 @@ impl Stream {
     }
 
     pub(crate) fn encoder(&self) -> Result<Encoder, Box<dyn std::error::Error>> {
-        let settings = EncoderSettings { threshold: THRESHOLD, geometry: GeometrySource::Sent, budget: None };
+        let settings = EncoderSettings::new(THRESHOLD, GeometrySource::Sent);
         Ok(Encoder::new(Arc::clone(&self.layout), self.geometry.clone(), settings)?)
     }
 

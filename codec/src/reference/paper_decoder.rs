@@ -10,6 +10,7 @@ use crate::wire::words;
 
 /// Why the reference refused a frame; coarser than [`FrameError`].
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum ReferenceError {
     /// The header is invalid.
     #[error(transparent)]

@@ -43,6 +43,7 @@ use crate::memory;
 ///
 /// With a budget that no frame exceeds anyway, the stream is identical to one without a budget.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Budget {
     /// Length of a frame body, bytes.
     pub bytes: u32,
@@ -53,6 +54,18 @@ pub struct Budget {
 impl Budget {
     /// Default of the longest age: a second at 60 Hz.
     pub const LONGEST_AGE: u16 = 60;
+
+    /// Returns a budget of `bytes` bytes for each frame body, with [`LONGEST_AGE`](Self::LONGEST_AGE).
+    #[must_use]
+    pub const fn new(bytes: u32) -> Self {
+        Self { bytes, longest_age: Self::LONGEST_AGE }
+    }
+
+    setters! {
+        const fn:
+        with_bytes: bytes as u32,
+        with_longest_age: longest_age as u16,
+    }
 }
 
 /// What the last frame postponed.

@@ -18,6 +18,7 @@ use crate::{StateHash, memory};
 
 /// Settings of an encoder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct EncoderSettings {
     /// A point is sent if its AO byte differs by at least this much from that of clients, 1 to 255; 0 counts as 1.
     pub threshold: u8,
@@ -37,6 +38,19 @@ pub enum GeometrySource {
 }
 
 impl EncoderSettings {
+    /// Returns settings without a budget.
+    #[must_use]
+    pub const fn new(threshold: u8, geometry: GeometrySource) -> Self {
+        Self { threshold, geometry, budget: None }
+    }
+
+    setters! {
+        const fn:
+        with_threshold: threshold as u8,
+        with_geometry: geometry as GeometrySource,
+        with_budget: budget as Option<Budget>,
+    }
+
     /// Returns the quantum, the step in which AO bytes change: 1.5 times the threshold, rounded down. A change
     /// overshoots a slow drift by a third of the step, so that the next change is needed later.
     #[must_use]

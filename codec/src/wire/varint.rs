@@ -5,6 +5,7 @@ const MAX_BYTES: usize = 5;
 
 /// Why a varint was refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum VarintError {
     /// The last byte carries no bits, so a shorter form exists.
     #[error("it is not in its shortest form")]

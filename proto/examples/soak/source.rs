@@ -35,7 +35,7 @@ impl Source {
         let geometry = Arc::new(geometry(points));
         let scene = Arc::new(scene(&geometry, coder, fps)?);
         let Layout::Surface(layout) = scene.layout() else { return Err("not of profile surface".into()) };
-        let settings = EncoderSettings { threshold: 2, geometry: GeometrySource::Sent, budget: None };
+        let settings = EncoderSettings::new(2, GeometrySource::Sent);
         let encoder = Encoder::new(layout.clone(), vec![geometry], settings)?;
         Ok(Self { scene, encoder, coder, points, next: 0 })
     }

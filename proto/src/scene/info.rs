@@ -1,5 +1,7 @@
 //! Facts about a stream as a whole: six required ones and optional ones.
 
+use psao_codec::setters;
+
 use crate::message::{Occlusion, PointSource, SceneHeader, Text};
 use crate::{CoderId, Profile};
 

@@ -4,8 +4,8 @@ mod datagrams;
 
 use std::sync::Arc;
 
-use psao_codec::State;
 use psao_codec::envelope::{FrameBody, FrameError, FrameInfo};
+use psao_codec::{State, setters};
 
 use super::clock::Clock;
 use super::datagram::Reassembler;

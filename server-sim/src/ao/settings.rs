@@ -1,5 +1,6 @@
 //! Settings of a point's rays.
 
+use psao_codec::setters;
 use thiserror::Error;
 
 /// Largest number of rays per point. It is far beyond any use and keeps a mistyped number from exhausting memory.
@@ -16,6 +17,7 @@ pub enum Occlusion {
 
 /// Settings of the AO of a point (paper, section 3.3).
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct AoSettings {
     /// Number of rays per point, 1 to [`MAX_RAYS`].
     pub rays: u32,
@@ -35,6 +37,14 @@ impl Default for AoSettings {
 }
 
 impl AoSettings {
+    setters! {
+        const fn:
+        with_rays: rays as u32,
+        with_radius: radius as f32,
+        with_kind: kind as Occlusion,
+        with_seed: seed as u64,
+    }
+
     /// Returns the distance in metres by which a ray's origin is moved off the surface along the normal. It is R /
     /// 60, which is the authors' 0.01 m for 0.6 m.
     #[must_use]

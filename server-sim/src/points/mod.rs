@@ -11,6 +11,7 @@ mod place;
 pub mod reference;
 mod rest;
 
+use psao_codec::setters;
 use thiserror::Error;
 
 pub use cache::{PointCache, PointCacheError, PointKey};
@@ -127,6 +128,7 @@ impl ScenePoints {
 
 /// Density and number of points.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct PointSettings {
     /// Points per square metre of surface, above 0 and finite.
     pub per_m2: f32,
@@ -141,6 +143,15 @@ impl Default for PointSettings {
     /// The authors' values: 1,024 points per square metre and at least 1,024 per instance.
     fn default() -> Self {
         Self { per_m2: 1024.0, minimum: 1024, seed: 1 }
+    }
+}
+
+impl PointSettings {
+    setters! {
+        const fn:
+        with_per_m2: per_m2 as f32,
+        with_minimum: minimum as u32,
+        with_seed: seed as u64,
     }
 }
 

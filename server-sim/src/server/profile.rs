@@ -38,7 +38,7 @@ pub(super) fn encode_stage(
         }
         Layout::Surface(layout) => {
             let ServerSettings { threshold, geometry: source, budget, .. } = *settings;
-            let settings = EncoderSettings { threshold, geometry: source, budget };
+            let settings = EncoderSettings::new(threshold, source).with_budget(budget);
             Encoder::Surface(Box::new(surface::Encoder::new(Arc::clone(layout), geometry, settings)?))
         }
     };

@@ -1,6 +1,6 @@
 //! Which points are traced in a frame when there is no time for all of them.
 
-use psao_codec::memory;
+use psao_codec::{memory, setters};
 use psao_proto::message::CameraPose;
 
 use super::field::Field;
@@ -17,6 +17,7 @@ use crate::world::SceneBvh;
 /// `longest_age + ceil(C / c)` frames, where C chunks are in view and c are traced a frame. A point that waits keeps the AO
 /// that it had.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct RayBudget {
     /// Rays a frame. The first frame, which makes the AO of every point, takes what it takes.
     pub rays: u64,
@@ -27,6 +28,18 @@ pub struct RayBudget {
 impl RayBudget {
     /// Half a second at 60 Hz.
     pub const LONGEST_AGE: u16 = 30;
+
+    /// Returns a budget of `rays` rays a frame, with [`LONGEST_AGE`](Self::LONGEST_AGE).
+    #[must_use]
+    pub const fn new(rays: u64) -> Self {
+        Self { rays, longest_age: Self::LONGEST_AGE }
+    }
+
+    setters! {
+        const fn:
+        with_rays: rays as u64,
+        with_longest_age: longest_age as u16,
+    }
 }
 
 /// What a frame left for later ones.

@@ -1,6 +1,7 @@
 //! What a server is asked to do.
 
 use psao_codec::block::BlockCoder;
+use psao_codec::setters;
 use psao_codec::surface::{Budget, GeometrySource};
 use psao_proto::Profile;
 use thiserror::Error;
@@ -12,6 +13,7 @@ use crate::shortcuts::Shortcuts;
 
 /// Settings of a stream.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct ServerSettings {
     /// Profile of the stream: `surface` or `paper`.
     pub profile: Profile,
@@ -79,6 +81,26 @@ impl Default for ServerSettings {
 }
 
 impl ServerSettings {
+    setters! {
+        const fn:
+        with_profile: profile as Profile,
+        with_geometry: geometry as GeometrySource,
+        with_bits: bits as u8,
+        with_points: points as PointSettings,
+        with_ao: ao as AoSettings,
+        with_threshold: threshold as u8,
+        with_view_margin: view_margin as f32,
+        with_table_slots: table_slots as f32,
+        with_kernel: kernel as f32,
+        with_coder: coder as BlockCoder,
+        with_budget: budget as Option<Budget>,
+        with_ray_budget: ray_budget as Option<RayBudget>,
+        with_fps: fps as f32,
+        with_frames_hint: frames_hint as u32,
+        with_shortcuts: shortcuts as Shortcuts,
+        with_ray_memory: ray_memory as u64,
+    }
+
     /// Checks the ranges; those of [`PointSettings`] are checked when points are made.
     ///
     /// # Errors
@@ -195,7 +217,7 @@ mod tests {
             let error = ServerSettings { bits: found, ..good }.validate();
             assert_eq!(error, Err(SettingsError::Bits { found }));
         }
-        let budget = |bytes| Some(Budget { bytes, longest_age: 0 });
+        let budget = |bytes| Some(Budget::new(bytes).with_longest_age(0));
         assert_eq!(ServerSettings { budget: budget(64), ..good }.validate(), Ok(()));
         let refused = ServerSettings { budget: budget(63), ..good }.validate();
         assert_eq!(refused, Err(SettingsError::Budget { found: 63 }));

@@ -97,7 +97,7 @@ fn scenes_by_profile() -> impl Iterator<Item = (Arc<Scene>, Profile)> {
 
 #[test]
 fn stages_that_work_side_by_side_write_the_same() {
-    let budget = Some(surface::Budget { bytes: 400, longest_age: 9 });
+    let budget = Some(surface::Budget::new(400).with_longest_age(9));
     for (profile, budget) in [(Profile::SURFACE, None), (Profile::SURFACE, budget), (Profile::PAPER, None)] {
         let scene = colonnade();
         let settings = ServerSettings { budget, ..settings(profile, 8.0) };

@@ -86,9 +86,7 @@ impl Tape {
     fn new(stream: Stream, prefix: &str, threshold: u8) -> Tape {
         let Stream::Surface { name, layout, geometry, shared } = stream else { unreachable!() };
         let source = if shared { GeometrySource::Shared } else { GeometrySource::Sent };
-        let encoder =
-            Encoder::new(layout, geometry, EncoderSettings { threshold, geometry: source, budget: None })
-                .unwrap();
+        let encoder = Encoder::new(layout, geometry, EncoderSettings::new(threshold, source)).unwrap();
         let log = ChangeLog::new(encoder.state());
         Tape { layout: name, prefix: prefix.to_owned(), encoder, log, frame: 0, after: None }
     }

@@ -49,7 +49,7 @@ impl BudgetArgs {
                 frame as u32
             }
         };
-        Ok(Some(surface::Budget { bytes, longest_age: self.age.longest_age }))
+        Ok(Some(surface::Budget::new(bytes).with_longest_age(self.age.longest_age)))
     }
 }
 

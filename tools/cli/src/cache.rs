@@ -129,9 +129,7 @@ mod tests {
 
     fn keys(count: u64) -> Vec<PointKey> {
         let scene = Scene::load("asteroids").unwrap();
-        (0..count)
-            .map(|seed| PointKey::new(&scene, &PointSettings { seed, ..PointSettings::default() }))
-            .collect()
+        (0..count).map(|seed| PointKey::new(&scene, &PointSettings::default().with_seed(seed))).collect()
     }
 
     #[test]

@@ -174,7 +174,11 @@ impl Shot<'_> {
                 )));
             }
         };
-        Ok(AoSettings { rays, radius: trace.radius_m, kind, seed: trace.seed })
+        Ok(AoSettings::default()
+            .with_rays(rays)
+            .with_radius(trace.radius_m)
+            .with_kind(kind)
+            .with_seed(trace.seed))
     }
 }
 

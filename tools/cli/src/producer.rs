@@ -52,13 +52,11 @@ impl Timetable {
 pub(crate) fn open(scene: &str, tuning: &TuningArgs, frames_hint: u32) -> Outcome<(Server, Timetable)> {
     let (coder, budget) = (tuning.coder()?, tuning.budget.budget(tuning.points.fps)?);
     let scene = Arc::new(Scene::load(scene).map_err(Failure::input)?);
-    let settings = ServerSettings {
-        profile: tuning.profile.into(),
-        coder,
-        budget,
-        ray_budget: tuning.ray_budget.map(|rays| RayBudget { rays, longest_age: RayBudget::LONGEST_AGE }),
-        ..settings(&tuning.points, &scene, frames_hint)
-    };
+    let settings = settings(&tuning.points, &scene, frames_hint)
+        .with_profile(tuning.profile.into())
+        .with_coder(coder)
+        .with_budget(budget)
+        .with_ray_budget(tuning.ray_budget.map(RayBudget::new));
     let cache = Folder::of(&tuning.points.cache);
     let server = Server::with_cache(Arc::clone(&scene), settings, as_cache(&cache), show_progress());
     Ok((server.map_err(refused)?, Timetable::new(&scene, &tuning.points)))
@@ -74,25 +72,29 @@ pub(crate) fn refused(error: ServerError) -> Failure {
 
 /// The settings that mean the same in both profiles; profile and coder are those of [`ServerSettings::default`].
 pub(crate) fn settings(points: &PointArgs, scene: &Scene, frames_hint: u32) -> ServerSettings {
-    ServerSettings {
-        geometry: points.geometry.into(),
-        bits: points.bits,
-        points: PointSettings { per_m2: points.per_m2, minimum: points.min_points, seed: points.seed },
-        ao: AoSettings {
-            rays: points.rays,
-            radius: points.radius.unwrap_or_else(|| scene.ao_radius_m()),
-            kind: points.occlusion.into(),
-            seed: points.seed,
-        },
-        threshold: points.threshold,
-        view_margin: points.view_margin,
-        table_slots: points.slots_per_cell,
-        kernel: points.kernel,
-        fps: points.fps,
-        frames_hint,
-        shortcuts: if points.exhaustive { Shortcuts::NONE } else { Shortcuts::ALL },
-        ..ServerSettings::default()
-    }
+    ServerSettings::default()
+        .with_geometry(points.geometry.into())
+        .with_bits(points.bits)
+        .with_points(
+            PointSettings::default()
+                .with_per_m2(points.per_m2)
+                .with_minimum(points.min_points)
+                .with_seed(points.seed),
+        )
+        .with_ao(
+            AoSettings::default()
+                .with_rays(points.rays)
+                .with_radius(points.radius.unwrap_or_else(|| scene.ao_radius_m()))
+                .with_kind(points.occlusion.into())
+                .with_seed(points.seed),
+        )
+        .with_threshold(points.threshold)
+        .with_view_margin(points.view_margin)
+        .with_table_slots(points.slots_per_cell)
+        .with_kernel(points.kernel)
+        .with_fps(points.fps)
+        .with_frames_hint(frames_hint)
+        .with_shortcuts(if points.exhaustive { Shortcuts::NONE } else { Shortcuts::ALL })
 }
 
 /// Shows the two things that take a while before the second frame.

@@ -30,7 +30,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let view = SceneView::new(&world);
     let (camera, size) = (scene.camera(time), Size::new(480, 270)?);
     let radius = scene.ao_radius_m();
-    let settings = AoSettings { rays: PAPER_RAYS, radius, ..AoSettings::default() };
+    let settings = AoSettings::default().with_rays(PAPER_RAYS).with_radius(radius);
     let truth = reference(&view, &cast_view(&view, &camera, size)?, &settings)?;
     let screen = Screen::new(&view, &camera, size, 48)?;
     std::fs::write(folder.join("reference.png"), Picture::grey(&truth).to_png()?)?;

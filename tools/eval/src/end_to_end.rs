@@ -34,14 +34,12 @@ const PROFILES: [Profile; 2] = [Profile::PAPER, Profile::SURFACE];
 fn cube_on_floor(profile: Profile, per_m2: f32) -> Seen {
     let lists = [shapes::floor(2.0), shapes::cube(Vec3::new(0.0, 0.3, 0.0), 0.3)];
     let scene = Arc::new(Scene::from_triangles("cube on floor", &lists, 0.6).unwrap());
-    let ao = AoSettings { rays: 64, ..AoSettings::default() };
-    let settings = ServerSettings {
-        points: PointSettings { per_m2, minimum: 64, seed: 1 },
-        ao,
-        profile,
-        coder: BlockCoder::Stored,
-        ..ServerSettings::default()
-    };
+    let ao = AoSettings::default().with_rays(64);
+    let settings = ServerSettings::default()
+        .with_points(PointSettings::default().with_per_m2(per_m2).with_minimum(64).with_seed(1))
+        .with_ao(ao)
+        .with_profile(profile)
+        .with_coder(BlockCoder::Stored);
     let mut server = Server::new(scene, settings, Arc::new(|_| ())).unwrap();
     let frame = server.step(FrameIndex(0), StreamTime(0), &[], &NoClock).unwrap();
     let mut state = State::new(server.layout());
@@ -56,7 +54,7 @@ fn cube_on_floor(profile: Profile, per_m2: f32) -> Seen {
     };
     let scene = SceneView::new(server.world());
     let view = cast_view(&scene, &pose, Size::new(96, 64).unwrap()).unwrap();
-    let reference = reference(&scene, &view, &AoSettings { rays: 256, ..ao }).unwrap();
+    let reference = reference(&scene, &view, &ao.with_rays(256)).unwrap();
     let found = match &state {
         State::Paper(state) => reconstruct::cells(state, &view).unwrap(),
         State::Surface(state) => reconstruct::surface(state, &view).unwrap(),
@@ -115,7 +113,7 @@ fn rays_traced_together_agree_with_single_ones() {
     };
     let view = cast_view(&scene, &pose, Size::new(48, 32).unwrap()).unwrap();
     for kind in [Occlusion::Obscurance, Occlusion::Binary] {
-        let settings = AoSettings { rays: 1024, kind, ..AoSettings::default() };
+        let settings = AoSettings::default().with_rays(1024).with_kind(kind);
         let together = reference(&scene, &view, &settings).unwrap();
         let single = reference_by_single_rays(&scene, &view, &settings).unwrap();
         let difference = Comparison::new(&single, &together).unwrap();

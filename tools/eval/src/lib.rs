@@ -31,7 +31,7 @@
 //! let scene_view = SceneView::new(&world);
 //!
 //! let view = cast_view(&scene_view, &scene.camera(0.0), Size::new(32, 18)?)?;
-//! let truth = reference(&scene_view, &view, &AoSettings { rays: 64, ..AoSettings::default() })?;
+//! let truth = reference(&scene_view, &view, &AoSettings::default().with_rays(64))?;
 //!
 //! // No ambient occlusion at all is brighter than the truth, and never darker.
 //! let open = AoImage::new(view.size(), vec![1.0; view.size().pixels()])?;

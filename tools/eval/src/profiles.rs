@@ -35,8 +35,8 @@ struct Both {
 
 impl Both {
     fn new(scene: &Arc<Scene>, time_s: f64, points: PointSettings, rays: u32) -> Self {
-        let ao = AoSettings { rays, ..AoSettings::default() };
-        let settings = ServerSettings { profile: Profile::PAPER, points, ao, ..ServerSettings::default() };
+        let ao = AoSettings::default().with_rays(rays);
+        let settings = ServerSettings::default().with_profile(Profile::PAPER).with_points(points).with_ao(ao);
         let server = Server::new(Arc::clone(scene), settings, Arc::new(|_| ())).unwrap();
         let world = SceneBvh::new(scene, &scene.pose(time_s));
         let placed: Vec<Vec<PlacedPoint>> = (0..)
@@ -63,7 +63,7 @@ impl Both {
 
     /// Reconstructs the view from cells and from points at rest, and compares each with the reference.
     fn draw(&self, view: &GBuffer, rays: u32) -> [(Reconstruction, Comparison); 2] {
-        let settings = AoSettings { rays, ..self.ao };
+        let settings = self.ao.with_rays(rays);
         let truth = reference(&SceneView::new(&self.world), view, &settings).unwrap();
         let both = [reconstruct::cells(&self.cells, view), reconstruct::surface(&self.rest, view)];
         both.map(|found| {
@@ -147,7 +147,8 @@ fn at_rest(server: &Server, settings: &ServerSettings, values: &[Vec<u8>]) -> su
 fn points_at_rest_are_as_good_as_paper_on_a_still_scene() {
     let lists = [shapes::floor(2.0), shapes::cube(Vec3::new(0.0, 0.3, 0.0), 0.3)];
     let scene = Arc::new(Scene::from_triangles("cube on floor", &lists, 0.6).unwrap());
-    let both = Both::new(&scene, 0.0, PointSettings { per_m2: 512.0, minimum: 64, seed: 1 }, 64);
+    let both =
+        Both::new(&scene, 0.0, PointSettings::default().with_per_m2(512.0).with_minimum(64).with_seed(1), 64);
     let pose = CameraPose {
         eye: [1.1, 1.2, 1.6],
         target: [0.0, 0.2, 0.0],
@@ -170,7 +171,8 @@ fn points_at_rest_are_as_good_as_paper_on_a_still_scene() {
 #[test]
 fn points_at_rest_are_better_than_cells_where_bodies_walk() {
     let scene = Arc::new(Scene::load("colonnade").unwrap());
-    let both = Both::new(&scene, 0.7, PointSettings { per_m2: 64.0, minimum: 256, seed: 1 }, 32);
+    let both =
+        Both::new(&scene, 0.7, PointSettings::default().with_per_m2(64.0).with_minimum(256).with_seed(1), 32);
     let view = both.view(&scene.camera(0.7), Size::new(160, 90).unwrap());
     let [(cells, cells_error), (rest, rest_error)] = both.draw(&view, 64);
     assert!(rest_error.psnr > cells_error.psnr, "{rest_error:?} {cells_error:?}");

@@ -17,6 +17,7 @@ const DIRECTION_SETS: usize = 16;
 
 /// Error of tracing a reference.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum ReferenceError {
     /// A setting is out of its range.
     #[error(transparent)]
@@ -193,7 +194,7 @@ mod tests {
     }
 
     fn settings(rays: u32, kind: Occlusion) -> AoSettings {
-        AoSettings { rays, radius: 60.0, kind, seed: 7 }
+        AoSettings::default().with_rays(rays).with_radius(60.0).with_kind(kind).with_seed(7)
     }
 
     /// Returns a ball over the floor. The ray bias is 1 m at a radius of 60 m. A ball of radius `r` with its centre at
@@ -256,7 +257,7 @@ mod tests {
         let pool = |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         assert_eq!(pool(1).install(draw), image);
         assert_eq!(pool(3).install(draw), image);
-        let other = AoSettings { seed: 8, ..settings(16, Occlusion::Binary) };
+        let other = settings(16, Occlusion::Binary).with_seed(8);
         assert_ne!(reference_by_single_rays(&ball, &view, &other).unwrap(), image);
     }
 

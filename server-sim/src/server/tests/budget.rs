@@ -5,7 +5,7 @@ use psao_codec::surface::Budget;
 use super::*;
 
 fn budgeted(bytes: u32, longest_age: u16) -> ServerSettings {
-    let budget = Some(Budget { bytes, longest_age });
+    let budget = Some(Budget::new(bytes).with_longest_age(longest_age));
     ServerSettings { budget, threshold: 2, ..settings(Profile::SURFACE, 24.0) }
 }
 

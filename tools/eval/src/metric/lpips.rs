@@ -49,6 +49,7 @@ struct Layer {
 
 /// Error of reading the network's weights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum WeightsError {
     /// The number of bytes is wrong.
     #[error(

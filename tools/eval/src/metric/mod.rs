@@ -43,6 +43,7 @@ pub struct SizeMismatchError {
 
 /// Error of a metric.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum MetricError {
     /// The images differ in size.
     #[error(transparent)]

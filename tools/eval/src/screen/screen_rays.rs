@@ -83,7 +83,7 @@ impl ScreenRays {
     /// Returns the accessibility of one pixel by rays in these directions, turned to its normal.
     fn pixel(&self, field: &RayField<'_>, pixel: &Pixel, turned: Mat3, directions: &[Vec3]) -> f32 {
         let bias = match self.bias {
-            RayBias::Server => AoSettings { radius: self.radius, ..AoSettings::default() }.bias(),
+            RayBias::Server => AoSettings::default().with_radius(self.radius).bias(),
             RayBias::OfDepth(part) => part * pixel.position.z,
         };
         let origin = pixel.position + pixel.normal * bias;
@@ -193,7 +193,7 @@ impl ScreenMethod for ScreenRays {
         self.validate()?;
         let mut stages = StageTimer::new(clock);
         let settings =
-            AoSettings { rays: self.rays, radius: self.radius, seed: self.seed, ..AoSettings::default() };
+            AoSettings::default().with_rays(self.rays).with_radius(self.radius).with_seed(self.seed);
         let sets: Vec<Vec<Vec3>> = (0..Self::DIRECTION_SETS).map(|set| directions(&settings, set)).collect();
         let field = RayField::new(screen, self.thickness);
         let values = screen.each_inner(|pixel| {

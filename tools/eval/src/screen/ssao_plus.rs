@@ -73,7 +73,7 @@ impl ScreenMethod for SsaoPlus {
     fn shade(&self, screen: &Screen, clock: &dyn Clock) -> Result<Shading, ScreenError> {
         self.validate()?;
         let mut stages = StageTimer::new(clock);
-        let rays = AoSettings { rays: self.points, seed: self.seed, ..AoSettings::default() };
+        let rays = AoSettings::default().with_rays(self.points).with_seed(self.seed);
         let hemisphere: Vec<Vec3> = (0..self.points)
             .zip(directions(&rays, 0))
             .map(|(point, direction)| direction * (self.radius * length(point)))

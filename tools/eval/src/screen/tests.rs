@@ -59,7 +59,7 @@ fn all(radius: f32) -> Vec<Box<dyn ScreenMethod>> {
 
 /// Returns every measured method with every setting.
 fn every() -> Vec<Box<dyn ScreenMethod>> {
-    screen_methods(&AoSettings { radius: 0.6, ..AoSettings::default() }).unwrap()
+    screen_methods(&AoSettings::default().with_radius(0.6)).unwrap()
 }
 
 fn shade(method: &dyn ScreenMethod, screen: &Screen) -> Shading {

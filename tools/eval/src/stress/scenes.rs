@@ -117,14 +117,14 @@ fn traced(
 ) -> Result<(ScenePoints, PointPicture), StressError> {
     let scene = Scene::from_triangles("stress", lists, settings.radius).map_err(StressError::new)?;
     let scene = Arc::new(scene);
-    let wanted = PointSettings { per_m2, minimum: 16, seed: 1 };
+    let wanted = PointSettings::default().with_per_m2(per_m2).with_minimum(16).with_seed(1);
     let points = generate(&scene, &wanted, &|_, _| ()).map_err(StressError::new)?;
     let found = trace(&scene, &points, settings)?;
     Ok((points, found))
 }
 
 fn settings(radius: f32, kind: Occlusion) -> AoSettings {
-    AoSettings { rays: RAYS, radius, kind, seed: 1 }
+    AoSettings::default().with_rays(RAYS).with_radius(radius).with_kind(kind).with_seed(1)
 }
 
 fn open_plane(kind: Occlusion) -> Result<f64, StressError> {

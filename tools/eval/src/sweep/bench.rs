@@ -279,7 +279,6 @@ mod tests {
     use glam::Vec3;
     use psao_codec::envelope::FrameInfo;
     use psao_reconstruct::Size;
-    use psao_server::ao::AoSettings;
     use psao_server::points::PointSettings;
     use psao_server::scene::Scene;
     use psao_server::server::ServerSettings;
@@ -325,12 +324,9 @@ mod tests {
     fn check(look: impl FnOnce(&Bench<'_>, &Clip<'_>, &Setting)) {
         let lists = [shapes::floor(2.0), shapes::cube(Vec3::new(0.0, 0.3, 0.0), 0.3)];
         let scene = Arc::new(Scene::from_triangles("cube on floor", &lists, 0.6).unwrap());
-        let base = ServerSettings {
-            points: PointSettings { minimum: 64, ..PointSettings::default() },
-            ..ServerSettings::default()
-        };
+        let base = ServerSettings::default().with_points(PointSettings::default().with_minimum(64));
         let setting = Setting { per_m2: 32.0, rays: 16, fps: 10.0, ..Setting::usual() };
-        let ao = AoSettings { rays: 32, ..base.ao };
+        let ao = base.ao.with_rays(32);
         let times = picture_times(0.4, 20.0, 2);
         let size = Size::new(24, 16).unwrap();
         let views = views(&scene, &times, size, 2, &ReferenceRays::Scene(ao), &|| ()).unwrap();

@@ -161,7 +161,7 @@ mod tests {
     fn methods_stand_together_by_name_and_no_two_are_the_same() {
         let far = far_field_methods(&ScreenRays::far(3.0, Falloff::Linear)).unwrap();
         let by_kind = [Occlusion::Obscurance, Occlusion::Binary]
-            .map(|kind| screen_methods(&AoSettings { kind, ..AoSettings::default() }).unwrap());
+            .map(|kind| screen_methods(&AoSettings::default().with_kind(kind)).unwrap());
         for all in by_kind.into_iter().chain([far]) {
             let mut names: Vec<&str> = all.iter().map(|method| method.name()).collect();
             names.dedup();
@@ -180,8 +180,7 @@ mod tests {
     fn as_the_radius_doubles_hbao_takes_four_times_the_samples_and_the_pyramid_a_level_at_times() {
         let mut found = Vec::new();
         for (radius, reach) in [(0.25, 20.0), (0.5, 40.0), (1.0, 80.0), (2.0, 160.0), (4.0, 320.0)] {
-            let methods =
-                pyramid_methods(&AoSettings { radius, ..AoSettings::default() }, 0.25, reach).unwrap();
+            let methods = pyramid_methods(&AoSettings::default().with_radius(radius), 0.25, reach).unwrap();
             let names: Vec<_> = methods.iter().map(|method| method.name()).collect();
             assert_eq!(names, ["pyramid-hbao", "hbao", "scalable"]);
             let sampling: Vec<_> = methods.iter().map(|method| method.sampling().unwrap()).collect();
@@ -198,7 +197,7 @@ mod tests {
     #[test]
     fn radii_too_far_apart_are_refused() {
         let methods = |radius, smallest| {
-            pyramid_methods(&AoSettings { radius, ..AoSettings::default() }, smallest, 100.0).map(|_| ())
+            pyramid_methods(&AoSettings::default().with_radius(radius), smallest, 100.0).map(|_| ())
         };
         assert_eq!(methods(8.0, 0.25), Ok(()));
         let refused = methods(8.2, 0.25).unwrap_err();
@@ -211,6 +210,6 @@ mod tests {
 
     #[test]
     fn a_radius_that_is_none_is_refused() {
-        assert!(screen_methods(&AoSettings { radius: f32::NAN, ..AoSettings::default() }).is_err());
+        assert!(screen_methods(&AoSettings::default().with_radius(f32::NAN)).is_err());
     }
 }

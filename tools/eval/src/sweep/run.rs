@@ -90,7 +90,7 @@ impl<'a> Run<'a> {
     ) -> Result<Self, SweepError> {
         let fps = f64::from(setting.fps);
         let frames = frames(clip.seconds, fps);
-        let settings = ServerSettings { frames_hint: frames, ..setting.server(clip.base) };
+        let settings = setting.server(clip.base).with_frames_hint(frames);
         let server = Server::with_cache(Arc::clone(clip.scene), settings, clip.cache, Arc::new(|_| ()))?;
         let table = server.table();
         let bytes = ClipBytes { frames, table: table_bytes(table)?, ..ClipBytes::default() };

@@ -4,7 +4,6 @@ use std::fmt;
 
 use psao_codec::block::BlockCoder;
 use psao_proto::Profile;
-use psao_server::points::PointSettings;
 use psao_server::server::ServerSettings;
 use serde::{Deserialize, Serialize};
 
@@ -53,7 +52,7 @@ impl Setting {
     #[must_use]
     pub fn server(&self, base: ServerSettings) -> ServerSettings {
         let mut settings = base;
-        settings.points = PointSettings { per_m2: self.per_m2, ..base.points };
+        settings.points = base.points.with_per_m2(self.per_m2);
         settings.ao.rays = self.rays;
         settings.bits = self.bits;
         settings.threshold = self.threshold;

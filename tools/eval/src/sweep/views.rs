@@ -133,7 +133,7 @@ mod tests {
         let size = Size::new(64, 36).unwrap();
         let scene = Arc::new(Scene::load("colonnade").unwrap());
         let reach = |radius| reach_px(&scene, &[0.0, 0.5], size, radius).unwrap();
-        let rays = AoSettings { rays: 1, ..AoSettings::default() };
+        let rays = AoSettings::default().with_rays(1);
         let views = views(&scene, &[0.0, 0.5], size, 0, &ReferenceRays::Scene(rays), &|| ()).unwrap();
         let screens = views.iter().map(|view| &view.screen);
         let all =

@@ -71,7 +71,7 @@ impl TextureServer {
         ao: &AoSettings,
     ) -> Result<Self, TextureError> {
         settings.validate()?;
-        let tracer = Tracer::new(AoSettings { rays: settings.rays, ..*ao })?;
+        let tracer = Tracer::new(ao.with_rays(settings.rays))?;
         Ok(Self {
             settings,
             tracer,

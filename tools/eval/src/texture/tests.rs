@@ -132,7 +132,7 @@ fn a_released_place_is_used_again_and_an_atlas_has_an_end() {
 
 /// Returns the error of a picture whose atlas was sent without loss.
 fn error(settings: TextureSettings) -> Comparison {
-    let (scene, ao) = (cube_on_floor(), AoSettings { rays: 64, ..AoSettings::default() });
+    let (scene, ao) = (cube_on_floor(), AoSettings::default().with_rays(64));
     let patches = Arc::new(Patches::new(&scene));
     let mut server = TextureServer::new(&scene, &patches, settings, &ao).unwrap();
     let stats = server.step(0.0, &camera(), &NoClock).unwrap();
@@ -146,7 +146,7 @@ fn error(settings: TextureSettings) -> Comparison {
     let world = SceneBvh::new(&scene, &scene.pose(0.0));
     let seen = SceneView::new(&world);
     let view = cast_view(&seen, &camera(), size).unwrap();
-    let truth = reference(&seen, &view, &AoSettings { rays: 256, ..ao }).unwrap();
+    let truth = reference(&seen, &view, &ao.with_rays(256)).unwrap();
     let looked = patch_lookup(&world, &patches, &Camera::new(&camera()).unwrap(), size);
     let (picture, missing) = server.block_map().picture(server.texels(), &looked).unwrap();
     assert_eq!(missing, 0.0);

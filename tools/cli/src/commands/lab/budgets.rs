@@ -8,7 +8,7 @@ use psao_codec::surface::{BLOCK_POINTS, Budget, Encoder, EncoderSettings, Geomet
 use psao_proto::message;
 use psao_server::clock::NoClock;
 use psao_server::scene::Scene;
-use psao_server::server::{Server, ServerSettings};
+use psao_server::server::Server;
 use serde::Serialize;
 
 use crate::args::{Coder, Format, FormatArg, PointArgs, ProfileArg};
@@ -110,8 +110,8 @@ pub(crate) fn run(args: &Args) -> Outcome {
     let coder = ProfileArg::Surface.coder(Some(args.compress))?;
     let scene = Arc::new(Scene::load(&args.scene).map_err(Failure::input)?);
     // A budget that nothing exceeds: with one, the server weighs the points.
-    let budget = Some(Budget { bytes: u32::MAX, longest_age: args.age.longest_age });
-    let settings = ServerSettings { coder, budget, ..settings(&args.points, &scene, args.frames) };
+    let budget = Some(Budget::new(u32::MAX).with_longest_age(args.age.longest_age));
+    let settings = settings(&args.points, &scene, args.frames).with_coder(coder).with_budget(budget);
     let cache = Folder::of(&args.points.cache);
     let server = Server::with_cache(Arc::clone(&scene), settings, as_cache(&cache), show_progress());
     let mut server = server.map_err(refused)?;
@@ -121,7 +121,7 @@ pub(crate) fn run(args: &Args) -> Outcome {
     let mut rows = vec![free];
     for share in &args.shares {
         let bytes = (demand * f64::from(*share) / 100.0).round() as u32;
-        let budget = Budget { bytes, longest_age: args.age.longest_age };
+        let budget = Budget::new(bytes).with_longest_age(args.age.longest_age);
         rows.push(Row { share: *share, ..write(args, &traced, Some(budget), coder)? });
     }
     match args.format.get() {
@@ -179,8 +179,7 @@ impl Traced {
 
     /// Returns an encoder of the stream.
     fn encoder(&self, budget: Option<Budget>) -> Outcome<Encoder> {
-        let settings =
-            EncoderSettings { threshold: self.threshold, geometry: GeometrySource::Shared, budget };
+        let settings = EncoderSettings::new(self.threshold, GeometrySource::Shared).with_budget(budget);
         Encoder::new(Arc::clone(&self.layout), self.geometry.clone(), settings).map_err(Failure::input)
     }
 }

@@ -114,10 +114,11 @@ pub(crate) fn run(args: &Args) -> Outcome {
         target::refuse_terminal()?;
     }
     let scene = Arc::new(Scene::load(&args.scene).map_err(Failure::input)?);
-    let settings = PointSettings { per_m2: args.per_m2, minimum: 64, seed: args.seed };
+    let settings = PointSettings::default().with_per_m2(args.per_m2).with_minimum(64).with_seed(args.seed);
     let kind = args.occlusion.into();
     let radius = args.radius.unwrap_or_else(|| scene.ao_radius_m());
-    let ao = AoSettings { rays: args.rays, radius, kind, seed: args.seed };
+    let ao =
+        AoSettings::default().with_rays(args.rays).with_radius(radius).with_kind(kind).with_seed(args.seed);
     let instructions = instructions(args.instructions.as_deref())?;
     let tracer = Tracer::new(ao).map_err(Failure::usage)?.with_instructions(instructions);
     let cache = Folder::of(&args.cache);

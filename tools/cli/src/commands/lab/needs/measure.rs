@@ -116,7 +116,7 @@ pub(super) fn measure(
             // Each round begins with another one.
             let number = (turn + round) % WORK.len();
             let (shortcuts, saved) = (Shortcuts::ALL - WORK[number].shortcut, &mut work[number]);
-            let with = ServerSettings { shortcuts, ..*settings };
+            let with = settings.with_shortcuts(shortcuts);
             let (more, _) = runs.run(&with, |frame, body| saved.frames_equal &= body == bodies[frame])?;
             saved.rays = more.later.rays as i64 - least.later.rays as i64;
             saved.traced = more.later.traced as i64 - least.later.traced as i64;
@@ -175,7 +175,7 @@ impl Runs<'_> {
     fn geometry(&self, settings: &ServerSettings, least: &Figures) -> Outcome<PartSaved> {
         let shared = settings.geometry == GeometrySource::Shared;
         let geometry = if shared { GeometrySource::Sent } else { GeometrySource::Shared };
-        let (other, _) = self.run(&ServerSettings { geometry, ..*settings }, |_, _| {})?;
+        let (other, _) = self.run(&settings.with_geometry(geometry), |_, _| {})?;
         let [sent, shared] = if shared { [&other, least] } else { [least, &other] };
         Ok(PartSaved {
             once: Some(sent.first_bytes as i64 - shared.first_bytes as i64),
@@ -188,7 +188,7 @@ impl Runs<'_> {
     fn poses(&self, settings: &ServerSettings) -> PartSaved {
         let coder = BlockCoder::Zstd { level: 15 };
         let paper =
-            ServerSettings { profile: Profile::PAPER, geometry: GeometrySource::Sent, coder, ..*settings };
+            settings.with_profile(Profile::PAPER).with_geometry(GeometrySource::Sent).with_coder(coder);
         match self.run(&paper, |_, _| {}) {
             Ok((Figures { poses: [once, later], .. }, _)) => {
                 PartSaved { once: Some(once as i64), later: Some(later as i64), refused: None }

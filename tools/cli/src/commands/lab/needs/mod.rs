@@ -8,7 +8,6 @@ use std::sync::Arc;
 
 use psao_server::clip::{self, Clip};
 use psao_server::scene::Scene;
-use psao_server::server::ServerSettings;
 
 use crate::args::{Coder, PointArgs, ProfileArg, ReportFormatArg};
 use crate::cache::Folder;
@@ -59,7 +58,7 @@ pub(crate) fn run(args: &Args) -> Outcome {
     let name = args.scene.as_ref().or(args.named.as_ref()).map_or("", String::as_str);
     let scene = Arc::new(Scene::load(name).map_err(Failure::input)?);
     let coder = ProfileArg::Surface.coder(Some(args.compress))?;
-    let settings = ServerSettings { coder, ..settings(&args.points, &scene, args.frames) };
+    let settings = settings(&args.points, &scene, args.frames).with_coder(coder);
     settings.validate().map_err(Failure::settings)?;
     let margin = (!args.points.all_visible).then_some(args.points.view_margin);
     let clip = Clip {

@@ -168,7 +168,7 @@ impl Shot<'_> {
     fn draw(&self, paper: &State, surface: &State) -> Outcome<PerProfile<Seen>> {
         let view = SceneView::new(self.both.world());
         let buffer = self.look(&view)?;
-        let rays = AoSettings { rays: self.args.reference_rays, ..self.ao };
+        let rays = self.ao.with_rays(self.args.reference_rays);
         let truth = reference(&view, &buffer, &rays).map_err(Failure::reference)?;
         let (paper, surface) = (blend(paper, &buffer)?, blend(surface, &buffer)?);
         if let Some(folder) = &self.args.output {

@@ -73,10 +73,7 @@ pub(crate) fn run(args: &Args) -> Outcome {
     let paper_coder = ProfileArg::Paper.coder(Some(args.paper_compress))?;
     let surface_coder = ProfileArg::Surface.coder(Some(args.surface_compress))?;
     let scene = Arc::new(Scene::load(&args.scene).map_err(Failure::input)?);
-    let settings = psao_server::server::ServerSettings {
-        coder: paper_coder,
-        ..settings(&args.points, &scene, args.frames)
-    };
+    let settings = settings(&args.points, &scene, args.frames).with_coder(paper_coder);
     let cache = Folder::of(&args.points.cache);
     let both =
         BothProfiles::new(Arc::clone(&scene), &settings, surface_coder, as_cache(&cache), show_progress());

@@ -10,7 +10,6 @@ use psao_eval::sweep::{
 use psao_eval::texture::TextureSettings;
 use psao_reconstruct::Size;
 use psao_server::ao::{AoSettings, Occlusion};
-use psao_server::points::PointSettings;
 use psao_server::scene::Scene;
 use psao_server::server::ServerSettings;
 
@@ -196,7 +195,11 @@ impl<'a> Plan<'a> {
     fn new(sweep: &'a Sweep<'a>, scene: &'a Arc<Scene>, radius: f32, radii: &[f32]) -> Outcome<Self> {
         let args = sweep.args;
         let kind = args.occlusion.into();
-        let reference = AoSettings { rays: args.reference_rays, radius, kind, seed: args.seed };
+        let reference = AoSettings::default()
+            .with_rays(args.reference_rays)
+            .with_radius(radius)
+            .with_kind(kind)
+            .with_seed(args.seed);
         reference.validate().map_err(Failure::usage)?;
         let far = args.table == Some(TableArg::FarField);
         let truth = if far {
@@ -218,11 +221,9 @@ impl<'a> Plan<'a> {
             ReferenceRays::Screen(rays) => far_field_methods(rays).map_err(Failure::usage),
         };
         let usual = ServerSettings::default();
-        let base = ServerSettings {
-            points: PointSettings { minimum: args.min_points, seed: args.seed, ..usual.points },
-            ao: AoSettings { rays: usual.ao.rays, ..reference },
-            ..usual
-        };
+        let base = usual
+            .with_points(usual.points.with_minimum(args.min_points).with_seed(args.seed))
+            .with_ao(reference.with_rays(usual.ao.rays));
         let mut jobs = Vec::new();
         for setting in &sweep.settings {
             setting.server(base).validate().map_err(Failure::usage)?;

@@ -1,5 +1,7 @@
 //! A publisher and a subscriber, against each other.
 
+#![expect(clippy::unwrap_used, reason = "helpers of tests say what they expected by panicking")]
+
 use std::time::{Duration, Instant};
 
 use psao_codec::envelope::{FrameIndex, FrameKind};

@@ -186,6 +186,7 @@ impl SceneTable {
     ///
     /// # Errors
     /// [`SceneError`] when grids, buckets or sets do not fit each other, the facts or `limits`.
+    #[expect(clippy::needless_pass_by_value, reason = "the table takes the facts over")]
     pub fn new(info: SceneInfo, entries: SceneEntries, limits: &Limits) -> Result<Self, SceneError> {
         let layout = entries.layout(&info, limits)?;
         let found = entries.points();

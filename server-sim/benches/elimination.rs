@@ -120,7 +120,7 @@ fn elimination(criterion: &mut Criterion) {
         group.bench_function(BenchmarkId::new("heap", keep), |bencher| bencher.iter(|| set.heap()));
         for (name, pool) in [("one thread", &one), ("two threads", &two)] {
             group.bench_function(BenchmarkId::new(name, keep), |bencher| {
-                bencher.iter(|| set.eliminate_on(pool))
+                bencher.iter(|| set.eliminate_on(pool));
             });
         }
         group.finish();

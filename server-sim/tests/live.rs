@@ -1,6 +1,6 @@
 //! The live loop, with a client in the same process and a recording, against a server that steps.
 
-#![expect(clippy::unwrap_used, reason = "this is a test, its helpers included")]
+#![expect(clippy::unwrap_used, clippy::panic, reason = "this is a test, its helpers included")]
 
 use std::path::Path;
 use std::sync::Arc;

@@ -31,7 +31,6 @@ impl File {
         self.player.next_event().map(event)
     }
 
-    #[expect(clippy::disallowed_methods, reason = "a recording is played at its own pace")]
     pub(super) fn poll(&mut self) -> Option<Event> {
         let next = self.player.next_arrival()?;
         let (started, first) = *self.started.get_or_insert_with(|| (Instant::now(), next));

@@ -345,7 +345,7 @@ pub(crate) struct RecordingArg {
 /// The network of LPIPS.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct LpipsArgs {
-    /// Weights of the LPIPS metric (AlexNet, version 0.1: 2,470,848 f16 or f32); without them LPIPS is left out
+    /// Weights of the LPIPS metric (`AlexNet`, version 0.1: 2,470,848 f16 or f32); without them LPIPS is left out
     #[arg(long, value_name = "FILE")]
     lpips_weights: Option<PathBuf>,
 }

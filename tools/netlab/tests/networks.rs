@@ -1,4 +1,4 @@
-//! Promises of sessions on bad networks: no wrong state, recovery within a longest_recovery, no effect on other
+//! Promises of sessions on bad networks: no wrong state, recovery within `longest_recovery`, no effect on other
 //! clients.
 #![expect(clippy::unwrap_used, reason = "a test says what it expected by panicking")]
 

@@ -151,6 +151,8 @@ impl Shared {
 
 #[cfg(test)]
 mod tests {
+    #![expect(clippy::disallowed_methods, reason = "a test waits for the disk")]
+
     use std::io::{Error, ErrorKind, Result};
     use std::path::Path;
     use std::sync::mpsc;

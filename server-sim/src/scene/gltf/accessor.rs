@@ -179,10 +179,10 @@ impl GltfDocument {
             let (to, from) = (element * width..(element + 1) * width, i * width..(i + 1) * width);
             match (&mut *out, &values) {
                 (AccessorValues::Floats(out), AccessorValues::Floats(values)) => {
-                    out[to].copy_from_slice(&values[from])
+                    out[to].copy_from_slice(&values[from]);
                 }
                 (AccessorValues::Integers(out), AccessorValues::Integers(values)) => {
-                    out[to].copy_from_slice(&values[from])
+                    out[to].copy_from_slice(&values[from]);
                 }
                 _ => {}
             }

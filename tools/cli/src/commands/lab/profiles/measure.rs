@@ -101,9 +101,9 @@ pub(super) fn measure(
     both: &mut BothProfiles,
 ) -> Outcome<PerProfile<Side>> {
     let tables = both.tables();
-    let mut sides = PerProfile { paper: begin(&tables.paper)?, surface: begin(&tables.surface)? };
-    let mut paper = Client::new("paper", &tables.paper);
-    let mut surface = Client::new("surface", &tables.surface);
+    let mut sides = PerProfile { paper: begin(tables.paper)?, surface: begin(tables.surface)? };
+    let mut paper = Client::new("paper", tables.paper);
+    let mut surface = Client::new("surface", tables.surface);
     let info = tables.surface.info().clone();
     if let (PointSource::SHARED, Some(state)) = (info.geometry, surface.state.as_surface_mut()) {
         make_shared_geometry(scene, &info, state).map_err(Failure::input)?;

@@ -19,7 +19,7 @@ use crate::{Micros, Numbering, SceneTable};
 /// as a connection does. A client calls [`wire`](Self::wire) with the frames that it receives. Arrival times count from
 /// the start of the recording: [`now`](Self::now) for a live stream, the stream's own time otherwise.
 ///
-/// The [module](super::file) describes the guarantees and has an example. A recorder that is dropped leaves a valid
+/// The [module](crate::recording::file) describes the guarantees and has an example. A recorder that is dropped leaves a valid
 /// recording of all frames that it took, but does not report failures.
 pub struct Recorder {
     output: Output,

@@ -62,6 +62,7 @@
 mod publisher;
 #[cfg(feature = "tokio")]
 mod runtime;
+#[cfg(any(feature = "fs", feature = "tokio"))]
 mod subscriber;
 
 #[cfg(all(test, feature = "tokio", feature = "fs"))]
@@ -75,4 +76,5 @@ pub use psao_proto::{Limits, SceneInfo, SceneTable, TraceInfo};
 pub use psao_reconstruct::{AoSampler, SampleError};
 
 pub use self::publisher::{InstanceId, MeshId, PublishError, Publisher, PublisherBuilder, SentFrame};
+#[cfg(any(feature = "fs", feature = "tokio"))]
 pub use self::subscriber::{ChangedPoint, Event, SubscribeError, Subscriber};

@@ -71,6 +71,11 @@ impl Publisher {
         numbers: Vec<Arc<[u32]>>,
         (access, limits): (Access, Limits),
     ) -> Self {
+        // Only clients ask for the first, only clients and recordings for the second.
+        #[cfg(not(feature = "tokio"))]
+        drop(access);
+        #[cfg(not(any(feature = "tokio", feature = "fs")))]
+        let _ = limits;
         Self {
             scene,
             encoder,

@@ -133,7 +133,7 @@ impl BothProfiles {
         let traces = self.state.advance((index, time), cameras, first, &mut lap);
         let state = &self.state;
         let mut write = |stage: &mut EncodeStage| {
-            let traced = TracedFrame::new(state, traces, EncoderNeeds::of(&stage.encoder), &mut lap);
+            let traced = TracedFrame::new(state, traces, EncoderNeeds::of(&stage.encoder));
             stage.encode_lap(traced, &mut lap)
         };
         let paper = write(&mut self.encode.paper)?;

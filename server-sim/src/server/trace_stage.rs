@@ -40,10 +40,14 @@ impl TraceStage {
         views: &[CameraPose],
         clock: &dyn Clock,
     ) -> TracedFrame {
-        self.trace_lap((index, time), views, &mut Lap::new(clock))
+        let mut lap = Lap::new(clock);
+        let mut traced = self.trace_lap((index, time), views, &mut lap);
+        // Gathering is part of deciding, of which the encode stage does the rest.
+        traced.traces.micros.decide = lap.micros();
+        traced
     }
 
-    /// As [`trace`](Self::trace); the time since the last lap counts.
+    /// Traces a frame as [`trace`](Self::trace) does. The time since the last lap counts; gathering is in the next one.
     pub(super) fn trace_lap(
         &mut self,
         frame: (FrameIndex, StreamTime),
@@ -52,7 +56,7 @@ impl TraceStage {
     ) -> TracedFrame {
         let first = std::mem::replace(&mut self.first, false);
         let traces = self.state.advance(frame, views, first, lap);
-        TracedFrame::new(&self.state, traces, self.needs, lap)
+        TracedFrame::new(&self.state, traces, self.needs)
     }
 
     /// Changes the scene from the next traced frame on; returns whether it changed anything. Any number of edits may come

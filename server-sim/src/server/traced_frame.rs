@@ -8,7 +8,7 @@ use psao_proto::message::CameraPose;
 
 use super::field::Chunk;
 use super::screen_area::ScreenArea;
-use super::stats::{Lap, Traces};
+use super::stats::Traces;
 use super::trace_state::TraceState;
 use super::{FrameStats, ServerError};
 use crate::scene::InstanceId;
@@ -48,7 +48,7 @@ pub struct TracedFrame {
 impl TracedFrame {
     /// Takes what is in view from the points. In the first frame the order is that in which clients need it: what the cameras
     /// see first, the nearest to the first of them before all.
-    pub(super) fn new(state: &TraceState, traces: Traces, needs: EncoderNeeds, lap: &mut Lap<'_>) -> Self {
+    pub(super) fn new(state: &TraceState, traces: Traces, needs: EncoderNeeds) -> Self {
         let (chunks, cameras, first) = (state.field.chunks(), &state.cameras, traces.first);
         let order = if first { in_view_first(state, cameras) } else { (0..chunks.len()).collect() };
         let weights = if needs.weights { weights(state, cameras) } else { Vec::new() };
@@ -60,7 +60,6 @@ impl TracedFrame {
             let seen = |chunk: usize| state.field.visible(&chunks[chunk]).map(|(_, point, ao)| (point.0, ao));
             frame.points = order.into_iter().flat_map(seen).collect();
         }
-        frame.traces.micros.decide = lap.micros();
         frame
     }
 

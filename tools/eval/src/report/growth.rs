@@ -6,9 +6,9 @@
 /// `None` with fewer than two different places, or when a place or cost is not above 0 and finite.
 ///
 /// ```
-/// use psao_eval::report::exponent;
+/// use psao_eval::report::power_law_exponent;
 ///
-/// let p = exponent(&[(1.0, 3.0), (2.0, 12.0), (4.0, 48.0)]).unwrap();
+/// let p = power_law_exponent(&[(1.0, 3.0), (2.0, 12.0), (4.0, 48.0)]).unwrap();
 /// assert!((p - 2.0).abs() < 1e-12, "quadratic");
 /// ```
 #[must_use]

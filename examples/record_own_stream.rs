@@ -10,9 +10,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 
     // A wall of 40 x 20 points, 10 cm apart, that looks towards +z.
     let at = |i: u16| [f32::from(i % 40) * 0.1, f32::from(i / 40) * 0.1, 0.0];
-    let points: Vec<_> = (0..800).map(|i| RestPoint { position: at(i), normal: [0.0, 0.0, 1.0] }).collect();
+    let points: Vec<_> =
+        (0..800).map(|i| RestPoint { position: at(i), normal: [0.0, 0.0, 1.0], chart: 0 }).collect();
     let mut builder = Publisher::builder("a rising shadow").fps(30.0);
-    let wall = builder.mesh(&points, 0.25);
+    let wall = builder.mesh(&points, 0.15);
     let wall = builder.instance(wall);
     let mut publisher = builder.build()?;
 

@@ -14,9 +14,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     // The scene: a floor of 3.2 m by 3.2 m with a point every 5 cm. Normals point up.
     let at = |i: u16| [f32::from(i % ROW) * 0.05, 0.0, f32::from(i / ROW) * 0.05];
     let points: Vec<_> =
-        (0..ROW * ROW).map(|i| RestPoint { position: at(i), normal: [0.0, 1.0, 0.0] }).collect();
+        (0..ROW * ROW).map(|i| RestPoint { position: at(i), normal: [0.0, 1.0, 0.0], chart: 0 }).collect();
     let mut builder = Publisher::builder("a ball over a floor").fps(60.0).threshold(4);
-    let floor = builder.mesh(&points, 0.125);
+    let floor = builder.mesh(&points, 0.075);
     let floor = builder.instance(floor);
     let mut publisher = builder.build()?;
 

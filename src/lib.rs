@@ -1,7 +1,7 @@
 //! Streams ray-traced ambient occlusion (AO) from a server to thin clients.
 //!
 //! A server computes AO at points on the surfaces of a scene and sends the values that changed. A client draws the scene
-//! itself and blends the points around each vertex or pixel. This crate is the front door of the toolkit, for programs with a
+//! itself and fits the points around each vertex or pixel. This crate is the front door of the toolkit, for programs with a
 //! scene and rays of their own:
 //!
 //! | type | what it does |
@@ -16,14 +16,14 @@
 //! # Publish AO values, follow them, sample them
 //!
 //! ```
-//! use psao::{AoSampler, Publisher, RestPoint, Subscriber};
+//! use psao::{AoSampler, Place, Publisher, RestPoint, Subscriber};
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! // Points on a mesh at rest, 10 cm apart; two instances of the mesh share them.
-//! let along = |i: u8| RestPoint { position: [f32::from(i) * 0.1, 0.0, 0.0], normal: [0.0, 1.0, 0.0] };
+//! let along = |i: u8| RestPoint { position: [f32::from(i) * 0.1, 0.0, 0.0], normal: [0.0, 1.0, 0.0], chart: 0 };
 //! let points: Vec<RestPoint> = (0..20).map(along).collect();
 //! let mut builder = Publisher::builder("two bars").threshold(2);
-//! let mesh = builder.mesh(&points, 0.25);
+//! let mesh = builder.mesh(&points, 0.15);
 //! let (_left, right) = (builder.instance(mesh), builder.instance(mesh));
 //! let mut publisher = builder.build()?;
 //!
@@ -43,7 +43,7 @@
 //! let state = subscriber.state().ok_or("no frame came")?;
 //! let mut sampler = AoSampler::new();
 //! sampler.prepare(state);
-//! let ao = sampler.ao(state, right.0, [0.95, 0.0, 0.0], [0.0, 1.0, 0.0]);
+//! let ao = sampler.ao(state, right.0, &Place { position: [0.95, 0.0, 0.0], normal: [0.0, 1.0, 0.0], chart: 0 });
 //! assert!(ao.is_some_and(|ao| (ao - 0.5).abs() < 0.01));
 //! # Ok(())
 //! # }
@@ -69,11 +69,11 @@ mod subscriber;
 mod tests;
 
 pub use psao_codec as codec;
-pub use psao_codec::surface::RestPoint;
+pub use psao_codec::surface::{Charts, RestPoint};
 pub use psao_codec::{Layout, State, StateHash, StateRef};
 pub use psao_proto as proto;
 pub use psao_proto::{Limits, SceneInfo, SceneTable, TraceInfo};
-pub use psao_reconstruct::{AoSampler, SampleError};
+pub use psao_reconstruct::{AoSampler, Place, SampleError};
 
 pub use self::publisher::{InstanceId, MeshId, PublishError, Publisher, PublisherBuilder, SentFrame};
 #[cfg(any(feature = "fs", feature = "tokio"))]

@@ -11,7 +11,7 @@ use super::*;
 /// Points of a bar along x, 10 cm apart, in an order that is not the stream's.
 fn bar(count: u16) -> Vec<RestPoint> {
     let mut points: Vec<_> = (0..count)
-        .map(|i| RestPoint { position: [f32::from(i) * 0.1, 0.0, 0.5], normal: [0.0, 1.0, 0.0] })
+        .map(|i| RestPoint { position: [f32::from(i) * 0.1, 0.0, 0.5], normal: [0.0, 1.0, 0.0], chart: 0 })
         .collect();
     points.reverse();
     points.swap(1, 7);
@@ -205,7 +205,7 @@ fn what_makes_no_stream_is_refused_by_name() {
 fn values_and_meshes_of_any_kind_make_a_stream() {
     let mut builder = Publisher::builder(&"long ".repeat(50)).fps(1e-3);
     let empty = builder.mesh(&[], 0.1);
-    let same = builder.mesh(&[RestPoint { position: [1e6; 3], normal: [0.0; 3] }; 70], 1e-6);
+    let same = builder.mesh(&[RestPoint { position: [1e6; 3], normal: [0.0; 3], chart: 0 }; 70], 1e-6);
     let instances = [empty, same].map(|mesh| builder.instance(mesh));
     let mut publisher = builder.build().unwrap();
     for value in [f32::NAN, f32::INFINITY, -1.0, 2.0, 0.5] {

@@ -34,12 +34,13 @@
 //!     step: 1.0 / 128.0,
 //!     extent: [128; 3],
 //!     normal_bits: 6,
+//!     charts: 1,
 //!     kernel_radius: 0.1,
 //!     // Filled in when the points are rounded.
 //!     points: 0,
 //!     digest: GeometryDigest::default(),
 //! };
-//! let along = |n: u8| RestPoint { position: [f32::from(n) / 100.0, 0.0, 0.5], normal: [0.0, 1.0, 0.0] };
+//! let along = |n: u8| RestPoint { position: [f32::from(n) / 100.0, 0.0, 0.5], normal: [0.0, 1.0, 0.0], chart: 0 };
 //! let points: Vec<RestPoint> = (0..100).map(along).collect();
 //! let geometry = Arc::new(Geometry::round(set, &points).geometry);
 //! let limits = Limits::default();
@@ -77,9 +78,9 @@
 //! # use std::sync::Arc;
 //! # use psao_codec::{Limits, block::BlockCoder, envelope::{FrameIndex, FrameKind, FrameMeta, StreamTime}, surface::*};
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
-//! # let set = SetLayout { origin: [0.0; 3], step: 1.0 / 128.0, extent: [128; 3], normal_bits: 6, kernel_radius: 0.1,
+//! # let set = SetLayout { origin: [0.0; 3], step: 1.0 / 128.0, extent: [128; 3], normal_bits: 6, charts: 1, kernel_radius: 0.1,
 //! #     points: 0, digest: GeometryDigest::default() };
-//! # let along = |n: u8| RestPoint { position: [f32::from(n) / 100.0, 0.0, 0.5], normal: [0.0, 1.0, 0.0] };
+//! # let along = |n: u8| RestPoint { position: [f32::from(n) / 100.0, 0.0, 0.5], normal: [0.0, 1.0, 0.0], chart: 0 };
 //! # let geometry = Arc::new(Geometry::round(set, &(0..100).map(along).collect::<Vec<_>>()).geometry);
 //! # let limits = Limits::default();
 //! # let layout = Arc::new(Layout::new(vec![*geometry.layout()], vec![Member { set: 0 }], &limits)?);

@@ -23,6 +23,7 @@ fn encoder(budget: Option<Budget>) -> Encoder {
         step: 0.01,
         extent: [100; 3],
         normal_bits: 6,
+        charts: 1,
         points: 0,
         kernel_radius: 0.1,
         digest: GeometryDigest::default(),
@@ -30,6 +31,7 @@ fn encoder(budget: Option<Budget>) -> Encoder {
     let at = |n: u32| RestPoint {
         position: [(n % 50) as f32 / 50.0, 0.0, (n / 50) as f32 / 50.0],
         normal: [0.0, 1.0, 0.0],
+        chart: 0,
     };
     let points: Vec<RestPoint> = (0..POINTS).map(at).collect();
     let geometry = Geometry::round(layout, &points).geometry;

@@ -198,7 +198,7 @@ fn geometry() -> Geometry {
     let points: Vec<RestPoint> = (0..POINTS)
         .map(|point| {
             let PointSample { local, normal, .. } = sample(point, 0);
-            RestPoint { position: local, normal }
+            RestPoint { position: local, normal, chart: 0 }
         })
         .collect();
     let plain = SetLayout {
@@ -206,6 +206,7 @@ fn geometry() -> Geometry {
         step: 0.05,
         extent: [24; 3],
         normal_bits: 6,
+        charts: 1,
         points: POINTS,
         kernel_radius: 0.3,
         digest: GeometryDigest::default(),

@@ -125,7 +125,7 @@ fn at_rest(
     format: PointFormat,
 ) -> Result<(GeometryErrors, GeometryPrecision), Failure> {
     let precision = GeometryPrecision::of_bits(format.bits() as u8).ok_or("no such packing")?;
-    let kernel = ServerSettings::default().kernel;
+    let kernel = 2.8;
     let mut errors = GeometryErrors::default();
     let mut ordered = points.clone();
     let geometry = order_at_rest(scene, &mut ordered, precision, kernel);

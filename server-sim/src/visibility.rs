@@ -94,6 +94,11 @@ impl Views {
         self.0.iter().any(|view| view.sees(point))
     }
 
+    /// Returns the eyes of the cameras.
+    pub(crate) fn eyes(&self) -> impl Iterator<Item = Vec3> {
+        self.0.iter().map(|view| view.eye)
+    }
+
     pub(crate) fn overlap(&self, center: Vec3, radius: f32) -> Overlap {
         let each = self.0.iter().map(|view| view.overlap(center, radius));
         each.fold(Overlap::Outside, |sum, one| match (sum, one) {

@@ -67,9 +67,10 @@ impl PublisherBuilder {
 
     /// Adds the points of a mesh at rest and returns its number. Instances of the mesh share them.
     ///
-    /// `kernel_radius` is the distance in metres within which a point adds to the AO of a place: `r` of the paper's Eq. 2.
-    /// About 2.5 times the distance between neighbouring points is a good choice. Positions are rounded to a twentieth of
-    /// it, or less finely on a mesh of more than 100,000 kernel radii.
+    /// Points of one chart are blended with each other, those of different charts are not: see [`Charts`](crate::Charts).
+    /// `kernel_radius` is the distance in metres within which a point adds to the AO of a place. About 1.5 times the
+    /// distance between neighbouring points is a good choice. Positions are rounded to a twentieth of it, or less finely on
+    /// a mesh of more than 100,000 kernel radii.
     pub fn mesh(&mut self, points: &[RestPoint], kernel_radius: f32) -> MeshId {
         let step = kernel_radius / STEPS_PER_KERNEL;
         let lattice = SetLayout::covering(points, step, NORMAL_BITS, kernel_radius);

@@ -11,7 +11,7 @@ use std::time::Duration;
 use psao_codec::StateRef;
 use psao_codec::block::BlockCoder;
 use psao_codec::envelope::{EncodedFrame, FrameIndex, FrameInfo, FrameKind, FrameMeta, StreamTime};
-use psao_codec::quant::unorm;
+use psao_codec::surface;
 use psao_codec::surface::Encoder;
 use psao_proto::session::Access;
 #[cfg(any(feature = "tokio", feature = "fs"))]
@@ -110,7 +110,7 @@ impl Publisher {
         let number = numbers.and_then(|numbers| numbers.get(point));
         let Some(number) = number else { return Err(PublishError::NoPoint { instance, point }) };
         let first = self.encoder.state().layout().points_of(instance.0).start as u32;
-        self.encoder.set_ao(first + number, unorm::quantise(accessibility));
+        self.encoder.set_ao(first + number, surface::ao_byte(accessibility));
         Ok(())
     }
 

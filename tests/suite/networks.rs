@@ -54,9 +54,10 @@ impl Source for TracedSource {
 fn clients_of_a_traced_scene_are_right_and_current_on_bad_networks() {
     let faults = vec![Fault::Stall { from: 2_000_000, to: 3_000_000 }, Fault::Reset { at: 4_000_000 }];
     for profile in [Profile::PAPER, Profile::SURFACE] {
+        // A narrow link takes about a second for the first state, of which a point of each chart is a part.
         let (modes, rate): (&[Mode], _) = match profile {
             Profile::PAPER => (&[Mode::Stream], 400_000),
-            _ => (&[Mode::Stream, Mode::Datagram], 40_000),
+            _ => (&[Mode::Stream, Mode::Datagram], 60_000),
         };
         let mut plans = Vec::new();
         for mode in modes {

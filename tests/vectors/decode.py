@@ -53,11 +53,13 @@ class Vectors:
             keys = [order_key(point) for point in points]
             if len(points) != entry["points"] or keys != sorted(keys):
                 return "the points are not those, or out of order"
+            if any(chart >= entry["charts"] for *_, chart in points):
+                return "a chart is none of the set"
             if f"{digest_of(entry, points):016x}" != entry["digest"]:
                 return "the digest is another"
             bits = entry["normal_bits"]
             top = 2 if bits == 2 else (1 << bits) - 1
-            for (x, y, z, code), sample in zip(points, entry["samples"]):
+            for (x, y, z, code, _), sample in zip(points, entry["samples"]):
                 place = [entry["origin"][axis] + (x, y, z)[axis] * entry["step"] for axis in range(3)]
                 normal = octahedral(code & (1 << bits) - 1, code >> bits, top)
                 if not same(sample, {"position": place, "normal": normal}):

@@ -27,7 +27,7 @@ impl Scene {
     pub(crate) fn new() -> Scene {
         let floor = |n| {
             let [x, z] = spread(n);
-            RestPoint { position: [x * EDGE, 0.0, z * EDGE], normal: [0.0, 1.0, 0.0] }
+            RestPoint { position: [x * EDGE, 0.0, z * EDGE], normal: [0.0, 1.0, 0.0], chart: 0 }
         };
         let sets = [
             (0..FLOOR).map(floor).collect(),
@@ -69,7 +69,7 @@ fn ball([u, v]: [f32; 2]) -> RestPoint {
     let [x, y] = [x, y].map(|axis: f32| axis - fold * axis.signum());
     let length = (x * x + y * y + z * z).sqrt();
     let normal = [x, y, z].map(|axis| axis / length);
-    RestPoint { position: normal.map(|axis| axis * 0.4), normal }
+    RestPoint { position: normal.map(|axis| axis * 0.4), normal, chart: 0 }
 }
 
 fn cuboid(face: u32, [u, v]: [f32; 2]) -> RestPoint {
@@ -80,7 +80,7 @@ fn cuboid(face: u32, [u, v]: [f32; 2]) -> RestPoint {
     position[(axis + 1) % 3] = u * 0.8 - 0.4;
     position[(axis + 2) % 3] = v * 0.8 - 0.4;
     normal[axis] = side;
-    RestPoint { position, normal }
+    RestPoint { position, normal, chart: face }
 }
 
 /// Returns the AO of a point, from its surroundings, the noise of its fixed rays, and the shadows over it.

@@ -34,6 +34,7 @@ impl Stream {
             extent: [2048; 3],
             normal_bits: 6,
             points: 0,
+            charts: 6,
             kernel_radius: 0.06,
             digest: GeometryDigest::default(),
         };

@@ -12,7 +12,7 @@ use crate::envelope::{
 use crate::reference::{SurfaceReferenceEncoder, apply_surface};
 use crate::surface::{
     Budget, ChangeLog, Decoder, Encoder, EncoderSettings, Geometry, GeometryDigest, GeometrySource, Layout,
-    Member, RestPoint, SetLayout, State, frame_ids, keyframe, patch, preview,
+    Member, NO_VALUE, RestPoint, SetLayout, State, frame_ids, keyframe, patch, preview,
 };
 
 const CODERS: [BlockCoder; 4] =
@@ -65,7 +65,7 @@ pub fn surface_round_trip(data: &[u8]) {
     let budget = Budget { bytes: 28 + 12 * u32::from(step), longest_age };
     let budget = (source & 2 != 0).then_some(budget);
     let source = if source & 1 == 0 { GeometrySource::Sent } else { GeometrySource::Shared };
-    let settings = EncoderSettings { threshold: (*threshold).max(1), geometry: source, budget };
+    let settings = EncoderSettings::new((*threshold).max(1), source).with_budget(budget);
     let Some(mut harness) = Harness::new(settings) else { return };
     let mut bytes = operations.iter().copied();
     while let Some(operation) = bytes.next() {
@@ -102,18 +102,23 @@ fn small_geometry() -> Vec<Arc<Geometry>> {
         extent,
         normal_bits,
         points: 0,
+        charts: 8,
         kernel_radius: 0.1,
         digest: GeometryDigest::default(),
     };
     // Low bits of multiples of odd numbers: well distributed without a sine.
     let spread = |n: u32, by: u32| ((n * by) % 128) as f32 / 64.0 - 1.0;
-    let floor = (0..150)
-        .map(|n| RestPoint { position: [spread(n, 29), 0.0, spread(n, 47)], normal: [0.0, 1.0, 0.0] });
+    let floor = (0..150).map(|n| RestPoint {
+        position: [spread(n, 29), 0.0, spread(n, 47)],
+        normal: [0.0, 1.0, 0.0],
+        chart: n % 2,
+    });
     let ball = (0..70).map(|n| {
         let normal = [spread(n, 29), spread(n, 47), spread(n, 71)];
-        RestPoint { position: normal.map(|axis| axis * 0.5), normal }
+        let chart = (0..3).map(|axis| u32::from(normal[axis] > 0.0) << axis).sum();
+        RestPoint { position: normal.map(|axis| axis * 0.5), normal, chart }
     });
-    let node = (0..5).map(|n| RestPoint { position: [0.0; 3], normal: [1.0, spread(n, 31), 0.0] });
+    let node = (0..5).map(|n| RestPoint { position: [0.0; 3], normal: [1.0, spread(n, 31), 0.0], chart: n });
     let round = |layout, points: Vec<RestPoint>| Arc::new(Geometry::round(layout, &points).geometry);
     vec![
         round(layout([64; 3], 6), floor.collect()),
@@ -269,7 +274,10 @@ impl Harness {
                 assert_eq!(here.then_some(*value), self.reference.held(point), "point {point}");
                 let near = |latest: &Vec<Option<u8>>| {
                     let latest = latest[point as usize];
-                    latest.is_none_or(|latest| latest.abs_diff(*value) <= most)
+                    latest.is_none_or(|latest| {
+                        let both = (latest == NO_VALUE) == (*value == NO_VALUE);
+                        both && latest.abs_diff(*value) <= most
+                    })
                 };
                 assert!(!here || self.latest.iter().any(near), "point {point}");
             }
@@ -357,8 +365,7 @@ fn samples() -> Option<&'static [Sample]> {
 fn make_samples() -> Option<Vec<Sample>> {
     let mut samples = Vec::new();
     for coder in CODERS {
-        let (mut encoder, empty) =
-            small_stream(EncoderSettings { threshold: 4, geometry: GeometrySource::Sent, budget: None })?;
+        let (mut encoder, empty) = small_stream(EncoderSettings::new(4, GeometrySource::Sent))?;
         for (frame, latest) in [(0_u32, 200_u32), (1, 295), (2, 295)] {
             for point in 0..latest {
                 let shadow = (point % 90).abs_diff(10 + frame * 8).min(30) as u8;
@@ -381,8 +388,7 @@ fn make_samples() -> Option<Vec<Sample>> {
 /// Makes patches of a short stream without and with coder context, for the state before the last and for an earlier
 /// one.
 fn make_patches(coder: BlockCoder, samples: &mut Vec<Sample>) -> Option<()> {
-    let (mut encoder, _) =
-        small_stream(EncoderSettings { threshold: 4, geometry: GeometrySource::Sent, budget: None })?;
+    let (mut encoder, _) = small_stream(EncoderSettings::new(4, GeometrySource::Sent))?;
     let mut log = ChangeLog::new(encoder.state());
     let mut states = Vec::new();
     for frame in 0_u32..5 {

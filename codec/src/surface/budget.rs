@@ -5,7 +5,7 @@ use std::cmp::Reverse;
 use super::model::change::ChangeModel;
 use super::section::changes::Changes;
 use super::section::writer::SectionWriter;
-use super::{PaddedIndex, State};
+use super::{NO_VALUE, PaddedIndex, State};
 use crate::block::BlockCoder;
 use crate::envelope::{EncodeError, FrameMeta, SectionTag, header_bytes};
 use crate::memory;
@@ -239,7 +239,7 @@ impl BudgetQueue {
                 forced += 1;
                 FORCED_PRIORITY
             } else {
-                let difference = frame.latest[index.0].abs_diff(frame.sent.values[index.0]);
+                let difference = difference(frame.sent.values[index.0], frame.latest[index.0]);
                 let weight = self.weights[index.block()];
                 u64::from(difference) * u64::from(weight) * (u64::from(waited) + 1)
             };
@@ -352,6 +352,11 @@ impl BudgetQueue {
         let sections = frame.writer.sections.iter().filter(|section| of_points(section.tag));
         sections.map(|section| section.records).sum()
     }
+}
+
+/// Returns how far a byte is from another one. A value that comes or goes counts as the largest difference.
+fn difference(from: u8, to: u8) -> u8 {
+    if (from == NO_VALUE) == (to == NO_VALUE) { from.abs_diff(to) } else { u8::MAX }
 }
 
 /// Returns how many changes fit `room` bytes if `count` take `bytes`.

@@ -10,13 +10,13 @@ use super::model::change::ChangeModel;
 use super::model::context;
 use super::model::history::History;
 use super::model::patch::PatchModel;
-use super::section::changes::{ChangeError, Changes};
+use super::section::changes::{ChangeError, Changes, MAX_LEVEL};
 use super::section::geometry::{self, GeometrySectionError};
 use super::section::patch::Patch;
 use super::section::values::{ClientValues, ValueError, Values};
 use super::section::writer::FrameModels;
 use super::state::value_words;
-use super::{SectionError, State};
+use super::{NO_VALUE, SectionError, State};
 use crate::block::{CoderId, Decompressor};
 use crate::envelope::{
     FrameBody, FrameError, FrameInfo, FrameKind, HASH_OFFSET, Profile, SectionBlock, SectionInfo, SectionTag,
@@ -409,7 +409,9 @@ fn check_changes(state: &State, changes: &Changes) -> Result<(), ChangeError> {
     changes.points.check(state)?;
     for (index, level) in changes.iter() {
         let old = state.values[index.0];
-        if level.unsigned_abs() > 255 || state.changed_value(index, level, changes.quantum) == old {
+        let downwards = old == NO_VALUE && level <= 0;
+        let same = state.changed_value(index, level, changes.quantum) == old;
+        if level.unsigned_abs() > MAX_LEVEL.unsigned_abs() || downwards || same {
             return Err(ChangeError::Level { padded_index: index.0 as u32, level: level.into() });
         }
     }

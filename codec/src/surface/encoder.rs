@@ -6,11 +6,11 @@ use bitvec::vec::BitVec;
 
 use super::budget::{Budget, BudgetQueue, PendingFrame, Postponed};
 use super::keyframe::ParcelWriter;
-use super::section::changes::Changes;
+use super::section::changes::{Changes, REMOVAL};
 use super::section::point_mask::SetBits;
 use super::section::writer::SectionWriter;
 use super::state::{geometry_words, value_words};
-use super::{Geometry, GeometryError, Layout, PaddedIndex, State, frame_ids};
+use super::{Geometry, GeometryError, Layout, NO_VALUE, PaddedIndex, State, frame_ids};
 use crate::block::BlockCoder;
 use crate::envelope::{EncodeError, EncodedFrame, FrameKind, FrameMeta, assemble};
 use crate::hash::RecordKind;
@@ -22,6 +22,8 @@ use crate::{StateHash, memory};
 pub struct EncoderSettings {
     /// A point is sent if its AO byte differs by at least this much from that of clients, 1 to 255; 0 counts as 1.
     pub threshold: u8,
+    /// The same for a point that no picture needs now, at least `threshold`: see [`Encoder::set_unseen_ao`].
+    pub unseen_threshold: u8,
     /// Whether the stream carries the geometry, or clients make it from the scene.
     pub geometry: GeometrySource,
     /// Byte budget of deltas. Without one, every point is sent as soon as it differs by the threshold.
@@ -41,12 +43,13 @@ impl EncoderSettings {
     /// Returns settings without a budget.
     #[must_use]
     pub const fn new(threshold: u8, geometry: GeometrySource) -> Self {
-        Self { threshold, geometry, budget: None }
+        Self { threshold, unseen_threshold: threshold, geometry, budget: None }
     }
 
     setters! {
         const fn:
         with_threshold: threshold as u8,
+        with_unseen_threshold: unseen_threshold as u8,
         with_geometry: geometry as GeometrySource,
         with_budget: budget as Option<Budget>,
     }
@@ -59,7 +62,8 @@ impl EncoderSettings {
     }
 
     /// Returns the largest difference between the AO byte last set and the one of clients after the frame. It is below
-    /// the threshold: a larger difference is sent, and then the result is within half a [`quantum`](Self::quantum).
+    /// the threshold: a larger difference is sent, and then the result is within half a [`quantum`](Self::quantum). For points that
+    /// are not seen it is below [`unseen_threshold`](Self::unseen_threshold).
     /// With a [`Budget`] it holds for the byte set up to [`Budget::longest_age`] frames before.
     #[must_use]
     pub fn max_error(&self) -> u8 {
@@ -100,7 +104,9 @@ impl Encoder {
         geometry: Vec<Arc<Geometry>>,
         settings: EncoderSettings,
     ) -> Result<Encoder, GeometryError> {
-        let settings = EncoderSettings { threshold: settings.threshold.max(1), ..settings };
+        let threshold = settings.threshold.max(1);
+        let unseen_threshold = settings.unseen_threshold.max(threshold);
+        let settings = EncoderSettings { threshold, unseen_threshold, ..settings };
         let mut check = State::new(Arc::clone(&layout));
         for (geometry, set) in geometry.iter().zip(0..) {
             check.share_geometry(set, Arc::clone(geometry))?;
@@ -145,14 +151,27 @@ impl Encoder {
         sent.heap_bytes() + points + blocks + changes.heap_bytes() + writer.heap_bytes() + queue
     }
 
-    /// Sets the AO of a point. Returns whether the next frame sends it, or `None` if there is no such point. It is
-    /// sent if its block was never sent, or if it differs from the clients' value by the threshold. With a [`Budget`]
+    /// Sets the AO of a point: 1 closed to 255 open, or [`NO_VALUE`] for a point that clients leave out. Returns whether the next frame sends it, or `None` if there is no such point. It is
+    /// sent if its block was never sent, if it differs from the clients' value by the threshold, or if it gets or loses its
+    /// value. With a [`Budget`]
     /// it may then have to wait.
     ///
     /// All points of a block are sent together the first time, blocks in the order in which they were first set.
     /// Points of it that were not set are sent as open.
     #[inline]
     pub fn set_ao(&mut self, point: u32, ao: u8) -> Option<bool> {
+        self.set_within(point, ao, self.settings.threshold)
+    }
+
+    /// Sets the AO of a point that no picture needs now, as [`set_ao`](Self::set_ao) does, but with
+    /// [`EncoderSettings::unseen_threshold`]: clients may be off by more. The next call of `set_ao` brings the point back
+    /// within the threshold.
+    #[inline]
+    pub fn set_unseen_ao(&mut self, point: u32, ao: u8) -> Option<bool> {
+        self.set_within(point, ao, self.settings.unseen_threshold)
+    }
+
+    fn set_within(&mut self, point: u32, ao: u8, threshold: u8) -> Option<bool> {
         let layout = &self.sent.layout;
         if !layout.points_of(self.instance as u32).contains(&(point as usize)) {
             self.instance = layout.instance_of(point)?;
@@ -166,7 +185,8 @@ impl Encoder {
             }
             return Some(true);
         }
-        let differs = ao.abs_diff(self.sent.values[index.0]) >= self.settings.threshold;
+        let held = self.sent.values[index.0];
+        let differs = (ao == NO_VALUE) != (held == NO_VALUE) || ao.abs_diff(held) >= threshold;
         self.dirty[block] = if differs { self.dirty[block] | bit } else { self.dirty[block] & !bit };
         Some(differs)
     }
@@ -357,11 +377,21 @@ impl Encoder {
         for (block, dirty) in self.dirty.iter().enumerate() {
             for bit in SetBits(*dirty) {
                 let index = PaddedIndex::new(block, bit as usize);
-                let difference = i32::from(self.latest[index.0]) - i32::from(self.sent.values[index.0]);
-                // The nearest number of quanta, but at least one.
-                let size = ((difference.abs() + quantum / 2) / quantum).max(1);
-                self.changes.push(index, (size * difference.signum()) as i16);
+                self.changes.push(index, level(self.sent.values[index.0], self.latest[index.0], quantum));
             }
+        }
+    }
+}
+
+/// Returns the level that takes a point's byte nearest to another one.
+fn level(from: u8, to: u8, quantum: i32) -> i16 {
+    let nearest = |difference: i32| (difference + quantum / 2) / quantum;
+    match (from, to) {
+        (_, NO_VALUE) => REMOVAL,
+        (NO_VALUE, _) => 1 + nearest(i32::from(to) - 1) as i16,
+        _ => {
+            let difference = i32::from(to) - i32::from(from);
+            (nearest(difference.abs()).max(1) * difference.signum()) as i16
         }
     }
 }

@@ -20,15 +20,19 @@ fn encoder() -> Encoder {
         step: 0.25,
         extent: [3, 0, 3],
         normal_bits: 4,
+        charts: 1,
         points: 0,
         kernel_radius: 0.5,
         digest: GeometryDigest::default(),
     };
-    let floor = [[0.0, 0.0, 0.0], [0.25, 0.0, 0.5], [0.75, 0.0, 0.5]]
-        .map(|position| RestPoint { position, normal: [0.0, 1.0, 0.0] });
+    let floor = [[0.0, 0.0, 0.0], [0.25, 0.0, 0.5], [0.75, 0.0, 0.5]].map(|position| RestPoint {
+        position,
+        normal: [0.0, 1.0, 0.0],
+        chart: 0,
+    });
     let geometry = Arc::new(Geometry::round(layout, &floor).geometry);
     let layout = Layout::new(vec![*geometry.layout()], vec![Member { set: 0 }], &Limits::default()).unwrap();
-    let settings = EncoderSettings { threshold: 8, geometry: GeometrySource::Sent, budget: None };
+    let settings = EncoderSettings::new(8, GeometrySource::Sent);
     Encoder::new(Arc::new(layout), vec![geometry], settings).unwrap()
 }
 
@@ -123,7 +127,7 @@ fn the_figures_in_the_specification_are_those_of_the_code() {
     );
     assert!(flowing.contains(&line), "the specification lacks {line:?}");
     let places = [[0, 0, 0], [3, 0, 2], [1, 0, 2]].map(curve::place);
-    let line = format!("{}, {} and {};", places[0], places[1], places[2]);
+    let line = format!("{}, {} and {}.", places[0], places[1], places[2]);
     assert!(flowing.contains(&line), "the specification lacks {line:?}");
     let first: Vec<String> = (0..8)
         .map(|place| {

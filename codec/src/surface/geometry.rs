@@ -13,11 +13,21 @@ pub struct RestPoint {
     pub position: [f32; 3],
     /// Direction of the normal at rest, towards the side of the point; its length does not matter.
     pub normal: [f32; 3],
+    /// Number of the [chart](super::Charts) of its surface; 0 where a set has one chart.
+    pub chart: u32,
 }
 
 /// Digest of a geometry. Equal digests mean the same points in the same order. It detects mistakes, not forgery.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub struct GeometryDigest(pub u64);
+
+/// A point of a set on the wire.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(crate) struct CodedPoint {
+    pub(crate) coord: [u32; 3],
+    pub(crate) normal: u16,
+    pub(crate) chart: u32,
+}
 
 /// Why a geometry was refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -39,7 +49,8 @@ pub enum GeometryError {
     },
 }
 
-/// The rounded points of a set, ordered by their place on a space-filling curve and then by the code of their normal.
+/// The rounded points of a set, ordered by their place on a space-filling curve, then by the code of their normal, then by
+/// their chart.
 ///
 /// Positions are rounded to the nearest node of the set's lattice, normals to the best of the four octahedral codes
 /// around them.
@@ -48,6 +59,7 @@ pub struct Geometry {
     pub(crate) layout: SetLayout,
     pub(crate) coords: Vec<[u32; 3]>,
     pub(crate) normals: Vec<u16>,
+    pub(crate) charts: Vec<u32>,
 }
 
 /// A [`Geometry`], the origin of its points, and what rounding lost.
@@ -64,41 +76,49 @@ pub struct RoundedGeometry {
 impl Geometry {
     /// Returns the bytes in use, including the geometry itself.
     pub(super) fn heap_bytes(&self) -> usize {
-        size_of::<Self>() + memory::list(&self.coords) + memory::list(&self.normals)
+        size_of::<Self>()
+            + memory::list(&self.coords)
+            + memory::list(&self.normals)
+            + memory::list(&self.charts)
     }
 
     /// Rounds points to the lattice of `layout` and orders them. The [`layout`](Geometry::layout) of the result has
-    /// their number and digest, whatever `layout` has.
+    /// their number and digest, whatever `layout` has. A chart beyond the layout's counts as its last one.
     #[must_use]
     pub fn round(layout: SetLayout, points: &[RestPoint]) -> RoundedGeometry {
         let mut outside = 0;
-        let mut keyed: Vec<(u64, u16, u32, [u32; 3])> = Vec::with_capacity(points.len());
+        let mut keyed: Vec<(u64, u16, u32, u32, [u32; 3])> = Vec::with_capacity(points.len());
         for (point, index) in points.iter().zip(0..) {
             let (coord, inside) = layout.nearest(point.position);
             outside += u32::from(!inside);
             let normal = oct::encode_bits(layout.normal_bits.into(), point.normal);
-            keyed.push((curve::place(coord), normal, index, coord));
+            let chart = point.chart.min(layout.charts.saturating_sub(1));
+            keyed.push((curve::place(coord), normal, chart, index, coord));
         }
         keyed.sort_unstable();
         let mut geometry = Geometry {
             layout,
-            coords: keyed.iter().map(|key| key.3).collect(),
+            coords: keyed.iter().map(|key| key.4).collect(),
             normals: keyed.iter().map(|key| key.1).collect(),
+            charts: keyed.iter().map(|key| key.2).collect(),
         };
         geometry.layout.points = keyed.len() as u32;
         geometry.layout.digest = geometry.digest();
-        RoundedGeometry { geometry, order: keyed.iter().map(|key| key.2).collect(), outside }
+        RoundedGeometry { geometry, order: keyed.iter().map(|key| key.3).collect(), outside }
     }
 
     /// Creates a geometry from points in any order.
-    pub(super) fn sorted(layout: SetLayout, points: &[([u32; 3], u16)]) -> Geometry {
-        let mut keyed: Vec<(u64, u16, [u32; 3])> =
-            points.iter().map(|(coord, normal)| (curve::place(*coord), *normal, *coord)).collect();
+    pub(super) fn sorted(layout: SetLayout, points: &[CodedPoint]) -> Geometry {
+        let mut keyed: Vec<(u64, u16, u32, [u32; 3])> = points
+            .iter()
+            .map(|point| (curve::place(point.coord), point.normal, point.chart, point.coord))
+            .collect();
         keyed.sort_unstable();
         Geometry {
             layout,
-            coords: keyed.iter().map(|key| key.2).collect(),
+            coords: keyed.iter().map(|key| key.3).collect(),
             normals: keyed.iter().map(|key| key.1).collect(),
+            charts: keyed.iter().map(|key| key.2).collect(),
         }
     }
 
@@ -141,6 +161,13 @@ impl Geometry {
         self.normals[point]
     }
 
+    /// Returns the number of the chart of a point, below the layout's `charts`.
+    #[inline]
+    #[must_use]
+    pub fn chart(&self, point: usize) -> u32 {
+        self.charts[point]
+    }
+
     /// Returns the unit normal of a point, rest space.
     #[inline]
     #[must_use]
@@ -151,15 +178,14 @@ impl Geometry {
     /// Computes the digest.
     #[must_use]
     pub fn digest(&self) -> GeometryDigest {
-        let bits = [self.layout.normal_bits.into(), self.layout.step.to_bits(), self.len() as u32];
+        let SetLayout { normal_bits, step, charts, .. } = self.layout;
+        let bits = [normal_bits.into(), step.to_bits(), self.len() as u32, charts];
         let start = fold_words(0, &bits);
         let start = fold_words(start, &self.layout.origin.map(f32::to_bits));
-        let points = self.coords.iter().zip(&self.normals);
-        GeometryDigest(
-            points.fold(start, |digest, (&[x, y, z], normal)| {
-                fold_words(digest, &[x, y, z, u32::from(*normal)])
-            }),
-        )
+        let points = self.coords.iter().zip(&self.normals).zip(&self.charts);
+        GeometryDigest(points.fold(start, |digest, ((&[x, y, z], normal), chart)| {
+            fold_words(digest, &[x, y, z, u32::from(*normal), *chart])
+        }))
     }
 }
 
@@ -176,6 +202,7 @@ mod tests {
             extent: [200, 100, 50],
             normal_bits: 6,
             points: 0,
+            charts: 3,
             kernel_radius: 0.1,
             digest: GeometryDigest::default(),
         }
@@ -189,7 +216,7 @@ mod tests {
         ) {
             let length = normal.iter().map(|axis| axis * axis).sum::<f32>().sqrt();
             prop_assume!(length > 1e-3);
-            let rounded = Geometry::round(layout(), &[RestPoint { position, normal }]);
+            let rounded = Geometry::round(layout(), &[RestPoint { position, normal, chart: 2 }]);
             prop_assert_eq!(rounded.outside, 0);
             let found = rounded.geometry.position(0);
             for axis in 0..3 {
@@ -206,28 +233,31 @@ mod tests {
         ) {
             let layout = SetLayout { origin: [0.0; 3], ..layout() };
             let points: Vec<RestPoint> =
-                positions.iter().map(|&position| RestPoint { position, normal: [0.0, 0.0, 1.0] }).collect();
+                (0..).zip(&positions).map(|(n, &position)| RestPoint { position, normal: [0.0, 0.0, 1.0], chart: n % 3 }).collect();
             let RoundedGeometry { geometry, order, outside } = Geometry::round(layout, &points);
             prop_assert_eq!(outside, 0);
             for (at, index) in order.iter().enumerate() {
                 prop_assert_eq!(geometry.coords[at], layout.nearest(positions[*index as usize]).0);
+                prop_assert_eq!(geometry.chart(at), index % 3);
             }
             prop_assert!(geometry.coords.windows(2).all(|pair| curve::place(pair[0]) <= curve::place(pair[1])));
             let mut numbers = order.clone();
             numbers.sort_unstable();
             prop_assert!(numbers.into_iter().eq(0..points.len() as u32));
-            let parts: Vec<_> = geometry.coords.iter().copied().zip(geometry.normals.iter().copied()).rev().collect();
+            let part = |at: usize| CodedPoint { coord: geometry.coords[at], normal: geometry.normals[at], chart: geometry.charts[at] };
+            let parts: Vec<_> = (0..geometry.len()).rev().map(part).collect();
             prop_assert_eq!(Geometry::sorted(*geometry.layout(), &parts), geometry);
         }
     }
 
     #[test]
     fn points_outside_are_moved_onto_the_lattice_and_counted() {
-        let at = |position| RestPoint { position, normal: [0.0, 1.0, 0.0] };
+        let at = |position| RestPoint { position, normal: [0.0, 1.0, 0.0], chart: 9 };
         let points =
             [at([-2.0, 0.6, 10.1]), at([f32::NAN, 0.6, 10.1]), at([0.0, 9.0, 10.1]), at([0.0, 0.6, 10.1])];
         let rounded = Geometry::round(layout(), &points);
         assert_eq!(rounded.outside, 3);
+        assert_eq!(rounded.geometry.charts, [2; 4], "a chart beyond the last one");
         assert!(
             rounded
                 .geometry
@@ -239,7 +269,7 @@ mod tests {
 
     #[test]
     fn digests_tell_geometries_apart() {
-        let at = |x: f32, normal| RestPoint { position: [x, 0.6, 10.1], normal };
+        let at = |x: f32, normal| RestPoint { position: [x, 0.6, 10.1], normal, chart: 0 };
         let up = [0.0, 1.0, 0.0];
         let digest = |layout, points: &[RestPoint]| Geometry::round(layout, points).geometry.digest();
         let base = digest(layout(), &[at(0.1, up), at(0.2, up)]);
@@ -249,6 +279,8 @@ mod tests {
             digest(layout(), &[at(0.1, up), at(0.21, up)]),
             digest(layout(), &[at(0.1, up), at(0.2, [1.0, 0.0, 0.0])]),
             digest(SetLayout { step: 0.02, ..layout() }, &[at(0.1, up), at(0.2, up)]),
+            digest(SetLayout { charts: 2, ..layout() }, &[at(0.1, up), at(0.2, up)]),
+            digest(layout(), &[at(0.1, up), RestPoint { chart: 1, ..at(0.2, up) }]),
         ] {
             assert_ne!(base, other);
         }

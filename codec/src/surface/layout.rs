@@ -4,6 +4,9 @@ use super::{BLOCK_POINTS, PaddedIndex, RestPoint};
 use crate::paper::MAX_GRID_DIM;
 use crate::{Limits, memory};
 
+/// Largest number of charts of a set: a chart's number takes 24 bits in a frame.
+pub const MAX_CHARTS: u32 = 1 << 24;
+
 /// A point set: the number of points of a mesh at rest, and the lattice to which their positions are rounded.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SetLayout {
@@ -17,7 +20,9 @@ pub struct SetLayout {
     pub normal_bits: u8,
     /// Number of points of the set.
     pub points: u32,
-    /// Kernel radius r of the paper's Eq. 2, metres.
+    /// Number of charts, 1 to [`MAX_CHARTS`] if there are points. See [`Charts`](super::Charts).
+    pub charts: u32,
+    /// Radius of the fit around a place, metres: about 1.5 times the distance of neighbouring points.
     pub kernel_radius: f32,
     /// Digest of the set's geometry.
     pub digest: super::GeometryDigest,
@@ -249,8 +254,8 @@ impl Layout {
 }
 
 impl SetLayout {
-    /// Returns the layout of a lattice that covers these points with this step, or with the finest possible one if
-    /// they are too far apart. Without points it has one node. [`Geometry::round`](super::Geometry::round) fills in
+    /// Returns the layout of a lattice that covers these points and their charts with this step, or with the finest
+    /// possible one if they are too far apart. Without points it has one node. [`Geometry::round`](super::Geometry::round) fills in
     /// the number and digest of the points.
     #[must_use]
     pub fn covering(points: &[RestPoint], step: f32, normal_bits: u8, kernel_radius: f32) -> SetLayout {
@@ -270,6 +275,7 @@ impl SetLayout {
             extent: size.map(|axis| ((axis / step).ceil() as u32).min(MAX_GRID_DIM - 1)),
             normal_bits,
             points: 0,
+            charts: points.iter().map(|point| point.chart.saturating_add(1)).max().unwrap_or(0),
             kernel_radius,
             digest: super::GeometryDigest::default(),
         }
@@ -318,6 +324,9 @@ fn check_set(set: &SetLayout) -> Result<(), &'static str> {
     }
     if !(2..=8).contains(&set.normal_bits) {
         return Err("the precision of normals");
+    }
+    if set.charts > MAX_CHARTS || set.charts < set.points.min(1) {
+        return Err("the number of charts");
     }
     if !positive(set.kernel_radius) {
         return Err("the kernel radius");

@@ -6,7 +6,7 @@ use bitvec::vec::BitVec;
 
 use super::model::change::{ChangeModel, StateView};
 use super::model::history::History;
-use super::section::changes::Changes;
+use super::section::changes::{Changes, changed_value};
 use super::{BLOCK_POINTS, Geometry, GeometryDigest, GeometryError, Layout, PaddedIndex};
 use crate::envelope::FrameIndex;
 use crate::hash::RecordKind;
@@ -191,10 +191,10 @@ impl State {
         })
     }
 
-    /// Returns the byte after a change: `level` quanta from the current one, within 0 to 255.
+    /// Returns the byte after a change: `level` quanta from the current one.
     #[inline]
     pub(super) fn changed_value(&self, index: PaddedIndex, level: i16, quantum: u8) -> u8 {
-        (i32::from(self.values[index.0]) + i32::from(level) * i32::from(quantum)).clamp(0, 255) as u8
+        changed_value(self.values[index.0], level, quantum)
     }
 
     /// Makes checked changes. The caller sets the hash.

@@ -25,6 +25,7 @@ fn geometries() -> Vec<Arc<Geometry>> {
         extent,
         normal_bits: 6,
         points: 0,
+        charts: 2,
         kernel_radius: 0.1,
         digest: GeometryDigest::default(),
     };
@@ -32,13 +33,13 @@ fn geometries() -> Vec<Arc<Geometry>> {
     let floor = (0..300).map(|n| {
         let radius = (f64::from(n) / 300.0).sqrt();
         let [x, z] = [radius * turn(n).cos(), radius * turn(n).sin()];
-        RestPoint { position: [x as f32, 0.0, z as f32], normal: [0.0, 1.0, 0.0] }
+        RestPoint { position: [x as f32, 0.0, z as f32], normal: [0.0, 1.0, 0.0], chart: u32::from(x > 0.3) }
     });
     let ball = (0..130).map(|n| {
         let y = 1.0 - (f64::from(n) + 0.5) / 65.0;
         let ring = (1.0 - y * y).sqrt();
         let position = [ring * turn(n).cos(), y, ring * turn(n).sin()].map(|axis| axis as f32);
-        RestPoint { position, normal: position }
+        RestPoint { position, normal: position, chart: u32::from(y > 0.0) }
     });
     let round = |points: Vec<RestPoint>| Arc::new(Geometry::round(layout([256; 3]), &points).geometry);
     vec![round(floor.collect()), round(ball.collect())]
@@ -52,7 +53,7 @@ pub(super) fn stream(source: GeometrySource, threshold: u8) -> Encoder {
     let sets = geometry.iter().map(|geometry| *geometry.layout()).collect();
     let members = [0, 1, 2, 1].map(|set| Member { set }).to_vec();
     let layout = Arc::new(Layout::new(sets, members, &Limits::default()).unwrap());
-    Encoder::new(layout, geometry, EncoderSettings { threshold, geometry: source, budget: None }).unwrap()
+    Encoder::new(layout, geometry, EncoderSettings::new(threshold, source)).unwrap()
 }
 
 /// Returns a client that has received nothing.

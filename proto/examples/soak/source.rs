@@ -73,13 +73,15 @@ fn noise(point: u32, frame: u32) -> u32 {
 /// Returns points on a square in the plane y = 0.
 fn geometry(points: u32) -> Geometry {
     let place = |point: u32| [(point % ROW) as f32 * 0.05, 0.0, (point / ROW) as f32 * 0.05];
-    let rest: Vec<_> =
-        (0..points).map(|point| RestPoint { position: place(point), normal: [0.0, 1.0, 0.0] }).collect();
+    let rest: Vec<_> = (0..points)
+        .map(|point| RestPoint { position: place(point), normal: [0.0, 1.0, 0.0], chart: 0 })
+        .collect();
     let plain = SetLayout {
         origin: [0.0; 3],
         step: 0.01,
         extent: [ROW * 5, 1, (points / ROW + 1) * 5],
         normal_bits: 6,
+        charts: 1,
         points,
         kernel_radius: 0.1,
         digest: GeometryDigest::default(),

@@ -1,7 +1,7 @@
 //! Scene table entries of profile `surface`: point sets, and instances of them.
 
 use bincode::{Decode, Encode};
-use psao_codec::surface::{GeometryDigest, GeometrySource, SetLayout};
+use psao_codec::surface::{GeometryDigest, GeometrySource, MAX_CHARTS, SetLayout};
 
 use super::{FieldError, MAX_BATCH, Needs, finite, require};
 
@@ -38,7 +38,9 @@ pub struct SetEntry {
     pub normal_bits: u8,
     /// Points.
     pub points: u32,
-    /// Kernel radius r of the paper's Eq. 2, metres, positive.
+    /// Charts, 1 to 2^24 if there are points.
+    pub charts: u32,
+    /// Radius of the fit around a place, metres, positive.
     pub kernel_radius: f32,
     /// Digest of the rounded points in order.
     pub digest: u64,
@@ -73,16 +75,16 @@ pub struct MemberBatch {
 
 impl From<&SetLayout> for SetEntry {
     fn from(set: &SetLayout) -> Self {
-        let SetLayout { origin, step, extent, normal_bits, points, kernel_radius, digest } = *set;
-        Self { origin, step, extent, normal_bits, points, kernel_radius, digest: digest.0 }
+        let SetLayout { origin, step, extent, normal_bits, points, charts, kernel_radius, digest } = *set;
+        Self { origin, step, extent, normal_bits, points, charts, kernel_radius, digest: digest.0 }
     }
 }
 
 impl From<&SetEntry> for SetLayout {
     fn from(entry: &SetEntry) -> Self {
-        let SetEntry { origin, step, extent, normal_bits, points, kernel_radius, digest } = *entry;
+        let SetEntry { origin, step, extent, normal_bits, points, charts, kernel_radius, digest } = *entry;
         let digest = GeometryDigest(digest);
-        Self { origin, step, extent, normal_bits, points, kernel_radius, digest }
+        Self { origin, step, extent, normal_bits, points, charts, kernel_radius, digest }
     }
 }
 
@@ -105,6 +107,8 @@ impl SetEntry {
         finite(&self.origin, "origin")?;
         require(positive(self.step), "step", "is not a positive number")?;
         require((2..=8).contains(&self.normal_bits), "normal_bits", "is not 2 to 8")?;
+        require(self.charts <= MAX_CHARTS, "charts", "is more than 2^24")?;
+        require(self.charts >= self.points.min(1), "charts", "is 0, but there are points")?;
         require(positive(self.kernel_radius), "kernel_radius", "is not a positive number")
     }
 }
@@ -121,6 +125,7 @@ mod tests {
         extent: [4, 5, 6],
         normal_bits: 6,
         points: 9,
+        charts: 2,
         kernel_radius: 0.25,
         digest: 0x0102_0304_0506_0708,
     };
@@ -131,7 +136,7 @@ mod tests {
         golden(
             &Scene::Sets(SetBatch { first: 1, entries: vec![SET] }),
             "02000000 01000000 0100000000000000 000080bf 00000000 0000803f 0000003f 04000000 05000000 06000000 \
-             06 09000000 0000803e 0807060504030201",
+             06 09000000 02000000 0000803e 0807060504030201",
         );
     }
 
@@ -168,6 +173,8 @@ mod tests {
             SetEntry { step: 0.0, ..SET },
             SetEntry { normal_bits: 1, ..SET },
             SetEntry { normal_bits: 9, ..SET },
+            SetEntry { charts: 0, ..SET },
+            SetEntry { charts: (1 << 24) + 1, ..SET },
             SetEntry { kernel_radius: f32::INFINITY, ..SET },
         ] {
             let batch = SetBatch { first: 0, entries: vec![SET, bad] };

@@ -53,10 +53,10 @@ prop_compose! {
 
 prop_compose! {
     fn set()(origin in prop::array::uniform3(float()), positives in prop::array::uniform2(positive()),
-             extent in any::<[u32; 3]>(), normal_bits in 2u8..=8, points in any::<u32>(), digest in any::<u64>())
+             extent in any::<[u32; 3]>(), normal_bits in 2u8..=8, points in any::<u32>(), charts in 1..=1_u32 << 24, digest in any::<u64>())
              -> SetEntry {
         let [step, kernel_radius] = positives;
-        SetEntry { origin, step, extent, normal_bits, points, kernel_radius, digest }
+        SetEntry { origin, step, extent, normal_bits, points, charts, kernel_radius, digest }
     }
 }
 

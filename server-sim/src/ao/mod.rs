@@ -2,6 +2,7 @@
 //!
 //! AO is accessibility in [0, 1]: 1 is open. See [`AoSettings`] for the two kinds.
 
+mod burial;
 mod frame;
 mod ray_packet;
 #[cfg(any(test, feature = "testing"))]

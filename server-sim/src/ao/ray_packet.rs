@@ -180,6 +180,13 @@ impl RayPacket {
         sum.sum()
     }
 
+    /// Returns the number of rays that hit something.
+    pub(super) fn hits(&self) -> u32 {
+        let groups = self.best[..self.groups].iter().enumerate();
+        let hit = |t: &&f32| **t < self.radius;
+        groups.map(|(group, best)| best.array()[..self.used(group)].iter().filter(hit).count() as u32).sum()
+    }
+
     /// Returns the distance of each ray's hit, 0 with binary occlusion, or infinity for none.
     #[cfg(any(test, feature = "testing"))]
     pub(super) fn distances(&self, kind: super::settings::Occlusion) -> impl Iterator<Item = f32> {

@@ -5,7 +5,6 @@
 //! projected from the disk (Malley's method). So every ray has the same weight. The rays are sorted into groups of
 //! eight that point in similar directions.
 
-#[cfg(any(test, feature = "testing"))]
 use fearless_simd::{Level, dispatch};
 use glam::{Mat3, Vec3};
 use psao_codec::memory;
@@ -87,7 +86,6 @@ impl PointRays<'_> {
     }
 
     /// Returns the directions of all rays after `rotation`, bit-identical to those of a packet.
-    #[cfg(any(test, feature = "testing"))]
     pub(super) fn directions(&self, rotation: &Mat3) -> Vec<Vec3> {
         let [x, y, z] = self.axes(rotation);
         let turned = |group: &Packed3| dispatch!(Level::baseline(), simd => Packed3::from(group.load(simd).rotated(x, y, z)));

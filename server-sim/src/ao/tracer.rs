@@ -3,6 +3,7 @@
 use fearless_simd::{Simd, dispatch};
 use glam::{Mat3, Vec3};
 
+use super::burial::is_buried;
 use super::frame::tangent_frame;
 use super::ray_packet::{PacketOrigin, PacketTraversal, RayPacket};
 use super::samples::SampleSets;
@@ -37,6 +38,8 @@ pub struct PointAo {
     /// Whether no body but the point's own is within reach. A rigid motion of the point's body then leaves its AO
     /// unchanged.
     pub alone: bool,
+    /// Number of rays that hit something.
+    pub hits: u32,
     /// Number of traced rays: those that enter the bounds of a body within reach. A body with cached hits does not
     /// count.
     pub rays: u32,
@@ -137,15 +140,45 @@ impl Tracer {
         scratch: &mut Scratch,
     ) -> PointAo {
         let query = PointQuery { bodies, key, ray_frame, opaque };
-        let mut occlusion = 0.0;
+        let (mut occlusion, mut hits) = (0.0, 0);
         let (alone, rays) = self.trace_all(&query, self_hits, scratch, &mut |packet| {
+            hits += packet.hits();
             occlusion += match self.settings.kind {
                 Occlusion::Obscurance => packet.occlusion_sum::<false>(),
                 Occlusion::Binary => packet.occlusion_sum::<true>(),
             };
         });
         let ao = 1.0 - occlusion / self.settings.rays as f32;
-        PointAo { ao: ao.clamp(0.0, 1.0), alone, rays }
+        PointAo { ao: ao.clamp(0.0, 1.0), alone, hits, rays }
+    }
+
+    /// Returns whether a point lies inside a solid, see [`is_buried`]. `traced` is what [`Tracer::trace`] found: a point with
+    /// few hits is not buried.
+    pub(crate) fn is_buried(
+        &self,
+        world: &SceneBvh,
+        key: RayKey,
+        ray_frame: &RayFrame,
+        traced: &PointAo,
+        scratch: &mut Scratch,
+    ) -> bool {
+        if 2 * traced.hits <= self.settings.rays {
+            return false;
+        }
+        let in_world = self.gather_bodies(world.bodies(), ray_frame, scratch);
+        let starts = Starts::new(world.bodies(), ray_frame, self.origin(ray_frame), in_world);
+        let near: Vec<(BodyId, PacketOrigin)> = scratch.near.iter().map(|&id| (id, starts.of(id))).collect();
+        let directions = self.sets.of(key).directions(&Mat3::IDENTITY);
+        is_buried(world, &near, &directions, self.settings.radius)
+    }
+
+    /// Traces a place in the world and returns whether it is buried.
+    #[cfg(test)]
+    pub(super) fn trace_and_dig(&self, world: &SceneBvh, key: RayKey, place: &RayFrame) -> bool {
+        let scratch = &mut Scratch::default();
+        let opaque = |body: BodyId, hit: &BlasHit| world.opaque(body, hit);
+        let traced = self.trace(world.bodies(), key, place, &opaque, SelfHitCache::Off, scratch);
+        self.is_buried(world, key, place, &traced, scratch)
     }
 
     /// Returns whether no body but its own is within reach of a point.
@@ -226,8 +259,7 @@ impl Tracer {
     ) -> (bool, u32) {
         let PointQuery { bodies, key, ray_frame, opaque } = *query;
         let in_world = self.gather_bodies(bodies, ray_frame, scratch);
-        let (home, origin) = (frame_placement(bodies, ray_frame), self.origin(ray_frame));
-        let frame = tangent_frame(ray_frame.normal, ray_frame.edge);
+        let starts = Starts::new(bodies, ray_frame, self.origin(ray_frame), in_world);
         let Scratch { packet, near, recorder, .. } = scratch;
         let alone = near.iter().all(|&body| Some(body) == ray_frame.body);
         if near.is_empty() {
@@ -244,14 +276,6 @@ impl Tracer {
             };
         }
         let rays = self.sets.of(key);
-        let start = |id: BodyId| {
-            let body = &bodies.list()[id.index()];
-            if Some(id) == ray_frame.body || body.placement == home {
-                PacketOrigin { rotation: frame, origin }
-            } else {
-                packet_origin(&home, &body.placement, &frame, in_world)
-            }
-        };
         let mut reader =
             if let SelfHitCache::Filled(known) = &self_hits { Some(known.reader()) } else { None };
         let keep = matches!(self_hits, SelfHitCache::Empty(_));
@@ -265,7 +289,7 @@ impl Tracer {
             for (place, &id) in near.iter().enumerate().skip(usize::from(reader.is_some())) {
                 let blas = &bodies.list()[id.index()].blas;
                 let accept = |hit: &BlasHit| opaque(id, hit);
-                let start = start(id);
+                let start = starts.of(id);
                 PacketTraversal::<S, ANY> { simd, packet, rays: &rays, chunk, start, blas, accept: &accept }
                     .run();
                 if keep && place == 0 {
@@ -286,6 +310,37 @@ impl Tracer {
 fn frame_placement(bodies: &Tlas, ray_frame: &RayFrame) -> Placement {
     let body = ray_frame.body.and_then(|id| bodies.list().get(id.index()));
     body.map_or(Placement::IDENTITY, |body| body.placement)
+}
+
+/// Where the rays of a point start, in the space of each body.
+struct Starts<'a> {
+    bodies: &'a Tlas,
+    body: Option<BodyId>,
+    /// Placement of the space of the ray frame.
+    home: Placement,
+    frame: Mat3,
+    origin: Vec3,
+    in_world: Vec3,
+}
+
+impl<'a> Starts<'a> {
+    /// `origin` is in the space of the ray frame, `in_world` the same place in the world.
+    #[inline(always)]
+    fn new(bodies: &'a Tlas, ray_frame: &RayFrame, origin: Vec3, in_world: Vec3) -> Self {
+        let frame = tangent_frame(ray_frame.normal, ray_frame.edge);
+        let home = frame_placement(bodies, ray_frame);
+        Self { bodies, body: ray_frame.body, home, frame, origin, in_world }
+    }
+
+    #[inline(always)]
+    fn of(&self, id: BodyId) -> PacketOrigin {
+        let body = &self.bodies.list()[id.index()];
+        if Some(id) == self.body || body.placement == self.home {
+            PacketOrigin { rotation: self.frame, origin: self.origin }
+        } else {
+            packet_origin(&self.home, &body.placement, &self.frame, self.in_world)
+        }
+    }
 }
 
 /// Returns the origin of the rays in the space of another body.
@@ -475,7 +530,7 @@ mod tests {
         let ray_frame = RayFrame { body: None, ..on_floor(0) };
         assert_eq!(
             trace(&tracer(192, Occlusion::Obscurance), &bodies, 0, &ray_frame),
-            PointAo { ao: 1.0, alone: true, rays: 0 }
+            PointAo { ao: 1.0, alone: true, hits: 0, rays: 0 }
         );
     }
 

@@ -1,28 +1,30 @@
-//! Random points on the triangles of a mesh, uniform by area.
+//! Random points on triangles of a mesh, uniform by area.
 
 use glam::Vec3;
 
 use super::SurfacePoint;
 use crate::random::Random;
 
-/// Draws random points from the triangles of a mesh.
+/// Draws random points from some triangles of a mesh.
 pub(super) struct TriangleSampler<'a> {
     positions: &'a [Vec3],
     triangles: &'a [[u32; 3]],
+    /// Numbers of the triangles to draw from.
+    numbers: &'a [u32],
     /// Running sum of the triangles' areas, square metres.
     sums: Vec<f64>,
 }
 
 impl<'a> TriangleSampler<'a> {
-    pub(super) fn new(positions: &'a [Vec3], triangles: &'a [[u32; 3]]) -> Self {
+    pub(super) fn new(positions: &'a [Vec3], triangles: &'a [[u32; 3]], numbers: &'a [u32]) -> Self {
         let mut sum = 0.0;
-        let sums = triangles.iter().map(|corners| {
-            let [a, b, c] = corners.map(|corner| positions[corner as usize].as_dvec3());
+        let sums = numbers.iter().map(|&triangle| {
+            let [a, b, c] = triangles[triangle as usize].map(|corner| positions[corner as usize].as_dvec3());
             let area = (b - a).cross(c - a).length() * 0.5;
             sum += if area.is_finite() { area } else { 0.0 };
             sum
         });
-        Self { positions, triangles, sums: sums.collect() }
+        Self { positions, triangles, numbers, sums: sums.collect() }
     }
 
     /// Returns the area of one side, square metres.
@@ -43,19 +45,20 @@ impl<'a> TriangleSampler<'a> {
         if area <= 0.0 {
             return;
         }
-        let mut triangle = 0;
+        let mut place = 0;
         for part in 0..count {
             let at = (part as f64 + f64::from(random.unit())) / count as f64 * area;
             // A triangle without area adds nothing to the sum and is skipped.
-            while triangle + 1 < self.sums.len() && self.sums[triangle] <= at {
-                triangle += 1;
+            while place + 1 < self.sums.len() && self.sums[place] <= at {
+                place += 1;
             }
+            let triangle = self.numbers[place];
             let (mut u, mut v) = (random.unit(), random.unit());
             if u + v > 1.0 {
                 (u, v) = (1.0 - u, 1.0 - v);
             }
-            let [a, b, c] = self.triangles[triangle].map(|corner| self.positions[corner as usize]);
-            let point = SurfacePoint { triangle: triangle as u32, bary: [u, v], back };
+            let [a, b, c] = self.triangles[triangle as usize].map(|corner| self.positions[corner as usize]);
+            let point = SurfacePoint { triangle, bary: [u, v], back };
             take(point, a + (b - a) * u + (c - a) * v);
         }
     }
@@ -69,7 +72,7 @@ mod tests {
     fn triangles_get_points_by_area_and_flat_ones_none() {
         let positions = [Vec3::ZERO, Vec3::X, Vec3::Z, Vec3::X * 3.0, Vec3::Z * 3.0];
         let triangles = [[0, 1, 2], [0, 1, 1], [0, 3, 4], [2, 2, 2]];
-        let surface = TriangleSampler::new(&positions, &triangles);
+        let surface = TriangleSampler::new(&positions, &triangles, &[0, 1, 2, 3]);
         assert!((surface.area() - 5.0).abs() < 1e-9);
         let mut counts = [0; 4];
         let mut mean = Vec3::ZERO;
@@ -82,7 +85,10 @@ mod tests {
         // Centroids of the two triangles, weighted by area.
         let expected = (Vec3::new(1.0, 0.0, 1.0) / 3.0) * 0.1 + Vec3::new(1.0, 0.0, 1.0) * 0.9;
         assert!((mean - expected).length() < 0.03, "{mean}");
-        TriangleSampler::new(&positions, &[[0, 0, 0]])
+        let some = TriangleSampler::new(&positions, &triangles, &[2]);
+        assert!((some.area() - 4.5).abs() < 1e-9);
+        some.draw(100, true, &mut Random::new(3), |point, _| assert!(point.triangle == 2 && point.back));
+        TriangleSampler::new(&positions, &[[0, 0, 0]], &[0])
             .draw(10, false, &mut Random::new(1), |_, _| panic!("no area"));
     }
 }

@@ -14,11 +14,14 @@ use crate::scene::{PosedMesh, RestMesh, Scene};
 
 /// Number of attempts on a masked surface, each with twice as many candidates, before it counts as empty.
 const MASKED_ATTEMPTS: u32 = 6;
+/// Fewest points of one side of a chart, and the largest factor by which a small chart gets more than its share for that.
+const FEWEST_OF_CHART: f64 = 8.0;
+const SMALL_CHART_FACTOR: f64 = 16.0;
 /// Radius in metres of a mesh without points, so that its grid has a positive cell size.
 const EMPTY_SET_RADIUS_M: f32 = 0.05;
 
-/// Generates points on every mesh of the scene (paper, section 3.1). Each side of a mesh gets twice as many random
-/// candidates as points, and weighted sample elimination halves them. Masked-out parts get no points. Equal scenes
+/// Generates points on every mesh of the scene (paper, section 3.1). Each side of a [chart](psao_codec::surface::Charts)
+/// gets twice as many random candidates as points, and weighted sample elimination halves them. Masked-out parts get no points. Equal scenes
 /// and settings give equal points, whatever the number of threads.
 ///
 /// `progress` is called from any thread with the number of points done and the total.
@@ -110,13 +113,16 @@ impl ScenePoints {
     }
 }
 
-/// Generates the points of one mesh.
+/// Generates the points of one mesh, chart by chart.
 struct MeshSampling<'a> {
     posed: PosedMesh<'a>,
-    area: f64,
+    /// Numbers of the triangles, those of a chart together.
+    triangles: Vec<u32>,
+    /// End of each chart's triangles in that list.
+    ends: Vec<usize>,
+    /// Points per square metre, and what they are at least because of the minimum of an instance.
     per_m2: f64,
-    /// Fewest points of one side.
-    minimum: usize,
+    density: f64,
     sides: &'static [bool],
 }
 
@@ -124,31 +130,55 @@ impl<'a> MeshSampling<'a> {
     fn new(scene: &'a Scene, rest: &'a RestMesh, settings: &PointSettings) -> Self {
         let posed = PosedMesh::at_rest(scene, rest);
         let sides: &[bool] = if posed.material.double_sided() { &[false, true] } else { &[false] };
-        let minimum = (settings.minimum as usize).div_ceil(sides.len());
-        Self { posed, area: rest.area_m2(), per_m2: f64::from(settings.per_m2), minimum, sides }
+        let charts = rest.charts();
+        let mut triangles: Vec<u32> = (0..posed.triangles.len() as u32).collect();
+        triangles.sort_by_key(|&triangle| charts.front(triangle));
+        let runs = triangles.chunk_by(|&a, &b| charts.front(a) == charts.front(b));
+        let ends = runs.scan(0, |end, run| {
+            *end += run.len();
+            Some(*end)
+        });
+        let minimum = f64::from(settings.minimum.div_ceil(sides.len() as u32));
+        let (area, per_m2) = (rest.area_m2(), f64::from(settings.per_m2));
+        let density = if area > 0.0 { per_m2.max(minimum / area) } else { per_m2 };
+        Self { posed, ends: ends.collect(), triangles, per_m2, density, sides }
     }
 
-    /// Returns the number of points of one side with this area, square metres.
-    fn side(&self, area: f64) -> usize {
-        ((area * self.per_m2).ceil() as usize).max(self.minimum)
+    /// Returns the numbers of each chart's triangles.
+    fn charts(&self) -> impl Iterator<Item = &[u32]> {
+        let starts = std::iter::once(0).chain(self.ends.iter().copied());
+        starts.zip(&self.ends).map(|(start, &end)| &self.triangles[start..end])
+    }
+
+    fn sampler<'s>(&'s self, triangles: &'s [u32]) -> TriangleSampler<'s> {
+        TriangleSampler::new(self.posed.geometry.positions(), self.posed.triangles, triangles)
+    }
+
+    /// Returns the number of points of one side of a chart with this area, square metres. A fit needs some points, so
+    /// small charts get more than their share, but the smallest ones do not.
+    fn count(&self, area: f64) -> f64 {
+        let fewest = (SMALL_CHART_FACTOR * area * self.per_m2).ceil().min(FEWEST_OF_CHART);
+        (area * self.density).ceil().max(fewest)
     }
 
     /// Returns the number of points of the mesh without its mask.
     fn points(&self) -> f64 {
-        if self.area > 0.0 {
-            self.sides.len() as f64 * (self.area * self.per_m2).ceil().max(self.minimum as f64)
-        } else {
-            0.0
-        }
+        self.sides.len() as f64
+            * self.charts().map(|triangles| self.count(self.sampler(triangles).area())).sum::<f64>()
     }
 
     fn generate(&self, seed: u64) -> PointSet {
-        let sampler = TriangleSampler::new(self.posed.geometry.positions(), self.posed.triangles);
+        let charts: Vec<&[u32]> = self.charts().collect();
         let mut set = PointSet::default();
         for &back in self.sides {
-            let (points, area) = self.generate_side(&sampler, back, substream(seed, u64::from(back)));
-            set.points.extend(points);
-            set.area += area;
+            let seed = substream(seed, u64::from(back));
+            let parts = charts.par_iter().enumerate().map(|(chart, triangles)| {
+                self.generate_chart(&self.sampler(triangles), back, substream(seed, chart as u64))
+            });
+            for (points, area) in parts.collect::<Vec<_>>() {
+                set.points.extend(points);
+                set.area += area;
+            }
         }
         set.numbers = (0..set.points.len() as u32).collect();
         let radius = poisson_radius(set.area, set.points.len());
@@ -156,8 +186,8 @@ impl<'a> MeshSampling<'a> {
         set
     }
 
-    /// Generates the points of one side. Returns them with the area that they stand for, square metres.
-    fn generate_side(
+    /// Generates the points of one side of a chart. Returns them with the area that they stand for, square metres.
+    fn generate_chart(
         &self,
         sampler: &TriangleSampler<'_>,
         back: bool,
@@ -168,7 +198,7 @@ impl<'a> MeshSampling<'a> {
         }
         let masked = self.posed.masked();
         let mut random = Random::new(seed);
-        let mut count = 2 * self.side(sampler.area());
+        let mut count = 2 * self.count(sampler.area()) as usize;
         for _ in 0..MASKED_ATTEMPTS {
             let mut points = Vec::with_capacity(count);
             let mut positions = Vec::with_capacity(count);
@@ -179,7 +209,7 @@ impl<'a> MeshSampling<'a> {
                 }
             });
             let area = sampler.area() * points.len() as f64 / count as f64;
-            let keep = self.side(area);
+            let keep = self.count(area) as usize;
             if points.len() >= 2 * keep {
                 return (select_points(&points, &positions, keep, area), area);
             }
@@ -195,7 +225,8 @@ fn select_points(points: &[SurfacePoint], positions: &[Vec3], keep: usize, area:
     let kept = eliminate(positions, keep, poisson_radius(area, keep));
     let low = positions.iter().copied().fold(Vec3::INFINITY, Vec3::min);
     let high = positions.iter().copied().fold(Vec3::NEG_INFINITY, Vec3::max);
-    let scale = 1023.0 / (high - low).max_element().max(f32::MIN_POSITIVE);
+    // The largest coordinate is in the middle of the last cell, so that rounding does not move it to the one before.
+    let scale = 1023.5 / (high - low).max_element().max(f32::MIN_POSITIVE);
     let code = |at: Vec3| {
         let [x, y, z] = ((at - low) * scale).to_array().map(|axis| spread_bits(axis as u32));
         x | (y << 1) | (z << 2)
@@ -252,7 +283,12 @@ mod tests {
             assert_eq!((range[1] - range[0]) as usize, set.points().len());
             let wanted = (set.area() * 20.0).max(100.0);
             let found = set.points().len() as f64;
-            assert!(found >= wanted && found <= wanted + 2.0, "{}: {found} of {wanted}", instance.name());
+            let rest = scene.rest(instance);
+            let most = wanted + 8.0 * f64::from(rest.charts().count(true));
+            assert!(found >= wanted && found <= most, "{}: {found} of {wanted}", instance.name());
+            let mut counts = vec![0; rest.charts().fronts() as usize];
+            set.points().iter().for_each(|point| counts[rest.charts().front(point.triangle) as usize] += 1);
+            assert!(counts.iter().all(|&count| count >= 1), "{}: {counts:?}", instance.name());
             assert!(set.radius() > 0.0);
         }
         assert_eq!(made.total(), *made.offsets().last().unwrap());

@@ -3,7 +3,9 @@
 
 use std::sync::Arc;
 
-use psao_codec::surface::{Geometry, GeometryError, RestPoint, RoundedGeometry, SetLayout, State};
+use psao_codec::surface::{
+    Geometry, GeometryError, MAX_CHARTS, RestPoint, RoundedGeometry, SetLayout, State,
+};
 use psao_proto::SceneInfo;
 use rayon::prelude::*;
 use thiserror::Error;
@@ -39,10 +41,11 @@ impl GeometryPrecision {
 #[must_use]
 pub fn rest_points(scene: &Scene, points: &ScenePoints, set: usize) -> Vec<RestPoint> {
     let (Some(rest), Some(set)) = (scene.rests().get(set), points.sets().get(set)) else { return Vec::new() };
-    let posed = PosedMesh::at_rest(scene, rest);
+    let (posed, charts) = (PosedMesh::at_rest(scene, rest), rest.charts());
     let place = |point: &SurfacePoint| {
         let placed = point.place_on(&posed);
-        RestPoint { position: placed.position.to_array(), normal: placed.normal.to_array() }
+        let chart = if point.back { charts.back(point.triangle) } else { charts.front(point.triangle) };
+        RestPoint { position: placed.position.to_array(), normal: placed.normal.to_array(), chart }
     };
     set.points().iter().map(place).collect()
 }
@@ -60,7 +63,8 @@ pub fn order_at_rest(
         .into_par_iter()
         .map(|set| {
             let at_rest = rest_points(scene, points, set);
-            Geometry::round(lattice(&points.sets()[set], &at_rest, precision, kernel), &at_rest)
+            let lattice = lattice(&points.sets()[set], &at_rest, precision, kernel);
+            Geometry::round(SetLayout { charts: charts(scene, set), ..lattice }, &at_rest)
         })
         .collect();
     let mut geometry = Vec::with_capacity(made.len());
@@ -69,6 +73,13 @@ pub fn order_at_rest(
         geometry.push(Arc::new(made.geometry));
     }
     geometry
+}
+
+/// Returns the number of charts of a mesh, at most as many as a set may have.
+fn charts(scene: &Scene, set: usize) -> u32 {
+    let rest = &scene.rests()[set];
+    let mesh = &scene.meshes()[rest.mesh().index()];
+    rest.charts().count(scene.material(mesh).double_sided()).min(MAX_CHARTS)
 }
 
 /// Reason why a client could not compute the points of a stream itself.
@@ -183,9 +194,9 @@ mod tests {
     fn lattices_of_meshes_without_points_or_of_any_size_make_sense() {
         let precision = GeometryPrecision::of_bits(32).unwrap();
         let set = PointSet { radius: 1e-6, ..PointSet::default() };
-        let at = |x| RestPoint { position: [x, 0.0, 0.0], normal: [0.0, 1.0, 0.0] };
+        let at = |x| RestPoint { position: [x, 0.0, 0.0], normal: [0.0, 1.0, 0.0], chart: 0 };
         for points in [&[][..], &[at(5.0)], &[at(-1e6), at(1e6)]] {
-            let found = lattice(&set, points, precision, 2.5);
+            let found = SetLayout { charts: 1, ..lattice(&set, points, precision, 2.5) };
             let limits = psao_codec::Limits::default();
             let members = vec![psao_codec::surface::Member { set: 0 }];
             psao_codec::surface::Layout::new(vec![found], members, &limits).unwrap();

@@ -1,6 +1,6 @@
 //! Builds the instances of a model: classifies them by their motion and brings their meshes to metric rest.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use glam::{DAffine3, DMat3, DVec3};
 
@@ -391,5 +391,5 @@ fn finish_rest(
         Arc::clone(&mesh.triangles)
     };
     let area_m2 = area(&geometry.positions, &triangles);
-    RestMesh { mesh: id, stretch, mirrored, geometry, triangles, area_m2, key }
+    RestMesh { mesh: id, stretch, mirrored, geometry, triangles, area_m2, key, charts: OnceLock::new() }
 }

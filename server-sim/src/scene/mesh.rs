@@ -1,9 +1,10 @@
 //! Meshes: one primitive as modelled, and the geometry derived from it.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use glam::{Mat3, Vec2, Vec3, Vec4};
 use psao_codec::memory;
+use psao_codec::surface::Charts;
 
 use crate::scene::ids::{MaterialId, MeshId};
 
@@ -190,6 +191,7 @@ pub struct RestMesh {
     pub(crate) triangles: Arc<[[u32; 3]]>,
     pub(crate) area_m2: f64,
     pub(crate) key: [u8; 32],
+    pub(crate) charts: OnceLock<Charts>,
 }
 
 impl RestMesh {
@@ -223,6 +225,15 @@ impl RestMesh {
     #[must_use]
     pub fn triangles(&self) -> &[[u32; 3]] {
         &self.triangles
+    }
+
+    /// Returns the charts of its triangles. They are derived at the first call.
+    #[must_use]
+    pub fn charts(&self) -> &Charts {
+        self.charts.get_or_init(|| {
+            let positions: Vec<[f32; 3]> = self.geometry.positions.iter().map(Vec3::to_array).collect();
+            Charts::of_mesh(&positions, &self.triangles)
+        })
     }
 
     /// Returns the area of one side of all triangles in square metres, masked-out parts included.

@@ -9,6 +9,7 @@ use psao_codec::surface;
 use psao_proto::message::CameraPose;
 use psao_proto::{Profile, SceneTable};
 
+use super::field::TracedPoint;
 use super::stats::Lap;
 use super::trace_state::TraceState;
 use super::traced_frame::{EncoderNeeds, TracedFrame, blocks_in_view};
@@ -159,7 +160,7 @@ impl BothProfiles {
         })
     }
 
-    /// Error of what clients hold after the last step, over the points in view. For `surface` that is what `client`
+    /// Error of what clients hold after the last step, over the points in view that a picture needs. For `surface` that is what `client`
     /// says; for `paper`, what the points were sent as that have a slot in the client's tables.
     #[must_use]
     pub fn errors(&self, client: &surface::State) -> PerProfile<AoErrorStats> {
@@ -168,15 +169,18 @@ impl BothProfiles {
         for chunk in field.chunks() {
             let numbers = self.state.numbers(chunk.instance);
             let held = client.values(chunk.instance as u32);
-            for (place, point, _) in field.visible(chunk) {
+            for TracedPoint { place, id, buried, .. } in field.visible(chunk).filter(|point| point.seen) {
                 let place = place.index();
-                let Some(exact) = field.exact(point) else { continue };
+                let Some(exact) = field.exact(id) else { continue };
                 let here = client.is_present(chunk.instance as u32, place / surface::BLOCK_POINTS);
-                errors.surface.add(held.get(place).copied().filter(|_| here), exact);
+                // A buried point has no value at either end.
+                if !buried {
+                    errors.surface.add(held.get(place).copied().filter(|_| here), exact);
+                }
                 if let Some(encoder) = self.encode.paper.encoder.as_paper() {
-                    let id = points.offsets()[chunk.instance] + numbers[place];
-                    let stored = encoder.placement(id) == Some(Placement::Stored);
-                    errors.paper.add(encoder.sent_ao(id).filter(|_| stored), exact);
+                    let number = points.offsets()[chunk.instance] + numbers[place];
+                    let stored = encoder.placement(number) == Some(Placement::Stored);
+                    errors.paper.add(encoder.sent_ao(number).filter(|_| stored), exact);
                 }
             }
         }

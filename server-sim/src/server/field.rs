@@ -10,6 +10,7 @@ use psao_codec::memory::list;
 use rayon::prelude::*;
 
 use super::hit_cache::{self, ChunkHitCache};
+use super::sight::{OUT_OF_VIEW, Sight};
 use crate::ao::RayFrame;
 use crate::bvh::Bounds;
 use crate::points::{PlacedPoint, PointId, PointInSet, ScenePoints};
@@ -29,6 +30,8 @@ pub(super) mod flag {
     pub(crate) const ALONE: u8 = 2;
     /// It is in view in this frame.
     pub(crate) const VISIBLE: u8 = 4;
+    /// It lies inside a solid.
+    pub(crate) const BURIED: u8 = 8;
 }
 
 /// A run of points of one instance.
@@ -50,7 +53,24 @@ pub(super) struct FieldPart<'a> {
     pub(super) ao: &'a mut [u8],
     /// Empty unless the field keeps them.
     pub(super) exact: &'a mut [f32],
+    /// Frames for which each point still counts as seen, see [`Sight`](super::sight::Sight).
+    pub(super) seen: &'a mut [u8],
+    /// AO byte, at least 1, for which it was last found out whether each point is buried; 0 where it was not.
+    pub(super) dug: &'a mut [u8],
     pub(super) memory: &'a mut ChunkHitCache,
+}
+
+/// A point in view as it was traced.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct TracedPoint {
+    pub(super) place: PointInSet,
+    pub(super) id: PointId,
+    /// AO byte.
+    pub(super) ao: u8,
+    /// Whether it lies inside a solid.
+    pub(super) buried: bool,
+    /// Whether a picture needs it.
+    pub(super) seen: bool,
 }
 
 /// The points of a scene.
@@ -59,6 +79,10 @@ pub(super) struct Field {
     chunks: Vec<Chunk>,
     flags: Vec<u8>,
     ao: Vec<u8>,
+    /// Frames for which each point still counts as seen.
+    seen: Vec<u8>,
+    /// AO bytes for which it was last found out whether points are buried.
+    dug: Vec<u8>,
     /// AO as traced, not rounded; empty unless asked for.
     exact: Vec<f32>,
     /// What rays met, by chunk.
@@ -100,6 +124,8 @@ impl Field {
             chunks: Vec::new(),
             flags: vec![0; points.total() as usize],
             ao: vec![0; points.total() as usize],
+            seen: vec![OUT_OF_VIEW; points.total() as usize],
+            dug: vec![0; points.total() as usize],
             exact: if exact { vec![0.0; points.total() as usize] } else { Vec::new() },
             memories: Vec::new(),
             places: Vec::new(),
@@ -141,7 +167,7 @@ impl Field {
 
     /// Bytes held, but for what points remember of their rays.
     pub(super) fn heap_bytes(&self) -> usize {
-        let Self { chunks, flags, ao, exact, memories, places, shared, worlds, .. } = self;
+        let Self { chunks, flags, ao, seen, dug, exact, memories, places, shared, worlds, .. } = self;
         let own = |places: &Places| match places {
             Places::Shared(_) => 0,
             Places::Own(points) => size_of_val(points.as_slice()),
@@ -150,7 +176,7 @@ impl Field {
             list(lists) + lists.iter().map(|points| size_of_val(points.as_slice())).sum::<usize>()
         };
         let places = list(places) + places.iter().map(own).sum::<usize>();
-        let known = list(flags) + list(ao) + list(exact);
+        let known = list(flags) + list(ao) + list(seen) + list(dug) + list(exact);
         list(chunks) + known + list(memories) + places + placed(shared) + placed(worlds)
     }
 
@@ -198,16 +224,22 @@ impl Field {
         &self.chunks
     }
 
-    /// Points of a chunk that are in view, with the AO byte as last traced.
-    pub(super) fn visible(&self, chunk: &Chunk) -> impl Iterator<Item = (PointInSet, PointId, u8)> + '_ {
+    /// Points of a chunk that are in view, as last traced.
+    pub(super) fn visible(&self, chunk: &Chunk) -> impl Iterator<Item = TracedPoint> + '_ {
         let first = chunk.first.index();
         let range = first..first + chunk.points.len();
-        let values = self.flags[range.clone()].iter().zip(&self.ao[range]);
+        let values = self.flags[range.clone()].iter().zip(&self.ao[range.clone()]).zip(&self.seen[range]);
         (chunk.points.start as u32..)
             .zip(chunk.first.0..)
             .zip(values)
-            .filter(|(_, (flags, _))| **flags & flag::VISIBLE != 0)
-            .map(|((place, point), (_, ao))| (PointInSet(place), PointId(point), *ao))
+            .filter(|(_, ((flags, _), _))| **flags & flag::VISIBLE != 0)
+            .map(|((place, point), ((flags, ao), seen))| TracedPoint {
+                place: PointInSet(place),
+                id: PointId(point),
+                ao: *ao,
+                buried: flags & flag::BURIED != 0,
+                seen: *seen > 0,
+            })
     }
 
     /// AO of a point as last traced, not rounded; nothing where the field does not keep it.
@@ -239,6 +271,12 @@ impl Field {
         });
     }
 
+    /// Finds out which points in view a picture needs.
+    pub(super) fn look(&mut self, sight: &Sight<'_>) {
+        let (parts, places) = self.split();
+        parts.into_par_iter().for_each(|mut part| sight.look(&mut part, &places));
+    }
+
     /// Points of each chunk that are in view and whose AO may have changed; all in view unless `untouched` ones are left out.
     pub(super) fn stale(&self, untouched: bool) -> Vec<u32> {
         let (mask, wanted) = if untouched {
@@ -263,13 +301,18 @@ impl Field {
     pub(super) fn split(&mut self) -> (Vec<FieldPart<'_>>, PointPlaces<'_>) {
         let mut parts = Vec::with_capacity(self.chunks.len());
         let (mut flags, mut ao) = (self.flags.as_mut_slice(), self.ao.as_mut_slice());
-        let mut exact = self.exact.as_mut_slice();
+        let (mut exact, mut seen) = (self.exact.as_mut_slice(), self.seen.as_mut_slice());
+        let mut dug = self.dug.as_mut_slice();
         for (chunk, memory) in self.chunks.iter().zip(&mut self.memories) {
             let (head, tail) = flags.split_at_mut(chunk.points.len());
             let (bytes, others) = ao.split_at_mut(chunk.points.len());
             let (values, rest) = exact.split_at_mut(exact.len().min(chunk.points.len()));
-            parts.push(FieldPart { chunk, flags: head, ao: bytes, exact: values, memory });
-            (flags, ao, exact) = (tail, others, rest);
+            let (held, later) = seen.split_at_mut(chunk.points.len());
+            let (known, unknown) = dug.split_at_mut(chunk.points.len());
+            let part =
+                FieldPart { chunk, flags: head, ao: bytes, exact: values, seen: held, dug: known, memory };
+            parts.push(part);
+            (flags, ao, exact, seen, dug) = (tail, others, rest, later, unknown);
         }
         (parts, PointPlaces { places: &self.places, shared: &self.shared, worlds: &self.worlds })
     }
@@ -313,7 +356,11 @@ impl<'a> PointPlaces<'a> {
     }
 
     /// Points of a chunk with the world position of each.
-    fn in_world(&self, world: &SceneBvh, chunk: &Chunk) -> impl Iterator<Item = (Vec3, Vec3)> + 'a {
+    pub(super) fn in_world(
+        &self,
+        world: &SceneBvh,
+        chunk: &Chunk,
+    ) -> impl Iterator<Item = (Vec3, Vec3)> + 'a {
         let still = world.is_still(chunk.instance);
         let at = world.placement(InstanceId(chunk.instance as u32));
         self.in_body_space(chunk.instance)[chunk.points.clone()].iter().map(move |point| {

@@ -7,6 +7,7 @@ use psao_proto::message::{InstanceEntry, Needs};
 use rayon::prelude::*;
 
 use super::ServerError;
+use super::profile::PAPER_KERNEL;
 use super::settings::ServerSettings;
 use crate::bvh::Bounds;
 use crate::points::{PointSet, ScenePoints};
@@ -61,7 +62,7 @@ fn entry(
         dims: cells.to_array().map(|cells| (cells.ceil() as u32).max(1)),
         first_bucket,
         bucket_count: bucket_count(set.area() as f32, edge, settings.table_slots),
-        kernel_radius: settings.kernel * set.radius(),
+        kernel_radius: settings.kernel.unwrap_or(PAPER_KERNEL) * set.radius(),
         points: set.points().len() as u32,
         needs,
     }

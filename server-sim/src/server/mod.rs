@@ -18,6 +18,7 @@ mod profile;
 mod ray_scheduler;
 mod screen_area;
 mod settings;
+mod sight;
 mod stats;
 #[cfg(test)]
 mod tests;

@@ -14,6 +14,15 @@ use crate::ao::Occlusion;
 use crate::points::{ScenePoints, order_at_rest};
 use crate::scene::{Motion, Scene};
 
+/// Kernel radius in Poisson-disk radii of the points, where none is asked for. The distance of neighbours is 1.86 of them.
+const SURFACE_KERNEL: f32 = 2.8;
+pub(super) const PAPER_KERNEL: f32 = 2.5;
+
+/// Returns whether a stream treats points inside solids and points that no camera sees differently from others.
+pub(super) fn tells_points_apart(settings: &ServerSettings) -> bool {
+    settings.profile == Profile::SURFACE
+}
+
 /// Makes the encode stage of a stream; brings the points into the stream's order.
 pub(super) fn encode_stage(
     scene: &Arc<Scene>,
@@ -22,7 +31,8 @@ pub(super) fn encode_stage(
 ) -> Result<EncodeStage, ServerError> {
     let mut geometry = Vec::new();
     let table = if settings.profile == Profile::SURFACE {
-        geometry = order_at_rest(scene, points, settings.precision()?, settings.kernel);
+        geometry =
+            order_at_rest(scene, points, settings.precision()?, settings.kernel.unwrap_or(SURFACE_KERNEL));
         surface_table(scene, &geometry, settings)?
     } else {
         paper_table(scene, points, settings)?
@@ -38,7 +48,9 @@ pub(super) fn encode_stage(
         }
         Layout::Surface(layout) => {
             let ServerSettings { threshold, geometry: source, budget, .. } = *settings;
-            let settings = EncoderSettings::new(threshold, source).with_budget(budget);
+            let settings = EncoderSettings::new(threshold, source)
+                .with_unseen_threshold(settings.unseen_threshold())
+                .with_budget(budget);
             Encoder::Surface(Box::new(surface::Encoder::new(Arc::clone(layout), geometry, settings)?))
         }
     };

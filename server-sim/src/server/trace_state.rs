@@ -10,7 +10,9 @@ use psao_proto::message::CameraPose;
 use rayon::prelude::*;
 
 use super::field::{Field, FieldPart, PointPlaces, flag, set};
+use super::profile;
 use super::ray_scheduler::{RayBudget, RayScheduler};
+use super::sight::Sight;
 use super::stats::{Lap, Progress, StageMicros, TraceTotals, Traces, Work};
 use super::{ProgressFn, ServerMemory, ServerSettings};
 use crate::ao::{Scratch, Tracer};
@@ -37,6 +39,10 @@ pub(super) struct TraceState {
     pub(super) ray_budget: Option<RayBudget>,
     view_margin: f32,
     shortcuts: Shortcuts,
+    /// Whether buried and unseen points are looked for: the stream treats them differently.
+    digs: bool,
+    /// Whether unseen points may be off by more than others.
+    probes: bool,
     /// Most bytes that points may remember of their rays, and how many they do.
     memory: [usize; 2],
     progress: Arc<ProgressFn>,
@@ -72,6 +78,8 @@ impl TraceState {
             ray_budget,
             view_margin,
             shortcuts,
+            digs: profile::tells_points_apart(settings),
+            probes: settings.unseen_threshold() > settings.threshold,
             memory,
             progress,
         }
@@ -118,6 +126,12 @@ impl TraceState {
         let views = if first { None } else { self.views(cameras) };
         let ao = self.tracer.settings();
         self.field.mark(&self.world, views.as_ref(), ao.bias(), ao.influence());
+        if self.digs {
+            // In the first frame all points are in view, but the cameras see what they see.
+            let views = self.views(cameras).filter(|_| self.probes);
+            let (world, points) = (&self.world, &self.points);
+            self.field.look(&Sight { world, points, views: views.as_ref(), frame: index.0, bias: ao.bias() });
+        }
         let budget = self.ray_budget.filter(|_| !first);
         let stale = self.choose(budget, cameras);
         micros.place = lap.micros();
@@ -161,6 +175,7 @@ impl TraceState {
             tracer: &self.tracer,
             shortcuts: self.shortcuts,
             remember: self.shortcuts.contains(Shortcuts::SELF_HITS) && self.memory[1] < self.memory[0],
+            digs: self.digs,
         };
         let (parts, placed) = self.field.split();
         let scheduler = &self.scheduler;
@@ -182,6 +197,10 @@ impl TraceState {
     }
 }
 
+/// Change of an AO byte after which it is found out again whether a point is buried. Whatever covers or uncovers a point
+/// changes its AO by more.
+const DIG_AGAIN: u8 = 8;
+
 /// What the parts of a field are traced with.
 struct ChunkTracer<'a> {
     world: &'a SceneBvh,
@@ -190,6 +209,8 @@ struct ChunkTracer<'a> {
     shortcuts: Shortcuts,
     /// Whether points may remember more.
     remember: bool,
+    /// Whether buried points are looked for.
+    digs: bool,
 }
 
 impl ChunkTracer<'_> {
@@ -223,8 +244,12 @@ impl ChunkTracer<'_> {
             }
             let ray_frame = placed.ray_frame(world, instance, point);
             // A body that has nothing near it, then and now, sees what it saw: its points lie in its own space.
-            let unchanged =
-                *flags & flag::ALONE != 0 && alone && tracer.is_alone(world.bodies(), &ray_frame, scratch);
+            let digs = self.digs && *flags & flag::VISIBLE != 0;
+            let dug = part.dug[index];
+            let unchanged = *flags & flag::ALONE != 0
+                && alone
+                && !(digs && dug == 0)
+                && tracer.is_alone(world.bodies(), &ray_frame, scratch);
             if !unchanged {
                 let memory = part.memory.of(index, count, remember);
                 let key = self.points.ray_key(instance, point_set, point);
@@ -234,6 +259,11 @@ impl ChunkTracer<'_> {
                     *exact = traced.ao;
                 }
                 set(flags, flag::ALONE, traced.alone);
+                let ao = part.ao[index].max(1);
+                if digs && (dug == 0 || dug.abs_diff(ao) >= DIG_AGAIN) {
+                    set(flags, flag::BURIED, tracer.is_buried(world, key, &ray_frame, &traced, scratch));
+                    part.dug[index] = ao;
+                }
                 traces.traced += 1;
                 traces.rays += u64::from(traced.rays);
             }

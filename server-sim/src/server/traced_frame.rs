@@ -3,10 +3,10 @@
 use psao_codec::Encoder;
 use psao_codec::envelope::FrameIndex;
 use psao_codec::paper::{PointSample, Pose};
-use psao_codec::surface::BLOCK_POINTS;
+use psao_codec::surface::{BLOCK_POINTS, NO_VALUE};
 use psao_proto::message::CameraPose;
 
-use super::field::Chunk;
+use super::field::{Chunk, TracedPoint};
 use super::screen_area::ScreenArea;
 use super::stats::Traces;
 use super::trace_state::TraceState;
@@ -35,8 +35,8 @@ impl EncoderNeeds {
 #[derive(Debug)]
 pub struct TracedFrame {
     pub(super) traces: Traces,
-    /// Points in view by the encoder's ids, and their AO.
-    points: Vec<(u32, u8)>,
+    /// Points in view: the encoder's id, AO, and whether a picture needs it.
+    points: Vec<(u32, u8, bool)>,
     /// Their positions and normals, where the encoder needs them.
     places: Vec<([f32; 3], [f32; 3])>,
     /// Instances that moved, where the encoder needs them.
@@ -57,7 +57,12 @@ impl TracedFrame {
             frame.poses = poses(state, first);
             order.into_iter().for_each(|chunk| frame.place(state, &chunks[chunk]));
         } else {
-            let seen = |chunk: usize| state.field.visible(&chunks[chunk]).map(|(_, point, ao)| (point.0, ao));
+            // An AO of 0 is sent as 1.
+            let byte = |ao: u8, buried: bool| if buried { NO_VALUE } else { ao.max(NO_VALUE + 1) };
+            let seen = |chunk: usize| {
+                let points = state.field.visible(&chunks[chunk]);
+                points.map(move |point| (point.id.0, byte(point.ao, point.buried), point.seen))
+            };
             frame.points = order.into_iter().flat_map(seen).collect();
         }
         frame
@@ -80,9 +85,9 @@ impl TracedFrame {
     fn place(&mut self, state: &TraceState, chunk: &Chunk) {
         let (numbers, local) = (state.numbers(chunk.instance), state.field.placed().local(chunk.instance));
         let first = state.points.offsets()[chunk.instance];
-        for (place, _, ao) in state.field.visible(chunk) {
+        for TracedPoint { place, ao, .. } in state.field.visible(chunk) {
             let at = &local[place.index()];
-            self.points.push((first + numbers[place.index()], ao));
+            self.points.push((first + numbers[place.index()], ao, true));
             self.places.push((at.position.to_array(), at.normal.to_array()));
         }
     }
@@ -94,8 +99,8 @@ impl TracedFrame {
         }
         let mut changed = 0;
         let places = self.places.into_iter().chain(std::iter::repeat(<([f32; 3], [f32; 3])>::default()));
-        for ((point, ao), (local, normal)) in self.points.into_iter().zip(places) {
-            changed += u32::from(encoder.set_point(point, &PointSample { local, normal, ao })?);
+        for ((point, ao, seen), (local, normal)) in self.points.into_iter().zip(places) {
+            changed += u32::from(encoder.set_point(point, &PointSample { local, normal, ao }, seen)?);
         }
         for (instance, block, weight) in self.weights {
             encoder.set_weight(instance, block, weight);

@@ -289,6 +289,23 @@ impl SceneBvh {
         self.bodies.nearest(origin, direction, tmax, true, |body, hit| self.opaque(body, hit)).is_some()
     }
 
+    /// Returns whether a drawn surface is between a place and an eye, which is `distance` metres away in a unit direction. The
+    /// backs of one-sided faces are not drawn (glTF 2.0, section 3.9.2, double sided).
+    pub(crate) fn hides(&self, place: Vec3, direction: Vec3, distance: f32) -> bool {
+        let drawn = |body: BodyId, hit: &BlasHit| {
+            self.opaque(body, hit) && self.is_drawn(body, hit.triangle, direction)
+        };
+        self.bodies.nearest(place, direction, distance, true, drawn).is_some()
+    }
+
+    /// Returns whether an eye in a direction of the world sees the side of a triangle that faces it.
+    fn is_drawn(&self, body: BodyId, triangle: u32, direction: Vec3) -> bool {
+        let (instance, triangle) = self.source(body, triangle);
+        let Some(posed) = self.posed(InstanceId(instance)) else { return true };
+        let facing = self.placement(InstanceId(instance)).direction(posed.facing(triangle));
+        posed.material.double_sided() || facing.dot(direction) > 0.0
+    }
+
     /// Returns the surface at a hit of this scene, or `None` for an unknown instance or triangle.
     #[must_use]
     pub fn surface(&self, hit: &Hit) -> Option<SurfaceAt> {
@@ -340,6 +357,21 @@ impl SceneBvh {
         let [_, u, v] = hit.intersection.barycentric();
         let posed = self.posed(InstanceId(instance));
         posed.is_none_or(|posed| !posed.masked() || posed.opaque(triangle, [u, v]))
+    }
+
+    /// Returns whether a direction, in the space of a body, meets the back of a one-sided triangle of it.
+    pub(crate) fn is_back(&self, body: BodyId, triangle: u32, direction: Vec3) -> bool {
+        let (instance, triangle) = self.source(body, triangle);
+        let Some(posed) = self.posed(InstanceId(instance)) else { return false };
+        if posed.material.double_sided() {
+            return false;
+        }
+        let facing = posed.facing(triangle);
+        let in_body = match self.owners[body.index()] {
+            Owner::Batch(_) => self.placement(InstanceId(instance)).direction(facing),
+            Owner::Instance(_) => facing,
+        };
+        in_body.dot(direction) > 0.0
     }
 
     fn hit(&self, body: BodyId, hit: &BlasHit) -> Hit {

@@ -3,7 +3,7 @@
 use psao_codec::block::BlockCoder;
 use psao_codec::envelope::{FrameIndex, FrameKind, FrameMeta, StreamTime};
 use psao_codec::paper::{self, PointFormat, PointSample, Pose, keyframe};
-use psao_codec::surface::{self, ChangeLog, Encoder, EncoderSettings, GeometrySource};
+use psao_codec::surface::{self, ChangeLog, Encoder, EncoderSettings, GeometrySource, NO_VALUE};
 
 use super::Vector;
 use super::scenes::{self, Stream, ao};
@@ -150,6 +150,11 @@ fn tiny(all: &mut Vec<Vector>) {
         tape.encoder.set_ao(1, 100).unwrap();
         all.push(tape.write("delta", FrameKind::Delta, coder, true));
         all.push(tape.late("late", coder, &[]));
+        // A point loses its value and gets another one.
+        tape.encoder.set_ao(2, NO_VALUE).unwrap();
+        all.push(tape.write("removal", FrameKind::Delta, coder, true));
+        tape.encoder.set_ao(2, 60).unwrap();
+        all.push(tape.write("new-value", FrameKind::Delta, coder, true));
     }
 }
 

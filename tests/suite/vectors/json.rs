@@ -171,7 +171,7 @@ pub(super) fn layout(stream: &Stream) -> String {
 fn one_set(set: &surface::SetLayout, points: &surface::Geometry) -> String {
     let nodes = (0..points.len()).map(|point| {
         let [x, y, z] = points.node(point);
-        format!("[{x}, {y}, {z}, {}]", points.normal_code(point))
+        format!("[{x}, {y}, {z}, {}, {}]", points.normal_code(point), points.chart(point))
     });
     let samples = (0..points.len().min(24)).map(|point| {
         format!(
@@ -181,12 +181,13 @@ fn one_set(set: &surface::SetLayout, points: &surface::Geometry) -> String {
         )
     });
     format!(
-        "{{\"origin\": {}, \"step\": {:?}, \"extent\": {}, \"normal_bits\": {}, \"points\": {}, \"kernel_radius\": {:?}, \"digest\": \"{:016x}\",\n  \"nodes\": {},\n  \"samples\": {}}}",
+        "{{\"origin\": {}, \"step\": {:?}, \"extent\": {}, \"normal_bits\": {}, \"points\": {}, \"charts\": {}, \"kernel_radius\": {:?}, \"digest\": \"{:016x}\",\n  \"nodes\": {},\n  \"samples\": {}}}",
         floats(&set.origin),
         set.step,
         list(set.extent),
         set.normal_bits,
         set.points,
+        set.charts,
         set.kernel_radius,
         set.digest.0,
         list(nodes),

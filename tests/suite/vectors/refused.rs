@@ -212,8 +212,8 @@ fn values(refused: &mut Refused) {
 }
 
 fn geometry(refused: &mut Refused, good: &[u8]) {
-    // The block of the example: 37 B after the header.
-    let block = &good[39..76];
+    // The block of the example: 46 B after the header.
+    let block = &good[39..85];
     refused.after_key("geometry-here-already", one(GEOMETRY, 3, block));
     let mut changed = |name: &str, bytes: &[(usize, u8)]| {
         let mut block = block.to_vec();
@@ -225,9 +225,10 @@ fn geometry(refused: &mut Refused, good: &[u8]) {
     // x: 0, 1, 3; z: 0, 2, 2.
     changed("geometry-order", &[(5, 1), (6, 2), (9, 0), (12, 0)]);
     changed("geometry-normal", &[(34, 1)]);
+    changed("geometry-chart", &[(37, 1)]);
     changed("geometry-digest", &[(31, 0xF6)]);
     refused.add("geometry-count", None, key(&[(GEOMETRY, STORED, 4, block)]));
-    refused.add("geometry-ends", None, key(&[(GEOMETRY, STORED, 3, &block[..36])]));
+    refused.add("geometry-ends", None, key(&[(GEOMETRY, STORED, 3, &block[..45])]));
 }
 
 fn context(refused: &mut Refused) {

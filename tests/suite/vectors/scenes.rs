@@ -51,6 +51,7 @@ fn set(step: f32, extent: [u32; 3], normal_bits: u8) -> SetLayout {
         extent,
         normal_bits,
         points: 0,
+        charts: 1,
         kernel_radius: 0.125,
         digest,
     }
@@ -63,11 +64,18 @@ fn surface(name: &'static str, geometry: Vec<Arc<Geometry>>, members: &[u32], sh
     Stream::Surface { name, layout: Arc::new(layout), geometry, shared }
 }
 
-/// Points at nodes of a lattice with these normals.
+/// Points at nodes of a lattice with these normals. Charts are those of the normals' signs, as far as the layout has them.
 fn at_nodes(layout: SetLayout, points: &[([u32; 3], [f32; 3])]) -> Arc<Geometry> {
+    let chart = |normal: &[f32; 3]| {
+        (0..3).map(|axis| u32::from(normal[axis] > 0.0) << axis).sum::<u32>() % layout.charts
+    };
     let points: Vec<RestPoint> = points
         .iter()
-        .map(|(node, normal)| RestPoint { position: layout.position(*node), normal: *normal })
+        .map(|(node, normal)| RestPoint {
+            position: layout.position(*node),
+            normal: *normal,
+            chart: chart(normal),
+        })
         .collect();
     let rounded = Geometry::round(layout, &points);
     assert_eq!(rounded.outside, 0);
@@ -124,8 +132,8 @@ fn hall_sets() -> Vec<Arc<Geometry>> {
         ([511, 1000, 7], [-1.0, 0.0, 0.0]),
     ];
     let floor = at_nodes(set(1.0 / 256.0, [640, 180, 1023], 6), &floor.collect::<Vec<_>>());
-    let ball = at_nodes(set(1.0 / 64.0, [64; 3], 8), &ball.collect::<Vec<_>>());
-    let few = at_nodes(set(1.0 / 128.0, [511, 1023, 7], 2), &few);
+    let ball = at_nodes(SetLayout { charts: 7, ..set(1.0 / 64.0, [64; 3], 8) }, &ball.collect::<Vec<_>>());
+    let few = at_nodes(SetLayout { charts: 1 << 24, ..set(1.0 / 128.0, [511, 1023, 7], 2) }, &few);
     let none = at_nodes(set(0.5, [0; 3], 3), &[]);
     vec![floor, ball, few, none]
 }

@@ -223,7 +223,10 @@ fn instance(entry: &InstanceEntry) -> String {
 fn set(entry: &SetEntry) -> String {
     let lattice = Object::default().with("origin", floats(&entry.origin)).float("step", entry.step);
     let nodes = lattice.with("extent", list(entry.extent)).with("normal_bits", entry.normal_bits);
-    let points = nodes.with("points", entry.points).float("kernel_radius", entry.kernel_radius);
+    let points = nodes
+        .with("points", entry.points)
+        .with("charts", entry.charts)
+        .float("kernel_radius", entry.kernel_radius);
     points.text("digest", &format!("{:016x}", entry.digest)).line()
 }
 

@@ -166,6 +166,7 @@ pub(super) const SET: SetEntry = SetEntry {
     step: 0.0078125,
     extent: [4, 5, 2_097_151],
     normal_bits: 6,
+    charts: 1,
     points: 9,
     kernel_radius: 0.125,
     digest: 0x0102_0304_0506_0708,

@@ -35,11 +35,11 @@ def curve_place(node):
 
 
 def order_key(point):
-    return curve_place(point[:3]), point[3]
+    return curve_place(point[:3]), point[3], point[4]
 
 
 def digest_of(entry, points):
-    digest = hash_fold(0, [entry["normal_bits"], f32_bits(entry["step"]), len(points)])
+    digest = hash_fold(0, [entry["normal_bits"], f32_bits(entry["step"]), len(points), entry["charts"]])
     digest = hash_fold(digest, [f32_bits(axis) for axis in entry["origin"]])
     for point in points:
         digest = hash_fold(digest, list(point))
@@ -51,8 +51,17 @@ def finish_set(entry, points):
     return points
 
 
+def differences(reader, count):
+    """Numbers of 24 bits, each told by its difference from the one before."""
+    planes = [reader.take(count) for _ in range(3)]
+    value = 0
+    for low, middle, high in zip(*planes):
+        value = (value + (low | middle << 8 | high << 16)) & 0xFFFFFF
+        yield value
+
+
 def geometry_plain(layout, section):
-    """[(set, points)]; a point is (x, y, z, code)."""
+    """[(set, points)]; a point is (x, y, z, code, chart)."""
     sets, total = [], 0
     reader = Reader(section.plain(), "geometry")
     while reader.at < len(reader.data):
@@ -62,18 +71,14 @@ def geometry_plain(layout, section):
         count, bits = entry["points"], entry["normal_bits"]
         total += count
         must(total <= section.records, "geometry")
-        axes = []
-        for axis in range(3):
-            planes = [reader.take(count) for _ in range(3)]
-            value, column = 0, []
-            for low, middle, high in zip(*planes):
-                value = (value + (low | middle << 8 | high << 16)) & 0xFFFFFF
-                must(value <= entry["extent"][axis], "geometry")
-                column.append(value)
-            axes.append(column)
+        axes = [list(differences(reader, count)) for _ in range(3)]
+        for axis, largest in zip(axes, entry["extent"]):
+            must(all(value <= largest for value in axis), "geometry")
         codes = [low | high << 8 for low, high in zip(reader.take(count), reader.take(count))]
         must(all(code < 1 << 2 * bits for code in codes), "geometry")
-        points = list(zip(*axes, codes))
+        charts = list(differences(reader, count))
+        must(all(chart < entry["charts"] for chart in charts), "geometry")
+        points = list(zip(*axes, codes, charts))
         keys = [order_key(point) for point in points]
         must(keys == sorted(keys), "geometry")
         sets.append((index, finish_set(entry, points)))
@@ -91,8 +96,8 @@ def distance(a, b):
 
 
 class RecentPoint:
-    def __init__(self, node, code, bits):
-        self.node, self.code = node, code
+    def __init__(self, node, code, chart, bits):
+        self.node, self.code, self.chart = node, code, chart
         top = (1 << bits) - 1
         a, b = 2 * (code & top) - top, 2 * (code >> bits) - top
         c = top - abs(a) - abs(b)
@@ -108,6 +113,9 @@ class RecentPoint:
         fall = sum(d[axis] * (place[axis] - self.node[axis]) for axis in others)
         return self.node[s] - clamp(toward_zero(fall, d[s]), -(1 << 24), 1 << 24)
 
+    def misfit(self, node):
+        return abs(self.plane(self.steep, node) - node[self.steep])
+
 
 class GeometryModel:
     def __init__(self):
@@ -117,6 +125,8 @@ class GeometryModel:
         self.same = [Slots(8, 32768), Slots(4, 32768)]
         self.turn = [Number(), Number()]
         self.was_same = 1
+        self.charts, self.jump = Slots(24, 32768), Number()
+        self.was_alike = 1
         self.recent = []
 
     def section(self, layout, section):
@@ -133,7 +143,7 @@ class GeometryModel:
             following = (index + 1) & MASK32
         must(total == section.records, "geometry")
         bits.finish()
-        must(sum(4 + 11 * len(points) for _, points in sets) == section.raw, "plain")
+        must(sum(4 + 14 * len(points) for _, points in sets) == section.raw, "plain")
         return sets
 
     def points(self, bits, entry):
@@ -186,28 +196,37 @@ class GeometryModel:
             if self.plane.code(bits, above * 8 + min(h, 7)):
                 node[s] = m
         must(all(node[axis] <= entry["extent"][axis] for axis in range(3)), "geometry")
-        code = self.normal(bits, entry["normal_bits"], node)
-        self.recent = (self.recent + [RecentPoint(tuple(node), code, entry["normal_bits"])])[-16:]
-        return (*node, code)
+        width = entry["normal_bits"]
+        code, how, like = self.normal(bits, width, node)
+        chart = self.chart(bits, entry["charts"], node, how, like) if entry["charts"] > 1 else 0
+        self.recent = (self.recent + [RecentPoint(tuple(node), code, chart, width)])[-16:]
+        return (*node, code, chart)
 
     def normal(self, bits, width, node):
-        def misfit(point):
-            return abs(point.plane(point.steep, node) - node[point.steep])
+        """The code; 0, 1 or 2 for how it was told; the candidate that tells most about the chart, or None."""
 
         def best(points):
-            return min(points, key=lambda point: distance(point.node, node) + 4 * misfit(point), default=None)
+            return min(points, key=lambda point: distance(point.node, node) + 4 * point.misfit(node), default=None)
 
         newest = self.recent[::-1]
         first = best(newest)
         second = first and best([point for point in newest if point.code != first.code])
         if first:
-            self.was_same = self.same[0].code(bits, self.was_same * 4 + min(sig(misfit(first)), 3))
+            self.was_same = self.same[0].code(bits, self.was_same * 4 + min(sig(first.misfit(node)), 3))
             if self.was_same:
-                return first.code
-        if second and self.same[1].code(bits, min(sig(misfit(second)), 3)):
-            return second.code
+                return first.code, 0, first
+        if second and self.same[1].code(bits, min(sig(second.misfit(node)), 3)):
+            return second.code, 1, second
         base, top = first.code if first else 0, (1 << width) - 1
         u = (base & top) + self.turn[0].signed(bits)
         v = (base >> width) + self.turn[1].signed(bits)
         must(0 <= u <= top and 0 <= v <= top, "geometry")
-        return u | v << width
+        return u | v << width, 2, first
+
+    def chart(self, bits, charts, node, how, like):
+        guess, misfit = (like.chart, like.misfit(node)) if like else (0, 0)
+        at = (how * 4 + min(sig(misfit), 3)) * 2 + self.was_alike
+        self.was_alike = self.charts.code(bits, at)
+        chart = guess if self.was_alike else guess + self.jump.signed(bits)
+        must(0 <= chart < charts, "geometry")
+        return chart

@@ -133,8 +133,8 @@ def instance(fields):
 def point_set(fields):
     told = {"origin": fields.vector(3), "step": fields.positive()}
     told |= {"extent": [fields.u32() for _ in range(3)], "normal_bits": fields.u8(), "points": fields.u32()}
-    told |= {"kernel_radius": fields.positive(), "digest": f"{fields.u64():016x}"}
-    must(2 <= told["normal_bits"] <= 8, "value")
+    told |= {"charts": fields.u32(), "kernel_radius": fields.positive(), "digest": f"{fields.u64():016x}"}
+    must(2 <= told["normal_bits"] <= 8 and min(told["points"], 1) <= told["charts"] <= 1 << 24, "value")
     return told
 
 

@@ -8,10 +8,19 @@ from .patch import patch_section
 from .values import ValueModel, values_plain
 
 FADE = [256, 192, 144, 108, 81, 61, 46, 34, 26, 19, 14, 11, 8, 6, 5, 3, 3, 2, 1, 1]
+NO_VALUE, REMOVAL = 0, -255
 
 
 def fade(age):
     return FADE[age] if age < len(FADE) else 0
+
+
+def moved(byte, level, quantum):
+    if level == REMOVAL:
+        return NO_VALUE
+    if byte == NO_VALUE:
+        return min(1 + (level - 1) * quantum, 255)
+    return clamp(byte + level * quantum, 1, 255)
 
 
 class SurfaceLayout:
@@ -108,7 +117,8 @@ class SurfaceState:
             block = slot // 64
             must(block < self.layout.blocks and present[block], "changes")
             must(slot % 64 < self.layout.block_len(block) and 1 <= abs(level) <= 255, "changes")
-            changed = clamp(values[slot] + level * quantum, 0, 255)
+            must(values[slot] != NO_VALUE or level > 0, "changes")
+            changed = moved(values[slot], level, quantum)
             must(changed != values[slot], "changes")
             now_values[slot] = changed
         self.values, self.present = now_values, now_present

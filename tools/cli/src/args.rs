@@ -83,6 +83,9 @@ pub(crate) struct PointArgs {
     /// Send a point again once its AO has changed by this many steps of 1/255
     #[arg(long, default_value_t = 8, value_name = "STEPS", value_parser = clap::value_parser!(u8).range(1..), help_heading = STREAM)]
     pub(crate) threshold: u8,
+    /// The same for points that no camera sees [default: 8 times the threshold, at most 64; in profile paper the threshold]
+    #[arg(long, value_name = "STEPS", value_parser = clap::value_parser!(u8).range(1..), help_heading = STREAM)]
+    pub(crate) unseen_threshold: Option<u8>,
     /// Seed of the points and their rays; the same seed gives the same bytes
     #[arg(long, default_value_t = 1, value_name = "S", help_heading = POINTS)]
     pub(crate) seed: u64,
@@ -95,10 +98,10 @@ pub(crate) struct PointArgs {
     /// Trace every point in every frame, even where nothing near it moved; changes no byte of the stream
     #[arg(long, help_heading = POINTS)]
     pub(crate) exhaustive: bool,
-    /// Radius of the kernel that blends points into the AO of a pixel (r in the paper's Eq. 2), in Poisson-disk radii of
-    /// the points
-    #[arg(long, default_value_t = 2.5, value_name = "RADII", help_heading = STREAM)]
-    pub(crate) kernel: f32,
+    /// Radius within which points count for the AO of a pixel, in Poisson-disk radii of the points [default: 2.8; 2.5 in
+    /// profile paper]
+    #[arg(long, value_name = "RADII", help_heading = STREAM)]
+    pub(crate) kernel: Option<f32>,
     /// Slots of the hash table for each expected cell, in profile paper
     #[arg(long, default_value_t = 4.0, value_name = "N", help_heading = STREAM)]
     pub(crate) slots_per_cell: f32,

@@ -89,6 +89,7 @@ pub(crate) fn settings(points: &PointArgs, scene: &Scene, frames_hint: u32) -> S
                 .with_seed(points.seed),
         )
         .with_threshold(points.threshold)
+        .with_unseen_threshold(points.unseen_threshold)
         .with_view_margin(points.view_margin)
         .with_table_slots(points.slots_per_cell)
         .with_kernel(points.kernel)

@@ -78,12 +78,14 @@ impl Surfaces for SceneView<'_> {
         let FrontHit { hit, at, back, t } = self.front_hit(origin, dir, tmax)?;
         let turned = |normal: Vec3| if back { -normal } else { normal };
         let rest = self.world.rest_surface(&hit);
+        let charts = self.world.scene().rest(&self.world.scene().instances()[hit.instance.index()]).charts();
+        let chart = if back { charts.back(hit.triangle) } else { charts.front(hit.triangle) };
         Some(Surface {
             t,
             position: at.position,
             normal: turned(at.normal),
             instance: hit.instance.0,
-            rest: rest.map(|rest| AtRest { position: rest.position, normal: turned(rest.normal) }),
+            rest: rest.map(|rest| AtRest { position: rest.position, normal: turned(rest.normal), chart }),
         })
     }
 }

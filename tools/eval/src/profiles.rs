@@ -14,8 +14,8 @@ use psao_reconstruct::reconstruct::{self, Reconstruction};
 use psao_reconstruct::{GBuffer, Size, cast_view};
 use psao_server::ao::{AoSettings, Scratch, Tracer};
 use psao_server::bvh::Bounds;
-use psao_server::points::{PlacedPoint, PointSettings, RayKey};
-use psao_server::scene::{InstanceId, PosedMesh, Scene};
+use psao_server::points::{PlacedPoint, PointSettings, RayKey, rest_points};
+use psao_server::scene::{InstanceId, Scene};
 use psao_server::server::{Server, ServerSettings};
 use psao_server::world::SceneBvh;
 use rayon::prelude::*;
@@ -53,7 +53,7 @@ impl Both {
         let values: Vec<Vec<u8>> =
             (0..).zip(&placed).map(|(instance, placed)| trace(&world, &ao, instance, placed)).collect();
         let cells = in_cells(&server, &world, &placed, &values);
-        let rest = at_rest(&server, &settings, &values);
+        let rest = at_rest(&server, &values);
         Self { world, ao, cells, rest }
     }
 
@@ -108,15 +108,10 @@ fn in_cells(server: &Server, world: &SceneBvh, placed: &[Vec<PlacedPoint>], valu
     state
 }
 
-fn at_rest(server: &Server, settings: &ServerSettings, values: &[Vec<u8>]) -> surface::State {
+fn at_rest(server: &Server, values: &[Vec<u8>]) -> surface::State {
     let scene = server.world().scene();
-    let sets = scene.rests().iter().zip(server.points().sets()).map(|(rest, set)| {
-        let posed = PosedMesh::at_rest(scene, rest);
-        let points = set.points().iter().map(|point| {
-            let PlacedPoint { position, normal, .. } = point.place_on(&posed);
-            surface::RestPoint { position: position.to_array(), normal: normal.to_array() }
-        });
-        let points: Vec<_> = points.collect();
+    let sets = (0..).zip(server.points().sets()).map(|(number, set)| {
+        let points = rest_points(scene, server.points(), number);
         let bounds = Bounds::around(points.iter().map(|point| point.position.into()));
         let step = set.radius() / 16.0;
         let layout = surface::SetLayout {
@@ -124,8 +119,9 @@ fn at_rest(server: &Server, settings: &ServerSettings, values: &[Vec<u8>]) -> su
             step,
             extent: (bounds.size() / step).to_array().map(|axis| axis as u32 + 1),
             normal_bits: 4,
+            charts: scene.rests()[number].charts().count(true),
             points: points.len() as u32,
-            kernel_radius: settings.kernel * set.radius(),
+            kernel_radius: 2.8 * set.radius(),
             digest: surface::GeometryDigest::default(),
         };
         surface::Geometry::round(layout, &points)

@@ -39,7 +39,7 @@ impl Surfaces for Hall {
             let t = -origin.dot(normal) / dir.dot(normal);
             let position = origin + dir * t;
             let inside = position.min_element() > -1e-3 && position.max_element() <= SIDE;
-            let rest = Some(AtRest { position, normal });
+            let rest = Some(AtRest { position, normal, chart: 0 });
             (t > 0.0 && t <= tmax && inside).then_some(Surface { t, position, normal, instance, rest })
         });
         hits.min_by(|a, b| a.t.total_cmp(&b.t))
@@ -122,15 +122,19 @@ fn at_rest(points: &[Vec<PointSample>; 3]) -> surface::State {
         step,
         extent: [4096; 3],
         normal_bits: 4,
+        charts: 1,
         points: wall.len() as u32,
-        kernel_radius: 2.0 * poisson_radius(),
+        kernel_radius: 2.8 * poisson_radius(),
         digest: surface::GeometryDigest::default(),
     });
     let members = [0, 1, 2].map(|set| surface::Member { set });
     let (mut geometry, mut values) = (Vec::new(), Vec::new());
     for (set, wall) in sets.into_iter().zip(points) {
-        let rest =
-            wall.iter().map(|sample| surface::RestPoint { position: sample.local, normal: sample.normal });
+        let rest = wall.iter().map(|sample| surface::RestPoint {
+            position: sample.local,
+            normal: sample.normal,
+            chart: 0,
+        });
         let rounded = surface::Geometry::round(set, &rest.collect::<Vec<_>>());
         geometry.push(Arc::new(rounded.geometry));
         values.extend(rounded.order.into_iter().map(|point| wall[point as usize].ao));

@@ -7,19 +7,32 @@ use psao_codec::surface;
 
 use crate::paper::{InstanceCells, NeighbourhoodCache};
 use crate::parallel;
-use crate::surface::{PointCache, SetIndices, arrived_ao};
+use crate::surface::{PointCache, SetIndices, Sheet, arrived_ao};
 
 /// Number of places in one chunk of [`AoSampler::ao_many`]. The places of a chunk share a cache of points.
 const PLACES_PER_CHUNK: usize = 1024;
 
-/// Blends points into the accessibility of places: vertices, texels of a light map, fragments of a renderer.
-///
-/// A place is a position in metres and a unit normal, in the space of the profile's points:
+/// A place of a surface, in the space of the profile's points:
 ///
 /// | profile | position and normal |
 /// |---|---|
 /// | `surface` | on the mesh at rest, before skinning, morphing and any transform: plain vertex attributes |
 /// | `paper` | in the instance's local space in its current pose. For an instance that only moves rigidly, that is the mesh at rest, too; for one that deforms, the deformed vertex before the instance's rigid transform |
+#[derive(Clone, Copy, Debug, PartialEq, Default)]
+pub struct Place {
+    /// Metres.
+    pub position: [f32; 3],
+    /// Unit normal.
+    pub normal: [f32; 3],
+    /// Number of the [chart](psao_codec::surface::Charts) of the place's triangle and side; profile `paper` has none and
+    /// ignores it.
+    pub chart: u32,
+}
+
+/// Blends points into the accessibility of places: vertices, texels of a light map, fragments of a renderer.
+///
+/// Profile `surface` fits an affine function to the points of the place's own chart (see [`Place`]). Profile `paper` takes the
+/// weighted mean of the paper, section 3.5.
 ///
 /// [`prepare`](Self::prepare) makes an index for each set of points of profile `surface`, once for each geometry.
 /// [`ao`](Self::ao) and [`ao_many`](Self::ao_many) then take `&self`, so any number of threads may call them. The
@@ -29,14 +42,14 @@ const PLACES_PER_CHUNK: usize = 1024;
 /// # use std::sync::Arc;
 /// # use psao_codec::Limits;
 /// # use psao_codec::surface::{Geometry, GeometryDigest, Layout, Member, RestPoint, RoundedGeometry, SetLayout, State};
-/// use psao_reconstruct::AoSampler;
+/// use psao_reconstruct::{AoSampler, Place};
 ///
 /// # let set = SetLayout {
-/// #     origin: [0.0; 3], step: 1.0 / 1024.0, extent: [1024; 3], normal_bits: 4, kernel_radius: 0.1,
+/// #     origin: [0.0; 3], step: 1.0 / 1024.0, extent: [1024; 3], normal_bits: 4, charts: 1, kernel_radius: 0.1,
 /// #     points: 0, digest: GeometryDigest::default(),
 /// # };
 /// # let points: Vec<_> = (0..16_u8)
-/// #     .map(|point| RestPoint { position: [(f32::from(point) + 0.5) / 16.0, 0.0, 0.0], normal: [0.0, 1.0, 0.0] })
+/// #     .map(|point| RestPoint { position: [(f32::from(point) + 0.5) / 16.0, 0.0, 0.0], normal: [0.0, 1.0, 0.0], chart: 0 })
 /// #     .collect();
 /// # let RoundedGeometry { geometry, order, .. } = Geometry::round(set, &points);
 /// # let values: Vec<u8> = order.iter().map(|&point| if point < 8 { 51 } else { 255 }).collect();
@@ -44,9 +57,10 @@ const PLACES_PER_CHUNK: usize = 1024;
 /// # let state = State::from_parts(Arc::new(layout), vec![Arc::new(geometry)], &values);
 /// let mut sampler = AoSampler::new();
 /// sampler.prepare(&state); // after every frame; cheap unless new geometry arrived
-/// let dark = sampler.ao(&state, 0, [0.1, 0.0, 0.0], [0.0, 1.0, 0.0]);
+/// let place = Place { position: [0.1, 0.0, 0.0], normal: [0.0, 1.0, 0.0], chart: 0 };
+/// let dark = sampler.ao(&state, 0, &place);
 /// assert!(dark.is_some_and(|ao| (ao - 0.2).abs() < 1e-6));
-/// assert_eq!(sampler.ao(&state, 0, [0.5, 9.0, 0.0], [0.0, 1.0, 0.0]), None, "no point is near");
+/// assert_eq!(sampler.ao(&state, 0, &Place { chart: 7, ..place }), None, "the chart has no points");
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone, Debug, Default)]
@@ -59,14 +73,10 @@ pub struct AoSampler {
 #[non_exhaustive]
 pub enum SampleError {
     /// The slices differ in length.
-    #[error(
-        "{positions} positions, {normals} normals and room for {out} values were given; give as many of each"
-    )]
+    #[error("{places} places and room for {out} values were given; give as many of each")]
     Lengths {
-        /// Number of positions.
-        positions: usize,
-        /// Number of normals.
-        normals: usize,
+        /// Number of places.
+        places: usize,
         /// Number of values that `out` has room for.
         out: usize,
     },
@@ -102,30 +112,28 @@ impl AoSampler {
 
     /// Returns the accessibility at a place of an instance, in `[0, 1]`; 1 is open.
     ///
-    /// It is the weighted mean of Eq. 4 over the points around the place. The function allocates nothing.
+    /// Profile `surface`: the value of a weighted affine fit over the points of the place's chart within the set's kernel
+    /// radius, or over the nearest six of the chart where fewer than three are within it. Profile `paper`: the weighted mean
+    /// of Eq. 4 over the points around the place. The function allocates nothing.
     ///
     /// It returns `None` when no point supports the place:
     ///
-    /// * No point has a weight above 0 there. Eq. 4 calls such a place open.
+    /// * The chart has no point with a value; in profile `paper`, no point has a weight above 0. Eq. 4 calls such a place
+    ///   open.
     /// * The points have yet to arrive, or their geometry arrived after the last [`prepare`](Self::prepare).
     /// * The stream lacks the instance.
     #[must_use]
-    pub fn ao<'a>(
-        &self,
-        state: impl Into<StateRef<'a>>,
-        instance: u32,
-        position: [f32; 3],
-        normal: [f32; 3],
-    ) -> Option<f32> {
-        let (position, normal) = (Vec3::from(position), Vec3::from(normal));
+    pub fn ao<'a>(&self, state: impl Into<StateRef<'a>>, instance: u32, place: &Place) -> Option<f32> {
+        let (position, normal) = place.vectors();
         match state.into() {
             StateRef::Surface(state) => {
                 let index = self.indices.of(state, instance)?;
-                index.blend_one(&arrived_ao(state), instance, &index.query(position, normal)).mean()
+                let sheet = Sheet { instance, chart: place.chart };
+                index.fit_one(&arrived_ao(state), sheet, position, normal).ao
             }
             StateRef::Paper(state) => {
                 let cells = InstanceCells::of(state, instance)?;
-                cells.blend_one(state, &cells.query(position, normal)).mean()
+                cells.blend_one(state, &cells.query(position, normal)).ao
             }
         }
     }
@@ -137,24 +145,21 @@ impl AoSampler {
     ///
     /// # Errors
     ///
-    /// [`SampleError`] when the three slices differ in length, or the stream does not have the instance. `out` is then
+    /// [`SampleError`] when the slices differ in length, or the stream does not have the instance. `out` is then
     /// unchanged.
     pub fn ao_many<'a>(
         &self,
         state: impl Into<StateRef<'a>>,
         instance: u32,
-        positions: &[[f32; 3]],
-        normals: &[[f32; 3]],
+        places: &[Place],
         out: &mut [Option<f32>],
     ) -> Result<(), SampleError> {
-        if positions.len() != out.len() || normals.len() != out.len() {
-            let [positions, normals] = [positions, normals].map(<[_]>::len);
-            return Err(SampleError::Lengths { positions, normals, out: out.len() });
+        if places.len() != out.len() {
+            return Err(SampleError::Lengths { places: places.len(), out: out.len() });
         }
-        let queries = Queries { positions, normals };
         match state.into() {
-            StateRef::Surface(state) => self.many_at_rest(state, instance, &queries, out),
-            StateRef::Paper(state) => many_in_cells(state, instance, &queries, out),
+            StateRef::Surface(state) => self.many_at_rest(state, instance, places, out),
+            StateRef::Paper(state) => many_in_cells(state, instance, places, out),
         }
     }
 
@@ -168,7 +173,7 @@ impl AoSampler {
         &self,
         state: &surface::State,
         instance: u32,
-        queries: &Queries<'_>,
+        places: &[Place],
         out: &mut [Option<f32>],
     ) -> Result<(), SampleError> {
         let instances = state.layout().members().len();
@@ -180,8 +185,10 @@ impl AoSampler {
         let ao = arrived_ao(state);
         parallel::chunks(out, PLACES_PER_CHUNK, |chunk, out| {
             let mut near = PointCache::new();
-            for ((position, normal), out) in queries.from(chunk * PLACES_PER_CHUNK).zip(out) {
-                *out = index.blend_near(&ao, &mut near, instance, &index.query(position, normal)).mean();
+            for (place, out) in places[chunk * PLACES_PER_CHUNK..].iter().zip(out) {
+                let (position, normal) = place.vectors();
+                let sheet = Sheet { instance, chart: place.chart };
+                *out = index.fit_near(&ao, &mut near, sheet, position, normal).ao;
             }
         });
         Ok(())
@@ -191,7 +198,7 @@ impl AoSampler {
 fn many_in_cells(
     state: &paper::State,
     instance: u32,
-    queries: &Queries<'_>,
+    places: &[Place],
     out: &mut [Option<f32>],
 ) -> Result<(), SampleError> {
     let instances = state.layout().instances().len();
@@ -200,8 +207,9 @@ fn many_in_cells(
     };
     parallel::chunks(out, PLACES_PER_CHUNK, |chunk, out| {
         let mut near = NeighbourhoodCache::new();
-        for ((position, normal), out) in queries.from(chunk * PLACES_PER_CHUNK).zip(out) {
-            *out = cells.blend_near(state, &mut near, &cells.query(position, normal)).mean();
+        for (place, out) in places[chunk * PLACES_PER_CHUNK..].iter().zip(out) {
+            let (position, normal) = place.vectors();
+            *out = cells.blend_near(state, &mut near, &cells.query(position, normal)).ao;
         }
     });
     Ok(())
@@ -211,17 +219,10 @@ fn check_instance(instance: u32, instances: usize) -> Result<(), SampleError> {
     if (instance as usize) < instances { Ok(()) } else { Err(SampleError::Instance { instance, instances }) }
 }
 
-/// Positions and normals of places; both slices have the same length.
-struct Queries<'a> {
-    positions: &'a [[f32; 3]],
-    normals: &'a [[f32; 3]],
-}
-
-impl Queries<'_> {
-    /// Returns the places from number `first` on.
-    fn from(&self, first: usize) -> impl Iterator<Item = (Vec3, Vec3)> {
-        let positions = self.positions[first..].iter().map(|&position| Vec3::from(position));
-        positions.zip(self.normals[first..].iter().map(|&normal| Vec3::from(normal)))
+impl Place {
+    /// Returns position and normal.
+    fn vectors(&self) -> (Vec3, Vec3) {
+        (self.position.into(), self.normal.into())
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use glam::{DVec3, Vec3};
+use glam::{DMat2, DVec2, DVec3, Vec3};
 use proptest::prelude::*;
 use psao_codec::Limits;
 use psao_codec::block::BlockCoder;
@@ -75,6 +75,7 @@ pub(crate) fn surface_state(
             step: 1.0 / 1024.0,
             extent: [2048; 3],
             normal_bits: 4,
+            charts: 4,
             points: u32::try_from(points.len()).unwrap(),
             kernel_radius,
             digest: GeometryDigest::default(),
@@ -96,13 +97,20 @@ pub(crate) fn surface_state(
 }
 
 fn round(layout: SetLayout, points: &Points) -> RoundedGeometry {
-    let rest = points
-        .iter()
-        .map(|(position, normal)| RestPoint { position: position.to_array(), normal: normal.to_array() });
+    let rest = points.iter().map(|(position, normal)| RestPoint {
+        position: position.to_array(),
+        normal: normal.to_array(),
+        chart: chart_of(*normal),
+    });
     Geometry::round(layout, &rest.collect::<Vec<_>>())
 }
 
-/// The result of Eq. 2 to 4 at a place.
+/// Returns the chart that test points and places of a normal have.
+pub(crate) fn chart_of(normal: Vec3) -> u32 {
+    u32::from(normal.x > 0.0) + 2 * u32::from(normal.y > 0.0)
+}
+
+/// The value at a place, computed in f64.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Reference {
     pub(crate) ao: f64,
@@ -153,6 +161,63 @@ pub(crate) fn reference(
         found.ao = weighted / sum;
     }
     found
+}
+
+/// Computes the fit of profile `surface` as the specification of the client writes it, in f64. `points` are positions,
+/// normals and accessibilities of the place's chart.
+pub(crate) fn fit_reference(
+    points: impl IntoIterator<Item = (DVec3, DVec3, f64)>,
+    (place, normal): (DVec3, DVec3),
+    r: f64,
+) -> Reference {
+    let mut points: Vec<_> = points.into_iter().map(|(p, n, ao)| ((p - place).length(), p, n, ao)).collect();
+    let counts = |point: &&(f64, DVec3, DVec3, f64)| point.0 < r && point.2.dot(normal) > 0.5;
+    let near_criterion = |point: &(f64, DVec3, DVec3, f64)| {
+        (point.0 / r - 1.0).abs() < 1e-4 || point.0 < 1.0001 * r && (point.2.dot(normal) - 0.5).abs() < 1e-4
+    };
+    let mut near_threshold = points.iter().any(near_criterion);
+    let counted: Vec<_> = points.iter().filter(counts).copied().collect();
+    if counted.len() >= 3 {
+        let ao = affine_value(&counted, place, normal, r);
+        return Reference { ao, blended: counted.len() as u64, near_threshold };
+    }
+    points.sort_by(|a, b| a.0.total_cmp(&b.0));
+    // Of two points that are nearly as far, either may be the sixth.
+    near_threshold |= points.len() > 6 && points[6].0 - points[5].0 < 1e-4 * points[6].0;
+    points.truncate(6);
+    match points.last() {
+        None => Reference { ao: 1.0, blended: 0, near_threshold },
+        Some(farthest) => {
+            let r = r.max(1.25 * farthest.0);
+            Reference {
+                ao: affine_value(&points, place, normal, r),
+                blended: points.len() as u64,
+                near_threshold,
+            }
+        }
+    }
+}
+
+/// Returns the value at a place of the affine function with the least weighted square error over points: distance,
+/// position, normal and accessibility.
+fn affine_value(points: &[(f64, DVec3, DVec3, f64)], place: DVec3, normal: DVec3, r: f64) -> f64 {
+    let [t, b] = crate::kernel::tangent_frame(normal.as_vec3()).map(Vec3::as_dvec3);
+    let weighted: Vec<(f64, DVec2, f64)> = points
+        .iter()
+        .map(|(d, p, _, ao)| ((1.0 - d / r).powi(2), DVec2::new((p - place).dot(t), (p - place).dot(b)), *ao))
+        .collect();
+    let sum: f64 = weighted.iter().map(|point| point.0).sum();
+    let m = weighted.iter().map(|(w, o, _)| *o * (w / sum)).sum::<DVec2>();
+    let mut c = DMat2::from_diagonal(DVec2::splat(0.02 * r * r));
+    for (w, o, _) in &weighted {
+        c += DMat2::from_cols((*o - m) * (o.x - m.x), (*o - m) * (o.y - m.y)) * (w / sum);
+    }
+    let g = c.inverse() * m;
+    let value: f64 = weighted.iter().map(|(w, o, ao)| w / sum * ao * (1.0 - g.dot(*o - m))).sum();
+    let low = weighted.iter().map(|point| point.2).fold(1.0, f64::min);
+    let high = weighted.iter().map(|point| point.2).fold(0.0, f64::max);
+    let half = (high - low) / 2.0;
+    value.clamp(low - half, high + half).clamp(0.0, 1.0)
 }
 
 pub(crate) fn unit() -> impl Strategy<Value = Vec3> {

@@ -29,6 +29,7 @@ pub(super) fn read(state: &State, block: Block<'_>) -> Result<Changes, Reference
         let (block, place) = (padded / BLOCK_POINTS, padded % BLOCK_POINTS);
         rule(state.present[block] && place < blocks_info[block].points)?;
         rule(level.abs() <= 255 && changes.byte(state, padded) != state.values[padded])?;
+        rule(state.values[padded] != 0 || *level > 0)?;
     }
     Ok(changes)
 }
@@ -75,7 +76,12 @@ impl Changes {
 
     /// Returns the byte of a point after the frame.
     fn byte(&self, state: &State, padded: usize) -> u8 {
-        (i32::from(state.values[padded]) + self.levels[padded] * self.quantum).clamp(0, 255) as u8
+        match (state.values[padded], self.levels[padded]) {
+            (value, 0) => value,
+            (_, -255) => 0,
+            (0, level) => (1 + (level - 1) * self.quantum).clamp(1, 255) as u8,
+            (value, level) => (i32::from(value) + level * self.quantum).clamp(1, 255) as u8,
+        }
     }
 
     /// Returns the length of the plain layout in bytes.

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use super::BlockInfo;
 use crate::envelope::FrameKind;
-use crate::surface::{BLOCK_POINTS, EncoderSettings, Layout};
+use crate::surface::{BLOCK_POINTS, EncoderSettings, Layout, NO_VALUE};
 
 /// Decides as [`crate::surface::Encoder`] does. It writes nothing and keeps no lists of due points.
 #[derive(Debug, Clone)]
@@ -45,6 +45,7 @@ impl SurfaceReferenceEncoder {
 
     fn is_due(&self, point: usize) -> bool {
         match (self.held[point], self.latest[point]) {
+            (Some(held), Some(latest)) if held == NO_VALUE || latest == NO_VALUE => held != latest,
             (Some(held), Some(latest)) => held.abs_diff(latest) >= self.settings.threshold,
             (None, Some(_)) => true,
             (_, None) => false,
@@ -78,7 +79,11 @@ impl SurfaceReferenceEncoder {
     #[must_use]
     pub fn priority(&self, point: u32) -> u64 {
         let at = point as usize;
-        let difference = self.held[at].zip(self.latest[at]).map_or(0, |(held, latest)| held.abs_diff(latest));
+        let difference = match (self.held[at], self.latest[at]) {
+            (Some(held), Some(latest)) if held != latest && (held == NO_VALUE || latest == NO_VALUE) => 255,
+            (Some(held), Some(latest)) => held.abs_diff(latest),
+            _ => 0,
+        };
         u64::from(difference) * self.weights[at] * (self.waited[at] + 1)
     }
 
@@ -115,14 +120,22 @@ impl SurfaceReferenceEncoder {
         }
     }
 
-    /// Returns the byte after a change: of the bytes that a change can reach, except the one held, the nearest to the
+    /// Returns the byte after a change. Where a value comes or goes that is all or nothing; otherwise it is, of the bytes that a change can reach, except the one held, the nearest to the
     /// byte set. Of two, the one further away.
     fn moved(&self, held: u8, latest: u8) -> u8 {
         let quantum = usize::from(self.settings.quantum());
+        if latest == NO_VALUE {
+            return NO_VALUE;
+        }
+        if held == NO_VALUE {
+            let reached = (0..256).map(|steps| 1 + steps * quantum);
+            let nearest = reached.rev().min_by_key(|byte| byte.abs_diff(latest.into()));
+            return nearest.map_or(latest, |byte| byte.min(255) as u8);
+        }
         let away = usize::from(held.abs_diff(latest));
         let steps = (1..=256).rev().min_by_key(|steps| away.abs_diff(steps * quantum)).unwrap_or(1);
         let step = (steps * quantum).min(255) as u8;
-        if latest < held { held.saturating_sub(step) } else { held.saturating_add(step) }
+        if latest < held { held.saturating_sub(step).max(1) } else { held.saturating_add(step) }
     }
 
     /// Returns the byte of a point that clients hold; `None` if none was received.

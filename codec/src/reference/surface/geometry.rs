@@ -8,8 +8,8 @@ use super::{Block, ByteReader, ReferenceError, rule};
 use crate::surface::{Geometry, SetLayout, State};
 use crate::wire::words;
 
-/// A node of a set's lattice and a normal's code.
-pub(super) type Point = ([u32; 3], u16);
+/// A node of a set's lattice, a normal's code and a chart.
+pub(super) type Point = ([u32; 3], u16, u32);
 
 /// Reads a GEOMETRY section into `next`.
 pub(super) fn read(
@@ -25,7 +25,7 @@ pub(super) fn read(
             set += i64::from(models.numbers.code_signed(&mut decoder, 0));
             let layout = announce(next, set, &mut left)?;
             let points = models.points(&mut decoder, &layout).ok_or(ReferenceError::Rule)?;
-            plain_bytes += 4 + 11 * points.len();
+            plain_bytes += 4 + 14 * points.len();
             arrive(next, set, layout, points)?;
             set += 1;
         }
@@ -37,7 +37,7 @@ pub(super) fn read(
             let [set] = words(bytes.take(4)?);
             let layout = announce(next, set.into(), &mut left)?;
             let points = read_plain(&mut bytes, &layout)?;
-            rule(points.is_sorted_by_key(|(coord, normal)| (place(*coord, 21), *normal)))?;
+            rule(points.is_sorted_by_key(|(coord, normal, chart)| (place(*coord, 21), *normal, *chart)))?;
             arrive(next, set.into(), layout, points)?;
         }
     }
@@ -59,20 +59,22 @@ fn arrive(
     layout: SetLayout,
     mut points: Vec<Point>,
 ) -> Result<(), ReferenceError> {
-    points.sort_by_key(|(coord, normal)| (place(*coord, 21), *normal));
-    let (coords, normals) = points.into_iter().unzip();
-    let geometry = Geometry { layout, coords, normals };
+    points.sort_by_key(|(coord, normal, chart)| (place(*coord, 21), *normal, *chart));
+    let coords = points.iter().map(|point| point.0).collect();
+    let normals = points.iter().map(|point| point.1).collect();
+    let charts = points.iter().map(|point| point.2).collect();
+    let geometry = Geometry { layout, coords, normals, charts };
     rule(geometry.digest() == layout.digest)?;
     next.received.set(set as usize, true);
     next.geometry[set as usize] = Some(Arc::new(geometry));
     Ok(())
 }
 
-/// Reads one set of the plain layout: nine planes of coordinates, two of normals.
+/// Reads one set of the plain layout: nine planes of coordinates, two of normals, three of charts.
 fn read_plain(bytes: &mut ByteReader<'_>, layout: &SetLayout) -> Result<Vec<Point>, ReferenceError> {
     let count = layout.points as usize;
     let mut planes = Vec::new();
-    for _ in 0..11 {
+    for _ in 0..14 {
         planes.push(bytes.take(count)?);
     }
     let number = |planes: &[&[u8]], point: usize| {
@@ -80,14 +82,16 @@ fn read_plain(bytes: &mut ByteReader<'_>, layout: &SetLayout) -> Result<Vec<Poin
     };
     let mut points: Vec<Point> = Vec::new();
     for point in 0..count {
-        let before = points.last().map_or([0; 3], |(coord, _)| *coord);
+        let (before, _, chart_before) = points.last().copied().unwrap_or_default();
         let coord: [u32; 3] = std::array::from_fn(|axis| {
             (before[axis] + number(&planes[3 * axis..3 * axis + 3], point)) % (1 << 24)
         });
         let normal = number(&planes[9..11], point);
         rule((0..3).all(|axis| coord[axis] <= layout.extent[axis]))?;
         rule(normal < 1 << (2 * layout.normal_bits))?;
-        points.push((coord, normal as u16));
+        let chart = (chart_before + number(&planes[11..14], point)) % (1 << 24);
+        rule(chart < layout.charts)?;
+        points.push((coord, normal as u16, chart));
     }
     Ok(points)
 }

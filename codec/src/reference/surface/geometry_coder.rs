@@ -16,6 +16,7 @@ enum Question {
     Above,
     SameAsFirst,
     SameAsSecond,
+    ExpectedChart,
 }
 
 /// What the range coder learns of the points of one frame.
@@ -25,6 +26,9 @@ pub(super) struct GeometryDecoder {
     turn: [NumberModel; 2],
     /// Whether the last point's normal was the one expected.
     was_same: bool,
+    jump: NumberModel,
+    /// Whether the last point's chart was the one expected.
+    was_alike: bool,
 }
 
 /// A decoded point and its normal, not of unit length.
@@ -32,6 +36,10 @@ struct DecodedPoint {
     point: Point,
     direction: [i64; 3],
 }
+
+/// The code of a normal, its source (0 first candidate, 1 second, 2 none), and the class of the misfit and the chart of the
+/// candidate whose chart is expected.
+type FoundNormal = (u16, usize, Option<(usize, u32)>);
 
 /// A box of the lattice: its lowest node, and the logarithms of its edges.
 #[derive(Clone, Copy)]
@@ -43,7 +51,14 @@ struct Cuboid {
 impl GeometryDecoder {
     pub(super) fn new() -> GeometryDecoder {
         let turn = [NumberModel::new(), NumberModel::new()];
-        GeometryDecoder { numbers: NumberModel::new(), models: BTreeMap::new(), turn, was_same: true }
+        GeometryDecoder {
+            numbers: NumberModel::new(),
+            models: BTreeMap::new(),
+            turn,
+            was_same: true,
+            jump: NumberModel::new(),
+            was_alike: true,
+        }
     }
 
     fn ask(&mut self, decoder: &mut RangeDecoder<'_>, question: Question, context: [usize; 3]) -> bool {
@@ -148,7 +163,9 @@ impl GeometryDecoder {
         if !inside {
             return None;
         }
-        Some((coord, self.normal(decoder, set, &coord, window)?))
+        let (normal, source, expected) = self.normal(decoder, set, &coord, window)?;
+        let chart = self.chart(decoder, set, source, expected)?;
+        Some((coord, normal, chart))
     }
 
     fn normal(
@@ -157,39 +174,61 @@ impl GeometryDecoder {
         set: &SetLayout,
         coord: &[u32; 3],
         window: &[DecodedPoint],
-    ) -> Option<u16> {
+    ) -> Option<FoundNormal> {
         // The best first; among equals the last one decoded.
-        let mut candidates: Vec<(u64, u64, u16)> = window
+        let mut candidates: Vec<(u64, u64, u16, u32)> = window
             .iter()
             .rev()
             .map(|found| {
                 let plane_distance = found.plane_distance(coord);
                 let cost = distance(&found.point.0, &coord.map(i64::from)) + 4 * plane_distance;
-                (cost, plane_distance, found.point.1)
+                (cost, plane_distance, found.point.1, found.point.2)
             })
             .collect();
         candidates.sort_by_key(|candidate| candidate.0);
         let first = candidates.first().copied();
         let second = first.and_then(|first| candidates.iter().find(|other| other.2 != first.2).copied());
         let class = |plane_distance: u64| significant(plane_distance).min(3);
-        if let Some((_, plane_distance, normal)) = first {
+        let expected = |of: Option<(u64, u64, u16, u32)>| of.map(|of| (class(of.1), of.3));
+        if let Some((_, plane_distance, normal, _)) = first {
             let context = [usize::from(self.was_same), class(plane_distance), 0];
             self.was_same = self.ask(decoder, Question::SameAsFirst, context);
             if self.was_same {
-                return Some(normal);
+                return Some((normal, 0, expected(first)));
             }
         }
-        if let Some((_, plane_distance, normal)) = second
+        if let Some((_, plane_distance, normal, _)) = second
             && self.ask(decoder, Question::SameAsSecond, [class(plane_distance), 0, 0])
         {
-            return Some(normal);
+            return Some((normal, 1, expected(second)));
         }
         let levels = 1 << set.normal_bits;
         let base = first.map_or(0, |first| i64::from(first.2));
         let u = base % levels + i64::from(self.turn[0].code_signed(decoder, 0));
         let v = base / levels + i64::from(self.turn[1].code_signed(decoder, 0));
         let sound = (0..levels).contains(&u) && (0..levels).contains(&v);
-        sound.then_some((u + v * levels) as u16)
+        sound.then_some(((u + v * levels) as u16, 2, expected(first)))
+    }
+
+    /// Reads a chart. `expected` is the class of the misfit of a candidate, and its chart.
+    fn chart(
+        &mut self,
+        decoder: &mut RangeDecoder<'_>,
+        set: &SetLayout,
+        source: usize,
+        expected: Option<(usize, u32)>,
+    ) -> Option<u32> {
+        if set.charts == 1 {
+            return Some(0);
+        }
+        let (class, guess) = expected.unwrap_or_default();
+        let context = [source, class, usize::from(self.was_alike)];
+        self.was_alike = self.ask(decoder, Question::ExpectedChart, context);
+        if self.was_alike {
+            return Some(guess);
+        }
+        let chart = i64::from(guess) + i64::from(self.jump.code_signed(decoder, 0));
+        (0..i64::from(set.charts)).contains(&chart).then_some(chart as u32)
     }
 }
 

@@ -1,10 +1,10 @@
 //! Model of geometry for the range coder. It halves a box again and again and codes how many points are in the lower
 //! half (P.-M. Gandoin and O. Devillers, "Progressive lossless compression of arbitrary simplicial complexes", 2002).
 //! So the order of the points costs no bits. A point alone in its box is predicted to lie in the plane of a point near
-//! it, and to have its normal.
+//! it, and to have its normal and its chart.
 
 use crate::range::{BinaryCoder, BitModel, NumberModel};
-use crate::surface::geometry::Geometry;
+use crate::surface::geometry::{CodedPoint, Geometry};
 use crate::surface::{GeometrySectionError, SetLayout};
 
 /// Size of the window: the points coded last, from which the next one is predicted.
@@ -25,8 +25,14 @@ pub(crate) struct GeometryModel {
     same: [Vec<BitModel>; 2],
     /// Differences of other normals.
     turn: [NumberModel; 2],
+    /// By origin of the normal, misfit and `was_alike`: whether the chart is the expected one.
+    chart: Vec<BitModel>,
+    /// Differences of other charts.
+    jump: NumberModel,
     recent: Vec<Point>,
     was_same: bool,
+    /// Whether the last chart was the expected one.
+    was_alike: bool,
 }
 
 /// A coded point.
@@ -34,8 +40,33 @@ pub(crate) struct GeometryModel {
 struct Point {
     coord: [u32; 3],
     normal: u16,
+    chart: u32,
     /// Its normal in whole numbers, not of unit length.
     direction: [i64; 3],
+}
+
+/// A point of the window that fits a place.
+#[derive(Debug, Clone, Copy)]
+struct Candidate {
+    normal: u16,
+    chart: u32,
+    /// Distance of the place from the point's plane, in nodes.
+    misfit: u64,
+}
+
+impl Candidate {
+    /// Returns the class of the misfit, of four.
+    fn class(&self) -> usize {
+        (64 - self.misfit.leading_zeros()).min(3) as usize
+    }
+}
+
+/// Origin of a normal's code.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum NormalOrigin {
+    First,
+    Second,
+    Own,
 }
 
 /// A box of the lattice. `size[axis]` is the logarithm of its edge.
@@ -65,8 +96,11 @@ impl GeometryModel {
             plane: vec![half; 17 * 8],
             same: [vec![BitModel::new(1 << 15); 2 * 4], vec![half; 4]],
             turn: [NumberModel::new(), NumberModel::new()],
+            chart: vec![half; 3 * 4 * 2],
+            jump: NumberModel::new(),
             recent: Vec::with_capacity(WINDOW_POINTS),
             was_same: true,
+            was_alike: true,
         }
     }
 
@@ -110,7 +144,7 @@ impl GeometryModel {
         &mut self,
         coder: &mut B,
         cuboid: &Cuboid,
-        list: &[([u32; 3], u16)],
+        list: &[CodedPoint],
     ) -> Result<(Cuboid, Cuboid), GeometrySectionError> {
         let axis = cuboid.axis();
         let mut lower = *cuboid;
@@ -118,7 +152,7 @@ impl GeometryModel {
         let mut upper = lower;
         upper.low[axis] += 1 << lower.size[axis];
         let points = list.get(cuboid.first..cuboid.first + cuboid.count).unwrap_or_default();
-        let source = points.partition_point(|(coord, _)| coord[axis] < upper.low[axis]);
+        let source = points.partition_point(|point| point.coord[axis] < upper.low[axis]);
         lower.count = self.lower_count(coder, cuboid, axis, source)?;
         upper.count = cuboid.count - lower.count;
         upper.first = cuboid.first + lower.count;
@@ -167,28 +201,31 @@ impl GeometryModel {
         coder: &mut B,
         layout: &SetLayout,
         cuboid: &Cuboid,
-        source: Option<([u32; 3], u16)>,
-    ) -> Result<([u32; 3], u16), GeometrySectionError> {
-        let (source_coord, source_normal) = source.unwrap_or_default();
+        source: Option<CodedPoint>,
+    ) -> Result<CodedPoint, GeometrySectionError> {
+        let source = source.unwrap_or_default();
         let Cuboid { low, size, .. } = *cuboid;
         let centre: [i64; 3] = std::array::from_fn(|a| i64::from(low[a]) + (1_i64 << size[a]) / 2);
         let near = self.recent.iter().copied().min_by_key(|point| distance(&point.coord, &centre));
         let steep = near.map_or(0, |point| steepest(&point.direction));
         let mut coord = low;
         for axis in [(steep + 1) % 3, (steep + 2) % 3] {
-            coord[axis] += coder.plain(size[axis], source_coord[axis].wrapping_sub(low[axis]));
+            coord[axis] += coder.plain(size[axis], source.coord[axis].wrapping_sub(low[axis]));
         }
         let plane = near.map_or(centre[steep], |point| point.plane_at(steep, &coord));
-        coord[steep] = self.height(coder, low[steep], size[steep], plane, source_coord[steep]);
+        coord[steep] = self.height(coder, low[steep], size[steep], plane, source.coord[steep]);
         if (0..3).any(|axis| coord[axis] > layout.extent[axis]) {
             return Err(GeometrySectionError::Outside { coord });
         }
-        let normal = self.normal(coder, layout, &coord, source_normal)?;
+        let candidates = self.candidates(&coord);
+        let (normal, origin) = self.normal(coder, layout, candidates, source.normal)?;
+        let expected = candidates[usize::from(origin == NormalOrigin::Second)];
+        let chart = self.chart(coder, layout, origin, expected, source.chart)?;
         if self.recent.len() == WINDOW_POINTS {
             self.recent.remove(0);
         }
-        self.recent.push(Point { coord, normal, direction: direction(layout.normal_bits, normal) });
-        Ok((coord, normal))
+        self.recent.push(Point { coord, normal, chart, direction: direction(layout.normal_bits, normal) });
+        Ok(CodedPoint { coord, normal, chart })
     }
 
     /// Codes one coordinate in `low .. low + 2^size`, which is probably near `plane`.
@@ -212,31 +249,29 @@ impl GeometryModel {
         &mut self,
         coder: &mut B,
         layout: &SetLayout,
-        coord: &[u32; 3],
+        [first, second]: [Option<Candidate>; 2],
         source: u16,
-    ) -> Result<u16, GeometrySectionError> {
-        let [first, second] = self.candidates(coord);
+    ) -> Result<(u16, NormalOrigin), GeometrySectionError> {
         let same = |coder: &mut B, model: &mut BitModel, candidate: u16| {
             let is = coder.bit(model.one(), source == candidate);
             model.learn(is);
             is
         };
-        if let Some((candidate, plane_distance)) = first {
-            let at = usize::from(self.was_same) * 4 + (64 - plane_distance.leading_zeros()).min(3) as usize;
-            self.was_same = same(coder, &mut self.same[0][at], candidate);
+        if let Some(candidate) = first {
+            let at = usize::from(self.was_same) * 4 + candidate.class();
+            self.was_same = same(coder, &mut self.same[0][at], candidate.normal);
             if self.was_same {
-                return Ok(candidate);
+                return Ok((candidate.normal, NormalOrigin::First));
             }
         }
-        if let Some((candidate, plane_distance)) = second {
-            let at = (64 - plane_distance.leading_zeros()).min(3) as usize;
-            if same(coder, &mut self.same[1][at], candidate) {
-                return Ok(candidate);
-            }
+        if let Some(candidate) = second
+            && same(coder, &mut self.same[1][candidate.class()], candidate.normal)
+        {
+            return Ok((candidate.normal, NormalOrigin::Second));
         }
         let width = u32::from(layout.normal_bits);
         let mask = (1 << width) - 1;
-        let base = first.map_or(0, |(candidate, _)| candidate);
+        let base = first.map_or(0, |candidate| candidate.normal);
         let mut axes = [0_i32; 2];
         for (axis, shift) in [(0, 0), (1, width)] {
             let from = i32::from(base >> shift & mask);
@@ -246,26 +281,54 @@ impl GeometryModel {
         if axes.iter().any(|axis| !(0..=i32::from(mask)).contains(axis)) {
             return Err(GeometrySectionError::Normal { axes });
         }
-        Ok((axes[0] | axes[1] << width) as u16)
+        Ok(((axes[0] | axes[1] << width) as u16, NormalOrigin::Own))
     }
 
-    /// Returns the normals of the two points, with different normals, that fit a place best: near it, and with it in
-    /// their plane. The second number is the distance of the place from the plane, in nodes.
-    fn candidates(&self, coord: &[u32; 3]) -> [Option<(u16, u64)>; 2] {
+    /// Codes the chart of a point; `expected` is the window point whose chart it probably has.
+    fn chart<B: BinaryCoder>(
+        &mut self,
+        coder: &mut B,
+        layout: &SetLayout,
+        origin: NormalOrigin,
+        expected: Option<Candidate>,
+        source: u32,
+    ) -> Result<u32, GeometrySectionError> {
+        if layout.charts == 1 {
+            return Ok(0);
+        }
+        let guess = expected.map_or(0, |candidate| candidate.chart);
+        let class = expected.map_or(0, |candidate| candidate.class());
+        let model = &mut self.chart[(origin as usize * 4 + class) * 2 + usize::from(self.was_alike)];
+        self.was_alike = coder.bit(model.one(), source == guess);
+        model.learn(self.was_alike);
+        if self.was_alike {
+            return Ok(guess);
+        }
+        let chart =
+            guess.wrapping_add_signed(self.jump.code_signed(coder, source.wrapping_sub(guess) as i32));
+        if chart < layout.charts {
+            Ok(chart)
+        } else {
+            Err(GeometrySectionError::Chart { chart, charts: layout.charts })
+        }
+    }
+
+    /// Returns the two points, with different normals, that fit a place best: near it, and with it in their plane.
+    fn candidates(&self, coord: &[u32; 3]) -> [Option<Candidate>; 2] {
         let at = coord.map(i64::from);
         let cost = |point: &Point| {
             let axis = steepest(&point.direction);
-            let plane_distance = (point.plane_at(axis, coord) - at[axis]).unsigned_abs();
-            (distance(&point.coord, &at).saturating_add(plane_distance.saturating_mul(4)), plane_distance)
+            let misfit = (point.plane_at(axis, coord) - at[axis]).unsigned_abs();
+            let candidate = Candidate { normal: point.normal, chart: point.chart, misfit };
+            (distance(&point.coord, &at).saturating_add(misfit.saturating_mul(4)), candidate)
         };
         // The last one coded wins among equals.
         let best = |left_out: Option<u16>| {
             let points = self.recent.iter().rev().filter(|point| Some(point.normal) != left_out);
-            points.map(|point| (cost(point), point.normal)).min_by_key(|((cost, _), _)| *cost)
+            points.map(cost).min_by_key(|(cost, _)| *cost).map(|(_, candidate)| candidate)
         };
         let first = best(None);
-        let second = first.and_then(|(_, normal)| best(Some(normal)));
-        [first, second].map(|found| found.map(|((_, plane_distance), normal)| (normal, plane_distance)))
+        [first, first.and_then(|first| best(Some(first.normal)))]
     }
 }
 
@@ -306,7 +369,7 @@ fn direction(bits: u8, code: u16) -> [i64; 3] {
 }
 
 /// Returns the points in the order in which they become alone in their boxes.
-fn in_cutting_order(geometry: &Geometry, size: [u32; 3]) -> Vec<([u32; 3], u16)> {
+fn in_cutting_order(geometry: &Geometry, size: [u32; 3]) -> Vec<CodedPoint> {
     let key = |coord: &[u32; 3]| {
         let mut key = 0_u64;
         let mut cuboid = Cuboid { low: [0; 3], size, count: 0, first: 0 };
@@ -317,8 +380,9 @@ fn in_cutting_order(geometry: &Geometry, size: [u32; 3]) -> Vec<([u32; 3], u16)>
         }
         key
     };
-    let points = geometry.coords.iter().zip(&geometry.normals);
-    let mut keyed: Vec<_> = points.map(|(coord, normal)| (key(coord), *normal, *coord)).collect();
+    let points = geometry.coords.iter().zip(&geometry.normals).zip(&geometry.charts);
+    let mut keyed: Vec<_> =
+        points.map(|((coord, normal), chart)| (key(coord), *normal, *chart, *coord)).collect();
     keyed.sort_unstable();
-    keyed.into_iter().map(|(_, normal, coord)| (coord, normal)).collect()
+    keyed.into_iter().map(|(_, normal, chart, coord)| CodedPoint { coord, normal, chart }).collect()
 }

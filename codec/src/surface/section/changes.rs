@@ -1,7 +1,7 @@
 //! CHANGES sections: which points a frame changes, and by how much.
 //!
-//! A change is a number of *quanta*. The client adds `level * quantum` to its AO byte and keeps the result within 0 to
-//! 255. The plain layout is
+//! A change is a number of *quanta*. The client adds `level * quantum` to its AO byte and keeps the result within 1 to
+//! 255; [`REMOVAL`] leaves the point without a value. The plain layout is
 //!
 //! | bytes | field |
 //! |---|---|
@@ -12,7 +12,7 @@
 
 use super::point_mask::PointMask;
 use crate::memory;
-use crate::surface::PaddedIndex;
+use crate::surface::{NO_VALUE, PaddedIndex};
 use crate::wire::{Reader, WireError, WireErrorKind, write_varint};
 
 /// The changes of one frame, in the order of the points.
@@ -28,6 +28,20 @@ pub(crate) struct Changes {
 
 /// Largest absolute level: with a quantum of 1, from one end of the range to the other.
 pub(crate) const MAX_LEVEL: i16 = 255;
+/// The level that takes a point's value away.
+pub(crate) const REMOVAL: i16 = -MAX_LEVEL;
+
+/// Returns the byte of a point after a change.
+#[inline]
+pub(crate) fn changed_value(value: u8, level: i16, quantum: u8) -> u8 {
+    let (level, quantum) = (i32::from(level), i32::from(quantum));
+    match value {
+        _ if level == i32::from(REMOVAL) => NO_VALUE,
+        // The smallest level gives the smallest value, so that every value is within half a quantum of some level.
+        NO_VALUE => (1 + (level - 1) * quantum).clamp(1, 255) as u8,
+        _ => (i32::from(value) + level * quantum).clamp(1, 255) as u8,
+    }
+}
 
 /// Why changes were refused. An offset counts bytes of the plain layout.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -66,7 +80,8 @@ pub enum ChangeError {
         /// Its points, one bit each.
         mask: u64,
     },
-    /// The level is zero, out of range, or has no effect because the value is already 0 or 255.
+    /// The level is zero, out of range, has no effect because the value is already 1 or 255, or is negative where the
+    /// point has no value.
     #[error("the point of padded index {padded_index} cannot change by {level} quanta")]
     Level {
         /// Padded index of the point: 64 times its block plus its place there.

@@ -2,15 +2,15 @@
 //!
 //! The plain layout is, set after set: u32 set; for x, y and z in turn, the differences of the coordinates from those
 //! of the point before (for the first point, from 0) as 24-bit numbers that wrap, in three planes of bytes, low bytes
-//! first; then the codes of the normals in two planes of bytes, low bytes first. The layout has the number of points
-//! of a set.
+//! first; then the codes of the normals in two planes of bytes, low bytes first; then the differences of the charts like
+//! those of a coordinate. The layout has the number of points of a set.
 
 use std::sync::Arc;
 
 use bitvec::vec::BitVec;
 
 use crate::range::{BinaryCoder, NumberModel};
-use crate::surface::geometry::Geometry;
+use crate::surface::geometry::{CodedPoint, Geometry};
 use crate::surface::model::curve;
 use crate::surface::model::geometry::GeometryModel;
 use crate::surface::{Layout, SetLayout};
@@ -53,6 +53,14 @@ pub enum GeometrySectionError {
         /// The codes of both axes.
         axes: [i32; 2],
     },
+    /// A chart is not one of the set's.
+    #[error("a point has chart {chart}, but its set has {charts}")]
+    Chart {
+        /// Its chart.
+        chart: u32,
+        /// Number of charts of the set.
+        charts: u32,
+    },
     /// More points are in a half than in the whole.
     #[error("half of a box claims {share} + 1 points, but the box holds only {count}")]
     Share {
@@ -78,7 +86,7 @@ pub enum GeometrySectionError {
 }
 
 /// Length of a point in the plain layout, bytes.
-const POINT_BYTES: usize = 11;
+const POINT_BYTES: usize = 14;
 
 /// Returns the length of the plain layout in bytes.
 pub(crate) fn plain_bytes(sets: &Sets) -> usize {
@@ -90,20 +98,21 @@ pub(crate) fn write_plain(sets: &Sets, out: &mut Vec<u8>) {
     for (set, geometry) in sets {
         out.extend_from_slice(&set.to_le_bytes());
         for axis in 0..3 {
-            let before = std::iter::once(0).chain(geometry.coords.iter().map(|coord| coord[axis]));
-            let differences: Vec<u32> = geometry
-                .coords
-                .iter()
-                .zip(before)
-                .map(|(coord, before)| coord[axis].wrapping_sub(before))
-                .collect();
-            for plane in 0..3 {
-                out.extend(differences.iter().map(|difference| (difference >> (8 * plane)) as u8));
-            }
+            write_differences(geometry.coords.iter().map(|coord| coord[axis]), out);
         }
         for plane in 0..2 {
             out.extend(geometry.normals.iter().map(|normal| (normal >> (8 * plane)) as u8));
         }
+        write_differences(geometry.charts.iter().copied(), out);
+    }
+}
+
+/// Appends the differences of numbers from the one before, the first from 0, as three planes of bytes.
+fn write_differences(numbers: impl Iterator<Item = u32> + Clone, out: &mut Vec<u8>) {
+    let before = std::iter::once(0).chain(numbers.clone());
+    let differences = numbers.zip(before).map(|(number, before)| number.wrapping_sub(before));
+    for plane in 0..3 {
+        out.extend(differences.clone().map(|difference| (difference >> (8 * plane)) as u8));
     }
 }
 
@@ -175,13 +184,16 @@ pub(crate) fn read_plain(raw: &[u8], layout: &Layout, records: u32) -> Result<Se
 
 fn read_set(planes: &[u8], layout: &SetLayout, count: usize) -> Result<Geometry, GeometrySectionError> {
     let byte = |plane: usize, point: usize| u32::from(planes[plane * count + point]);
+    let difference = |first: usize, point: usize| {
+        (0..3).fold(0, |sum, plane| sum | byte(first + plane, point) << (8 * plane))
+    };
     let mut coord = [0_u32; 3];
+    let mut chart = 0_u32;
     let mut points = Vec::with_capacity(count);
-    let mut before = (0, 0);
+    let mut before = (0, 0, 0);
     for point in 0..count {
         for (axis, coord) in coord.iter_mut().enumerate() {
-            let difference = (0..3).fold(0, |sum, plane| sum | byte(3 * axis + plane, point) << (8 * plane));
-            *coord = coord.wrapping_add(difference) & 0xFF_FFFF;
+            *coord = coord.wrapping_add(difference(3 * axis, point)) & 0xFF_FFFF;
         }
         if (0..3).any(|axis| coord[axis] > layout.extent[axis]) {
             return Err(GeometrySectionError::Outside { coord });
@@ -190,12 +202,16 @@ fn read_set(planes: &[u8], layout: &SetLayout, count: usize) -> Result<Geometry,
         if u32::from(normal) >> (2 * layout.normal_bits) != 0 {
             return Err(GeometrySectionError::Normal { axes: [normal.into(), 0] });
         }
-        let key = (curve::place(coord), normal);
+        chart = chart.wrapping_add(difference(11, point)) & 0xFF_FFFF;
+        if chart >= layout.charts {
+            return Err(GeometrySectionError::Chart { chart, charts: layout.charts });
+        }
+        let key = (curve::place(coord), normal, chart);
         if key < before {
             return Err(GeometrySectionError::Order { point });
         }
         before = key;
-        points.push((coord, normal));
+        points.push(CodedPoint { coord, normal, chart });
     }
     Ok(Geometry::sorted(*layout, &points))
 }

@@ -118,8 +118,8 @@ fn shade(server: &Server, x: f32) -> f32 {
     let local = field.placed().local(0);
     let near =
         field.chunks().iter().filter(|chunk| chunk.instance == 0).flat_map(|chunk| field.visible(chunk));
-    let near = near.filter(|(place, ..)| local[place.index()].position.distance(Vec3::X * x) < 0.5);
-    let (sum, count) = near.fold((0.0, 0), |(sum, count), (.., ao)| (sum + f32::from(ao), count + 1));
+    let near = near.filter(|point| local[point.place.index()].position.distance(Vec3::X * x) < 0.5);
+    let (sum, count) = near.fold((0.0, 0), |(sum, count), point| (sum + f32::from(point.ao), count + 1));
     assert!(count > 50, "{count} points near {x}");
     sum / count as f32
 }
@@ -163,7 +163,7 @@ fn a_static_box_that_is_lifted_forgets_the_floor() {
     let darkest = |server: &Server| {
         let field = &server.trace.state.field;
         let own = field.chunks().iter().filter(|chunk| chunk.instance == 1);
-        own.flat_map(|chunk| field.visible(chunk)).map(|(.., ao)| ao).min().unwrap()
+        own.flat_map(|chunk| field.visible(chunk)).map(|point| point.ao).min().unwrap()
     };
     server.step(FrameIndex(0), time(0), &[], &NoClock).unwrap();
     assert!(darkest(&server) < 230, "it stands on the floor");

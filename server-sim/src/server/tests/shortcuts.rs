@@ -70,7 +70,10 @@ fn whole_clip(scene: &Arc<Scene>) {
     const STEPS: u32 = 18;
     let points = PointSettings { per_m2: 0.2, minimum: 4, seed: 3 };
     let of = settings(Profile::SURFACE, 1.0);
-    let base = ServerSettings { points, threshold: 1, ao: AoSettings { rays: 8, ..of.ao }, ..of };
+    // Which points cameras see depends on no shortcut; the tests above look.
+    let (threshold, unseen_threshold) = (1, Some(1));
+    let base =
+        ServerSettings { points, threshold, unseen_threshold, ao: AoSettings { rays: 8, ..of.ao }, ..of };
     let run = |shortcuts| {
         let mut server = server(scene, ServerSettings { shortcuts, ..base });
         let mut run = Default::default();

@@ -123,7 +123,7 @@ pub fn recording(profile: Profile) -> &'static Path {
 pub fn record(scene: &str, profile: Profile, more: &[&str], path: &Path) {
     let frames = FRAMES.to_string();
     let mut arguments = vec!["record", "--scene", scene, "--profile", profile.name(), "--frames", &frames];
-    arguments.extend(["--threshold", "2", "-o", text(path)]);
+    arguments.extend(["--threshold", "2", "--unseen-threshold", "2", "-o", text(path)]);
     arguments.extend(SMALL);
     arguments.extend(more);
     fine(&arguments);

@@ -35,6 +35,7 @@ fn compare(more: &[&str]) -> Vec<String> {
     let frames = FRAMES.to_string();
     let mut arguments =
         vec!["lab", "profiles", "--scene", "colonnade", "--frames", &frames, "--threshold", "2"];
+    arguments.extend(["--unseen-threshold", "2"]);
     arguments.extend(SMALL);
     arguments.extend(more);
     arguments.into_iter().map(str::to_owned).collect()

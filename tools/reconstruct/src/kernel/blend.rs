@@ -2,6 +2,8 @@
 
 use glam::Vec3;
 
+use super::Support;
+use super::accumulate::Accumulate;
 use super::group::{LANES, PointGroup};
 use super::weight::{DISTANCE_THRESHOLD, NORMAL_THRESHOLD};
 
@@ -22,16 +24,18 @@ pub(crate) struct Blend {
     blended: [u32; LANES],
 }
 
-impl Blend {
+impl Accumulate for Blend {
+    type Query = Query;
+
     #[inline]
-    pub(crate) fn new() -> Self {
+    fn new() -> Self {
         Self { weights: [0.0; LANES], weighted: [0.0; LANES], blended: [0; LANES] }
     }
 
     /// Adds the points of a group, each with the weight of [`weight`](super::weight()). The operations and their order
     /// are those of that function, without a branch.
     #[inline]
-    pub(crate) fn add(&mut self, group: &PointGroup, query: &Query) {
+    fn add(&mut self, group: &PointGroup, query: &Query) {
         let ([px, py, pz], [nx, ny, nz]) = (&group.position, &group.normal);
         let (x, n) = (query.position, query.normal);
         for lane in 0..LANES {
@@ -48,54 +52,16 @@ impl Blend {
             self.blended[lane] += u32::from(counts);
         }
     }
+}
 
-    /// Returns the number of points with a weight above 0.
-    #[cfg(any(test, feature = "view"))]
+impl Blend {
+    /// Returns the weighted mean, and the number of points with a weight above 0.
     #[inline]
-    pub(crate) fn blended(&self) -> u32 {
-        self.blended.iter().sum()
-    }
-
-    /// Returns the weighted mean; `None` when no point has a weight above 0.
-    #[inline]
-    pub(crate) fn mean(&self) -> Option<f32> {
+    pub(crate) fn support(&self) -> Support {
         let weights = self.weights.iter().sum::<f32>();
         // Rounding may push a mean of values in [0, 1] out of that range.
-        (weights != 0.0).then(|| (self.weighted.iter().sum::<f32>() / weights).clamp(0.0, 1.0))
-    }
-}
-
-/// A [`Blend`] to which points are added one by one. They take the lanes that they would have in a list of groups, so
-/// the result is bit-identical.
-pub(crate) struct PointwiseBlend<'a> {
-    query: &'a Query,
-    blend: Blend,
-    group: PointGroup,
-    filled: usize,
-}
-
-impl<'a> PointwiseBlend<'a> {
-    pub(crate) fn new(query: &'a Query) -> Self {
-        Self { query, blend: Blend::new(), group: PointGroup::EMPTY, filled: 0 }
-    }
-
-    /// Adds a point.
-    #[inline]
-    pub(crate) fn add(&mut self, position: Vec3, normal: Vec3, ao: f32) {
-        self.group.set(self.filled, position, normal, ao);
-        self.filled += 1;
-        if self.filled == LANES {
-            self.blend.add(&self.group, self.query);
-            (self.group, self.filled) = (PointGroup::EMPTY, 0);
-        }
-    }
-
-    /// Returns the blend of all points that were added.
-    pub(crate) fn finish(mut self) -> Blend {
-        if self.filled > 0 {
-            self.blend.add(&self.group, self.query);
-        }
-        self.blend
+        let mean = (weights != 0.0).then(|| (self.weighted.iter().sum::<f32>() / weights).clamp(0.0, 1.0));
+        Support { ao: mean, points: self.blended.iter().sum() }
     }
 }
 
@@ -145,9 +111,10 @@ mod tests {
                 prop_assert_eq!(all.weighted[lane], alpha * ao);
                 blended += u32::from(alpha > 0.0);
             }
-            prop_assert_eq!(all.blended(), blended);
-            prop_assert_eq!(all.mean().is_some(), blended > 0);
-            prop_assert!(all.mean().is_none_or(|mean| (0.0..=1.0).contains(&mean)));
+            let found = all.support();
+            prop_assert_eq!(found.points, blended);
+            prop_assert_eq!(found.ao.is_some(), blended > 0);
+            prop_assert!(found.ao.is_none_or(|mean| (0.0..=1.0).contains(&mean)));
         }
     }
 }

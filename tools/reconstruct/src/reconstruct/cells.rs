@@ -6,7 +6,7 @@ use psao_codec::paper::{Pose, State};
 use super::result::{ReconstructError, Reconstruction};
 use super::walk::{check_instances, walk};
 use crate::GBuffer;
-use crate::kernel::Blend;
+use crate::kernel::Support;
 use crate::paper::{InstanceCells, NeighbourhoodCache};
 
 /// Reconstructs the ambient occlusion of every fragment of `view` from the points of `state`.
@@ -30,7 +30,7 @@ pub fn cells(state: &State, view: &GBuffer) -> Result<Reconstruction, Reconstruc
     let cells = (0..instances as u32).filter_map(|instance| InstanceCells::of(state, instance));
     let spaces: Vec<(InstanceCells, WorldToLocal)> = cells.zip(poses).collect();
     Ok(walk(view, NeighbourhoodCache::new, |near, pixel, instance| {
-        let Some((cells, to_local)) = spaces.get(instance as usize) else { return Blend::new() };
+        let Some((cells, to_local)) = spaces.get(instance as usize) else { return Support::NONE };
         let (position, normal) = (view.position()[pixel], view.normal()[pixel]);
         let query = cells.query(to_local.point(position), to_local.vector(normal));
         cells.blend_near(state, near, &query)

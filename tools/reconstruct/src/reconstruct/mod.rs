@@ -1,13 +1,14 @@
 //! Reconstruction of views: one accessibility for each fragment, from the state of a stream (paper, section 3.5).
 //!
 //! [`cells`] blends the points of profile `paper` in the current local space of an instance. [`surface`] and
-//! [`SurfaceReconstructor`] blend the points of profile `surface` on the mesh at rest. Weights and mean are the same as
-//! those of [`AoSampler`](crate::AoSampler).
+//! [`SurfaceReconstructor`] fit the points of profile `surface` on the mesh at rest. The values are those of
+//! [`AoSampler`](crate::AoSampler).
 //!
 //! # View a stream of profile `surface`
 //!
 //! Its points lie on the mesh at rest, so each fragment has its place on that mesh ([`AtRest`](crate::AtRest)). A
-//! renderer interpolates two more vertex attributes for it, without transforming them. The motion of the body does not
+//! renderer interpolates two more vertex attributes for it, without transforming them, and passes on the number of the
+//! triangle's chart. The motion of the body does not
 //! matter.
 //!
 //! ```
@@ -25,13 +26,14 @@
 //!     step: 1.0 / 1024.0,
 //!     extent: [1024; 3],
 //!     normal_bits: 4,
+//!     charts: 1,
 //!     kernel_radius: 0.1,
 //!     // `Geometry::round` fills in the number and the digest of the points.
 //!     points: 0,
 //!     digest: GeometryDigest::default(),
 //! };
 //! let along = |point: u8| (f32::from(point) + 0.5) / 16.0;
-//! let points = (0..16).map(|point| RestPoint { position: [along(point), 0.0, 0.0], normal: [0.0, 1.0, 0.0] });
+//! let points = (0..16).map(|point| RestPoint { position: [along(point), 0.0, 0.0], normal: [0.0, 1.0, 0.0], chart: 0 });
 //! let RoundedGeometry { geometry, order, .. } = Geometry::round(set, &points.collect::<Vec<_>>());
 //! let values: Vec<u8> = order.iter().map(|&point| if point < 8 { 51 } else { 255 }).collect();
 //! let layout = Layout::new(vec![*geometry.layout()], vec![Member { set: 0 }], &Limits::default())?;
@@ -43,7 +45,7 @@
 //!     position,
 //!     normal: Vec3::Y,
 //!     instance: 0,
-//!     rest: Some(AtRest { position: rest, normal: Vec3::Y }),
+//!     rest: Some(AtRest { position: rest, normal: Vec3::Y, chart: 0 }),
 //! };
 //! let left = fragment(Vec3::new(7.1, 1.0, 2.0), Vec3::new(0.1, 0.0, 0.0));
 //! let right = fragment(Vec3::new(7.7, 1.6, 2.0), Vec3::new(0.9, 0.0, 0.0));

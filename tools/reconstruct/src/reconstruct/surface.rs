@@ -1,12 +1,11 @@
-//! Ambient occlusion of every fragment from points of the mesh at rest (paper, section 3.5, Eq. 2 to 4, in rest space).
+//! Ambient occlusion of every fragment from points of the mesh at rest.
 
-use glam::Vec3;
 use psao_codec::surface::State;
 
 use super::result::{ReconstructError, Reconstruction};
 use super::walk::{check_instances, walk};
-use crate::kernel::Blend;
-use crate::surface::{AoSource, PointCache, SurfaceIndex, arrived_ao};
+use crate::kernel::Support;
+use crate::surface::{AoSource, PointCache, Sheet, SurfaceIndex, arrived_ao};
 use crate::{AoSampler, GBuffer};
 
 /// Reconstructs views of a stream of profile `surface` with an [`AoSampler`] that it keeps between frames.
@@ -39,9 +38,11 @@ impl SurfaceReconstructor {
 
     /// Reconstructs the ambient occlusion of every fragment of `view` from the points of `state`.
     ///
-    /// All points of the fragment's instance within the kernel radius of its place at rest count. Their weights are
-    /// those of Eq. 2 and 3 ([`weight`](crate::kernel::weight())), with the fragment's normal at rest. The fragment's
-    /// value is their weighted mean (Eq. 4), or 1 if no weight is above 0. Background is 1.
+    /// The points of the fragment's chart within the kernel radius `r` of its place at rest count, if the cosine between
+    /// both normals is above [`FACING_THRESHOLD`](crate::kernel::FACING_THRESHOLD). The weight of a point at distance `d` is
+    /// `(1 - d / r)^2`. The value is that of the weighted affine fit at the place, kept within half the points' range
+    /// around that range. Where fewer than three points count, the six nearest points of the chart do. A fragment whose
+    /// chart has no points is 1, as is background.
     ///
     /// Points that have not arrived yet do not count, so that a client can show a first state while it arrives.
     /// [`Statistics::unsupported`](super::Statistics::unsupported) counts the fragments that have no points.
@@ -67,7 +68,7 @@ impl SurfaceReconstructor {
     ) -> Result<Reconstruction, ReconstructError> {
         let instances = state.layout().members().len();
         check_instances(view, instances)?;
-        let (positions, normals) = rest_planes(view)?;
+        check_rest(view)?;
         let mut shown = vec![false; state.layout().sets().len()];
         for &instance in view.instance() {
             if let Some(member) = state.layout().members().get(instance as usize) {
@@ -78,18 +79,20 @@ impl SurfaceReconstructor {
         let indices: Vec<Option<&SurfaceIndex>> =
             (0..instances as u32).map(|instance| self.sampler.indices.of(state, instance)).collect();
         Ok(walk(view, PointCache::new, |near, pixel, instance| {
-            let Some(index) = indices[instance as usize] else { return Blend::new() };
-            index.blend_near(ao, near, instance, &index.query(positions[pixel], normals[pixel]))
+            let (Some(index), Some(rest)) = (indices[instance as usize], view.at_rest(pixel)) else {
+                return Support::NONE;
+            };
+            index.fit_near(ao, near, Sheet { instance, chart: rest.chart }, rest.position, rest.normal)
         }))
     }
 }
 
-/// Returns the positions and normals at rest after checking that every fragment has them.
-fn rest_planes(view: &GBuffer) -> Result<(&[Vec3], &[Vec3]), ReconstructError> {
+/// Checks that every fragment has its place at rest.
+fn check_rest(view: &GBuffer) -> Result<(), ReconstructError> {
     let instances = view.instance().iter();
     let mut shown = instances.enumerate().filter(|(_, instance)| **instance != GBuffer::NO_INSTANCE);
     match shown.find(|(pixel, _)| view.at_rest(*pixel).is_none()) {
         Some((pixel, _)) => Err(ReconstructError::NoRest { pixel }),
-        None => Ok((view.rest_position().unwrap_or_default(), view.rest_normal().unwrap_or_default())),
+        None => Ok(()),
     }
 }

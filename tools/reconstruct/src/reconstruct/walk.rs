@@ -1,23 +1,23 @@
 //! Visits all fragments of a view in tiles, so that neighbours share cached points.
 
 use super::result::{ReconstructError, Reconstruction, Statistics};
-use crate::kernel::Blend;
+use crate::kernel::Support;
 use crate::{AoImage, GBuffer, parallel};
 
 /// Side of a tile in pixels. In a tile, fragments above each other share their neighbourhood as well as those beside
 /// each other.
 const TILE_PIXELS: usize = 8;
 
-/// Blends every fragment of `view`.
+/// Computes every fragment of `view`.
 ///
-/// `make_cache` makes the cache of a band of rows. `blend` gets that cache, the fragment's pixel and its instance. The
-/// mean (Eq. 4) of the blend that it returns is the pixel's value, or 1 where no point counts.
+/// `make_cache` makes the cache of a band of rows. `support` gets that cache, the fragment's pixel and its instance. What it
+/// returns is the pixel's value, or 1 where no point counts.
 ///
 /// The feature `rayon` spreads rows over all cores. The result does not depend on their number.
 pub(super) fn walk<M>(
     view: &GBuffer,
     make_cache: impl Fn() -> M + Sync,
-    blend: impl Fn(&mut M, usize, u32) -> Blend + Sync,
+    support: impl Fn(&mut M, usize, u32) -> Support + Sync,
 ) -> Reconstruction {
     let size = view.size();
     let width = size.width() as usize;
@@ -25,7 +25,7 @@ pub(super) fn walk<M>(
     let bands = parallel::chunks(&mut values, width * TILE_PIXELS, |band, values| {
         let mut cache = make_cache();
         walk_band(view, band * TILE_PIXELS * width, values, |pixel, instance| {
-            blend(&mut cache, pixel, instance)
+            support(&mut cache, pixel, instance)
         })
     });
     let statistics = bands.into_iter().fold(Statistics::default(), Statistics::plus);
@@ -37,7 +37,7 @@ fn walk_band(
     view: &GBuffer,
     first: usize,
     values: &mut [f32],
-    mut blend: impl FnMut(usize, u32) -> Blend,
+    mut support: impl FnMut(usize, u32) -> Support,
 ) -> Statistics {
     let width = view.size().width() as usize;
     let mut statistics = Statistics::default();
@@ -49,10 +49,10 @@ fn walk_band(
                 if instance == GBuffer::NO_INSTANCE {
                     continue;
                 }
-                let blend = blend(first + at, instance);
+                let Support { ao, points } = support(first + at, instance);
                 statistics.fragments += 1;
-                statistics.blended += u64::from(blend.blended());
-                values[at] = blend.mean().unwrap_or_else(|| {
+                statistics.blended += u64::from(points);
+                values[at] = ao.unwrap_or_else(|| {
                     statistics.unsupported += 1;
                     1.0
                 });

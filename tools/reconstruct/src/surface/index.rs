@@ -1,8 +1,9 @@
-//! The spatial index of a set's points: a sparse grid in rest space, derived from the geometry alone.
+//! The spatial index of a set's points: a sparse grid in rest space for each chart, derived from the geometry alone.
 
 use glam::Vec3;
 use psao_codec::surface::Geometry;
 
+use super::chart_tree::{ChartTree, Nearest};
 use crate::parallel;
 
 /// Bound of a cell's coordinate, so that three coordinates fit a key of 64 bits.
@@ -14,10 +15,11 @@ const MAX_CELL_EDGE_M: f32 = f32::MAX / 64.0;
 /// Factor by which the search radius exceeds the kernel radius, because places and cells are rounded.
 const REACH_FACTOR: f32 = 1.0 + 1.0 / 64.0;
 
-/// Spatial index of a set's points: a sparse grid over rest space with cells of twice the kernel radius.
+/// Spatial index of a set's points: for each chart, a sparse grid over rest space with cells of twice the kernel radius,
+/// and a tree for places with few points around them.
 ///
 /// It depends on the geometry alone, so one index serves all instances of a set in every frame. It holds every point,
-/// wherever the points lie. A mixed hash of a cell's coordinates finds the cell. Cells of one bucket are sorted, so
+/// wherever the points lie. A mixed hash of a cell's chart and coordinates finds the cell. Cells of one bucket are sorted, so
 /// a look-up takes at worst logarithmic time.
 #[derive(Clone, Debug)]
 pub struct SurfaceIndex {
@@ -33,6 +35,7 @@ pub struct SurfaceIndex {
     /// Index of the first cell for each value of a hash's highest bits, then the number of cells.
     starts: Vec<u32>,
     shift: u32,
+    tree: ChartTree,
 }
 
 /// A point of a set.
@@ -44,12 +47,28 @@ pub(crate) struct IndexPoint {
     pub(crate) point: u32,
 }
 
-/// A cell that has points: those from `first` up to `end`. The hashes of all cells differ.
+/// A cell that has points of a chart: those from `first` up to `end`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Cell {
-    hash: u64,
+    id: CellId,
     first: u32,
     end: u32,
+}
+
+/// Identity of a chart's cell, with its hash first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct CellId {
+    hash: u64,
+    key: u64,
+    chart: u32,
+}
+
+impl CellId {
+    #[inline]
+    fn new(chart: u32, coordinates: [u32; 3]) -> Self {
+        let key = key(coordinates);
+        Self { hash: mix(key ^ u64::from(chart).wrapping_mul(0x9e37_79b9_7f4a_7c15)), key, chart }
+    }
 }
 
 /// An eighth of a cell: the fragments in it share the points that may be near. Patches half as long hold fewer
@@ -59,7 +78,7 @@ struct Cell {
 pub(crate) struct Octant(pub(crate) [i32; 3]);
 
 impl SurfaceIndex {
-    /// Indexes the points of a set in O(n log n) time. It takes 28 bytes a point and about 20 for each cell with
+    /// Indexes the points of a set in O(n log n) time. It takes 32 bytes a point and about 36 for each cell with
     /// points.
     #[must_use]
     pub fn new(geometry: &Geometry) -> Self {
@@ -68,28 +87,30 @@ impl SurfaceIndex {
         let size = (Vec3::from(layout.position(layout.extent)) - origin).max_element();
         let edge =
             (2.0 * REACH_FACTOR * layout.kernel_radius).max(size / MAX_CELLS_PER_AXIS).min(MAX_CELL_EDGE_M);
-        let mut keyed: Vec<(u64, u32)> = parallel::map(geometry.len() as u32, |point| {
+        let mut keyed: Vec<(CellId, u32)> = parallel::map(geometry.len() as u32, |point| {
             let cell = (Vec3::from(geometry.position(point as usize)) - origin) / edge;
-            (mix(key(cell.to_array().map(|axis| axis as u32))), point)
+            let cell = cell.to_array().map(|axis| axis as u32);
+            (CellId::new(geometry.chart(point as usize), cell), point)
         });
         parallel::sort(&mut keyed);
-        let mut runs: Vec<&[(u64, u32)]> = keyed.chunk_by(|a, b| a.0 == b.0).collect();
+        let mut runs: Vec<&[(CellId, u32)]> = keyed.chunk_by(|a, b| a.0 == b.0).collect();
         runs.sort_unstable_by_key(|run| run[0].1);
-        let placed = |&(_, point): &(u64, u32)| IndexPoint {
+        let placed = |&(_, point): &(CellId, u32)| IndexPoint {
             position: geometry.position(point as usize).into(),
             normal: geometry.normal(point as usize).into(),
             point,
         };
-        let points = runs.iter().flat_map(|run| run.iter().map(placed)).collect();
+        let points: Vec<IndexPoint> = runs.iter().flat_map(|run| run.iter().map(placed)).collect();
         let mut first = 0;
         let cells = runs.iter().map(|run| {
             first += run.len() as u32;
-            Cell { hash: run[0].0, first: first - run.len() as u32, end: first }
+            Cell { id: run[0].0, first: first - run.len() as u32, end: first }
         });
         let mut cells: Vec<Cell> = cells.collect();
         parallel::sort(&mut cells);
         let (starts, shift) = starts(&cells);
         let octants_per_m = 2.0 / edge;
+        let tree = ChartTree::new(&points, |point| geometry.chart(point.point as usize));
         Self {
             origin,
             edge,
@@ -99,6 +120,7 @@ impl SurfaceIndex {
             cells,
             starts,
             shift,
+            tree,
         }
     }
 
@@ -114,6 +136,7 @@ impl SurfaceIndex {
         size_of_val(self.points.as_slice())
             + size_of_val(self.cells.as_slice())
             + size_of_val(self.starts.as_slice())
+            + self.tree.heap_bytes()
     }
 
     /// Returns the octant of a place; `None` for a place that is not finite.
@@ -152,15 +175,25 @@ impl SurfaceIndex {
         self.kernel_radius * REACH_FACTOR
     }
 
-    /// Returns the points of a cell.
-    pub(crate) fn cell(&self, [x, y, z]: [i32; 3]) -> &[IndexPoint] {
+    /// Returns the points of a chart that are nearest to a place, among those for which `counts` is true.
+    pub(crate) fn nearest(&self, chart: u32, place: Vec3, counts: impl Fn(&IndexPoint) -> bool) -> Nearest {
+        self.tree.nearest(&self.points, chart, place.to_array(), counts)
+    }
+
+    /// Returns a point by its position in the list of points.
+    pub(crate) fn point(&self, at: u32) -> &IndexPoint {
+        &self.points[at as usize]
+    }
+
+    /// Returns the points of a chart in a cell.
+    pub(crate) fn cell(&self, chart: u32, [x, y, z]: [i32; 3]) -> &[IndexPoint] {
         if x < 0 || y < 0 || z < 0 {
             return &[];
         }
-        let hash = mix(key([x as u32, y as u32, z as u32]));
-        let bucket = (hash >> self.shift) as usize;
+        let id = CellId::new(chart, [x as u32, y as u32, z as u32]);
+        let bucket = (id.hash >> self.shift) as usize;
         let cells = &self.cells[self.starts[bucket] as usize..self.starts[bucket + 1] as usize];
-        match cells.binary_search_by_key(&hash, |cell| cell.hash) {
+        match cells.binary_search_by_key(&id, |cell| cell.id) {
             Ok(at) => &self.points[cells[at].first as usize..cells[at].end as usize],
             Err(_) => &[],
         }
@@ -174,7 +207,7 @@ fn starts(cells: &[Cell]) -> (Vec<u32>, u32) {
     let shift = u64::BITS - bits;
     let mut starts = vec![0_u32; (1 << bits) + 1];
     for cell in cells {
-        starts[(cell.hash >> shift) as usize + 1] += 1;
+        starts[(cell.id.hash >> shift) as usize + 1] += 1;
     }
     let mut sum = 0;
     for start in &mut starts {
@@ -189,8 +222,7 @@ fn key([x, y, z]: [u32; 3]) -> u64 {
     u64::from(x) | u64::from(y) << 21 | u64::from(z) << 42
 }
 
-/// Spreads keys over 64 bits so that neither planes nor lines of cells share high bits. Keys never collide, because
-/// each step is a bijection. (The finaliser of `MurmurHash3`, A. Appleby.)
+/// Spreads keys over 64 bits so that neither planes nor lines of cells share high bits. Each step is a bijection. (The finaliser of `MurmurHash3`, A. Appleby.)
 fn mix(key: u64) -> u64 {
     let key = (key ^ (key >> 33)).wrapping_mul(0xff51_afd7_ed55_8ccd);
     let key = (key ^ (key >> 33)).wrapping_mul(0xc4ce_b9fe_1a85_ec53);

@@ -3,18 +3,20 @@
 //! In rest space, limbs that touch each other stay as far apart as in the modelled mesh, whatever an instance does. So
 //! each set needs one index of its points ([`SurfaceIndex`]), which is kept between frames ([`SetIndices`]).
 
+mod chart_tree;
 mod index;
 mod point_cache;
 
 use std::sync::Arc;
 
 use glam::Vec3;
-use psao_codec::surface::{BLOCK_POINTS, Geometry, State};
+use psao_codec::surface::{BLOCK_POINTS, Geometry, NO_VALUE, State};
 
+use self::index::IndexPoint;
 pub use self::index::SurfaceIndex;
-use self::point_cache::each_near;
-pub(crate) use self::point_cache::{AoSource, PointCache};
-use crate::kernel::{Blend, PointwiseBlend, Query};
+pub(crate) use self::point_cache::{AoSource, PointCache, Sheet};
+use self::point_cache::{accessibility, each_near};
+use crate::kernel::{Accumulate, FEWEST_POINTS, Fit, FitQuery, Pointwise, Support};
 
 /// The indices of a stream's sets. Each lives as long as its geometry.
 #[derive(Clone, Debug, Default)]
@@ -65,45 +67,66 @@ impl SetIndices {
     }
 }
 
-/// Returns the AO source of a state.
+/// Returns the AO source of a state: the bytes that have arrived, but for points without a value.
 pub(crate) fn arrived_ao(state: &State) -> impl AoSource {
     |instance, point| {
         let here = state.is_present(instance, point / BLOCK_POINTS);
-        state.values(instance).get(point).copied().filter(|_| here)
+        state.values(instance).get(point).copied().filter(|&ao| here && ao != NO_VALUE)
     }
 }
 
 impl SurfaceIndex {
-    /// Returns a query in rest space.
-    #[inline]
-    pub(crate) fn query(&self, position: Vec3, normal: Vec3) -> Query {
-        Query { position, normal, radius: self.kernel_radius() }
+    /// Fits the points of a chart around one place.
+    pub(crate) fn fit_one(&self, ao: &impl AoSource, sheet: Sheet, position: Vec3, normal: Vec3) -> Support {
+        let query = FitQuery::new(position, normal, self.kernel_radius());
+        let mut fit = Pointwise::<Fit>::new(&query);
+        let Some(octant) = self.octant(position) else { return Support::NONE };
+        each_near(ao, self, sheet, octant, |point, ao| fit.add(point.position, point.normal, ao));
+        self.support(ao, sheet, &query, &fit.finish())
     }
 
-    /// Blends the points of an instance around one place.
-    pub(crate) fn blend_one(&self, ao: &impl AoSource, instance: u32, query: &Query) -> Blend {
-        let mut blend = PointwiseBlend::new(query);
-        if let Some(octant) = self.octant(query.position) {
-            each_near(ao, self, instance, octant, |point, ao| blend.add(point.position, point.normal, ao));
-        }
-        blend.finish()
-    }
-
-    /// Does what [`blend_one`](Self::blend_one) does, with a cache of points.
+    /// Does what [`fit_one`](Self::fit_one) does, with a cache of points.
     #[inline]
-    pub(crate) fn blend_near(
+    pub(crate) fn fit_near(
         &self,
         ao: &impl AoSource,
         near: &mut PointCache,
-        instance: u32,
-        query: &Query,
-    ) -> Blend {
-        let mut blend = Blend::new();
-        if let Some(octant) = self.octant(query.position) {
-            for group in near.of(ao, self, instance, octant) {
-                blend.add(group, query);
+        sheet: Sheet,
+        position: Vec3,
+        normal: Vec3,
+    ) -> Support {
+        let query = FitQuery::new(position, normal, self.kernel_radius());
+        let Some(octant) = self.octant(position) else { return Support::NONE };
+        let mut fit = Fit::new();
+        for group in near.of(ao, self, sheet, octant) {
+            fit.add(group, &query);
+        }
+        self.support(ao, sheet, &query, &fit)
+    }
+
+    /// Returns the value of a fit; where it has too few points, that of the nearest points of the chart.
+    #[inline]
+    fn support(&self, ao: &impl AoSource, sheet: Sheet, query: &FitQuery, fit: &Fit) -> Support {
+        if fit.count() >= FEWEST_POINTS {
+            fit.support(query.radius)
+        } else {
+            self.fit_nearest(ao, sheet, query)
+        }
+    }
+
+    /// Fits the nearest points of a chart, however far they are.
+    fn fit_nearest(&self, ao: &impl AoSource, sheet: Sheet, query: &FitQuery) -> Support {
+        let arrived = |point: &IndexPoint| ao(sheet.instance, point.point as usize);
+        let nearest = self.nearest(sheet.chart, query.position, |point| arrived(point).is_some());
+        let (points, farthest) = nearest.points();
+        // The farthest point counts, too: its weight is a twenty-fifth of that of a point at the place.
+        let query = query.within((1.25 * farthest).max(query.radius));
+        let mut fit = Pointwise::<Fit>::new(&query);
+        for point in points.map(|at| self.point(at)) {
+            if let Some(ao) = arrived(point) {
+                fit.add(point.position, point.normal, accessibility(ao));
             }
         }
-        blend
+        fit.finish().support(query.radius)
     }
 }

@@ -12,6 +12,21 @@ pub(crate) trait AoSource: Fn(u32, usize) -> Option<u8> + Sync {}
 
 impl<F: Fn(u32, usize) -> Option<u8> + Sync> AoSource for F {}
 
+/// A chart of an instance.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Sheet {
+    pub(crate) instance: u32,
+    pub(crate) chart: u32,
+}
+
+impl Sheet {
+    /// Returns the part of an entry's number that belongs to the chart, up to `mask`.
+    #[inline]
+    fn slot(self, mask: u32) -> i32 {
+        (self.instance.wrapping_add(self.chart) & mask) as i32
+    }
+}
+
 /// Points in groups of eight.
 #[derive(Clone)]
 struct PointGroups {
@@ -43,35 +58,40 @@ impl PointGroups {
 /// The points of 2 x 2 x 2 cells.
 #[derive(Clone)]
 struct Region {
-    /// Instance and lowest cell; `None` for an empty entry.
-    key: Option<(u32, [i32; 3])>,
+    /// Sheet and lowest cell; `None` for an empty entry.
+    key: Option<(Sheet, [i32; 3])>,
     points: PointGroups,
 }
 
 impl Region {
-    fn fill(&mut self, ao: &impl AoSource, index: &SurfaceIndex, instance: u32, base: [i32; 3]) {
-        self.key = Some((instance, base));
+    fn fill(&mut self, ao: &impl AoSource, index: &SurfaceIndex, sheet: Sheet, base: [i32; 3]) {
+        self.key = Some((sheet, base));
         self.points.clear();
-        each_arrived(ao, index, instance, base, |placed, ao| {
+        each_arrived(ao, index, sheet, base, |placed, ao| {
             let (group, lane) = self.points.lane();
             group.set(lane, placed.position, placed.normal, ao);
         });
     }
 }
 
+/// Returns the accessibility of a byte.
+pub(crate) fn accessibility(ao: u8) -> f32 {
+    f32::from(ao) / 255.0
+}
+
 /// Calls `take` with each point of the 2 x 2 x 2 cells from `base` on whose AO has arrived, and its accessibility.
 fn each_arrived(
     ao: &impl AoSource,
     index: &SurfaceIndex,
-    instance: u32,
+    sheet: Sheet,
     base: [i32; 3],
     mut take: impl FnMut(&IndexPoint, f32),
 ) {
     for step in 0..8 {
         let cell = [base[0] + (step & 1), base[1] + (step >> 1 & 1), base[2] + (step >> 2)];
-        for placed in index.cell(cell) {
-            if let Some(ao) = ao(instance, placed.point as usize) {
-                take(placed, f32::from(ao) / 255.0);
+        for placed in index.cell(sheet.chart, cell) {
+            if let Some(ao) = ao(sheet.instance, placed.point as usize) {
+                take(placed, accessibility(ao));
             }
         }
     }
@@ -82,13 +102,13 @@ fn each_arrived(
 pub(crate) fn each_near(
     ao: &impl AoSource,
     index: &SurfaceIndex,
-    instance: u32,
+    sheet: Sheet,
     octant: Octant,
     mut take: impl FnMut(&IndexPoint, f32),
 ) {
     let [low, high] = index.corners(octant).map(|corner| corner.to_array());
     let reach = index.reach() * index.reach();
-    each_arrived(ao, index, instance, SurfaceIndex::base(octant), |placed, ao| {
+    each_arrived(ao, index, sheet, SurfaceIndex::base(octant), |placed, ao| {
         let mut square = 0.0_f32;
         for axis in 0..3 {
             square += square_past(low[axis], high[axis], placed.position[axis]);
@@ -109,13 +129,13 @@ fn square_past(low: f32, high: f32, at: f32) -> f32 {
 /// The points of a region that may be near the places in an octant.
 #[derive(Clone)]
 struct OctantPoints {
-    key: Option<(u32, Octant)>,
+    key: Option<(Sheet, Octant)>,
     points: PointGroups,
 }
 
 impl OctantPoints {
-    fn fill(&mut self, region: &Region, index: &SurfaceIndex, instance: u32, octant: Octant) {
-        self.key = Some((instance, octant));
+    fn fill(&mut self, region: &Region, index: &SurfaceIndex, sheet: Sheet, octant: Octant) {
+        self.key = Some((sheet, octant));
         self.points.clear();
         let [low, high] = index.corners(octant).map(|corner| corner.to_array());
         let reach = index.reach() * index.reach();
@@ -155,10 +175,10 @@ pub(crate) struct PointCache {
 }
 
 impl PointCache {
-    /// Number of entries. Adjacent regions never share an entry, nor do octants less than four apart, nor two
-    /// consecutive instances.
-    const REGION_ENTRIES: usize = 16;
-    const OCTANT_ENTRIES: usize = 128;
+    /// Number of entries. Adjacent regions of a chart never share an entry, nor do octants less than four apart,
+    /// nor four consecutive charts.
+    const REGION_ENTRIES: usize = 32;
+    const OCTANT_ENTRIES: usize = 256;
 
     pub(crate) fn new() -> Self {
         Self {
@@ -173,14 +193,14 @@ impl PointCache {
         &mut self,
         ao: &impl AoSource,
         index: &SurfaceIndex,
-        instance: u32,
+        sheet: Sheet,
         octant: Octant,
     ) -> &[PointGroup] {
         let Octant([x, y, z]) = octant;
-        let slot = x & 3 | (y & 3) << 2 | (z & 3) << 4 | (instance as i32 & 1) << 6;
+        let slot = x & 3 | (y & 3) << 2 | (z & 3) << 4 | sheet.slot(3) << 6;
         let near = &mut self.near[slot as usize];
-        if near.key != Some((instance, octant)) {
-            near.fill(region(&mut self.regions, ao, index, instance, octant), index, instance, octant);
+        if near.key != Some((sheet, octant)) {
+            near.fill(region(&mut self.regions, ao, index, sheet, octant), index, sheet, octant);
         }
         &near.points.groups
     }
@@ -191,15 +211,15 @@ fn region<'a>(
     regions: &'a mut [Region],
     ao: &impl AoSource,
     index: &SurfaceIndex,
-    instance: u32,
+    sheet: Sheet,
     octant: Octant,
 ) -> &'a Region {
     let base = SurfaceIndex::base(octant);
     let [x, y, z] = base;
-    let slot = x & 1 | (y & 1) << 1 | (z & 1) << 2 | (instance as i32 & 1) << 3;
+    let slot = x & 1 | (y & 1) << 1 | (z & 1) << 2 | sheet.slot(3) << 3;
     let region = &mut regions[slot as usize];
-    if region.key != Some((instance, base)) {
-        region.fill(ao, index, instance, base);
+    if region.key != Some((sheet, base)) {
+        region.fill(ao, index, sheet, base);
     }
     region
 }

@@ -21,7 +21,8 @@ pub struct Surface {
 
 /// A point of a surface on the mesh at rest, before skinning and morphing.
 ///
-/// A renderer interpolates both as vertex attributes over the triangle, without any transform.
+/// A renderer interpolates position and normal as vertex attributes over the triangle, without any transform. The chart is
+/// constant over a triangle: a flat attribute.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AtRest {
     /// Position in metres, rest space of the mesh.
@@ -29,6 +30,8 @@ pub struct AtRest {
     /// Unit shading normal in rest space. The normal map acts in the tangent space at rest. On the backs of faces it is
     /// reversed, as [`Surface::normal`] is. A zero normal means that the place at rest is missing.
     pub normal: Vec3,
+    /// Number of the chart of the triangle's visible side, see [`Charts`](psao_codec::surface::Charts).
+    pub chart: u32,
 }
 
 /// The nearest surface at each pixel, row by row from the top left. Background has no surface.
@@ -48,11 +51,13 @@ pub struct GBuffer {
 struct RestPlanes {
     position: Vec<Vec3>,
     normal: Vec<Vec3>,
+    chart: Vec<u32>,
 }
 
 impl RestPlanes {
     fn new(size: Size) -> Self {
-        Self { position: vec![Vec3::ZERO; size.pixels()], normal: vec![Vec3::ZERO; size.pixels()] }
+        let pixels = size.pixels();
+        Self { position: vec![Vec3::ZERO; pixels], normal: vec![Vec3::ZERO; pixels], chart: vec![0; pixels] }
     }
 }
 
@@ -102,6 +107,7 @@ impl GBuffer {
                     let planes = buffer.rest.get_or_insert_with(|| RestPlanes::new(size));
                     planes.position[pixel] = rest.position;
                     planes.normal[pixel] = rest.normal;
+                    planes.chart[pixel] = rest.chart;
                 }
             }
         }
@@ -145,13 +151,23 @@ impl GBuffer {
         self.rest.as_ref().map(|planes| planes.normal.as_slice())
     }
 
+    /// Returns the charts of the places at rest; `None` when all surfaces lack them. They are 0 for background and where a
+    /// surface lacks its place at rest.
+    pub fn rest_chart(&self) -> Option<&[u32]> {
+        self.rest.as_ref().map(|planes| planes.chart.as_slice())
+    }
+
     /// Returns the place at rest of pixel number `pixel`; `None` for background, beyond the image, and where the
     /// surface lacks it.
     #[inline]
     pub fn at_rest(&self, pixel: usize) -> Option<AtRest> {
         let planes = self.rest.as_ref()?;
         let normal = *planes.normal.get(pixel)?;
-        (normal != Vec3::ZERO).then(|| AtRest { position: planes.position[pixel], normal })
+        (normal != Vec3::ZERO).then(|| AtRest {
+            position: planes.position[pixel],
+            normal,
+            chart: planes.chart[pixel],
+        })
     }
 
     /// Returns the surface of pixel number `pixel` (row times width plus column); `None` for background and beyond
@@ -196,7 +212,7 @@ mod tests {
     #[test]
     fn places_at_rest_are_kept_where_they_are_given() {
         let without = Surface { t: 2.0, position: Vec3::ONE, normal: Vec3::X, instance: 7, rest: None };
-        let rest = AtRest { position: Vec3::new(0.5, -1.0, 2.0), normal: Vec3::NEG_Y };
+        let rest = AtRest { position: Vec3::new(0.5, -1.0, 2.0), normal: Vec3::NEG_Y, chart: 3 };
         let with = Surface { rest: Some(rest), ..without };
         let fragments = vec![Some(with), None, Some(without)];
         let buffer = GBuffer::from_fragments(Size::new(3, 1).unwrap(), fragments.clone()).unwrap();
@@ -204,5 +220,6 @@ mod tests {
         assert_eq!([0, 1, 2, 3].map(|pixel| buffer.at_rest(pixel)), [Some(rest), None, None, None]);
         assert_eq!(buffer.rest_position(), Some([rest.position, Vec3::ZERO, Vec3::ZERO].as_slice()));
         assert_eq!(buffer.rest_normal(), Some([rest.normal, Vec3::ZERO, Vec3::ZERO].as_slice()));
+        assert_eq!(buffer.rest_chart(), Some([3, 0, 0].as_slice()));
     }
 }

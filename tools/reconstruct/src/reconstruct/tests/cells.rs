@@ -10,7 +10,7 @@ use super::{Bounds, check, on_one_thread, row};
 use crate::reconstruct::cells::WorldToLocal;
 use crate::reconstruct::{ReconstructError, Statistics, cells};
 use crate::testing::{Margins, Reference, TestInstance, reference, state, state_of, unit};
-use crate::{AoSampler, GBuffer, Size, Surface};
+use crate::{AoSampler, GBuffer, Place, Size, Surface};
 
 fn fragment(instance: u32, position: Vec3, normal: Vec3) -> Surface {
     Surface { t: 1.0, position, normal, instance, rest: None }
@@ -178,10 +178,11 @@ proptest! {
             let to_local = WorldToLocal::new(state.pose(fragment.instance).unwrap());
             let position = to_local.point(fragment.position).to_array();
             let normal = to_local.vector(fragment.normal).to_array();
-            let ao = sampler.ao(&state, fragment.instance, position, normal);
+            let place = Place { position, normal, chart: 9 };
+            let ao = sampler.ao(&state, fragment.instance, &place);
             prop_assert_eq!(ao.unwrap_or(1.0).to_bits(), value.to_bits());
             let mut many = [None];
-            sampler.ao_many(&state, fragment.instance, &[position], &[normal], &mut many).unwrap();
+            sampler.ao_many(&state, fragment.instance, &[place], &mut many).unwrap();
             prop_assert_eq!(many, [ao]);
         }
     }

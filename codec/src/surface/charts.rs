@@ -89,12 +89,6 @@ impl Charts {
     pub fn of_fronts(&self) -> &[u32] {
         &self.of_triangle
     }
-
-    /// Returns the number of heap bytes in use.
-    #[must_use]
-    pub fn heap_bytes(&self) -> usize {
-        size_of_val(self.of_triangle.as_slice())
-    }
 }
 
 /// Returns for each vertex the first one at the same position.
@@ -212,7 +206,6 @@ mod tests {
             }
         }
         let mut order: Vec<usize> = label.clone();
-        order.dedup();
         order.sort_unstable();
         order.dedup();
         label.iter().map(|own| order.iter().position(|other| other == own).unwrap() as u32).collect()

@@ -21,8 +21,8 @@ const SMALL_CHART_FACTOR: f64 = 16.0;
 const EMPTY_SET_RADIUS_M: f32 = 0.05;
 
 /// Generates points on every mesh of the scene (paper, section 3.1). Each side of a [chart](psao_codec::surface::Charts)
-/// gets twice as many random candidates as points, and weighted sample elimination halves them. Masked-out parts get no points. Equal scenes
-/// and settings give equal points, whatever the number of threads.
+/// gets twice as many random candidates as points, and weighted sample elimination halves them. Masked-out parts get no
+/// points. Equal scenes and settings give equal points, whatever the number of threads.
 ///
 /// `progress` is called from any thread with the number of points done and the total.
 ///

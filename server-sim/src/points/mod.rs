@@ -132,8 +132,8 @@ impl ScenePoints {
 pub struct PointSettings {
     /// Points per square metre of surface, above 0 and finite.
     pub per_m2: f32,
-    /// Fewest points of an instance, at least 1, whatever its size. A double-sided instance has half of them on each
-    /// side.
+    /// Fewest points of an instance, at least 1, whatever its size; a mask may leave fewer. A double-sided instance has
+    /// half of them on each side.
     pub minimum: u32,
     /// Seed of the random candidates.
     pub seed: u64,

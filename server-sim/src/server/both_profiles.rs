@@ -160,8 +160,8 @@ impl BothProfiles {
         })
     }
 
-    /// Error of what clients hold after the last step, over the points in view that a picture needs. For `surface` that is what `client`
-    /// says; for `paper`, what the points were sent as that have a slot in the client's tables.
+    /// Error of what clients hold after the last step, over the points in view that a picture needs. For `surface` that is
+    /// what `client` says; for `paper`, what the points were sent as that have a slot in the client's tables.
     #[must_use]
     pub fn errors(&self, client: &surface::State) -> PerProfile<AoErrorStats> {
         let mut errors = PerProfile::<AoErrorStats>::default();

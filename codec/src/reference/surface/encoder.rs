@@ -120,8 +120,8 @@ impl SurfaceReferenceEncoder {
         }
     }
 
-    /// Returns the byte after a change. Where a value comes or goes that is all or nothing; otherwise it is, of the bytes that a change can reach, except the one held, the nearest to the
-    /// byte set. Of two, the one further away.
+    /// Returns the byte after a change: of the bytes that a change can reach, except the one held, the nearest to the byte
+    /// set. Of two, the one further away. A value goes at once.
     fn moved(&self, held: u8, latest: u8) -> u8 {
         let quantum = usize::from(self.settings.quantum());
         if latest == NO_VALUE {

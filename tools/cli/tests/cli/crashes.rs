@@ -128,7 +128,7 @@ fn a_killed_recorder_leaves_every_frame_whole_but_the_last() {
             assert!(recorder.0.try_wait().unwrap().is_none(), "the recorder ended by itself");
             std::thread::sleep(Duration::from_micros(200));
         }
-        std::thread::sleep(Duration::from_micros(dice.roll(100_000)));
+        std::thread::sleep(Duration::from_micros(dice.roll(200_000)));
         recorder.0.kill().unwrap();
         recorder.0.wait().unwrap();
 
@@ -153,7 +153,7 @@ fn a_killed_recorder_leaves_every_frame_whole_but_the_last() {
          first frame",
         begun.elapsed().as_secs_f64()
     );
-    assert!(without * 2 < kills && frames > 0, "most recorders were killed before their first frame");
+    assert!(frames > u64::from(kills), "the recorders were killed too early to show anything");
 }
 
 #[test]

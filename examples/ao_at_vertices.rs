@@ -11,8 +11,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 
     // The client's own mesh: positions and normals at rest, as in the vertex buffer, and the chart of each (`Charts`). The
     // wall is flat: one chart. Skinning does not matter here.
-    let vertex =
-        |i: u8| Place { position: [1.97, f32::from(i) * 0.05, 0.0], normal: [0.0, 0.0, 1.0], chart: 0 };
+    let vertex = |i: u8| Place {
+        position: [1.97, f32::from(i) * 0.05, 0.0],
+        normal: [0.0, 0.0, 1.0],
+        chart: 0,
+        spacing: 0.0,
+    };
     let vertices: Vec<Place> = (0..40).map(vertex).collect();
 
     let mut sampler = AoSampler::new();

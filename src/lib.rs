@@ -43,7 +43,7 @@
 //! let state = subscriber.state().ok_or("no frame came")?;
 //! let mut sampler = AoSampler::new();
 //! sampler.prepare(state);
-//! let ao = sampler.ao(state, right.0, &Place { position: [0.95, 0.0, 0.0], normal: [0.0, 1.0, 0.0], chart: 0 });
+//! let ao = sampler.ao(state, right.0, &Place { position: [0.95, 0.0, 0.0], normal: [0.0, 1.0, 0.0], chart: 0, spacing: 0.0 });
 //! assert!(ao.is_some_and(|ao| (ao - 0.5).abs() < 0.01));
 //! # Ok(())
 //! # }

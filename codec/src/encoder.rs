@@ -46,22 +46,18 @@ impl Encoder {
         }
     }
 
-    /// Sets a point. Its place counts only if [`Encoder::needs_places`] returns true. `seen` tells whether a picture needs it, see
-    /// [`surface::Encoder::set_unseen_ao`]; in profile `paper` it does not matter. Returns whether the next frame is to send
-    /// the point.
+    /// Sets a point. Its place counts only if [`Encoder::needs_places`] returns true. `threshold` is the least difference that
+    /// is sent, see [`surface::Encoder::set_ao_within`]; profile `paper` has one threshold for all points. Returns whether the
+    /// next frame is to send the point.
     ///
     /// # Errors
     /// [`PointError`] if the point does not exist or its place is not finite.
-    pub fn set_point(&mut self, point: u32, sample: &PointSample, seen: bool) -> Result<bool, PointError> {
+    pub fn set_point(&mut self, point: u32, sample: &PointSample, threshold: u8) -> Result<bool, PointError> {
         match self {
             Encoder::Paper(encoder) => encoder.set_point(point, sample),
             Encoder::Surface(encoder) => {
                 let count = encoder.state().layout().points();
-                let set = if seen {
-                    encoder.set_ao(point, sample.ao)
-                } else {
-                    encoder.set_unseen_ao(point, sample.ao)
-                };
+                let set = encoder.set_ao_within(point, sample.ao, threshold);
                 set.ok_or(PointError::Unknown { point, count })
             }
         }

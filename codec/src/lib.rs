@@ -23,7 +23,7 @@
 //! use psao_codec::block::BlockCoder;
 //! use psao_codec::envelope::{FrameIndex, FrameKind, FrameMeta, StreamTime};
 //! use psao_codec::surface::{
-//!     Decoder, Encoder, EncoderSettings, Geometry, GeometryDigest, GeometrySource, Layout, Member, RestPoint,
+//!     Decoder, Encoder, EncoderSettings, Geometry, GeometryDigest, GeometrySource, Layout, Levels, Member, RestPoint,
 //!     SetLayout, State,
 //! };
 //!
@@ -35,6 +35,7 @@
 //!     extent: [128; 3],
 //!     normal_bits: 6,
 //!     charts: 1,
+//!     levels: Levels::default(),
 //!     kernel_radius: 0.1,
 //!     // Filled in when the points are rounded.
 //!     points: 0,
@@ -78,7 +79,7 @@
 //! # use std::sync::Arc;
 //! # use psao_codec::{Limits, block::BlockCoder, envelope::{FrameIndex, FrameKind, FrameMeta, StreamTime}, surface::*};
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
-//! # let set = SetLayout { origin: [0.0; 3], step: 1.0 / 128.0, extent: [128; 3], normal_bits: 6, charts: 1, kernel_radius: 0.1,
+//! # let set = SetLayout { origin: [0.0; 3], step: 1.0 / 128.0, extent: [128; 3], normal_bits: 6, charts: 1, levels: Levels::default(), kernel_radius: 0.1,
 //! #     points: 0, digest: GeometryDigest::default() };
 //! # let along = |n: u8| RestPoint { position: [f32::from(n) / 100.0, 0.0, 0.5], normal: [0.0, 1.0, 0.0], chart: 0 };
 //! # let geometry = Arc::new(Geometry::round(set, &(0..100).map(along).collect::<Vec<_>>()).geometry);

@@ -84,7 +84,7 @@ fn the_encoder_resends_by_the_threshold() {
     let at = |x: f32, ao| sample([x, 0.1, 0.1], ao);
     // The order of the calls is not that of the ids.
     for (point, now) in [(3, at(0.9, 10)), (0, at(0.1, 100)), (2, at(0.6, 50))] {
-        assert_eq!(encoder.set_point(point, &now, true), Ok(true));
+        assert_eq!(encoder.set_point(point, &now, 8), Ok(true));
     }
     for (point, sample) in [(0, at(0.1, 100)), (2, at(0.6, 50)), (3, at(0.9, 10))] {
         plain.put(point, &sample).unwrap();
@@ -95,7 +95,7 @@ fn the_encoder_resends_by_the_threshold() {
     // Too little of AO; enough of AO; a move of what deforms.
     let next = [(0, at(0.1, 107)), (2, at(0.6, 58)), (3, at(0.6, 10))];
     let due: Vec<bool> =
-        next.iter().map(|(point, sample)| encoder.set_point(*point, sample, true).unwrap()).collect();
+        next.iter().map(|(point, sample)| encoder.set_point(*point, sample, 8).unwrap()).collect();
     assert_eq!(due, [false, true, true]);
     next[1..].iter().for_each(|(point, sample)| assert!(plain.put(*point, sample).is_ok()));
     plain.retry_unplaced();
@@ -103,6 +103,6 @@ fn the_encoder_resends_by_the_threshold() {
     assert_eq!(encoder.finish(delta, coder), plain.finish(delta, coder));
     let (sent, place) = encoder.as_paper().map(|paper| (paper.sent_ao(2), paper.sent_place(3))).unwrap();
     assert_eq!((sent, place), (Some(58), Some(([0.6, 0.1, 0.1], [0.0, 1.0, 0.0]))));
-    let unknown = encoder.set_point(4, &at(0.0, 0), true);
+    let unknown = encoder.set_point(4, &at(0.0, 0), 8);
     assert_eq!(unknown, Err(paper::PointError::Unknown { point: 4, count: 4 }));
 }

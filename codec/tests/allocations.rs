@@ -8,8 +8,8 @@ use psao_codec::Limits;
 use psao_codec::block::BlockCoder;
 use psao_codec::envelope::{EncodedFrame, FrameIndex, FrameKind, FrameMeta, StreamTime};
 use psao_codec::surface::{
-    Budget, Decoder, Encoder, EncoderSettings, Geometry, GeometryDigest, GeometrySource, Layout, Member,
-    RestPoint, SetLayout, State,
+    Budget, Decoder, Encoder, EncoderSettings, Geometry, GeometryDigest, GeometrySource, Layout, Levels,
+    Member, RestPoint, SetLayout, State,
 };
 
 const POINTS: u32 = 2000;
@@ -24,6 +24,7 @@ fn encoder(budget: Option<Budget>) -> Encoder {
         extent: [100; 3],
         normal_bits: 6,
         charts: 1,
+        levels: Levels::default(),
         points: 0,
         kernel_radius: 0.1,
         digest: GeometryDigest::default(),

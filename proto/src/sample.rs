@@ -9,7 +9,7 @@ use psao_codec::block::BlockCoder;
 use psao_codec::envelope::{EncodedFrame, FrameKind, FrameMeta};
 use psao_codec::paper::{self, PointSample, Pose};
 use psao_codec::surface::{
-    Encoder, EncoderSettings, Geometry, GeometryDigest, GeometrySource, RestPoint, SetLayout,
+    Encoder, EncoderSettings, Geometry, GeometryDigest, GeometrySource, Levels, RestPoint, SetLayout,
 };
 use psao_codec::{Layout, State, apply, keyframe};
 
@@ -207,6 +207,7 @@ fn geometry() -> Geometry {
         extent: [24; 3],
         normal_bits: 6,
         charts: 1,
+        levels: Levels::default(),
         points: POINTS,
         kernel_radius: 0.3,
         digest: GeometryDigest::default(),

@@ -3,6 +3,13 @@
 use glam::Vec3;
 use psao_proto::message::CameraPose;
 
+/// Rows of the picture in whose pixels distances on the screen are given.
+pub const PICTURE_ROWS: f32 = 1080.0;
+
+/// Cosine between a normal and the direction to an eye below which a point counts as seen from behind. A surface bends between
+/// a point and its neighbours.
+pub(crate) const BACK_COSINE: f32 = -0.25;
+
 /// A camera's widened field of view. A point is in view if it is in front of the eye and within the angles, at any
 /// distance.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -13,6 +20,8 @@ pub struct View {
     forward: Vec3,
     /// Half-angle tangents after widening.
     tangents: [f32; 2],
+    /// Size of a pixel at one metre, in metres: that of a picture of [`PICTURE_ROWS`] rows.
+    pixel: f32,
     /// Lengths of the side planes' normals, for distances to these planes.
     lengths: [f32; 2],
 }
@@ -39,10 +48,12 @@ impl View {
         let eye = Vec3::from(camera.eye);
         let forward = (Vec3::from(camera.target) - eye).try_normalize()?;
         let right = forward.cross(camera.up.into()).try_normalize()?;
-        let half = libm::tanf(camera.fov_y_deg.to_radians() * 0.5) * margin;
+        let tangent = libm::tanf(camera.fov_y_deg.to_radians() * 0.5);
+        let half = tangent * margin;
+        let pixel = 2.0 * tangent / PICTURE_ROWS;
         let tangents = [half * camera.aspect, half];
         let lengths = tangents.map(|tangent| (1.0 + tangent * tangent).sqrt());
-        let view = Self { eye, right, up: right.cross(forward), forward, tangents, lengths };
+        let view = Self { eye, right, up: right.cross(forward), forward, tangents, pixel, lengths };
         lengths.iter().all(|length| length.is_finite()).then_some(view)
     }
 
@@ -55,6 +66,17 @@ impl View {
         depth > 0.0
             && self.right.dot(to).abs() <= self.tangents[0] * depth
             && self.up.dot(to).abs() <= self.tangents[1] * depth
+    }
+
+    /// Returns the size of a pixel at a place, metres; infinity for a surface that turns its back.
+    fn pixel_on(&self, place: Vec3, normal: Vec3) -> f32 {
+        let to_eye = self.eye - place;
+        let distance = to_eye.length();
+        let cosine = normal.dot(to_eye) / distance.max(f32::MIN_POSITIVE);
+        if cosine < BACK_COSINE {
+            return f32::INFINITY;
+        }
+        self.pixel * distance
     }
 
     /// Returns the position of a ball (metres) relative to the view. Close to a boundary it is [`Overlap::Partly`].
@@ -97,6 +119,12 @@ impl Views {
     /// Returns the eyes of the cameras.
     pub(crate) fn eyes(&self) -> impl Iterator<Item = Vec3> {
         self.0.iter().map(|view| view.eye)
+    }
+
+    /// Returns the size of a pixel at a place, for the view that sees it best, metres. It is infinite where no view sees the place, or all see its back.
+    pub(crate) fn pixel(&self, place: Vec3, normal: Vec3) -> f32 {
+        let views = self.0.iter().filter(|view| view.sees(place));
+        views.map(|view| view.pixel_on(place, normal)).fold(f32::INFINITY, f32::min)
     }
 
     pub(crate) fn overlap(&self, center: Vec3, radius: f32) -> Overlap {

@@ -11,7 +11,8 @@ import sys
 from pathlib import Path
 
 from decoder.body import Body
-from decoder.geometry import digest_of, order_key
+from decoder.geometry import digest_of, is_in_order, order_key
+from decoder.levels import level_ends, made_anew
 from decoder.numbers import Refused
 from decoder.octahedral import octahedral
 from decoder.paper import PaperState
@@ -50,9 +51,10 @@ class Vectors:
         """Points and digests of the sets of a layout."""
         for entry in self.layouts[name].get("sets", []):
             points = [tuple(point) for point in entry["nodes"]]
-            keys = [order_key(point) for point in points]
-            if len(points) != entry["points"] or keys != sorted(keys):
+            if len(points) != entry["points"] or not is_in_order(entry, points):
                 return "the points are not those, or out of order"
+            if made_anew(entry, sorted(points, key=order_key)) != (level_ends(entry), points):
+                return "the levels are not those that the specification gives"
             if any(chart >= entry["charts"] for *_, chart in points):
                 return "a chart is none of the set"
             if f"{digest_of(entry, points):016x}" != entry["digest"]:

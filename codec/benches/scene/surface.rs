@@ -6,7 +6,7 @@ use psao_codec::Limits;
 use psao_codec::block::BlockCoder;
 use psao_codec::envelope::{EncodedFrame, FrameIndex, FrameKind, FrameMeta, StreamTime};
 use psao_codec::surface::{
-    Encoder, EncoderSettings, Geometry, GeometryDigest, GeometrySource, Layout, Member, SetLayout,
+    Encoder, EncoderSettings, Geometry, GeometryDigest, GeometrySource, Layout, Levels, Member, SetLayout,
 };
 
 use super::scene::{PERIOD, Scene, THRESHOLD};
@@ -35,6 +35,7 @@ impl Stream {
             normal_bits: 6,
             points: 0,
             charts: 6,
+            levels: Levels::default(),
             kernel_radius: 0.06,
             digest: GeometryDigest::default(),
         };

@@ -12,7 +12,7 @@ use crate::envelope::{
 use crate::reference::{SurfaceReferenceEncoder, apply_surface};
 use crate::surface::{
     Budget, ChangeLog, Decoder, Encoder, EncoderSettings, Geometry, GeometryDigest, GeometrySource, Layout,
-    Member, NO_VALUE, RestPoint, SetLayout, State, frame_ids, keyframe, patch, preview,
+    Levels, Member, NO_VALUE, RestPoint, SetLayout, State, frame_ids, keyframe, patch, preview,
 };
 
 const CODERS: [BlockCoder; 4] =
@@ -103,6 +103,7 @@ fn small_geometry() -> Vec<Arc<Geometry>> {
         normal_bits,
         points: 0,
         charts: 8,
+        levels: Levels::default(),
         kernel_radius: 0.1,
         digest: GeometryDigest::default(),
     };

@@ -96,7 +96,12 @@ fn read(state: &State, section: &SectionInfo, meter: &mut CostMeter<'_>) {
         let mut model = PatchModel::new();
         let (wanted, mut found) = (Patch::default(), Patch::default());
         model.back(meter, 0);
-        let known = (&*state.layout, state.present.as_slice());
+        if model.arrivals(meter, state.layout.blocks(), (&[], &mut found), most).is_err() {
+            return;
+        }
+        let mut present = state.present.clone();
+        found.add_arrivals(&mut present);
+        let known = (&*state.layout, present.as_slice());
         model.code(meter, known, &mut state.values.clone(), (&wanted, &mut found), most, stop);
     }
 }

@@ -7,7 +7,7 @@ use bitvec::vec::BitVec;
 use super::{BLOCK_POINTS, Layout, State};
 use crate::envelope::FrameIndex;
 
-/// The last frame in which each point changed, for all clients together: 5 B a point.
+/// The last frame in which each point changed or arrived, for all clients together: 5 B a point.
 ///
 /// Clients take the newest value of what they missed ([`super::patch`]). So however far a client falls behind, it
 /// needs at most one value for every point.
@@ -16,7 +16,7 @@ pub struct ChangeLog {
     layout: Arc<Layout>,
     /// The last frame recorded; `None` before the first.
     frame: Option<FrameIndex>,
-    /// The last frame in which blocks or geometry arrived or left. Nothing is known of earlier frames.
+    /// The last frame in which geometry arrived, or blocks or geometry left. Nothing is known of earlier frames.
     since: FrameIndex,
     values: Vec<u8>,
     present: Vec<bool>,
@@ -25,6 +25,8 @@ pub struct ChangeLog {
     changed: Vec<u32>,
     /// By block: the newest of these frames.
     newest: Vec<u32>,
+    /// By block: the frame in which it arrived, or 0.
+    arrived: Vec<u32>,
 }
 
 impl ChangeLog {
@@ -40,6 +42,7 @@ impl ChangeLog {
             received: state.received.clone(),
             changed: vec![0; state.values.len()],
             newest: vec![0; state.present.len()],
+            arrived: vec![0; state.present.len()],
         }
     }
 
@@ -56,11 +59,18 @@ impl ChangeLog {
         let again = state.frame == self.frame;
         let Some(frame) = state.frame else { return };
         let mut differs = self.present != state.present || self.received != state.received;
-        if differs || self.frame.is_none() {
+        let left = self.present.iter().zip(&state.present).any(|(before, now)| *before && !now);
+        if self.received != state.received || left || self.frame.is_none() {
             self.since = frame;
-            self.present.clone_from(&state.present);
             self.received.clone_from(&state.received);
         }
+        for block in 0..self.present.len() {
+            if state.present[block] && !self.present[block] {
+                (self.arrived[block], self.newest[block]) = (frame.0, frame.0);
+                self.changed[block * BLOCK_POINTS..][..state.layout.block_len(block)].fill(frame.0);
+            }
+        }
+        self.present.clone_from(&state.present);
         let blocks = self.values.chunks_exact_mut(BLOCK_POINTS).zip(state.values.chunks_exact(BLOCK_POINTS));
         for (block, (known, now)) in blocks.enumerate() {
             if known != now {
@@ -86,9 +96,10 @@ impl ChangeLog {
         self.frame
     }
 
-    /// Returns the points that changed after frame `base`: blocks, ascending, and the points of each, one bit each.
+    /// Returns the points that changed or arrived after frame `base`: blocks, ascending, and the points of each, one bit
+    /// each.
     ///
-    /// Returns `None` if this is not known: blocks or geometry arrived or left after `base`, or the log has not
+    /// Returns `None` if this is not known: geometry arrived after `base`, blocks or geometry left, or the log has not
     /// recorded that frame. Then only a keyframe helps.
     #[must_use]
     pub fn changed_since(&self, base: FrameIndex) -> Option<impl Iterator<Item = (u32, u64)> + '_> {
@@ -101,5 +112,10 @@ impl ChangeLog {
             stamps.iter().rev().fold(0, |mask, stamp| mask << 1 | u64::from(*stamp > base.0))
         };
         Some(blocks.map(move |((block, _), stamps)| (block, mask(stamps, base))))
+    }
+
+    /// Returns the blocks that arrived after frame `base`, ascending.
+    pub(super) fn arrived_since(&self, base: FrameIndex) -> impl Iterator<Item = u32> + '_ {
+        (0..).zip(&self.arrived).filter(move |(_, frame)| **frame > base.0).map(|(block, _)| block)
     }
 }

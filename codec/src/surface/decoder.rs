@@ -35,6 +35,7 @@ pub struct Decoder {
     model: Option<ChangeModel>,
     patch: Patch,
     values: Vec<u8>,
+    present: Vec<bool>,
 }
 
 impl Decoder {
@@ -124,7 +125,7 @@ impl Decoder {
         let mut next = None;
         let mut models = None;
         for block in parcels {
-            let next = next.get_or_insert_with(|| state.clone());
+            let next = next.get_or_insert_with(|| state.without_context());
             self.parcel(next, &block, models.get_or_insert_with(FrameModels::new), limits)?;
         }
         let mut hash = next.as_ref().map_or(state.hash, |next| hash_with_arrivals(state, next));
@@ -169,13 +170,18 @@ impl Decoder {
             }
         }
         let hash = self.patch.iter().fold(state.hash, |hash, (index, byte)| {
-            let (old, new) = (value_words(state.values[index.0]), value_words(byte));
-            hash.replace(RecordKind::Value, index.0 as u32, &old, &new)
+            let (kind, at, new) = (RecordKind::Value, index.0 as u32, value_words(byte));
+            if state.present[index.block()] {
+                hash.replace(kind, at, &value_words(state.values[index.0]), &new)
+            } else {
+                hash.insert(kind, at, &new)
+            }
         });
         let computed = check_hash(hash, info)?;
         for (index, byte) in self.patch.iter() {
             state.values[index.0] = byte;
         }
+        self.patch.add_arrivals(&mut state.present);
         (state.history, state.model) =
             learned.unwrap_or_else(|| (History::new(state.present.len()), ChangeModel::new()));
         Ok(computed)
@@ -196,15 +202,20 @@ impl Decoder {
             self.decompress(block, limits)?;
             self.patch.read_plain(&self.plain, blocks, records).map_err(refuse)?;
             check_base(self.patch.back, state, info, offset)?;
-            return self.patch.points.check(state).map_err(refuse);
+            self.present.clone_from(&state.present);
+            self.patch.add_arrivals(&mut self.present);
+            return self.patch.check(&state.layout, &self.present).map_err(refuse);
         }
         let mut decoder = RangeDecoder::new(block.bytes);
         let mut model = PatchModel::new();
         self.patch.back = model.back(&mut decoder, 0);
         check_base(self.patch.back, state, info, offset)?;
         self.values.clone_from(&state.values);
-        let known = (&*state.layout, state.present.as_slice());
         let (most, none) = (records as usize, Patch::default());
+        model.arrivals(&mut decoder, blocks, (&[], &mut self.patch), most).map_err(refuse)?;
+        self.present.clone_from(&state.present);
+        self.patch.add_arrivals(&mut self.present);
+        let known = (&*state.layout, self.present.as_slice());
         let pair = (&none, &mut self.patch);
         model.code(&mut decoder, known, &mut self.values, pair, most, RangeDecoder::is_exhausted);
         check_end(decoder, block)?;
@@ -212,6 +223,7 @@ impl Decoder {
         if found != most {
             return Err(refuse(ChangeError::Count { expected: records, found }));
         }
+        self.patch.check(&state.layout, &self.present).map_err(refuse)?;
         check_plain(self.patch.plain_bytes(blocks), block)
     }
 
@@ -406,7 +418,7 @@ fn check_changes(state: &State, changes: &Changes) -> Result<(), ChangeError> {
     if changes.quantum == 0 {
         return Err(ChangeError::Quantum);
     }
-    changes.points.check(state)?;
+    changes.points.check(&state.layout, &state.present)?;
     for (index, level) in changes.iter() {
         let old = state.values[index.0];
         let downwards = old == NO_VALUE && level <= 0;

@@ -22,8 +22,6 @@ use crate::{StateHash, memory};
 pub struct EncoderSettings {
     /// A point is sent if its AO byte differs by at least this much from that of clients, 1 to 255; 0 counts as 1.
     pub threshold: u8,
-    /// The same for a point that no picture needs now, at least `threshold`: see [`Encoder::set_unseen_ao`].
-    pub unseen_threshold: u8,
     /// Whether the stream carries the geometry, or clients make it from the scene.
     pub geometry: GeometrySource,
     /// Byte budget of deltas. Without one, every point is sent as soon as it differs by the threshold.
@@ -43,13 +41,12 @@ impl EncoderSettings {
     /// Returns settings without a budget.
     #[must_use]
     pub const fn new(threshold: u8, geometry: GeometrySource) -> Self {
-        Self { threshold, unseen_threshold: threshold, geometry, budget: None }
+        Self { threshold, geometry, budget: None }
     }
 
     setters! {
         const fn:
         with_threshold: threshold as u8,
-        with_unseen_threshold: unseen_threshold as u8,
         with_geometry: geometry as GeometrySource,
         with_budget: budget as Option<Budget>,
     }
@@ -62,8 +59,8 @@ impl EncoderSettings {
     }
 
     /// Returns the largest difference between the AO byte last set and the one of clients after the frame. It is below
-    /// the threshold: a larger difference is sent, and then the result is within half a [`quantum`](Self::quantum). For points that
-    /// are not seen it is below [`unseen_threshold`](Self::unseen_threshold).
+    /// the threshold: a larger difference is sent, and then the result is within half a [`quantum`](Self::quantum). For a
+    /// point that was set by [`Encoder::set_ao_within`] it is below the threshold given there.
     /// With a [`Budget`] it holds for the byte set up to [`Budget::longest_age`] frames before.
     #[must_use]
     pub fn max_error(&self) -> u8 {
@@ -105,8 +102,7 @@ impl Encoder {
         settings: EncoderSettings,
     ) -> Result<Encoder, GeometryError> {
         let threshold = settings.threshold.max(1);
-        let unseen_threshold = settings.unseen_threshold.max(threshold);
-        let settings = EncoderSettings { threshold, unseen_threshold, ..settings };
+        let settings = EncoderSettings { threshold, ..settings };
         let mut check = State::new(Arc::clone(&layout));
         for (geometry, set) in geometry.iter().zip(0..) {
             check.share_geometry(set, Arc::clone(geometry))?;
@@ -151,27 +147,22 @@ impl Encoder {
         sent.heap_bytes() + points + blocks + changes.heap_bytes() + writer.heap_bytes() + queue
     }
 
-    /// Sets the AO of a point: 1 closed to 255 open, or [`NO_VALUE`] for a point that clients leave out. Returns whether the next frame sends it, or `None` if there is no such point. It is
-    /// sent if its block was never sent, if it differs from the clients' value by the threshold, or if it gets or loses its
-    /// value. With a [`Budget`]
-    /// it may then have to wait.
+    /// Sets the AO of a point: 1 closed to 255 open, or [`NO_VALUE`] for a point that clients leave out. Returns whether the
+    /// next frame sends it, or `None` if there is no such point. It is sent if its block was never sent, if it differs from
+    /// the clients' value by the threshold, or if it gets or loses its value. With a [`Budget`] it may then have to wait.
     ///
     /// All points of a block are sent together the first time, blocks in the order in which they were first set.
     /// Points of it that were not set are sent as open.
     #[inline]
     pub fn set_ao(&mut self, point: u32, ao: u8) -> Option<bool> {
-        self.set_within(point, ao, self.settings.threshold)
+        self.set_ao_within(point, ao, self.settings.threshold)
     }
 
-    /// Sets the AO of a point that no picture needs now, as [`set_ao`](Self::set_ao) does, but with
-    /// [`EncoderSettings::unseen_threshold`]: clients may be off by more. The next call of `set_ao` brings the point back
-    /// within the threshold.
-    #[inline]
-    pub fn set_unseen_ao(&mut self, point: u32, ao: u8) -> Option<bool> {
-        self.set_within(point, ao, self.settings.unseen_threshold)
-    }
-
-    fn set_within(&mut self, point: u32, ao: u8, threshold: u8) -> Option<bool> {
+    /// Sets the AO of a point as [`set_ao`](Self::set_ao) does, but with a threshold of its own, which is at least that of the
+    /// settings: for points that pictures need less exactly. The next call of `set_ao` brings the point back within the
+    /// threshold of the settings.
+    pub fn set_ao_within(&mut self, point: u32, ao: u8, threshold: u8) -> Option<bool> {
+        let threshold = threshold.max(self.settings.threshold);
         let layout = &self.sent.layout;
         if !layout.points_of(self.instance as u32).contains(&(point as usize)) {
             self.instance = layout.instance_of(point)?;
@@ -303,7 +294,7 @@ impl Encoder {
         let mut next = None;
         if !self.arriving.is_empty() {
             let arriving = self.arriving.clone();
-            let mut with = self.sent.clone();
+            let mut with = self.sent.without_context();
             self.write_parcels(&mut with, &arriving, coder)?;
             hash = hash_with_arrivals(&self.sent, &with);
             next = Some(with);

@@ -21,6 +21,7 @@ fn encoder() -> Encoder {
         extent: [3, 0, 3],
         normal_bits: 4,
         charts: 1,
+        levels: Levels::default(),
         points: 0,
         kernel_radius: 0.5,
         digest: GeometryDigest::default(),

@@ -1,7 +1,8 @@
 //! The points of a set at rest, rounded and in the order of the wire.
 
-use super::SetLayout;
+use super::levels::{self, LevelPoint};
 use super::model::curve;
+use super::{Levels, SetLayout};
 use crate::hash::fold_words;
 use crate::memory;
 use crate::quant::oct;
@@ -29,6 +30,16 @@ pub(crate) struct CodedPoint {
     pub(crate) chart: u32,
 }
 
+/// What orders the points of a level: the place on the curve, the normal and the chart.
+pub(crate) type OrderKey = (u64, u16, u32);
+
+impl CodedPoint {
+    /// Returns what orders the points of a level.
+    pub(crate) fn order_key(&self) -> OrderKey {
+        (curve::place(self.coord), self.normal, self.chart)
+    }
+}
+
 /// Why a geometry was refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
@@ -49,8 +60,8 @@ pub enum GeometryError {
     },
 }
 
-/// The rounded points of a set, ordered by their place on a space-filling curve, then by the code of their normal, then by
-/// their chart.
+/// The rounded points of a set, ordered by [level](Levels), then by their place on a space-filling curve, then by the code
+/// of their normal, then by their chart.
 ///
 /// Positions are rounded to the nearest node of the set's lattice, normals to the best of the four octahedral codes
 /// around them.
@@ -83,42 +94,55 @@ impl Geometry {
     }
 
     /// Rounds points to the lattice of `layout` and orders them. The [`layout`](Geometry::layout) of the result has
-    /// their number and digest, whatever `layout` has. A chart beyond the layout's counts as its last one.
+    /// their number, levels and digest, whatever `layout` has. A chart beyond the layout's counts as its last one.
     #[must_use]
     pub fn round(layout: SetLayout, points: &[RestPoint]) -> RoundedGeometry {
         let mut outside = 0;
-        let mut keyed: Vec<(u64, u16, u32, u32, [u32; 3])> = Vec::with_capacity(points.len());
+        let mut keyed: Vec<(OrderKey, u32, [u32; 3])> = Vec::with_capacity(points.len());
         for (point, index) in points.iter().zip(0..) {
             let (coord, inside) = layout.nearest(point.position);
             outside += u32::from(!inside);
             let normal = oct::encode_bits(layout.normal_bits.into(), point.normal);
             let chart = point.chart.min(layout.charts.saturating_sub(1));
-            keyed.push((curve::place(coord), normal, chart, index, coord));
+            let point = CodedPoint { coord, normal, chart };
+            keyed.push((point.order_key(), index, coord));
         }
         keyed.sort_unstable();
+        let placed: Vec<LevelPoint> =
+            keyed.iter().map(|(key, _, coord)| LevelPoint { coord: *coord, chart: key.2 }).collect();
+        let (count, level) = levels::assign(&layout, &placed);
+        let mut order: Vec<u32> = (0..keyed.len() as u32).collect();
+        order.sort_by_key(|&at| level[at as usize]);
+        let before = |end: u8| order.partition_point(|&at| level[at as usize] < end) as u32;
+        let ends: Vec<u32> = (1..count).map(before).collect();
+        let keyed: Vec<_> = order.iter().map(|&at| keyed[at as usize]).collect();
         let mut geometry = Geometry {
             layout,
-            coords: keyed.iter().map(|key| key.4).collect(),
-            normals: keyed.iter().map(|key| key.1).collect(),
-            charts: keyed.iter().map(|key| key.2).collect(),
+            coords: keyed.iter().map(|(.., coord)| *coord).collect(),
+            normals: keyed.iter().map(|(key, ..)| key.1).collect(),
+            charts: keyed.iter().map(|(key, ..)| key.2).collect(),
         };
         geometry.layout.points = keyed.len() as u32;
+        geometry.layout.levels = Levels::from_ends(&ends).unwrap_or_default();
         geometry.layout.digest = geometry.digest();
-        RoundedGeometry { geometry, order: keyed.iter().map(|key| key.3).collect(), outside }
+        RoundedGeometry { geometry, order: keyed.iter().map(|(_, index, _)| *index).collect(), outside }
     }
 
-    /// Creates a geometry from points in any order.
+    /// Creates a geometry from points in any order within each level, as many as the layout has.
     pub(super) fn sorted(layout: SetLayout, points: &[CodedPoint]) -> Geometry {
-        let mut keyed: Vec<(u64, u16, u32, [u32; 3])> = points
-            .iter()
-            .map(|point| (curve::place(point.coord), point.normal, point.chart, point.coord))
-            .collect();
-        keyed.sort_unstable();
+        let mut keyed: Vec<(OrderKey, [u32; 3])> =
+            points.iter().map(|point| (point.order_key(), point.coord)).collect();
+        let mut rest = keyed.as_mut_slice();
+        for points in layout.level_points() {
+            let (level, after) = rest.split_at_mut(points.len().min(rest.len()));
+            level.sort_unstable();
+            rest = after;
+        }
         Geometry {
             layout,
-            coords: keyed.iter().map(|key| key.3).collect(),
-            normals: keyed.iter().map(|key| key.1).collect(),
-            charts: keyed.iter().map(|key| key.2).collect(),
+            coords: keyed.iter().map(|(_, coord)| *coord).collect(),
+            normals: keyed.iter().map(|(key, _)| key.1).collect(),
+            charts: keyed.iter().map(|(key, _)| key.2).collect(),
         }
     }
 
@@ -168,6 +192,13 @@ impl Geometry {
         self.charts[point]
     }
 
+    /// Returns the level of a point, 0 for the coarsest.
+    #[inline]
+    #[must_use]
+    pub fn level(&self, point: usize) -> u8 {
+        self.layout.levels.of_point(point as u32)
+    }
+
     /// Returns the unit normal of a point, rest space.
     #[inline]
     #[must_use]
@@ -182,6 +213,7 @@ impl Geometry {
         let bits = [normal_bits.into(), step.to_bits(), self.len() as u32, charts];
         let start = fold_words(0, &bits);
         let start = fold_words(start, &self.layout.origin.map(f32::to_bits));
+        let start = fold_words(start, self.layout.levels.ends());
         let points = self.coords.iter().zip(&self.normals).zip(&self.charts);
         GeometryDigest(points.fold(start, |digest, ((&[x, y, z], normal), chart)| {
             fold_words(digest, &[x, y, z, u32::from(*normal), *chart])
@@ -203,6 +235,7 @@ mod tests {
             normal_bits: 6,
             points: 0,
             charts: 3,
+            levels: Levels::default(),
             kernel_radius: 0.1,
             digest: GeometryDigest::default(),
         }

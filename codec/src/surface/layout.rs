@@ -1,6 +1,6 @@
 //! The layout of a `surface` stream: what both ends know before its first frame.
 
-use super::{BLOCK_POINTS, PaddedIndex, RestPoint};
+use super::{BLOCK_POINTS, Levels, PaddedIndex, RestPoint};
 use crate::paper::MAX_GRID_DIM;
 use crate::{Limits, memory};
 
@@ -22,7 +22,10 @@ pub struct SetLayout {
     pub points: u32,
     /// Number of charts, 1 to [`MAX_CHARTS`] if there are points. See [`Charts`](super::Charts).
     pub charts: u32,
-    /// Radius of the fit around a place, metres: about 1.5 times the distance of neighbouring points.
+    /// The levels of the points.
+    pub levels: Levels,
+    /// Radius of the fit around a place where all points are taken, metres: about 1.5 times the distance of neighbouring
+    /// points. See [`SetLayout::level_radius`].
     pub kernel_radius: f32,
     /// Digest of the set's geometry.
     pub digest: super::GeometryDigest,
@@ -256,7 +259,7 @@ impl Layout {
 impl SetLayout {
     /// Returns the layout of a lattice that covers these points and their charts with this step, or with the finest
     /// possible one if they are too far apart. Without points it has one node. [`Geometry::round`](super::Geometry::round) fills in
-    /// the number and digest of the points.
+    /// the number, levels and digest of the points.
     #[must_use]
     pub fn covering(points: &[RestPoint], step: f32, normal_bits: u8, kernel_radius: f32) -> SetLayout {
         let axis = |axis: usize| points.iter().map(move |point| point.position[axis]);
@@ -276,6 +279,7 @@ impl SetLayout {
             normal_bits,
             points: 0,
             charts: points.iter().map(|point| point.chart.saturating_add(1)).max().unwrap_or(0),
+            levels: Levels::default(),
             kernel_radius,
             digest: super::GeometryDigest::default(),
         }
@@ -328,7 +332,10 @@ fn check_set(set: &SetLayout) -> Result<(), &'static str> {
     if set.charts > MAX_CHARTS || set.charts < set.points.min(1) {
         return Err("the number of charts");
     }
-    if !positive(set.kernel_radius) {
+    if set.levels.ends().last().is_some_and(|end| *end > set.points) {
+        return Err("the number of points in a level");
+    }
+    if !positive(set.kernel_radius) || !positive(set.level_radius(0)) {
         return Err("the kernel radius");
     }
     Ok(())

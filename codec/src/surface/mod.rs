@@ -18,6 +18,7 @@ mod example;
 mod geometry;
 mod keyframe;
 mod layout;
+mod levels;
 mod model;
 mod padded_index;
 mod patch;
@@ -40,6 +41,7 @@ pub use error::SectionError;
 pub use geometry::{Geometry, GeometryDigest, GeometryError, RestPoint, RoundedGeometry};
 pub use keyframe::keyframe;
 pub use layout::{Layout, LayoutError, MAX_CHARTS, Member, SetLayout};
+pub use levels::{Levels, MAX_LEVELS};
 #[cfg(any(test, feature = "testing"))]
 pub(crate) use model::change::{ChangeModel, ContextMixer};
 pub use model::context::ContextError;

@@ -11,7 +11,7 @@ const MAX_BACK_FRAMES: u32 = (1 << 31) - 1;
 
 /// Writes the body of a delta that brings every client to `state` whose last frame is `base` or a later one before
 /// `meta.frame`. `meta.frame` is the frame of `state`, and `meta.kind` is taken as delta. The patch has the newest
-/// value of every point that changed after `base`. It depends on nothing that was coded before.
+/// value of every point that changed or arrived after `base`. It depends on nothing that was coded before.
 ///
 /// The coder context of a client becomes fresh when it applies a patch. With `context` the patch carries the context
 /// of `state`, at the same cost as in a [`super::keyframe`]; then the client can decode the updates that follow.
@@ -36,6 +36,7 @@ pub fn patch(
         return Ok(None);
     };
     let mut patch = Patch { back, ..Patch::default() };
+    log.arrived_since(base).for_each(|block| patch.push_arrival(block));
     for (block, mask) in missed {
         patch.points.blocks.push(block);
         patch.points.masks.push(mask);

@@ -51,11 +51,7 @@ impl Story {
     /// The reference of [`ChangeLog::changed_since`]: it looks at all states after `base`.
     fn missed(&self, base: usize) -> Option<Vec<(u32, u64)>> {
         let states = &self.states[base..];
-        let same = |state: &State| {
-            (state.present.clone(), state.received.clone())
-                == (states[0].present.clone(), states[0].received.clone())
-        };
-        if !states.iter().all(same) {
+        if !states.iter().all(|state| state.received == states[0].received) {
             return None;
         }
         let mut masks = vec![0; states[0].present.len()];
@@ -64,6 +60,10 @@ impl Story {
                 (0..pair[0].values.len()).filter(|index| pair[0].values[*index] != pair[1].values[*index])
             {
                 masks[index / BLOCK_POINTS] |= 1 << (index % BLOCK_POINTS);
+            }
+            for block in (0..masks.len()).filter(|block| !pair[0].present[*block] && pair[1].present[*block])
+            {
+                masks[block] = u64::MAX >> (BLOCK_POINTS - pair[0].layout.block_len(block));
             }
         }
         Some((0..).zip(masks).filter(|(_, mask)| *mask != 0).collect())
@@ -161,9 +161,18 @@ fn without_a_way_there_is_no_patch() {
     let meta = meta(FrameKind::Delta, story.last().frame.unwrap().0);
     let behind = patch(story.last(), &log, base, meta, BlockCoder::Range, false);
     assert_eq!(behind, Ok(None), "the log has not followed");
-    // The other ball arrives.
+    // The other ball arrives; its points are there already.
     story.frame(FrameKind::Delta, BlockCoder::Range, &vec![(559, 9)]);
-    assert_eq!(story.patch(base, BlockCoder::Range, false), None, "a block came");
+    let body = story.patch(base, BlockCoder::Range, false).expect("a block came");
+    let mut state = story.states[4].clone();
+    Decoder::new().decode(&mut state, &body, &Limits::default()).unwrap();
+    assert_eq!((&state.present, &state.values), (&story.last().present, &story.last().values));
+    // A set that comes is not in a patch.
+    let mut story = Story::new(GeometrySource::Sent);
+    story.frame(FrameKind::Key, BlockCoder::Range, &vec![(0, 9)]);
+    let base = story.last().frame.unwrap();
+    story.frame(FrameKind::Delta, BlockCoder::Range, &vec![(300, 9)]);
+    assert_eq!(story.patch(base, BlockCoder::Range, false), None, "a set came");
 }
 
 #[test]
@@ -280,9 +289,9 @@ fn patches_that_do_not_suit_are_refused_by_name() {
     };
     // The state is of frame 5, the patch of frame 14.
     let plain = |back: u8, block: usize, mask: u64| {
-        let mut raw = vec![back];
-        raw.resize(1 + blocks.div_ceil(8), 0);
-        raw[1 + block / 8] |= 1 << (block % 8);
+        let mut raw = vec![back, 0];
+        raw.resize(2 + blocks.div_ceil(8), 0);
+        raw[2 + block / 8] |= 1 << (block % 8);
         raw.extend(mask.to_le_bytes());
         raw.resize(raw.len() + mask.count_ones() as usize, 200);
         raw
@@ -314,6 +323,25 @@ fn patches_that_do_not_suit_are_refused_by_name() {
     let (offset, extra) = (offset + 2, 1);
     assert_eq!(problem(refused(2, &raw)), ChangeError::Trailing { offset, extra });
     let hash = refused(2, &raw[..offset]);
+    assert!(matches!(hash, FrameError::Hash { .. }), "{hash}");
+    let arriving = |runs: &[u8], block, mask: u64| {
+        let mut raw = plain(9, block, mask);
+        raw.splice(1..2, runs.iter().copied());
+        raw
+    };
+    for (runs, first, count) in [([1, 3, 0], 3, 0), ([1, 7, 9], 7, 9), ([1, 200, 1], 200, 1)] {
+        let error = problem(refused(1, &arriving(&runs, 0, 1)));
+        assert_eq!(error, ChangeError::Arrivals { first, count });
+    }
+    let disordered = ChangeError::Arrivals { first: 6, count: 1 };
+    assert_eq!(problem(refused(1, &arriving(&[2, 6, 2, 6, 1], 0, 1))), disordered);
+    assert_eq!(
+        problem(refused(1, &arriving(&[1, 6, 1], 0, 1))),
+        ChangeError::Missing { block: 6, missing: u64::MAX }
+    );
+    let missing = u64::MAX ^ 5;
+    assert_eq!(problem(refused(2, &arriving(&[1, 6, 1], 6, 5))), ChangeError::Missing { block: 6, missing });
+    let hash = refused(64, &arriving(&[1, 6, 1], 6, u64::MAX));
     assert!(matches!(hash, FrameError::Hash { .. }), "{hash}");
 }
 

@@ -165,6 +165,22 @@ impl State {
         hash
     }
 
+    /// Returns a copy with a fresh coder context, for blocks that arrive.
+    pub(super) fn without_context(&self) -> State {
+        let State { layout, geometry, received, values, present, hash, frame, .. } = self;
+        State {
+            layout: Arc::clone(layout),
+            geometry: geometry.clone(),
+            received: received.clone(),
+            values: values.clone(),
+            present: present.clone(),
+            history: History::new(0),
+            model: ChangeModel::new(),
+            hash: *hash,
+            frame: *frame,
+        }
+    }
+
     /// Returns the padded indices of the points of a block.
     pub(super) fn block_range(&self, block: usize) -> std::ops::Range<usize> {
         block * BLOCK_POINTS..block * BLOCK_POINTS + self.layout.block_len(block)

@@ -26,6 +26,7 @@ fn geometries() -> Vec<Arc<Geometry>> {
         normal_bits: 6,
         points: 0,
         charts: 2,
+        levels: Levels::default(),
         kernel_radius: 0.1,
         digest: GeometryDigest::default(),
     };

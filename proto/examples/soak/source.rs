@@ -6,7 +6,7 @@ use std::sync::Arc;
 use psao_codec::block::BlockCoder;
 use psao_codec::envelope::{EncodedFrame, FrameIndex, FrameKind, FrameMeta, StreamTime};
 use psao_codec::surface::{
-    Encoder, EncoderSettings, Geometry, GeometryDigest, GeometrySource, RestPoint, SetLayout,
+    Encoder, EncoderSettings, Geometry, GeometryDigest, GeometrySource, Levels, RestPoint, SetLayout,
 };
 use psao_codec::{Layout, StateRef};
 use psao_proto::message::{MemberEntry, Needs, PointSource, SetEntry};
@@ -82,6 +82,7 @@ fn geometry(points: u32) -> Geometry {
         extent: [ROW * 5, 1, (points / ROW + 1) * 5],
         normal_bits: 6,
         charts: 1,
+        levels: Levels::default(),
         points,
         kernel_radius: 0.1,
         digest: GeometryDigest::default(),

@@ -73,6 +73,8 @@ pub struct SceneHeader {
     pub paper_table_slots: f32,
     /// Factor by which the server widens a view's half-angle tangents before it calls a point out of view, at least 1.
     pub view_margin: f32,
+    /// Distance of neighbouring points on a picture of 1,080 rows, pixels; 0 if all points are kept. At most 1,024.
+    pub quality: f32,
 }
 
 fields!(SceneHeader {
@@ -98,6 +100,7 @@ fields!(SceneHeader {
     point_count,
     paper_table_slots,
     view_margin,
+    quality,
 });
 
 /// One instance of a `paper` stream: its grid, its buckets, its points.
@@ -155,7 +158,8 @@ impl SceneHeader {
         positive(self.points_per_m2, "points_per_m2")?;
         positive(self.paper_table_slots, "paper_table_slots")?;
         positive(self.view_margin, "view_margin")?;
-        require(self.view_margin >= 1.0, "view_margin", "is below 1")
+        require(self.view_margin >= 1.0, "view_margin", "is below 1")?;
+        require((0.0..=1024.0).contains(&self.quality), "quality", "is not 0 to 1024")
     }
 }
 
@@ -218,6 +222,7 @@ mod tests {
             point_count: 20_000,
             paper_table_slots: 4.0,
             view_margin: 1.25,
+            quality: 4.0,
         }
     }
 
@@ -239,7 +244,7 @@ mod tests {
             "00000000 0400000000000000 68616c6c 0a00000000000000 612f68616c6c2e676c62 \
              abababababababababababababababababababababababababababababababab 01 20 02 01 00007042 2c010000 \
              0000003f c0000000 00 08 0100000000000000 00008043 30000000 00100000 03000000 02000000 204e0000 \
-             00008040 0000a03f",
+             00008040 0000a03f 00008040",
         );
     }
 
@@ -273,6 +278,8 @@ mod tests {
             SceneHeader { points_per_m2: -1.0, ..info() },
             SceneHeader { paper_table_slots: f32::INFINITY, ..info() },
             SceneHeader { view_margin: 0.5, ..info() },
+            SceneHeader { quality: f32::NAN, ..info() },
+            SceneHeader { quality: -1.0, ..info() },
             SceneHeader { point_bits: 31, ..info() },
         ] {
             assert!(Scene::Info(bad).to_payload().is_err());

@@ -1,7 +1,7 @@
 //! Scene table entries of profile `surface`: point sets, and instances of them.
 
 use bincode::{Decode, Encode};
-use psao_codec::surface::{GeometryDigest, GeometrySource, MAX_CHARTS, SetLayout};
+use psao_codec::surface::{GeometryDigest, GeometrySource, Levels, MAX_CHARTS, MAX_LEVELS, SetLayout};
 
 use super::{FieldError, MAX_BATCH, Needs, finite, require};
 
@@ -40,6 +40,11 @@ pub struct SetEntry {
     pub points: u32,
     /// Charts, 1 to 2^24 if there are points.
     pub charts: u32,
+    /// Levels, 1 to [`MAX_LEVELS`].
+    pub levels: u8,
+    /// Points in each level and all coarser ones, ascending, for all levels but the last; 0 for levels that the set does not
+    /// have.
+    pub level_ends: [u32; MAX_LEVELS - 1],
     /// Radius of the fit around a place, metres, positive.
     pub kernel_radius: f32,
     /// Digest of the rounded points in order.
@@ -75,16 +80,31 @@ pub struct MemberBatch {
 
 impl From<&SetLayout> for SetEntry {
     fn from(set: &SetLayout) -> Self {
-        let SetLayout { origin, step, extent, normal_bits, points, charts, kernel_radius, digest } = *set;
-        Self { origin, step, extent, normal_bits, points, charts, kernel_radius, digest: digest.0 }
+        let SetLayout { origin, step, extent, normal_bits, points, charts, levels, kernel_radius, digest } =
+            *set;
+        let mut level_ends = [0; MAX_LEVELS - 1];
+        level_ends[..levels.ends().len()].copy_from_slice(levels.ends());
+        Self {
+            origin,
+            step,
+            extent,
+            normal_bits,
+            points,
+            charts,
+            levels: levels.count(),
+            level_ends,
+            kernel_radius,
+            digest: digest.0,
+        }
     }
 }
 
 impl From<&SetEntry> for SetLayout {
     fn from(entry: &SetEntry) -> Self {
-        let SetEntry { origin, step, extent, normal_bits, points, charts, kernel_radius, digest } = *entry;
-        let digest = GeometryDigest(digest);
-        Self { origin, step, extent, normal_bits, points, charts, kernel_radius, digest }
+        let SetEntry { origin, step, extent, normal_bits, points, charts, kernel_radius, digest, .. } =
+            *entry;
+        let (digest, levels) = (GeometryDigest(digest), entry.levels().unwrap_or_default());
+        Self { origin, step, extent, normal_bits, points, charts, levels, kernel_radius, digest }
     }
 }
 
@@ -102,6 +122,14 @@ impl MemberBatch {
 }
 
 impl SetEntry {
+    /// Returns the levels; `None` if the numbers make no sense.
+    fn levels(&self) -> Option<Levels> {
+        let coarser = usize::from(self.levels).checked_sub(1)?;
+        let (ends, unused) = self.level_ends.split_at_checked(coarser)?;
+        let fits = ends.iter().all(|end| *end <= self.points) && unused.iter().all(|end| *end == 0);
+        Levels::from_ends(ends).filter(|_| fits)
+    }
+
     fn check(&self) -> Result<(), FieldError> {
         let positive = |value: f32| value > 0.0 && value.is_finite();
         finite(&self.origin, "origin")?;
@@ -109,6 +137,7 @@ impl SetEntry {
         require((2..=8).contains(&self.normal_bits), "normal_bits", "is not 2 to 8")?;
         require(self.charts <= MAX_CHARTS, "charts", "is more than 2^24")?;
         require(self.charts >= self.points.min(1), "charts", "is 0, but there are points")?;
+        require(self.levels().is_some(), "levels", "are none, more than 12, or not in ascending order")?;
         require(positive(self.kernel_radius), "kernel_radius", "is not a positive number")
     }
 }
@@ -126,6 +155,8 @@ mod tests {
         normal_bits: 6,
         points: 9,
         charts: 2,
+        levels: 3,
+        level_ends: [2, 5, 0, 0, 0, 0, 0, 0, 0, 0, 0],
         kernel_radius: 0.25,
         digest: 0x0102_0304_0506_0708,
     };
@@ -136,7 +167,8 @@ mod tests {
         golden(
             &Scene::Sets(SetBatch { first: 1, entries: vec![SET] }),
             "02000000 01000000 0100000000000000 000080bf 00000000 0000803f 0000003f 04000000 05000000 06000000 \
-             06 09000000 02000000 0000803e 0807060504030201",
+             06 09000000 02000000 03 02000000 05000000 000000000000000000000000000000000000000000000000 \
+             000000000000000000000000 0000803e 0807060504030201",
         );
     }
 
@@ -175,6 +207,11 @@ mod tests {
             SetEntry { normal_bits: 9, ..SET },
             SetEntry { charts: 0, ..SET },
             SetEntry { charts: (1 << 24) + 1, ..SET },
+            SetEntry { levels: 0, ..SET },
+            SetEntry { levels: 13, ..SET },
+            SetEntry { levels: 2, ..SET },
+            SetEntry { level_ends: [5, 2, 0, 0, 0, 0, 0, 0, 0, 0, 0], ..SET },
+            SetEntry { level_ends: [2, 10, 0, 0, 0, 0, 0, 0, 0, 0, 0], ..SET },
             SetEntry { kernel_radius: f32::INFINITY, ..SET },
         ] {
             let batch = SetBatch { first: 0, entries: vec![SET, bad] };

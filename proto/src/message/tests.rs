@@ -30,14 +30,14 @@ fn peer_limits() -> impl Strategy<Value = PeerLimits> {
 prop_compose! {
     fn info()(name in text(), source in text(), digest in any::<[u8; 32]>(), ids in any::<[u8; 5]>(),
               point_bits in prop::sample::select(vec![16u8, 24, 32]), positives in prop::array::uniform4(positive()),
-              counts in any::<[u32; 7]>(), seed in any::<u64>(), margin in 1.0f32..9.0) -> SceneHeader {
+              counts in any::<[u32; 7]>(), seed in any::<u64>(), margin in 1.0f32..9.0, quality in 0.0f32..=1024.0) -> SceneHeader {
         let [profile, coder, geometry, occlusion, threshold] = ids;
         let [fps, radius_m, points_per_m2, paper_table_slots] = positives;
         let [frames_hint, rays, min_points, cell_capacity, set_count, instance_count, point_count] = counts;
         SceneHeader {
             name, source, digest, profile: Profile(profile), point_bits, coder: CoderId(coder),
             geometry: PointSource(geometry), fps, frames_hint, radius_m, rays, occlusion: Occlusion(occlusion),
-            threshold, seed, points_per_m2, min_points, cell_capacity, set_count, instance_count, point_count, paper_table_slots, view_margin: margin,
+            threshold, seed, points_per_m2, min_points, cell_capacity, set_count, instance_count, point_count, paper_table_slots, view_margin: margin, quality,
         }
     }
 }
@@ -53,10 +53,16 @@ prop_compose! {
 
 prop_compose! {
     fn set()(origin in prop::array::uniform3(float()), positives in prop::array::uniform2(positive()),
-             extent in any::<[u32; 3]>(), normal_bits in 2u8..=8, points in any::<u32>(), charts in 1..=1_u32 << 24, digest in any::<u64>())
+             extent in any::<[u32; 3]>(), normal_bits in 2u8..=8, points in any::<u32>(), charts in 1..=1_u32 << 24, ends in prop::collection::vec(any::<u32>(), 0..12),
+             digest in any::<u64>())
              -> SetEntry {
         let [step, kernel_radius] = positives;
-        SetEntry { origin, step, extent, normal_bits, points, charts, kernel_radius, digest }
+        let mut ends: Vec<u32> = ends.into_iter().map(|end| end.min(points)).collect();
+        ends.sort_unstable();
+        let mut level_ends = [0; 11];
+        level_ends[..ends.len()].copy_from_slice(&ends);
+        let levels = ends.len() as u8 + 1;
+        SetEntry { origin, step, extent, normal_bits, points, charts, levels, level_ends, kernel_radius, digest }
     }
 }
 

@@ -121,6 +121,7 @@ impl SceneInfo {
             point_count: counts.points,
             paper_table_slots: paper.table_slots,
             view_margin: trace.view_margin,
+            quality: trace.quality,
         }
     }
 }
@@ -135,6 +136,7 @@ impl From<SceneHeader> for SceneInfo {
             points_per_m2: header.points_per_m2,
             min_points: header.min_points,
             view_margin: header.view_margin,
+            quality: header.quality,
         };
         let paper = PaperInfo { cell_capacity: header.cell_capacity, table_slots: header.paper_table_slots };
         let is_paper = header.profile == Profile::PAPER;
@@ -183,6 +185,9 @@ pub struct TraceInfo {
     pub min_points: u32,
     /// Factor by which the server widens a view's half-angle tangents before a point counts as out of view, at least 1.
     pub view_margin: f32,
+    /// Profile `surface`: distance of neighbouring points on a picture of 1,080 rows, in pixels. The server keeps points
+    /// only as fine as this; 0 if it keeps all points.
+    pub quality: f32,
 }
 
 impl TraceInfo {
@@ -196,6 +201,7 @@ impl TraceInfo {
         points_per_m2: 1.0,
         min_points: 0,
         view_margin: 1.0,
+        quality: 0.0,
     };
 
     /// Creates the facts of a tracer that casts `rays` rays per point as far as `radius_m` metres. The others are
@@ -209,6 +215,7 @@ impl TraceInfo {
         with_occlusion: occlusion as Occlusion,
         with_seed: seed as u64,
         with_view_margin: view_margin as f32,
+        with_quality: quality as f32,
     }
 
     /// Sets [`points_per_m2`](Self::points_per_m2) and [`min_points`](Self::min_points).
@@ -256,7 +263,7 @@ mod tests {
 
     #[test]
     fn facts_survive_the_wire_whether_they_are_there_or_not() {
-        let trace = TraceInfo::new(16, 0.25).with_density(64.0, 3).with_view_margin(1.5);
+        let trace = TraceInfo::new(16, 0.25).with_density(64.0, 3).with_view_margin(1.5).with_quality(4.0);
         for info in [
             info(),
             info().with_trace(trace.with_seed(9).with_occlusion(Occlusion::BINARY)),

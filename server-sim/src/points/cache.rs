@@ -188,7 +188,7 @@ fn decode_set<'a>(mesh: &RestMesh, bytes: &'a [u8]) -> Option<(PointSet, &'a [u8
         points.chunks_exact(POINT_BYTES).map(|point| decode_point(mesh, point)).collect();
     let (radius, area) = (f32::from_le_bytes(*radius), f64::from_le_bytes(*area));
     let fine = radius.is_finite() && radius > 0.0 && area.is_finite();
-    let set = PointSet { points: points?, numbers: (0..count as u32).collect(), radius, area };
+    let set = PointSet { points: points?, numbers: (0..count as u32).collect(), radius, area, at_rest: None };
     fine.then_some((set, after))
 }
 

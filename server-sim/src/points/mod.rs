@@ -12,6 +12,7 @@ pub mod reference;
 mod rest;
 
 use psao_codec::setters;
+use psao_codec::surface::SetLayout;
 use thiserror::Error;
 
 pub use cache::{PointCache, PointCacheError, PointKey};
@@ -42,6 +43,7 @@ pub struct PointSet {
     numbers: Vec<u32>,
     radius: f32,
     area: f64,
+    at_rest: Option<SetLayout>,
 }
 
 impl PointSet {
@@ -63,6 +65,13 @@ impl PointSet {
     #[must_use]
     pub fn radius(&self) -> f32 {
         self.radius
+    }
+
+    /// Returns the layout of the set in a stream of profile `surface`; `None` unless the points are in its order, see
+    /// [`order_at_rest`].
+    #[must_use]
+    pub fn at_rest(&self) -> Option<&SetLayout> {
+        self.at_rest.as_ref()
     }
 
     /// Returns the area in square metres that the points stand for. It counts both sides of a double-sided mesh and
@@ -93,9 +102,10 @@ impl ScenePoints {
         &self.offsets
     }
 
-    /// Reorders the points of a set: `order` has, for each new place, the old place of its point.
-    pub(crate) fn reorder(&mut self, set: usize, order: &[u32]) {
+    /// Brings the points of a set into the order of a stream: `order` has, for each new place, the old place of its point.
+    pub(crate) fn reorder(&mut self, set: usize, order: &[u32], layout: SetLayout) {
         let set = &mut self.sets[set];
+        set.at_rest = Some(layout);
         set.points = order.iter().map(|&from| set.points[from as usize]).collect();
         set.numbers = order.iter().map(|&from| set.numbers[from as usize]).collect();
     }

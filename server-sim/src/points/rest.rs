@@ -69,7 +69,7 @@ pub fn order_at_rest(
         .collect();
     let mut geometry = Vec::with_capacity(made.len());
     for (set, made) in made.into_iter().enumerate() {
-        points.reorder(set, &made.order);
+        points.reorder(set, &made.order, *made.geometry.layout());
         geometry.push(Arc::new(made.geometry));
     }
     geometry

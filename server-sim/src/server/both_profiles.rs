@@ -97,7 +97,8 @@ impl BothProfiles {
         cache: Option<&dyn PointCache>,
         progress: Arc<ProgressFn>,
     ) -> Result<Self, ServerError> {
-        let surface = ServerSettings { profile: Profile::SURFACE, coder: surface_coder, ..*settings };
+        let surface =
+            ServerSettings { profile: Profile::SURFACE, coder: surface_coder, quality: 0.0, ..*settings };
         let Server { trace, encode } = Server::build(scene, surface, cache, progress, true)?;
         let mut state = trace.state;
         let paper = ServerSettings { profile: Profile::PAPER, ..*settings };

@@ -7,13 +7,14 @@ use std::ops::Range;
 
 use glam::Vec3;
 use psao_codec::memory::list;
+use psao_codec::surface::{BLOCK_POINTS, SetLayout};
 use rayon::prelude::*;
 
 use super::hit_cache::{self, ChunkHitCache};
 use super::sight::{OUT_OF_VIEW, Sight};
 use crate::ao::RayFrame;
 use crate::bvh::Bounds;
-use crate::points::{PlacedPoint, PointId, PointInSet, ScenePoints};
+use crate::points::{PlacedPoint, PointId, PointInSet, PointSet, ScenePoints};
 use crate::scene::{InstanceId, Motion, PosedMesh};
 use crate::shortcuts::Shortcuts;
 use crate::visibility::{Overlap, Views};
@@ -32,7 +33,24 @@ pub(super) mod flag {
     pub(crate) const VISIBLE: u8 = 4;
     /// It lies inside a solid.
     pub(crate) const BURIED: u8 = 8;
+    /// Clients have its block, or are about to get it.
+    pub(crate) const ACTIVE: u8 = 16;
+    /// In view, and clients have it.
+    pub(crate) const SHOWN: u8 = VISIBLE | ACTIVE;
 }
+
+/// Blocks of a chunk.
+const CHUNK_BLOCKS: usize = CHUNK_POINTS / BLOCK_POINTS;
+
+/// The reach of a client's fit in Poisson-disk radii of points that are in no stream's order.
+const REACH_RADII: f32 = 2.8;
+
+/// Of so many points of a block, one tells how near the block is; and what of the distance is left for the others.
+const PIXEL_STEP: usize = 8;
+const PIXEL_FACTOR: f32 = 0.9;
+
+/// Least change of the size of a pixel by which a block of points that clients have gets too fine for them.
+const HOLD_FACTOR: f32 = 0.8;
 
 /// A run of points of one instance.
 #[derive(Clone, Debug)]
@@ -44,6 +62,8 @@ pub(super) struct Chunk {
     pub(super) points: Range<usize>,
     /// Bounds in the space of the points' bodies; only of instances that do not deform.
     bounds: Bounds,
+    /// By block: the coarsest level of its points.
+    levels: [u8; CHUNK_BLOCKS],
 }
 
 /// The part of the field that belongs to a chunk.
@@ -57,6 +77,8 @@ pub(super) struct FieldPart<'a> {
     pub(super) seen: &'a mut [u8],
     /// AO byte, at least 1, for which it was last found out whether each point is buried; 0 where it was not.
     pub(super) dug: &'a mut [u8],
+    /// By block: the level that the view asks for.
+    wanted: &'a mut [u8; CHUNK_BLOCKS],
     pub(super) memory: &'a mut ChunkHitCache,
 }
 
@@ -83,6 +105,10 @@ pub(super) struct Field {
     seen: Vec<u8>,
     /// AO bytes for which it was last found out whether points are buried.
     dug: Vec<u8>,
+    /// By chunk and block: the level that the view asks for.
+    wanted: Vec<[u8; CHUNK_BLOCKS]>,
+    /// Distance of points that the view asks for, pixels; `None` if it asks for all points everywhere.
+    quality: Option<f32>,
     /// AO as traced, not rounded; empty unless asked for.
     exact: Vec<f32>,
     /// What rays met, by chunk.
@@ -106,7 +132,13 @@ enum Places {
 
 impl Field {
     /// The field of a scene. With `exact` it keeps the AO of every point as it was traced, besides its byte.
-    pub(super) fn new(world: &SceneBvh, points: &ScenePoints, exact: bool, shortcuts: Shortcuts) -> Self {
+    pub(super) fn new(
+        world: &SceneBvh,
+        points: &ScenePoints,
+        exact: bool,
+        shortcuts: Shortcuts,
+        quality: Option<f32>,
+    ) -> Self {
         let scene = world.scene();
         let instances = scene.instances();
         let shared = (0..points.sets().len()).into_par_iter().map(|rest| {
@@ -126,6 +158,8 @@ impl Field {
             ao: vec![0; points.total() as usize],
             seen: vec![OUT_OF_VIEW; points.total() as usize],
             dug: vec![0; points.total() as usize],
+            wanted: Vec::new(),
+            quality,
             exact: if exact { vec![0.0; points.total() as usize] } else { Vec::new() },
             memories: Vec::new(),
             places: Vec::new(),
@@ -150,16 +184,28 @@ impl Field {
             };
             field.worlds.push(placed);
             let count = points.sets()[rest].points().len();
+            let layout = points.sets()[rest].at_rest();
+            let level = |point: usize| layout.map_or(0, |layout| layout.levels.of_point(point as u32));
             let first = |start: usize| points.id(index, PointInSet(start as u32));
             let ranges = (0..count).step_by(CHUNK_POINTS).map(|start| start..count.min(start + CHUNK_POINTS));
             field.chunks.extend(ranges.map(|points| Chunk {
                 instance: index,
                 first: first(points.start),
+                levels: std::array::from_fn(|block| level(points.start + block * BLOCK_POINTS)),
                 points,
                 bounds: Bounds::EMPTY,
             }));
         }
         field.memories.resize_with(field.chunks.len(), ChunkHitCache::default);
+        field.wanted = vec![[u8::MAX; CHUNK_BLOCKS]; field.chunks.len()];
+        for chunk in &field.chunks {
+            let flags = &mut field.flags[chunk.first.index()..][..chunk.points.len()];
+            for (flags, level) in flags.chunks_mut(BLOCK_POINTS).zip(chunk.levels) {
+                if level == 0 || quality.is_none() {
+                    flags.fill(flag::ACTIVE);
+                }
+            }
+        }
         field.place(world, points, true);
         field.measure(|_| true);
         field
@@ -167,7 +213,7 @@ impl Field {
 
     /// Bytes held, but for what points remember of their rays.
     pub(super) fn heap_bytes(&self) -> usize {
-        let Self { chunks, flags, ao, seen, dug, exact, memories, places, shared, worlds, .. } = self;
+        let Self { chunks, flags, ao, seen, dug, wanted, exact, memories, places, shared, worlds, .. } = self;
         let own = |places: &Places| match places {
             Places::Shared(_) => 0,
             Places::Own(points) => size_of_val(points.as_slice()),
@@ -176,7 +222,7 @@ impl Field {
             list(lists) + lists.iter().map(|points| size_of_val(points.as_slice())).sum::<usize>()
         };
         let places = list(places) + places.iter().map(own).sum::<usize>();
-        let known = list(flags) + list(ao) + list(seen) + list(dug) + list(exact);
+        let known = list(flags) + list(ao) + list(seen) + list(dug) + list(wanted) + list(exact);
         list(chunks) + known + list(memories) + places + placed(shared) + placed(worlds)
     }
 
@@ -224,7 +270,7 @@ impl Field {
         &self.chunks
     }
 
-    /// Points of a chunk that are in view, as last traced.
+    /// Points of a chunk that are in view and that clients have, as last traced.
     pub(super) fn visible(&self, chunk: &Chunk) -> impl Iterator<Item = TracedPoint> + '_ {
         let first = chunk.first.index();
         let range = first..first + chunk.points.len();
@@ -232,7 +278,7 @@ impl Field {
         (chunk.points.start as u32..)
             .zip(chunk.first.0..)
             .zip(values)
-            .filter(|(_, ((flags, _), _))| **flags & flag::VISIBLE != 0)
+            .filter(|(_, ((flags, _), _))| is_shown(**flags))
             .map(|((place, point), ((flags, ao), seen))| TracedPoint {
                 place: PointInSet(place),
                 id: PointId(point),
@@ -257,7 +303,15 @@ impl Field {
     }
 
     /// Marks which points are in view and which are no longer fresh.
-    pub(super) fn mark(&mut self, world: &SceneBvh, views: Option<&Views>, bias: f32, reach: f32) {
+    pub(super) fn mark(
+        &mut self,
+        world: &SceneBvh,
+        points: &ScenePoints,
+        (views, first): (Option<&Views>, bool),
+        bias: f32,
+        reach: f32,
+    ) {
+        let quality = self.quality;
         let dirty = DirtyRegions {
             swept: world.changes().iter().filter_map(InstanceChange::swept).collect(),
             detached: world.changes().iter().any(|change| matches!(change, InstanceChange::Detached(_))),
@@ -267,27 +321,48 @@ impl Field {
         let (parts, rest) = self.split();
         parts.into_par_iter().for_each(|mut part| {
             part.see(&rest, world, views);
+            if let (Some(quality), Some(views)) = (quality, views) {
+                let set = &points.sets()[world.scene().instances()[part.chunk.instance].rest().index()];
+                if let Some(layout) = set.at_rest() {
+                    part.choose_levels(&rest, world, &LevelChoice { views, quality, layout, first });
+                }
+            }
             part.invalidate(&rest, world, &dirty);
         });
     }
 
-    /// Finds out which points in view a picture needs.
-    pub(super) fn look(&mut self, sight: &Sight<'_>) {
+    /// Finds out which points in view a picture needs, and gives clients the blocks that have one: at most `most` more, those
+    /// of coarse levels first.
+    pub(super) fn look(&mut self, sight: &Sight<'_>, most: usize) {
         let (parts, places) = self.split();
         parts.into_par_iter().for_each(|mut part| sight.look(&mut part, &places));
+        let mut needed: Vec<(u8, Range<usize>)> =
+            self.chunks.iter().flat_map(|chunk| self.needed(chunk)).collect();
+        needed.sort_by_key(|(level, points)| (*level, points.start));
+        for (_, points) in needed.into_iter().take(most) {
+            self.flags[points].iter_mut().for_each(|flags| *flags |= flag::ACTIVE);
+        }
+    }
+
+    /// Returns the blocks of a chunk that clients do not have and of which a picture needs a point: level and point ids.
+    fn needed(&self, chunk: &Chunk) -> impl Iterator<Item = (u8, Range<usize>)> {
+        let points = chunk.first.index()..chunk.first.index() + chunk.points.len();
+        points.clone().step_by(BLOCK_POINTS).zip(chunk.levels).filter_map(move |(first, level)| {
+            let block = first..points.end.min(first + BLOCK_POINTS);
+            let (flags, seen) = (&self.flags[block.clone()], &self.seen[block.clone()]);
+            let is_needed = |(flags, seen): (&u8, &u8)| *seen > 0 && flags & flag::VISIBLE != 0;
+            let missing = flags[0] & flag::ACTIVE == 0;
+            (missing && flags.iter().zip(seen).any(is_needed)).then_some((level, block))
+        })
     }
 
     /// Points of each chunk that are in view and whose AO may have changed; all in view unless `untouched` ones are left out.
     pub(super) fn stale(&self, untouched: bool) -> Vec<u32> {
-        let (mask, wanted) = if untouched {
-            (flag::VISIBLE | flag::FRESH, flag::VISIBLE)
-        } else {
-            (flag::VISIBLE, flag::VISIBLE)
-        };
+        let mask = if untouched { flag::SHOWN | flag::FRESH } else { flag::SHOWN };
         let of_chunk = |chunk: &Chunk| {
             let first = chunk.first.index();
             let flags = &self.flags[first..first + chunk.points.len()];
-            flags.iter().filter(|&&flags| flags & mask == wanted).count() as u32
+            flags.iter().filter(|&&flags| flags & mask == flag::SHOWN).count() as u32
         };
         self.chunks.iter().map(of_chunk).collect()
     }
@@ -303,15 +378,22 @@ impl Field {
         let (mut flags, mut ao) = (self.flags.as_mut_slice(), self.ao.as_mut_slice());
         let (mut exact, mut seen) = (self.exact.as_mut_slice(), self.seen.as_mut_slice());
         let mut dug = self.dug.as_mut_slice();
-        for (chunk, memory) in self.chunks.iter().zip(&mut self.memories) {
+        for ((chunk, memory), wanted) in self.chunks.iter().zip(&mut self.memories).zip(&mut self.wanted) {
             let (head, tail) = flags.split_at_mut(chunk.points.len());
             let (bytes, others) = ao.split_at_mut(chunk.points.len());
             let (values, rest) = exact.split_at_mut(exact.len().min(chunk.points.len()));
             let (held, later) = seen.split_at_mut(chunk.points.len());
             let (known, unknown) = dug.split_at_mut(chunk.points.len());
-            let part =
-                FieldPart { chunk, flags: head, ao: bytes, exact: values, seen: held, dug: known, memory };
-            parts.push(part);
+            parts.push(FieldPart {
+                chunk,
+                flags: head,
+                ao: bytes,
+                exact: values,
+                seen: held,
+                dug: known,
+                wanted,
+                memory,
+            });
             (flags, ao, exact, seen, dug) = (tail, others, rest, later, unknown);
         }
         (parts, PointPlaces { places: &self.places, shared: &self.shared, worlds: &self.worlds })
@@ -388,7 +470,44 @@ impl Chunk {
 impl FieldPart<'_> {
     /// Points in view.
     pub(super) fn visible(&self) -> u32 {
-        self.flags.iter().filter(|&&flags| flags & flag::VISIBLE != 0).count() as u32
+        self.flags.iter().filter(|&&flags| is_shown(flags)).count() as u32
+    }
+
+    /// Takes whole blocks into view or out of it, by whether the view asks for points as fine as theirs. In the first frame,
+    /// the coarsest points count as in view wherever they are.
+    fn choose_levels(&mut self, placed: &PointPlaces<'_>, world: &SceneBvh, choice: &LevelChoice<'_>) {
+        let LevelChoice { views, quality, layout, first } = *choice;
+        let present = world.is_present(self.chunk.instance);
+        let mut pixels = [f32::INFINITY; CHUNK_BLOCKS];
+        // A few points tell how near a block is, but all that are in view if it is at the edge of the view.
+        let visible = self.flags.iter().filter(|flags| **flags & flag::VISIBLE != 0).count();
+        let step = match visible {
+            0 => self.flags.len(),
+            _ if visible == self.flags.len() => PIXEL_STEP,
+            _ => 1,
+        };
+        for (index, (place, normal)) in placed.in_world(world, self.chunk).enumerate().step_by(step) {
+            if self.flags[index] & flag::VISIBLE != 0 {
+                let pixel = &mut pixels[index / BLOCK_POINTS];
+                *pixel = pixel.min(views.pixel(place, normal));
+            }
+        }
+        for ((block, flags), pixel) in self.flags.chunks_mut(BLOCK_POINTS).enumerate().zip(pixels) {
+            let level = self.chunk.levels[block];
+            let held = if flags[0] & flag::ACTIVE != 0 { HOLD_FACTOR } else { 1.0 };
+            let wanted = layout.level_within(PIXEL_FACTOR * quality * pixel);
+            let fine_enough =
+                pixel.is_finite() && level <= layout.level_within(held * PIXEL_FACTOR * quality * pixel);
+            let any = present && (first && level == 0 || fine_enough);
+            flags.iter_mut().for_each(|flags| set(flags, flag::VISIBLE, any));
+            self.wanted[block] = wanted;
+        }
+    }
+
+    /// Returns the radius of a client's fit around a point, metres: that of the level for which the view asks.
+    pub(super) fn level_radius(&self, set: &PointSet, index: usize) -> f32 {
+        let level = self.wanted[index / BLOCK_POINTS];
+        set.at_rest().map_or_else(|| REACH_RADII * set.radius(), |layout| layout.level_radius(level))
     }
 
     /// Marks the points in view.
@@ -452,6 +571,22 @@ impl FieldPart<'_> {
             }
         }
     }
+}
+
+/// What levels are chosen by.
+#[derive(Clone, Copy)]
+struct LevelChoice<'a> {
+    views: &'a Views,
+    /// Pixels.
+    quality: f32,
+    layout: &'a SetLayout,
+    /// Whether this is the first frame.
+    first: bool,
+}
+
+/// Returns whether a point is in view and clients have it.
+pub(super) fn is_shown(flags: u8) -> bool {
+    flags & flag::SHOWN == flag::SHOWN
 }
 
 pub(super) fn set(flags: &mut u8, bit: u8, on: bool) {

@@ -181,9 +181,9 @@ impl Server {
     }
 
     /// Computes one frame: the points that one of `views` sees are brought up to date, and those that changed by
-    /// enough are written. Without a view every point counts as seen. The first frame is a keyframe with every point
-    /// of the scene, whatever the views; in profile `surface` those in view come first in it. `clock` is read between
-    /// the stages.
+    /// enough are written. Without a view every point counts as seen. The first frame is a keyframe. In profile
+    /// `paper`, and with a quality of 0, it has every point of the scene, whatever the views; else the coarsest points of the
+    /// whole scene, and those that a view asks for. What is in view comes first. `clock` is read between the stages.
     ///
     /// # Errors
     /// A frame index that does not grow, or a scene whose geometry is not finite at that time.

@@ -48,9 +48,7 @@ pub(super) fn encode_stage(
         }
         Layout::Surface(layout) => {
             let ServerSettings { threshold, geometry: source, budget, .. } = *settings;
-            let settings = EncoderSettings::new(threshold, source)
-                .with_unseen_threshold(settings.unseen_threshold())
-                .with_budget(budget);
+            let settings = EncoderSettings::new(threshold, source).with_budget(budget);
             Encoder::Surface(Box::new(surface::Encoder::new(Arc::clone(layout), geometry, settings)?))
         }
     };
@@ -100,7 +98,8 @@ fn info(scene: &Scene, settings: &ServerSettings) -> Result<SceneInfo, ServerErr
         .with_occlusion(occlusion)
         .with_seed(settings.points.seed)
         .with_density(per_m2, settings.points.minimum)
-        .with_view_margin(settings.view_margin);
+        .with_view_margin(settings.view_margin)
+        .with_quality(settings.levels_by_view().unwrap_or(0.0));
     let ServerSettings { fps, threshold, coder, .. } = *settings;
     let info = SceneInfo::new(scene.name(), *scene.digest(), fps, threshold, coder.id(), PointSource::SENT);
     Ok(info

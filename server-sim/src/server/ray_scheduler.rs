@@ -19,7 +19,7 @@ use crate::world::SceneBvh;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct RayBudget {
-    /// Rays a frame. The first frame, which makes the AO of every point, takes what it takes.
+    /// Rays a frame. The first frame, which makes the AO of all points that clients get, takes what it takes.
     pub rays: u64,
     /// Frames after which a point goes before what is larger on the screen.
     pub longest_age: u16,

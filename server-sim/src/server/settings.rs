@@ -31,6 +31,9 @@ pub struct ServerSettings {
     /// Profile `surface`: the same for points that no camera sees, `threshold` to 255. `None` is eight times the threshold, at
     /// most 64.
     pub unseen_threshold: Option<u8>,
+    /// Profile `surface`: distance of neighbouring points on a picture of 1,080 rows, in pixels, at most 1,024. Points that are
+    /// closer than that on the screen of every view are not sent. 0 sends all points of the scene.
+    pub quality: f32,
     /// Factor on a view's half-angle tangents within which points count as visible, 1 to 100.
     pub view_margin: f32,
     /// Table entries planned for each average cell, above 0 and at most 64 (paper, section 3.2: 4).
@@ -71,6 +74,7 @@ impl Default for ServerSettings {
             ao: AoSettings::default(),
             threshold: 8,
             unseen_threshold: None,
+            quality: 4.0,
             view_margin: 1.3,
             table_slots: 4.0,
             kernel: None,
@@ -95,6 +99,7 @@ impl ServerSettings {
         with_ao: ao as AoSettings,
         with_threshold: threshold as u8,
         with_unseen_threshold: unseen_threshold as Option<u8>,
+        with_quality: quality as f32,
         with_view_margin: view_margin as f32,
         with_table_slots: table_slots as f32,
         with_kernel: kernel as Option<f32>,
@@ -139,6 +144,7 @@ impl ServerSettings {
                 Err(SettingsError::Range { name, value, low, high })
             }
         };
+        within("quality", self.quality, 0.0, 1024.0)?;
         within("view_margin", self.view_margin, 1.0, 100.0)?;
         within("table_slots", self.table_slots, f32::MIN_POSITIVE, 64.0)?;
         if let Some(kernel) = self.kernel {
@@ -152,6 +158,11 @@ impl ServerSettings {
     pub fn unseen_threshold(&self) -> u8 {
         let usual = self.threshold.saturating_mul(8).min(MAX_USUAL_UNSEEN);
         self.unseen_threshold.unwrap_or(usual).max(self.threshold)
+    }
+
+    /// Returns the distance of points that views ask for, pixels; `None` if all points of the scene are sent.
+    pub(super) fn levels_by_view(&self) -> Option<f32> {
+        (self.profile == Profile::SURFACE && self.quality > 0.0).then_some(self.quality)
     }
 
     /// How finely points are rounded in profile `surface`.

@@ -9,7 +9,7 @@ use glam::Vec3;
 
 use super::field::{FieldPart, PointPlaces, flag};
 use crate::points::ScenePoints;
-use crate::visibility::Views;
+use crate::visibility::{BACK_COSINE, Views};
 use crate::world::SceneBvh;
 
 /// Frames for which a point counts as seen after it was last found so.
@@ -29,10 +29,6 @@ const PROBES: [[f32; 2]; 9] = [
     [-0.45, -0.45],
     [0.45, -0.45],
 ];
-/// The reach of the client's fit in Poisson-disk radii of the points.
-const REACH_RADII: f32 = 2.8;
-/// Least cosine between a point's normal and the direction to a camera. A surface bends between a point and its neighbours.
-const FACING: f32 = -0.25;
 
 // What all probes found is known before it is forgotten.
 const _: () = assert!(HOLD_FRAMES as usize >= PROBE_PERIOD as usize * PROBES.len());
@@ -56,10 +52,10 @@ impl Sight<'_> {
     /// places at once. It is also traced again, so that it is found out whether it is buried.
     pub(super) fn look(&self, part: &mut FieldPart<'_>, placed: &PointPlaces<'_>) {
         let set = &self.points.sets()[self.world.scene().instances()[part.chunk.instance].rest().index()];
-        let reach = REACH_RADII * set.radius();
         let first = part.chunk.first.0;
         let places = placed.in_world(self.world, part.chunk);
         for (index, (position, normal)) in places.enumerate() {
+            let reach = part.level_radius(set, index);
             let left = &mut part.seen[index];
             if part.flags[index] & flag::VISIBLE == 0 {
                 *left = OUT_OF_VIEW;
@@ -94,7 +90,7 @@ impl Sight<'_> {
             let to_eye = eye - place;
             let distance = to_eye.length();
             let direction = to_eye / distance.max(f32::MIN_POSITIVE);
-            normal.dot(direction) > FACING && !self.world.hides(place, direction, distance)
+            normal.dot(direction) > BACK_COSINE && !self.world.hides(place, direction, distance)
         })
     }
 }

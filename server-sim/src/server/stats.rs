@@ -39,7 +39,7 @@ pub struct FrameStats {
     pub rays: u64,
     /// What was left for later frames because the ray budget was used up; `None` without a budget.
     pub waiting: Option<RayBacklog>,
-    /// Whether it is the first frame, in which every point is traced.
+    /// Whether it is the first frame, in which all points that clients get are traced.
     pub first: bool,
     /// Points sent.
     pub changed: u32,
@@ -212,6 +212,6 @@ pub struct Progress {
 pub enum Work {
     /// Spreading points over the meshes; counted in points.
     Points,
-    /// Tracing every point for the first frame; counted in points.
+    /// Tracing the points of the first frame; counted in points.
     FirstFrame,
 }

@@ -3,6 +3,7 @@
 mod bad_scenes;
 mod budget;
 mod edits;
+mod levels;
 mod ray_scheduler;
 mod shortcuts;
 
@@ -176,7 +177,7 @@ fn held_on_surface(state: &surface::State, instance: usize, place: usize) -> u8 
 /// Checks every visible point that has a slot; how many that were.
 fn check_bound(server: &Server, state: &State, threshold: u8, index: FrameIndex) -> u32 {
     let half_step = state.as_paper().map_or(0, |state| state.layout().format().max_ao_error());
-    let unseen = server.surface().map_or(threshold, |encoder| encoder.settings().unseen_threshold);
+    let unseen = server.surface().map_or(threshold, |_| server.trace.state.thresholds.unseen);
     let mut checked = 0;
     let field = &server.trace.state.field;
     for chunk in field.chunks() {
@@ -243,7 +244,7 @@ fn a_still_scene_is_sent_once_in_every_packing() {
 fn the_first_frame_is_a_keyframe_with_every_point() {
     let scene = colonnade();
     for profile in PROFILES {
-        let mut server = server(&scene, settings(profile, 4.0));
+        let mut server = server(&scene, ServerSettings { quality: 0.0, ..settings(profile, 4.0) });
         let away = CameraPose {
             eye: [0.0, 1e6, 0.0],
             target: [0.0, 2e6, 0.0],
@@ -306,7 +307,8 @@ fn by_number(tracing: &TraceState) -> Vec<Option<u8>> {
 #[test]
 fn both_profiles_trace_the_same_ao_and_see_the_same_points() {
     for scene in scenes() {
-        let [mut paper, mut surface] = PROFILES.map(|profile| server(&scene, settings(profile, 8.0)));
+        let uniform = |profile| ServerSettings { quality: 0.0, ..settings(profile, 8.0) };
+        let [mut paper, mut surface] = PROFILES.map(|profile| server(&scene, uniform(profile)));
         let orders = [&paper, &surface].map(|server| server.points().sets().to_vec());
         assert_ne!(orders[0], orders[1], "the orders differ, or this shows nothing");
         for frame in 0..4 {
@@ -322,7 +324,7 @@ fn both_profiles_trace_the_same_ao_and_see_the_same_points() {
 #[test]
 fn both_profiles_at_once_write_what_each_writes_alone() {
     for scene in scenes() {
-        let paper = ServerSettings { threshold: 2, ..settings(Profile::PAPER, 8.0) };
+        let paper = ServerSettings { threshold: 2, quality: 0.0, ..settings(Profile::PAPER, 8.0) };
         let alone = PROFILES.map(|profile| {
             let mut bodies = Vec::new();
             clip(&scene, ServerSettings { profile, coder: coder(profile), ..paper }, 8, |_, output| {

@@ -29,8 +29,8 @@ impl TraceStage {
     }
 
     /// Traces a frame: brings the points that one of `views` sees up to date, and returns all that the encoder needs of them.
-    /// Without a view every point counts as seen; in the first frame, every point is traced. `clock` is read between the
-    /// parts.
+    /// Without a view every point counts as seen; in the first frame, all points that clients get are traced. `clock`
+    /// is read between the parts.
     ///
     /// Every traced frame must be encoded, in the order in which they were traced.
     pub fn trace(

@@ -6,14 +6,16 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use psao_codec::envelope::{FrameIndex, StreamTime};
 use psao_codec::memory;
 use psao_codec::quant::unorm;
+use psao_codec::surface::{BLOCK_POINTS, Budget};
 use psao_proto::message::CameraPose;
 use rayon::prelude::*;
 
-use super::field::{Field, FieldPart, PointPlaces, flag, set};
+use super::field::{Field, FieldPart, PointPlaces, flag, is_shown, set};
 use super::profile;
 use super::ray_scheduler::{RayBudget, RayScheduler};
 use super::sight::Sight;
 use super::stats::{Lap, Progress, StageMicros, TraceTotals, Traces, Work};
+use super::traced_frame::Thresholds;
 use super::{ProgressFn, ServerMemory, ServerSettings};
 use crate::ao::{Scratch, Tracer};
 use crate::bvh::{BlasHit, BodyId};
@@ -43,6 +45,11 @@ pub(super) struct TraceState {
     digs: bool,
     /// Whether unseen points may be off by more than others.
     probes: bool,
+    /// Whether a view chooses how fine points are.
+    by_level: bool,
+    pub(super) thresholds: Thresholds,
+    /// Most blocks of points that clients get in a frame.
+    most_arrivals: usize,
     /// Most bytes that points may remember of their rays, and how many they do.
     memory: [usize; 2],
     progress: Arc<ProgressFn>,
@@ -61,7 +68,8 @@ impl TraceState {
         let pose = scene.pose(0.0);
         let ServerSettings { view_margin, shortcuts, ray_memory, ray_budget, .. } = *settings;
         let world = SceneBvh::with_shortcuts(&scene, &pose, shortcuts);
-        let field = Field::new(&world, &points, exact, shortcuts);
+        let quality = settings.levels_by_view();
+        let field = Field::new(&world, &points, exact, shortcuts, quality);
         let scheduler = RayScheduler::new(field.chunks().len(), settings.ao.rays);
         let memory = [usize::try_from(ray_memory).unwrap_or(usize::MAX), 0];
         let edits = Edits::new(scene.instances().len() as u32);
@@ -79,7 +87,10 @@ impl TraceState {
             view_margin,
             shortcuts,
             digs: profile::tells_points_apart(settings),
-            probes: settings.unseen_threshold() > settings.threshold,
+            probes: settings.unseen_threshold() > settings.threshold || quality.is_some(),
+            by_level: quality.is_some(),
+            most_arrivals: settings.budget.map_or(usize::MAX, most_arrivals),
+            thresholds: Thresholds { usual: settings.threshold, unseen: settings.unseen_threshold() },
             memory,
             progress,
         }
@@ -107,7 +118,7 @@ impl TraceState {
     }
 
     /// Moves the scene to a time and brings the AO of the points that one of the cameras sees up to date. In the first
-    /// step that is every point, whatever the cameras.
+    /// step that is every point, whatever the cameras, unless views choose levels.
     pub(super) fn advance(
         &mut self,
         (index, time): (FrameIndex, StreamTime),
@@ -123,14 +134,15 @@ impl TraceState {
         self.world.update(&self.pose);
         micros.bvh = lap.micros();
         self.field.place(&self.world, &self.points, false);
-        let views = if first { None } else { self.views(cameras) };
+        let views = if first && !self.by_level { None } else { self.views(cameras) };
         let ao = self.tracer.settings();
-        self.field.mark(&self.world, views.as_ref(), ao.bias(), ao.influence());
+        self.field.mark(&self.world, &self.points, (views.as_ref(), first), ao.bias(), ao.influence());
         if self.digs {
-            // In the first frame all points are in view, but the cameras see what they see.
+            // In the first frame all points may be in view, but the cameras see what they see.
             let views = self.views(cameras).filter(|_| self.probes);
             let (world, points) = (&self.world, &self.points);
-            self.field.look(&Sight { world, points, views: views.as_ref(), frame: index.0, bias: ao.bias() });
+            let sight = Sight { world, points, views: views.as_ref(), frame: index.0, bias: ao.bias() };
+            self.field.look(&sight, if first { usize::MAX } else { self.most_arrivals });
         }
         let budget = self.ray_budget.filter(|_| !first);
         let stale = self.choose(budget, cameras);
@@ -197,6 +209,12 @@ impl TraceState {
     }
 }
 
+/// Returns the largest number of blocks that clients get in a frame with a byte budget: those that take half of it if nothing
+/// compresses them, at least one.
+fn most_arrivals(budget: Budget) -> usize {
+    (budget.bytes as usize / (2 * BLOCK_POINTS)).max(1)
+}
+
 /// Change of an AO byte after which it is found out again whether a point is buried. Whatever covers or uncovers a point
 /// changes its AO by more.
 const DIG_AGAIN: u8 = 8;
@@ -234,7 +252,8 @@ impl ChunkTracer<'_> {
         for (index, point) in part.chunk.points.clone().enumerate() {
             let point = PointInSet(point as u32);
             let flags = &mut part.flags[index];
-            if *flags & flag::VISIBLE != 0 {
+            let shown = is_shown(*flags);
+            if shown {
                 traces.visible += 1;
             } else if !everywhere {
                 continue;
@@ -244,7 +263,7 @@ impl ChunkTracer<'_> {
             }
             let ray_frame = placed.ray_frame(world, instance, point);
             // A body that has nothing near it, then and now, sees what it saw: its points lie in its own space.
-            let digs = self.digs && *flags & flag::VISIBLE != 0;
+            let digs = self.digs && shown;
             let dug = part.dug[index];
             let unchanged = *flags & flag::ALONE != 0
                 && alone

@@ -3,7 +3,7 @@
 use psao_codec::Encoder;
 use psao_codec::envelope::FrameIndex;
 use psao_codec::paper::{PointSample, Pose};
-use psao_codec::surface::{BLOCK_POINTS, NO_VALUE};
+use psao_codec::surface::{BLOCK_POINTS, NO_VALUE, SetLayout};
 use psao_proto::message::CameraPose;
 
 use super::field::{Chunk, TracedPoint};
@@ -14,6 +14,21 @@ use super::{FrameStats, ServerError};
 use crate::scene::InstanceId;
 use crate::visibility::Overlap;
 use crate::world::InstanceChange;
+
+/// Least differences of AO that are sent.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Thresholds {
+    pub(super) usual: u8,
+    /// Of points that no picture needs.
+    pub(super) unseen: u8,
+}
+
+impl Thresholds {
+    /// Returns the threshold of a point.
+    fn of(self, point: &TracedPoint) -> u8 {
+        if point.seen { self.usual } else { self.unseen }
+    }
+}
 
 /// What the encoder of a stream asks for.
 #[derive(Debug, Clone, Copy)]
@@ -35,8 +50,8 @@ impl EncoderNeeds {
 #[derive(Debug)]
 pub struct TracedFrame {
     pub(super) traces: Traces,
-    /// Points in view: the encoder's id, AO, and whether a picture needs it.
-    points: Vec<(u32, u8, bool)>,
+    /// Points in view: the encoder's id, AO, and the least difference that is sent.
+    points: Vec<(u32, u8, u8)>,
     /// Their positions and normals, where the encoder needs them.
     places: Vec<([f32; 3], [f32; 3])>,
     /// Instances that moved, where the encoder needs them.
@@ -61,7 +76,8 @@ impl TracedFrame {
             let byte = |ao: u8, buried: bool| if buried { NO_VALUE } else { ao.max(NO_VALUE + 1) };
             let seen = |chunk: usize| {
                 let points = state.field.visible(&chunks[chunk]);
-                points.map(move |point| (point.id.0, byte(point.ao, point.buried), point.seen))
+                points
+                    .map(move |point| (point.id.0, byte(point.ao, point.buried), state.thresholds.of(&point)))
             };
             frame.points = order.into_iter().flat_map(seen).collect();
         }
@@ -87,7 +103,7 @@ impl TracedFrame {
         let first = state.points.offsets()[chunk.instance];
         for TracedPoint { place, ao, .. } in state.field.visible(chunk) {
             let at = &local[place.index()];
-            self.points.push((first + numbers[place.index()], ao, true));
+            self.points.push((first + numbers[place.index()], ao, 0));
             self.places.push((at.position.to_array(), at.normal.to_array()));
         }
     }
@@ -99,8 +115,8 @@ impl TracedFrame {
         }
         let mut changed = 0;
         let places = self.places.into_iter().chain(std::iter::repeat(<([f32; 3], [f32; 3])>::default()));
-        for ((point, ao, seen), (local, normal)) in self.points.into_iter().zip(places) {
-            changed += u32::from(encoder.set_point(point, &PointSample { local, normal, ao }, seen)?);
+        for ((point, ao, threshold), (local, normal)) in self.points.into_iter().zip(places) {
+            changed += u32::from(encoder.set_point(point, &PointSample { local, normal, ao }, threshold)?);
         }
         for (instance, block, weight) in self.weights {
             encoder.set_weight(instance, block, weight);
@@ -142,7 +158,11 @@ fn weights(state: &TraceState, cameras: &[CameraPose]) -> Vec<(u32, usize, u16)>
         for first in points.clone().step_by(BLOCK_POINTS) {
             let last = points.end.min(first + BLOCK_POINTS) - 1;
             let middle = at.point(local[usize::midpoint(first, last)].position);
-            weights.push((*instance as u32, first / BLOCK_POINTS, near.weight(middle, set.radius())));
+            let level = |layout: &SetLayout| {
+                layout.level_radius(layout.levels.of_point(first as u32)) / layout.kernel_radius
+            };
+            let radius = set.radius() * set.at_rest().map_or(1.0, level);
+            weights.push((*instance as u32, first / BLOCK_POINTS, near.weight(middle, radius)));
         }
     }
     weights

@@ -29,6 +29,7 @@ pub(super) fn vectors() -> Vec<Vector> {
     crowd(&mut all);
     patches(&mut all);
     patches_of_a_crowd(&mut all);
+    patches_with_arrivals(&mut all);
     all
 }
 
@@ -300,6 +301,24 @@ fn patches(all: &mut Vec<Vector>) {
     tape.offer(0..points, 7);
     all.push(tape.write("new-group", FrameKind::Key, BlockCoder::Range, false));
     all.push(tape.patch("into-new-group", 6, "next", BlockCoder::Range, true));
+}
+
+/// What clients are sent that missed frames in which balls arrived: by every coder, for one that has none of them and for one
+/// that has some.
+fn patches_with_arrivals(all: &mut Vec<Vector>) {
+    let mut tape = Tape::new(scenes::hall(), "arrivals", 4);
+    let points = tape.points();
+    for (number, missing) in (0..).zip([64 * 3, 64, 0]) {
+        tape.offer(0..points - missing, number);
+        let kind = if number == 0 { FrameKind::Key } else { FrameKind::Delta };
+        all.push(tape.write(&number.to_string(), kind, BlockCoder::Range, false));
+    }
+    // Frame n is vector n - 1.
+    for (word, coder) in PLAIN.into_iter().chain([RANGE]) {
+        all.push(tape.patch(&format!("{word}-all"), 1, "0", coder, false));
+        all.push(tape.patch(&format!("{word}-some"), 1, "1", coder, false));
+    }
+    all.push(tape.patch("context", 1, "0", BlockCoder::Range, true));
 }
 
 /// Many instances, some of them not there: groups of blocks to pass over.

@@ -181,13 +181,15 @@ fn one_set(set: &surface::SetLayout, points: &surface::Geometry) -> String {
         )
     });
     format!(
-        "{{\"origin\": {}, \"step\": {:?}, \"extent\": {}, \"normal_bits\": {}, \"points\": {}, \"charts\": {}, \"kernel_radius\": {:?}, \"digest\": \"{:016x}\",\n  \"nodes\": {},\n  \"samples\": {}}}",
+        "{{\"origin\": {}, \"step\": {:?}, \"extent\": {}, \"normal_bits\": {}, \"points\": {}, \"charts\": {}, \"levels\": {}, \"level_ends\": {}, \"kernel_radius\": {:?}, \"digest\": \"{:016x}\",\n  \"nodes\": {},\n  \"samples\": {}}}",
         floats(&set.origin),
         set.step,
         list(set.extent),
         set.normal_bits,
         set.points,
         set.charts,
+        set.levels.count(),
+        list(set.levels.ends()),
         set.kernel_radius,
         set.digest.0,
         list(nodes),

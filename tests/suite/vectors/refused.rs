@@ -248,7 +248,7 @@ fn context(refused: &mut Refused) {
 }
 
 /// A patch that is sound but for its hash: point 1 gets 104. Its frame is 9, that of the keyframe 1.
-const PATCHED: [u8; 11] = [8, 1, 2, 0, 0, 0, 0, 0, 0, 0, 104];
+const PATCHED: [u8; 12] = [8, 0, 1, 2, 0, 0, 0, 0, 0, 0, 0, 104];
 
 fn patches(refused: &mut Refused) {
     let sound: Section<'_> = (PATCH, STORED, 1, &PATCHED);
@@ -267,12 +267,17 @@ fn patches(refused: &mut Refused) {
     patch("patch-too-late", 1, &with(0, 7));
     patch("patch-from-now", 1, &with(0, 0));
     patch("patch-before-all", 1, &with(0, 10));
-    patch("patch-of-no-block", 1, &with(1, 2));
-    patch("patch-of-no-point", 1, &with(2, 8));
-    patch("patch-mask-empty", 1, &with(2, 0));
+    patch("patch-of-no-block", 1, &with(2, 2));
+    patch("patch-of-no-point", 1, &with(3, 8));
+    patch("patch-mask-empty", 1, &with(3, 0));
     patch("patch-count", 2, &PATCHED);
-    patch("patch-ends", 1, &PATCHED[..10]);
+    patch("patch-ends", 1, &PATCHED[..11]);
     patch("patch-trailing", 1, &[&PATCHED[..], &[0]].concat());
+    let arriving = |runs: &[u8]| [&PATCHED[..1], runs, &PATCHED[2..]].concat();
+    patch("patch-run-empty", 1, &arriving(&[1, 0, 0]));
+    patch("patch-run-beyond", 1, &arriving(&[1, 0, 2]));
+    patch("patch-run-twice", 1, &arriving(&[2, 0, 1, 0, 1]));
+    patch("patch-run-in-part", 1, &arriving(&[1, 0, 1]));
     refused.add("patch-of-absent", Some("tiny-nothing"), one(PATCH, 1, &PATCHED));
 }
 

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use psao_codec::Limits;
 use psao_codec::paper::{self, Grid, InstanceLayout, PointFormat};
-use psao_codec::surface::{Geometry, GeometryDigest, Layout, Member, RestPoint, SetLayout};
+use psao_codec::surface::{Geometry, GeometryDigest, Layout, Levels, Member, RestPoint, SetLayout};
 
 /// A layout with what belongs to it.
 pub(super) enum Stream {
@@ -52,6 +52,7 @@ fn set(step: f32, extent: [u32; 3], normal_bits: u8) -> SetLayout {
         normal_bits,
         points: 0,
         charts: 1,
+        levels: Levels::default(),
         kernel_radius: 0.125,
         digest,
     }

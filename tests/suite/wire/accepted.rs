@@ -131,13 +131,15 @@ fn scenes(frames: &mut Frames) {
         extent: [0, 2_097_151, 0],
         normal_bits: 8,
         charts: 1,
+        levels: 12,
+        level_ends: [0, 1, 1, 2, 3, 4, 5, 6, most - 1, most, most],
         points: most,
         kernel_radius: f32::MAX,
         digest: u64::MAX,
     };
     frames.message("scene-sets", &sets(0, &[SET, largest]));
-    frames
-        .message("scene-sets-last", &sets(most, &[SetEntry { normal_bits: 2, charts: 1, points: 0, ..SET }]));
+    let empty = SetEntry { normal_bits: 2, points: 0, level_ends: [0; 11], ..SET };
+    frames.message("scene-sets-last", &sets(most, &[empty]));
     let largest = MemberEntry { set: most, needs: Needs::from_bits_retain(most) };
     frames.message("scene-members", &members(0, &[MEMBER, largest]));
     frames.message("scene-members-most", &most_members());

@@ -207,13 +207,19 @@ fn scene_values(broken: &mut BrokenFrames) {
     broken.with("scene-instance-buckets-0", instances, second + 32, &ZERO);
     broken.with("scene-instance-buckets-3", instances, second + 32, &3_u32.to_le_bytes());
     broken.with("scene-instance-kernel-negative", instances, second + 36, &MINUS_ONE);
-    let (sets, second) = ("scene-sets", 16 + 45);
+    let (sets, second) = ("scene-sets", 16 + 94);
     broken.with("scene-set-origin-infinite", sets, second + 8, &INFINITY);
     broken.with("scene-set-step-zero", sets, second + 12, &ZERO);
     broken.with("scene-set-step-infinite", sets, second + 12, &INFINITY);
     broken.with("scene-set-normal-bits-1", sets, second + 28, &[1]);
     broken.with("scene-set-normal-bits-9", sets, second + 28, &[9]);
-    broken.with("scene-set-kernel-nan", sets, second + 33, &NAN);
+    broken.with("scene-set-charts-0", sets, second + 33, &ZERO);
+    broken.with("scene-set-levels-0", sets, second + 37, &[0]);
+    broken.with("scene-set-levels-13", sets, second + 37, &[13]);
+    broken.with("scene-set-level-of-none", sets, second + 37, &[11]);
+    broken.with("scene-set-level-descends", sets, second + 38 + 4 * 3, &ZERO);
+    broken.with("scene-set-level-beyond", sets, 16 + 38, &[10, 0, 0, 0]);
+    broken.with("scene-set-kernel-nan", sets, second + 82, &NAN);
 }
 
 fn cameras(broken: &mut BrokenFrames) {

@@ -211,6 +211,7 @@ fn scene_info(info: &SceneHeader) -> Object {
         .with("points", info.point_count)
         .float("table_slots", info.paper_table_slots)
         .float("view_margin", info.view_margin)
+        .float("quality", info.quality)
 }
 
 fn instance(entry: &InstanceEntry) -> String {
@@ -226,6 +227,8 @@ fn set(entry: &SetEntry) -> String {
     let points = nodes
         .with("points", entry.points)
         .with("charts", entry.charts)
+        .with("levels", entry.levels)
+        .with("level_ends", list(entry.level_ends))
         .float("kernel_radius", entry.kernel_radius);
     points.text("digest", &format!("{:016x}", entry.digest)).line()
 }

@@ -77,6 +77,7 @@ pub(super) fn paper_info() -> SceneHeader {
         point_count: 20_000,
         paper_table_slots: 4.0,
         view_margin: 1.25,
+        quality: 4.0,
     }
 }
 
@@ -118,6 +119,7 @@ pub(super) fn largest_info() -> SceneHeader {
         point_count: u32::MAX,
         paper_table_slots: f32::MAX,
         view_margin: f32::MAX,
+        quality: 1024.0,
     }
 }
 
@@ -147,6 +149,7 @@ pub(super) fn least_info() -> SceneHeader {
         point_count: 0,
         paper_table_slots: least,
         view_margin: 1.0,
+        quality: 0.0,
     }
 }
 
@@ -167,6 +170,8 @@ pub(super) const SET: SetEntry = SetEntry {
     extent: [4, 5, 2_097_151],
     normal_bits: 6,
     charts: 1,
+    levels: 2,
+    level_ends: [1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0],
     points: 9,
     kernel_radius: 0.125,
     digest: 0x0102_0304_0506_0708,

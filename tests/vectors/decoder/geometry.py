@@ -1,6 +1,7 @@
 """Profile surface: the points of sets."""
 
 from .body import Reader
+from .levels import level_ends, level_spans
 from .numbers import MASK32, clamp, f32_bits, hash_fold, must, sig, toward_zero
 from .range_coder import Decisions, Number, Slots
 
@@ -35,12 +36,23 @@ def curve_place(node):
 
 
 def order_key(point):
+    """The order of the points of one level."""
     return curve_place(point[:3]), point[3], point[4]
+
+
+def is_in_order(entry, points):
+    return points == in_order(entry, points)
+
+
+def in_order(entry, points):
+    """The points of a set; those of each level may be in any order."""
+    return [point for span in level_spans(entry) for point in sorted(points[span], key=order_key)]
 
 
 def digest_of(entry, points):
     digest = hash_fold(0, [entry["normal_bits"], f32_bits(entry["step"]), len(points), entry["charts"]])
     digest = hash_fold(digest, [f32_bits(axis) for axis in entry["origin"]])
+    digest = hash_fold(digest, level_ends(entry))
     for point in points:
         digest = hash_fold(digest, list(point))
     return digest
@@ -79,8 +91,7 @@ def geometry_plain(layout, section):
         charts = list(differences(reader, count))
         must(all(chart < entry["charts"] for chart in charts), "geometry")
         points = list(zip(*axes, codes, charts))
-        keys = [order_key(point) for point in points]
-        must(keys == sorted(keys), "geometry")
+        must(is_in_order(entry, points), "geometry")
         sets.append((index, finish_set(entry, points)))
     must(total == section.records, "geometry")
     return sets
@@ -138,7 +149,7 @@ class GeometryModel:
             entry = layout.sets[index]
             total += entry["points"]
             must(total <= section.records, "geometry")
-            points = sorted(self.points(bits, entry), key=order_key)
+            points = in_order(entry, self.points(bits, entry))
             sets.append((index, finish_set(entry, points)))
             following = (index + 1) & MASK32
         must(total == section.records, "geometry")
@@ -149,7 +160,13 @@ class GeometryModel:
     def points(self, bits, entry):
         self.recent = []
         found = []
-        boxes = [((0, 0, 0), tuple(sig(axis) for axis in entry["extent"]), entry["points"])]
+        for span in level_spans(entry):
+            found += self.level(bits, entry, span.stop - span.start)
+        return found
+
+    def level(self, bits, entry, count):
+        found = []
+        boxes = [((0, 0, 0), tuple(sig(axis) for axis in entry["extent"]), count)]
         while boxes:
             low, size, count = boxes.pop()
             if count == 0:

@@ -117,8 +117,10 @@ def scene_info(fields):
         "points": fields.u32(),
         "table_slots": fields.positive(),
         "view_margin": fields.f32(),
+        "quality": fields.f32(),
     }
     must(told["point_bits"] in (16, 24, 32) and told["view_margin"] >= 1, "value")
+    must(0 <= told["quality"] <= 1024, "value")
     return told
 
 
@@ -133,8 +135,12 @@ def instance(fields):
 def point_set(fields):
     told = {"origin": fields.vector(3), "step": fields.positive()}
     told |= {"extent": [fields.u32() for _ in range(3)], "normal_bits": fields.u8(), "points": fields.u32()}
-    told |= {"charts": fields.u32(), "kernel_radius": fields.positive(), "digest": f"{fields.u64():016x}"}
+    told |= {"charts": fields.u32(), "levels": fields.u8(), "level_ends": [fields.u32() for _ in range(11)]}
+    told |= {"kernel_radius": fields.positive(), "digest": f"{fields.u64():016x}"}
     must(2 <= told["normal_bits"] <= 8 and min(told["points"], 1) <= told["charts"] <= 1 << 24, "value")
+    must(1 <= told["levels"] <= 12, "value")
+    ends, unused = told["level_ends"][: told["levels"] - 1], told["level_ends"][told["levels"] - 1 :]
+    must(ends == sorted(ends) and max(ends, default=0) <= told["points"] and not any(unused), "value")
     return told
 
 

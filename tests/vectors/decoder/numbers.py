@@ -74,3 +74,8 @@ def term(kind, index, words):
 
 def f32_bits(value):
     return struct.unpack("<I", struct.pack("<f", value))[0]
+
+
+def f32(value):
+    """The binary32 number that a decimal number stands for."""
+    return struct.unpack("<f", struct.pack("<f", value))[0]

@@ -18,10 +18,42 @@ def check_back(back, state, frame):
     must(back <= frame and state.frame >= frame - back, "order")
 
 
+class Runs:
+    """Runs of blocks that became present after the base frame."""
+
+    def __init__(self, layout):
+        self.layout, self.runs, self.end = layout, [], 0
+
+    def add(self, first, count):
+        must(count > 0 and first >= self.end and first + count <= self.layout.blocks, "patch")
+        self.runs.append((first, count))
+        self.end = first + count
+
+    def blocks(self):
+        return [block for first, count in self.runs for block in range(first, first + count)]
+
+    def claim(self, state):
+        for block in self.blocks():
+            state.present[block] = True
+
+    def check_whole(self, named):
+        """All points of the blocks must be named."""
+        for block in self.blocks():
+            points = range(64 * block, 64 * block + self.layout.block_len(block))
+            must(all(slot in named for slot in points), "patch")
+
+    def plain_bytes(self):
+        runs = sum(varint_bytes(first) + varint_bytes(count) for first, count in self.runs)
+        return varint_bytes(len(self.runs)) + runs
+
+
 def patch_plain(state, section, frame):
     layout = state.layout
     reader = Reader(section.plain(), "patch")
     back = reader.varint()
+    runs = Runs(layout)
+    for _ in range(reader.varint()):
+        runs.add(reader.varint(), reader.varint())
     bitmap = reader.take((layout.blocks + 7) // 8)
     named = [block for block in range(8 * len(bitmap)) if bitmap[block // 8] >> block % 8 & 1]
     slots = []
@@ -33,6 +65,8 @@ def patch_plain(state, section, frame):
     new = reader.take(section.records)
     must(reader.at == len(reader.data), "patch")
     check_back(back, state, frame)
+    runs.claim(state)
+    runs.check_whole(set(slots))
     for slot, byte in zip(slots, new):
         block = slot // 64
         must(block < layout.blocks and state.present[block], "patch")
@@ -42,7 +76,7 @@ def patch_plain(state, section, frame):
 
 class PatchModel:
     def __init__(self):
-        self.back = Number()
+        self.numbers = Number()
         self.groups, self.blocks = Slots(2, 32768), Slots(8, 32768)
         self.points = Mixed([256, 9], 1, 16384)
         self.classes = Mixed([72, 648, 256, 264], 8, 32768)
@@ -52,17 +86,28 @@ class PatchModel:
 
     def section(self, state, section, frame):
         bits = Decisions(section.block)
-        back = self.back.code(bits)
+        back = self.numbers.code(bits)
         check_back(back, state, frame)
+        runs = self.runs(bits, state.layout, section.records)
+        runs.claim(state)
         named = self.which(bits, state)
         for slot in sorted(named):
             guess, spread = surroundings(state, named, slot)
             state.values[slot] = self.byte(bits, guess, spread)
         bits.finish()
         must(len(named) == section.records, "patch")
+        runs.check_whole(named)
         blocks = len({slot // 64 for slot in named})
-        raw = varint_bytes(back) + (state.layout.blocks + 7) // 8 + 8 * blocks + len(named)
+        raw = varint_bytes(back) + runs.plain_bytes() + (state.layout.blocks + 7) // 8 + 8 * blocks + len(named)
         must(raw == section.raw, "plain")
+
+    def runs(self, bits, layout, records):
+        runs, count = Runs(layout), self.numbers.code(bits)
+        must(count <= records, "patch")
+        for _ in range(count):
+            first = runs.end + self.numbers.code(bits)
+            runs.add(first, self.numbers.code(bits))
+        return runs
 
     def which(self, bits, state):
         layout, named, before = state.layout, set(), 0

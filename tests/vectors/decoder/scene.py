@@ -66,6 +66,7 @@ class Table:
         else:
             sets = self.lists[SETS]
             must(all(largest < 1 << 21 for entry in sets for largest in entry["extent"]), "layout")
+            must(all(coarsest_radius(entry) < 2.0**128 for entry in sets), "layout")
             must(all(member["set"] < len(sets) for member in self.lists[MEMBERS]), "layout")
             points = [sets[member["set"]]["points"] for member in self.lists[MEMBERS]]
             must(sum(points) <= MOST_POINTS and sum(entry["points"] for entry in sets) <= MOST_POINTS, "layout")
@@ -76,6 +77,11 @@ class Table:
             return {"table": None}
         points = self.info["points"]
         return {"table": {"instances": len(self.instances()), "sets": len(self.lists[SETS]), "points": points}}
+
+
+def coarsest_radius(entry):
+    """The radius of level 0 of a set."""
+    return entry["kernel_radius"] * 2 ** ((entry["levels"] - 1) / 2)
 
 
 def read_table(data):

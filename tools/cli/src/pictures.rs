@@ -13,7 +13,7 @@ use psao_eval::sweep::ErrorFigures;
 use psao_proto::SceneInfo;
 use psao_proto::message::{self, CameraPose, PointSource};
 use psao_reconstruct::picture::Picture;
-use psao_reconstruct::reconstruct::{self, Reconstruction};
+use psao_reconstruct::reconstruct::{self, Reconstruction, SurfaceReconstructor};
 use psao_reconstruct::{AoImage, GBuffer, Size, Statistics, cast_view};
 use psao_server::ao::{AoSettings, Occlusion};
 use psao_server::points::make_shared_geometry;
@@ -44,11 +44,21 @@ pub(crate) fn scene_of(info: &SceneInfo, elsewhere: Option<&str>) -> Outcome<Arc
     Ok(Arc::new(scene))
 }
 
-/// Reconstructs the AO of every fragment from a state of either profile.
-pub(crate) fn blend(state: &State, buffer: &GBuffer) -> Outcome<Reconstruction> {
+/// Reconstructs the AO of every fragment from a state of either profile, for the points that its server keeps up to date.
+pub(crate) fn blend(
+    state: &State,
+    info: &SceneInfo,
+    buffer: &GBuffer,
+    camera: &CameraPose,
+) -> Outcome<Reconstruction> {
     match state {
         State::Paper(state) => reconstruct::cells(state, buffer),
-        State::Surface(state) => reconstruct::surface(state, buffer),
+        State::Surface(state) => {
+            let quality = info.trace.map_or(0.0, |trace| trace.quality);
+            let mut reconstructor = SurfaceReconstructor::new();
+            reconstructor.set_camera(camera, quality);
+            reconstructor.reconstruct(state, buffer)
+        }
     }
     .map_err(Failure::input)
 }
@@ -132,7 +142,7 @@ impl Shot<'_> {
         let buffer = cast_view(&view, &camera, size).map_err(|error| Failure::new(wrong, error))?;
         let raster_ms = start.millis();
         let start = Stopwatch::start();
-        let drawn = blend(self.state, &buffer)?;
+        let drawn = blend(self.state, self.info, &buffer, &camera)?;
         let reconstruct_ms = start.millis();
         let mut result = Drawn {
             image: drawn.image,

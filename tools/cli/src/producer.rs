@@ -90,6 +90,7 @@ pub(crate) fn settings(points: &PointArgs, scene: &Scene, frames_hint: u32) -> S
         )
         .with_threshold(points.threshold)
         .with_unseen_threshold(points.unseen_threshold)
+        .with_quality(points.quality)
         .with_view_margin(points.view_margin)
         .with_table_slots(points.slots_per_cell)
         .with_kernel(points.kernel)

@@ -120,6 +120,7 @@ fn at_rest(server: &Server, values: &[Vec<u8>]) -> surface::State {
             extent: (bounds.size() / step).to_array().map(|axis| axis as u32 + 1),
             normal_bits: 4,
             charts: scene.rests()[number].charts().count(true),
+            levels: surface::Levels::default(),
             points: points.len() as u32,
             kernel_radius: 2.8 * set.radius(),
             digest: surface::GeometryDigest::default(),

@@ -123,6 +123,7 @@ fn at_rest(points: &[Vec<PointSample>; 3]) -> surface::State {
         extent: [4096; 3],
         normal_bits: 4,
         charts: 1,
+        levels: surface::Levels::default(),
         points: wall.len() as u32,
         kernel_radius: 2.8 * poisson_radius(),
         digest: surface::GeometryDigest::default(),

@@ -20,7 +20,7 @@
 //! use std::sync::Arc;
 //!
 //! use psao_codec::Limits;
-//! use psao_codec::surface::{Geometry, GeometryDigest, Layout, Member, RestPoint, RoundedGeometry, SetLayout, State};
+//! use psao_codec::surface::{Geometry, GeometryDigest, Layout, Levels, Member, RestPoint, RoundedGeometry, SetLayout, State};
 //! use psao_reconstruct::{AoSampler, Place};
 //!
 //! // The state that a client has decoded: sixteen points along a bar, dark at its left end.
@@ -30,6 +30,7 @@
 //!     extent: [1024; 3],
 //!     normal_bits: 4,
 //!     charts: 1,
+//!     levels: Levels::default(),
 //!     kernel_radius: 0.1,
 //!     // `Geometry::round` fills in the number and the digest of the points.
 //!     points: 0,
@@ -43,7 +44,7 @@
 //! let state = State::from_parts(Arc::new(layout), vec![Arc::new(geometry)], &values);
 //!
 //! // The vertices of the mesh as it was modelled, before skinning and transforms, each with its chart.
-//! let vertex = |position, chart| Place { position, normal: [0.0, 1.0, 0.0], chart };
+//! let vertex = |position, chart| Place { position, normal: [0.0, 1.0, 0.0], chart, spacing: 0.0 };
 //! let vertices = [vertex([0.1, 0.0, 0.0], 0), vertex([0.9, 0.0, 0.0], 0), vertex([0.5, 0.0, 0.0], 1)];
 //! let mut ao = [None; 3];
 //!

@@ -7,7 +7,7 @@ use psao_codec::surface;
 
 use crate::paper::{InstanceCells, NeighbourhoodCache};
 use crate::parallel;
-use crate::surface::{PointCache, SetIndices, Sheet, arrived_ao};
+use crate::surface::{PointCache, RestPlace, SetIndices, Sheet, arrived_ao};
 
 /// Number of places in one chunk of [`AoSampler::ao_many`]. The places of a chunk share a cache of points.
 const PLACES_PER_CHUNK: usize = 1024;
@@ -27,6 +27,9 @@ pub struct Place {
     /// Number of the [chart](psao_codec::surface::Charts) of the place's triangle and side; profile `paper` has none and
     /// ignores it.
     pub chart: u32,
+    /// How far apart points around the place should be at most, metres: the size of some pixels there. With 0, all points that
+    /// have arrived are taken; of those far from all cameras, the finest may be out of date. Profile `paper` ignores it.
+    pub spacing: f32,
 }
 
 /// Blends points into the accessibility of places: vertices, texels of a light map, fragments of a renderer.
@@ -41,11 +44,11 @@ pub struct Place {
 /// ```
 /// # use std::sync::Arc;
 /// # use psao_codec::Limits;
-/// # use psao_codec::surface::{Geometry, GeometryDigest, Layout, Member, RestPoint, RoundedGeometry, SetLayout, State};
+/// # use psao_codec::surface::{Geometry, GeometryDigest, Layout, Levels, Member, RestPoint, RoundedGeometry, SetLayout, State};
 /// use psao_reconstruct::{AoSampler, Place};
 ///
 /// # let set = SetLayout {
-/// #     origin: [0.0; 3], step: 1.0 / 1024.0, extent: [1024; 3], normal_bits: 4, charts: 1, kernel_radius: 0.1,
+/// #     origin: [0.0; 3], step: 1.0 / 1024.0, extent: [1024; 3], normal_bits: 4, charts: 1, levels: Levels::default(), kernel_radius: 0.1,
 /// #     points: 0, digest: GeometryDigest::default(),
 /// # };
 /// # let points: Vec<_> = (0..16_u8)
@@ -57,7 +60,7 @@ pub struct Place {
 /// # let state = State::from_parts(Arc::new(layout), vec![Arc::new(geometry)], &values);
 /// let mut sampler = AoSampler::new();
 /// sampler.prepare(&state); // after every frame; cheap unless new geometry arrived
-/// let place = Place { position: [0.1, 0.0, 0.0], normal: [0.0, 1.0, 0.0], chart: 0 };
+/// let place = Place { position: [0.1, 0.0, 0.0], normal: [0.0, 1.0, 0.0], chart: 0, spacing: 0.0 };
 /// let dark = sampler.ao(&state, 0, &place);
 /// assert!(dark.is_some_and(|ao| (ao - 0.2).abs() < 1e-6));
 /// assert_eq!(sampler.ao(&state, 0, &Place { chart: 7, ..place }), None, "the chart has no points");
@@ -102,7 +105,7 @@ impl AoSampler {
     /// Indexes the sets of points whose geometry arrived since the last call, and drops indices of removed geometry.
     ///
     /// Call it after each applied frame. Without new geometry it compares one pointer for each set. Making an index
-    /// takes O(n log n) time and about 30 bytes a point. A stream of profile `paper` needs no index.
+    /// takes O(n log n) time and some 40 to 80 bytes a point. A stream of profile `paper` needs no index.
     pub fn prepare<'a>(&mut self, state: impl Into<StateRef<'a>>) {
         match state.into() {
             StateRef::Surface(state) => self.indices.prepare(state, |_| true),
@@ -112,8 +115,9 @@ impl AoSampler {
 
     /// Returns the accessibility at a place of an instance, in `[0, 1]`; 1 is open.
     ///
-    /// Profile `surface`: the value of a weighted affine fit over the points of the place's chart within the set's kernel
-    /// radius, or over the nearest six of the chart where fewer than three are within it. Profile `paper`: the weighted mean
+    /// Profile `surface`: the value of a weighted affine fit over the points of the place's chart within the radius of the
+    /// level that the place asks for, or of the next coarser one where points have not arrived or fewer than three are within
+    /// it, or over the nearest six of the chart. Profile `paper`: the weighted mean
     /// of Eq. 4 over the points around the place. The function allocates nothing.
     ///
     /// It returns `None` when no point supports the place:
@@ -124,15 +128,15 @@ impl AoSampler {
     /// * The stream lacks the instance.
     #[must_use]
     pub fn ao<'a>(&self, state: impl Into<StateRef<'a>>, instance: u32, place: &Place) -> Option<f32> {
-        let (position, normal) = place.vectors();
         match state.into() {
             StateRef::Surface(state) => {
                 let index = self.indices.of(state, instance)?;
                 let sheet = Sheet { instance, chart: place.chart };
-                index.fit_one(&arrived_ao(state), sheet, position, normal).ao
+                index.fit_one(&arrived_ao(state), sheet, &place.at_rest()).ao
             }
             StateRef::Paper(state) => {
                 let cells = InstanceCells::of(state, instance)?;
+                let (position, normal) = place.vectors();
                 cells.blend_one(state, &cells.query(position, normal)).ao
             }
         }
@@ -186,9 +190,8 @@ impl AoSampler {
         parallel::chunks(out, PLACES_PER_CHUNK, |chunk, out| {
             let mut near = PointCache::new();
             for (place, out) in places[chunk * PLACES_PER_CHUNK..].iter().zip(out) {
-                let (position, normal) = place.vectors();
                 let sheet = Sheet { instance, chart: place.chart };
-                *out = index.fit_near(&ao, &mut near, sheet, position, normal).ao;
+                *out = index.fit_near(&ao, &mut near, sheet, &place.at_rest()).ao;
             }
         });
         Ok(())
@@ -220,6 +223,12 @@ fn check_instance(instance: u32, instances: usize) -> Result<(), SampleError> {
 }
 
 impl Place {
+    /// Returns the place for an index.
+    fn at_rest(&self) -> RestPlace {
+        let (position, normal) = self.vectors();
+        RestPlace { position, normal, spacing: self.spacing }
+    }
+
     /// Returns position and normal.
     fn vectors(&self) -> (Vec3, Vec3) {
         (self.position.into(), self.normal.into())

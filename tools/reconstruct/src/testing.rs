@@ -10,7 +10,9 @@ use psao_codec::envelope::{FrameIndex, FrameKind, FrameMeta, StreamTime};
 use psao_codec::paper::PointFormat;
 use psao_codec::paper::{self, Grid, InstanceLayout, Layout, PointSample};
 use psao_codec::paper::{Pose, State, apply};
-use psao_codec::surface::{self, Geometry, GeometryDigest, Member, RestPoint, RoundedGeometry, SetLayout};
+use psao_codec::surface::{
+    self, Geometry, GeometryDigest, Levels, Member, RestPoint, RoundedGeometry, SetLayout,
+};
 
 /// An instance for [`state`].
 pub(crate) struct TestInstance {
@@ -76,6 +78,7 @@ pub(crate) fn surface_state(
             extent: [2048; 3],
             normal_bits: 4,
             charts: 4,
+            levels: Levels::default(),
             points: u32::try_from(points.len()).unwrap(),
             kernel_radius,
             digest: GeometryDigest::default(),
@@ -175,15 +178,39 @@ pub(crate) fn fit_reference(
     let near_criterion = |point: &(f64, DVec3, DVec3, f64)| {
         (point.0 / r - 1.0).abs() < 1e-4 || point.0 < 1.0001 * r && (point.2.dot(normal) - 0.5).abs() < 1e-4
     };
-    let mut near_threshold = points.iter().any(near_criterion);
+    let near_threshold = points.iter().any(near_criterion);
     let counted: Vec<_> = points.iter().filter(counts).copied().collect();
     if counted.len() >= 3 {
+        let mut nearest = counted.clone();
+        nearest.sort_by(|a, b| a.0.total_cmp(&b.0));
+        if let Some(&(too_far, ..)) = nearest.get(10) {
+            nearest.retain(|point| point.0 < too_far);
+            if nearest.len() >= 3 {
+                let ao = affine_value(&nearest, place, normal, too_far);
+                // Of two points that are nearly as far, either may be the one too many.
+                let near_threshold =
+                    near_threshold || too_far - nearest[nearest.len() - 1].0 < 1e-4 * too_far;
+                return Reference { ao, blended: nearest.len() as u64, near_threshold };
+            }
+        }
         let ao = affine_value(&counted, place, normal, r);
         return Reference { ao, blended: counted.len() as u64, near_threshold };
     }
+    let nearest = nearest_reference(points.drain(..).map(|(_, p, _, ao)| (p, ao)), (place, normal), r);
+    Reference { near_threshold: near_threshold || nearest.near_threshold, ..nearest }
+}
+
+/// Computes the fit over the six nearest of some points: positions and accessibilities.
+pub(crate) fn nearest_reference(
+    points: impl IntoIterator<Item = (DVec3, f64)>,
+    (place, normal): (DVec3, DVec3),
+    r: f64,
+) -> Reference {
+    let mut points: Vec<_> =
+        points.into_iter().map(|(p, ao)| ((p - place).length(), p, normal, ao)).collect();
     points.sort_by(|a, b| a.0.total_cmp(&b.0));
     // Of two points that are nearly as far, either may be the sixth.
-    near_threshold |= points.len() > 6 && points[6].0 - points[5].0 < 1e-4 * points[6].0;
+    let near_threshold = points.len() > 6 && points[6].0 - points[5].0 < 1e-4 * points[6].0;
     points.truncate(6);
     match points.last() {
         None => Reference { ao: 1.0, blended: 0, near_threshold },

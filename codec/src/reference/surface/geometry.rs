@@ -37,7 +37,9 @@ pub(super) fn read(
             let [set] = words(bytes.take(4)?);
             let layout = announce(next, set.into(), &mut left)?;
             let points = read_plain(&mut bytes, &layout)?;
-            rule(points.is_sorted_by_key(|(coord, normal, chart)| (place(*coord, 21), *normal, *chart)))?;
+            for level in levels(&layout) {
+                rule(points[level].is_sorted_by_key(order))?;
+            }
             arrive(next, set.into(), layout, points)?;
         }
     }
@@ -59,7 +61,9 @@ fn arrive(
     layout: SetLayout,
     mut points: Vec<Point>,
 ) -> Result<(), ReferenceError> {
-    points.sort_by_key(|(coord, normal, chart)| (place(*coord, 21), *normal, *chart));
+    for level in levels(&layout) {
+        points[level].sort_by_key(order);
+    }
     let coords = points.iter().map(|point| point.0).collect();
     let normals = points.iter().map(|point| point.1).collect();
     let charts = points.iter().map(|point| point.2).collect();
@@ -68,6 +72,19 @@ fn arrive(
     next.received.set(set as usize, true);
     next.geometry[set as usize] = Some(Arc::new(geometry));
     Ok(())
+}
+
+/// Returns what orders the points of a level.
+fn order((coord, normal, chart): &Point) -> (u64, u16, u32) {
+    (place(*coord, 21), *normal, *chart)
+}
+
+/// Returns the points of each level of a set.
+pub(super) fn levels(set: &SetLayout) -> Vec<std::ops::Range<usize>> {
+    let mut ends: Vec<usize> = set.levels.ends().iter().map(|end| *end as usize).collect();
+    ends.push(set.points as usize);
+    let starts = std::iter::once(0).chain(ends.clone());
+    starts.zip(&ends).map(|(start, end)| start..*end).collect()
 }
 
 /// Reads one set of the plain layout: nine planes of coordinates, two of normals, three of charts.

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::geometry::Point;
+use super::geometry::{Point, levels};
 use super::significant;
 use crate::range::{BinaryCoder, BitModel, NumberModel, RangeDecoder};
 use crate::surface::SetLayout;
@@ -68,11 +68,13 @@ impl GeometryDecoder {
         bit
     }
 
-    /// Returns the points of a set, in the order of the boxes; `None` if they break a rule.
+    /// Returns the points of a set, level by level, in the order of the boxes; `None` if they break a rule.
     pub(super) fn points(&mut self, decoder: &mut RangeDecoder<'_>, set: &SetLayout) -> Option<Vec<Point>> {
         let size = set.extent.map(|extent| significant(extent.into()) as u32);
         let mut found = Vec::new();
-        self.cuboid(decoder, set, Cuboid { low: [0; 3], size }, set.points as usize, &mut found)?;
+        for level in levels(set) {
+            self.cuboid(decoder, set, Cuboid { low: [0; 3], size }, level.len(), &mut found)?;
+        }
         Some(found.into_iter().map(|found| found.point).collect())
     }
 

@@ -1,5 +1,7 @@
 //! PATCH sections: the newest AO of points, for clients that missed frames.
 
+use std::collections::BTreeSet;
+
 use super::changes::read_point_mask;
 use super::{Block, BlockInfo, ByteReader, ReferenceError, index, rule, significant, varint_bytes};
 use crate::envelope::FrameIndex;
@@ -21,24 +23,47 @@ pub(super) fn read(
         let raw = block.raw()?;
         let mut bytes = ByteReader(&raw);
         rule(reaches(bytes.varint()?))?;
+        let mut runs = Vec::new();
+        for _ in 0..bytes.varint()? {
+            runs.push((bytes.varint()?, bytes.varint()?));
+        }
+        let arrived = claim(next, &runs)?;
         let named = read_point_mask(&mut bytes, state.present.len())?;
         rule(named.len() == expected)?;
+        let mut points = BTreeSet::new();
         for padded in named {
-            rule(state.present[padded / BLOCK_POINTS] && is_point(&blocks_info, padded))?;
+            rule(next.present[padded / BLOCK_POINTS] && is_point(&blocks_info, padded))?;
             next.values[padded] = bytes.take(1)?[0];
+            points.insert(padded);
         }
+        rule(are_complete(&points, &arrived, &blocks_info))?;
         return bytes.end();
     };
     let mut patch = PatchDecoder::new(decoder);
-    let back = NumberModel::new().code(&mut patch.decoder, 0);
+    let mut numbers = NumberModel::new();
+    let back = numbers.code(&mut patch.decoder, 0);
     rule(reaches(back))?;
-    patch.points(state, &blocks_info);
+    let count = numbers.code(&mut patch.decoder, 0);
+    rule(count as usize <= expected)?;
+    let mut runs: Vec<(u32, u32)> = Vec::new();
+    for _ in 0..count {
+        let end = runs.last().map_or(0, |(first, count)| first + count);
+        let first = end.checked_add(numbers.code(&mut patch.decoder, 0)).ok_or(ReferenceError::Rule)?;
+        runs.push((first, numbers.code(&mut patch.decoder, 0)));
+        let last = runs.last().map(|(first, count)| (*count, first.checked_add(*count)));
+        rule(last.is_some_and(|(count, end)| {
+            count > 0 && end.is_some_and(|end| end as usize <= blocks_info.len())
+        }))?;
+    }
+    let arrived = claim(next, &runs)?;
+    patch.points(next, &blocks_info);
     let named: Vec<usize> = (0..patch.named.len()).filter(|padded| patch.named[*padded]).collect();
     rule(named.len() == expected)?;
+    rule(are_complete(&named.iter().copied().collect(), &arrived, &blocks_info))?;
     // The points whose bytes both ends know.
     let mut known: Vec<bool> = (0..patch.named.len())
         .map(|padded| {
-            state.present[padded / BLOCK_POINTS] && is_point(&blocks_info, padded) && !patch.named[padded]
+            next.present[padded / BLOCK_POINTS] && is_point(&blocks_info, padded) && !patch.named[padded]
         })
         .collect();
     let mut blocks = 0;
@@ -47,8 +72,32 @@ pub(super) fn read(
         next.values[*padded] = patch.byte(around(next, &blocks_info, &known, *padded));
         known[*padded] = true;
     }
-    let bytes = varint_bytes(back) + state.present.len().div_ceil(8) + 8 * blocks + named.len();
+    let run_bytes: usize =
+        runs.iter().map(|(first, count)| varint_bytes(*first) + varint_bytes(*count)).sum();
+    let head_bytes = varint_bytes(back) + varint_bytes(count) + run_bytes;
+    let bytes = head_bytes + state.present.len().div_ceil(8) + 8 * blocks + named.len();
     block.end(patch.decoder, bytes)
+}
+
+/// Claims runs of blocks that arrived, in ascending order. Returns their blocks.
+fn claim(next: &mut State, runs: &[(u32, u32)]) -> Result<Vec<usize>, ReferenceError> {
+    let mut arrived: Vec<usize> = Vec::new();
+    for (first, count) in runs {
+        let blocks = *first as usize..*first as usize + *count as usize;
+        rule(!blocks.is_empty() && blocks.end <= next.present.len())?;
+        rule(arrived.last().is_none_or(|last| *last < blocks.start))?;
+        next.present[blocks.clone()].fill(true);
+        arrived.extend(blocks);
+    }
+    Ok(arrived)
+}
+
+/// Returns whether all points of some blocks are in a set.
+fn are_complete(points: &BTreeSet<usize>, blocks: &[usize], blocks_info: &[BlockInfo]) -> bool {
+    let mut all = blocks
+        .iter()
+        .flat_map(|block| (0..blocks_info[*block].points).map(move |at| block * BLOCK_POINTS + at));
+    all.all(|padded| points.contains(&padded))
 }
 
 fn is_point(blocks_info: &[BlockInfo], padded: usize) -> bool {

@@ -1,7 +1,9 @@
 //! Model of geometry for the range coder. It halves a box again and again and codes how many points are in the lower
 //! half (P.-M. Gandoin and O. Devillers, "Progressive lossless compression of arbitrary simplicial complexes", 2002).
 //! So the order of the points costs no bits. A point alone in its box is predicted to lie in the plane of a point near
-//! it, and to have its normal and its chart.
+//! it, and to have its normal and its chart. The levels of a set follow each other, each with a box of its own.
+
+use std::ops::Range;
 
 use crate::range::{BinaryCoder, BitModel, NumberModel};
 use crate::surface::geometry::{CodedPoint, Geometry};
@@ -116,8 +118,15 @@ impl GeometryModel {
         let list = source.map(|geometry| in_cutting_order(geometry, size)).unwrap_or_default();
         let mut coded = Vec::with_capacity(list.len());
         self.recent.clear();
-        let root = Cuboid { low: [0; 3], size, count: layout.points as usize, first: 0 };
-        let mut boxes = vec![root];
+        // The finest level is at the bottom of the stack. Levels without points cost nothing.
+        let root = |points: Range<u32>| Cuboid {
+            low: [0; 3],
+            size,
+            count: points.len(),
+            first: points.start as usize,
+        };
+        let mut boxes: Vec<Cuboid> = layout.level_points().map(root).collect();
+        boxes.reverse();
         while let Some(cuboid) = boxes.pop() {
             if stop(coder) {
                 return Err(GeometrySectionError::Ends { points: coded.len() });
@@ -368,7 +377,7 @@ fn direction(bits: u8, code: u16) -> [i64; 3] {
     [folded(u), folded(v), z]
 }
 
-/// Returns the points in the order in which they become alone in their boxes.
+/// Returns the points, level by level, in the order in which they become alone in their boxes.
 fn in_cutting_order(geometry: &Geometry, size: [u32; 3]) -> Vec<CodedPoint> {
     let key = |coord: &[u32; 3]| {
         let mut key = 0_u64;
@@ -380,9 +389,12 @@ fn in_cutting_order(geometry: &Geometry, size: [u32; 3]) -> Vec<CodedPoint> {
         }
         key
     };
-    let points = geometry.coords.iter().zip(&geometry.normals).zip(&geometry.charts);
-    let mut keyed: Vec<_> =
-        points.map(|((coord, normal), chart)| (key(coord), *normal, *chart, *coord)).collect();
+    let points = (0..geometry.len()).map(|point| (geometry.level(point), geometry.coords[point], point));
+    let mut keyed: Vec<_> = points
+        .map(|(level, coord, point)| {
+            (level, key(&coord), geometry.normals[point], geometry.charts[point], coord)
+        })
+        .collect();
     keyed.sort_unstable();
-    keyed.into_iter().map(|(_, normal, chart, coord)| CodedPoint { coord, normal, chart }).collect()
+    keyed.into_iter().map(|(_, _, normal, chart, coord)| CodedPoint { coord, normal, chart }).collect()
 }

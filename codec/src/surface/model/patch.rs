@@ -8,6 +8,7 @@ use std::ops::Range;
 
 use super::change::ContextMixer;
 use crate::range::{BinaryCoder, BitModel, NumberModel, SymbolClass, logistic};
+use crate::surface::section::changes::ChangeError;
 use crate::surface::section::patch::Patch;
 use crate::surface::section::point_mask::{PointMask, SetBits};
 use crate::surface::{BLOCK_POINTS, Layout, PaddedIndex};
@@ -77,6 +78,30 @@ impl PatchModel {
         self.numbers.code(coder, source)
     }
 
+    /// Codes the runs of blocks that arrived. A decoder refuses more than `most` of them.
+    pub(crate) fn arrivals<B: BinaryCoder>(
+        &mut self,
+        coder: &mut B,
+        blocks: usize,
+        (source, coded): (&[(u32, u32)], &mut Patch),
+        most: usize,
+    ) -> Result<(), ChangeError> {
+        coded.arrivals.clear();
+        let runs = self.numbers.code(coder, source.len() as u32) as usize;
+        if runs > most {
+            return Err(ChangeError::Count { expected: most as u32, found: runs });
+        }
+        let mut end = 0_u32;
+        for run in 0..runs {
+            let (first, count) = source.get(run).copied().unwrap_or((end, 0));
+            let first = end.wrapping_add(self.numbers.code(coder, first.wrapping_sub(end)));
+            let count = self.numbers.code(coder, count);
+            coded.push_run((first, count), blocks)?;
+            end = first + count;
+        }
+        Ok(())
+    }
+
     /// Codes the points of a patch. `values` has the bytes of all padded indices and is updated; the old bytes of
     /// named points are not used. A decoder stops after more than `most` points, or when `stop` returns true because
     /// nothing sensible follows.
@@ -89,7 +114,8 @@ impl PatchModel {
         most: usize,
         stop: impl Fn(&B) -> bool,
     ) {
-        coded.clear();
+        coded.points.clear();
+        coded.bytes.clear();
         self.points(coder, (layout, present), (&source.points, &mut coded.points), most, &stop);
         let mut given = source.bytes.iter();
         for (block, mask) in coded.points.iter() {

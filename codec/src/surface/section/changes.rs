@@ -80,6 +80,22 @@ pub enum ChangeError {
         /// Its points, one bit each.
         mask: u64,
     },
+    /// A run of blocks that arrived is empty, not part of the layout, or not after the one before.
+    #[error("{count} blocks from {first} on: an empty run, not part of the stream, or out of order")]
+    Arrivals {
+        /// First block.
+        first: u32,
+        /// Number of blocks.
+        count: u32,
+    },
+    /// A patch does not name all points of a block that arrived.
+    #[error("block {block} arrives without its points {missing:#018x}")]
+    Missing {
+        /// Number of the block.
+        block: u32,
+        /// The points that are not named, one bit each.
+        missing: u64,
+    },
     /// The level is zero, out of range, has no effect because the value is already 1 or 255, or is negative where the
     /// point has no value.
     #[error("the point of padded index {padded_index} cannot change by {level} quanta")]

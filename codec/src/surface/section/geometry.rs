@@ -10,8 +10,7 @@ use std::sync::Arc;
 use bitvec::vec::BitVec;
 
 use crate::range::{BinaryCoder, NumberModel};
-use crate::surface::geometry::{CodedPoint, Geometry};
-use crate::surface::model::curve;
+use crate::surface::geometry::{CodedPoint, Geometry, OrderKey};
 use crate::surface::model::geometry::GeometryModel;
 use crate::surface::{Layout, SetLayout};
 use crate::wire::Reader;
@@ -41,7 +40,7 @@ pub enum GeometrySectionError {
         /// Its coordinates.
         coord: [u32; 3],
     },
-    /// The points are not in the order of the curve.
+    /// The points of a level are not in order.
     #[error("point {point} of a set is out of order")]
     Order {
         /// The point.
@@ -190,7 +189,7 @@ fn read_set(planes: &[u8], layout: &SetLayout, count: usize) -> Result<Geometry,
     let mut coord = [0_u32; 3];
     let mut chart = 0_u32;
     let mut points = Vec::with_capacity(count);
-    let mut before = (0, 0, 0);
+    let mut before = (0, OrderKey::default());
     for point in 0..count {
         for (axis, coord) in coord.iter_mut().enumerate() {
             *coord = coord.wrapping_add(difference(3 * axis, point)) & 0xFF_FFFF;
@@ -206,12 +205,13 @@ fn read_set(planes: &[u8], layout: &SetLayout, count: usize) -> Result<Geometry,
         if chart >= layout.charts {
             return Err(GeometrySectionError::Chart { chart, charts: layout.charts });
         }
-        let key = (curve::place(coord), normal, chart);
+        let coded = CodedPoint { coord, normal, chart };
+        let key = (layout.levels.of_point(point as u32), coded.order_key());
         if key < before {
             return Err(GeometrySectionError::Order { point });
         }
         before = key;
-        points.push(CodedPoint { coord, normal, chart });
+        points.push(coded);
     }
     Ok(Geometry::sorted(*layout, &points))
 }

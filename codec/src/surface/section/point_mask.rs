@@ -8,7 +8,7 @@
 
 use super::changes::ChangeError;
 use crate::memory;
-use crate::surface::{BLOCK_POINTS, PaddedIndex, State};
+use crate::surface::{BLOCK_POINTS, Layout, PaddedIndex};
 use crate::wire::Reader;
 
 /// Points of some blocks, in order.
@@ -100,13 +100,13 @@ impl PointMask {
         if found == records as usize { Ok(()) } else { Err(ChangeError::Count { expected: records, found }) }
     }
 
-    /// Checks that the points exist and their blocks were received.
-    pub(crate) fn check(&self, state: &State) -> Result<(), ChangeError> {
+    /// Checks that the points exist and their blocks are in `present`.
+    pub(crate) fn check(&self, layout: &Layout, present: &[bool]) -> Result<(), ChangeError> {
         for (block, mask) in self.iter() {
-            if !state.present.get(block as usize).is_some_and(|here| *here) {
+            if !present.get(block as usize).is_some_and(|here| *here) {
                 return Err(ChangeError::Absent { block });
             }
-            let points = state.layout.block_len(block as usize);
+            let points = layout.block_len(block as usize);
             if points < BLOCK_POINTS && mask >> points != 0 {
                 return Err(ChangeError::Mask { block, mask });
             }

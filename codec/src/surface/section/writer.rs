@@ -180,6 +180,9 @@ impl SectionWriter {
             let mut encoder = RangeEncoder::new(&mut self.blocks);
             let mut model = PatchModel::new();
             let mut coded = Patch { back: model.back(&mut encoder, patch.back), ..Patch::default() };
+            let runs = (patch.arrivals.as_slice(), &mut coded);
+            let fits = model.arrivals(&mut encoder, blocks, runs, points);
+            debug_assert!(fits.is_ok(), "{fits:?}");
             let known = (&*state.layout, state.present.as_slice());
             let mut values = state.values.clone();
             model.code(&mut encoder, known, &mut values, (patch, &mut coded), points, |_| false);

@@ -6,7 +6,8 @@ use super::*;
 
 fn budgeted(bytes: u32, longest_age: u16) -> ServerSettings {
     let budget = Some(Budget::new(bytes).with_longest_age(longest_age));
-    ServerSettings { budget, threshold: 2, ..settings(Profile::SURFACE, 24.0) }
+    // Blocks that arrive would take their part of the budget.
+    ServerSettings { budget, threshold: 2, quality: 0.0, ..settings(Profile::SURFACE, 24.0) }
 }
 
 /// Frame bodies of a clip that looks along the camera path.

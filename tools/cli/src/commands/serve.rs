@@ -192,7 +192,7 @@ async fn frames(
         let (time, views) = timetable.frame(number, &hub.views());
         tokio::task::block_in_place(|| pipeline.frame(FrameIndex(number), time, &views, captured))?;
         if number == 0 {
-            // The first frame traces every point; without a new start, hundreds of frames would be skipped.
+            // The first frame traces all points that it sends; without a new start, hundreds of frames would be skipped.
             start = Instant::now();
         }
         counts.sent += 1;

@@ -7,7 +7,7 @@ use psao_proto::message::{Report, StageId};
 use super::{number, table::Figures};
 
 /// Milliseconds by stage, over the frames that were reported with times; nothing where none was. The first frame, which
-/// traces every point, stands apart.
+/// traces all points that clients get, stands apart.
 pub(crate) fn stage_table<'a>(reports: impl Iterator<Item = (bool, &'a Report)>) -> Option<Figures> {
     let mut first = BTreeMap::<StageId, u64>::new();
     let mut later = BTreeMap::<StageId, Vec<u64>>::new();

@@ -46,10 +46,14 @@ fn a_comparison_counts_the_bytes_that_recordings_have() {
     let arguments = compare(&["--json"]);
     let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
     let document = json(&arguments);
+    let folder = folder();
     assert_eq!(document["schema"], "psao-compare-profiles/1");
     for profile in Profile::ALL {
         let figures = &document[profile.name()];
-        let recorded = json(&["inspect", text(recording(profile)), "--format", "json"]);
+        // The comparison has all points of both profiles.
+        let path = folder.path().join(profile.name());
+        record("colonnade", profile, &["--quality", "0"], &path);
+        let recorded = json(&["inspect", text(&path), "--format", "json"]);
         let totals = &recorded["totals"];
         // A recording has a report about its last frame, which is nobody's payload.
         let report = totals["later_parts"]["report"].as_u64().unwrap();

@@ -7,12 +7,13 @@ use crate::sweep::{RecordAtRadius, RecordKind, SettingSummary, StreamFigures};
 /// A column: its head, and the text of its cell.
 type Column = (&'static str, fn(&RecordAtRadius<'_>) -> String);
 
-const COLUMNS: [Column; 46] = [
+const COLUMNS: [Column; 47] = [
     ("scene", |entry| entry.record.scene.clone()),
     ("kind", |entry| kind(entry.record.kind).to_owned()),
     ("name", |entry| entry.record.name.clone()),
     ("label", |entry| entry.record.label.clone()),
     ("points_per_m2", |entry| setting(entry, |setting| setting.points_per_m2)),
+    ("quality", |entry| setting(entry, |setting| setting.quality)),
     ("bits", |entry| setting(entry, |setting| setting.bits)),
     ("rays", |entry| setting(entry, |setting| setting.rays)),
     ("threshold", |entry| setting(entry, |setting| setting.threshold)),

@@ -38,6 +38,7 @@ mod samples {
         let setting = mbit_s.map(|_| SettingSummary {
             profile: name.to_owned(),
             points_per_m2: 512.0,
+            quality: 4.0,
             bits: 32,
             rays: 192,
             threshold: 8,

@@ -60,6 +60,7 @@ impl Bench<'_> {
         for frame in 0..run.frames {
             run.frame(frame)?;
             for view in self.views.iter().filter(|view| run.frame_at(view.time_s) == frame) {
+                drawn.client.surface.set_camera(&view.camera, setting.quality);
                 self.draw(&run.state, view, &mut drawn)?;
             }
         }

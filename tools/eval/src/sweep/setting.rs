@@ -11,13 +11,15 @@ use serde::{Deserialize, Serialize};
 const PAPER_CODER: BlockCoder = BlockCoder::Zstd { level: 15 };
 
 /// Number of swept settings.
-const AXES: usize = 7;
+const AXES: usize = 8;
 
 /// A combination of values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Setting {
     /// Points per square metre.
     pub per_m2: f32,
+    /// Distance of neighbouring points on a picture of 1,080 rows, pixels; 0 for all points. Profile `surface`.
+    pub quality: f32,
     /// Bits of a packed point: 32, 24 or 16.
     pub bits: u8,
     /// Steps of 1/255 by which AO must change to be sent again.
@@ -39,6 +41,7 @@ impl Setting {
         let settings = ServerSettings::default();
         Self {
             per_m2: 512.0,
+            quality: settings.quality,
             bits: settings.bits,
             threshold: settings.threshold,
             rays: settings.ao.rays,
@@ -53,6 +56,7 @@ impl Setting {
     pub fn server(&self, base: ServerSettings) -> ServerSettings {
         let mut settings = base;
         settings.points = base.points.with_per_m2(self.per_m2);
+        settings.quality = self.quality;
         settings.ao.rays = self.rays;
         settings.bits = self.bits;
         settings.threshold = self.threshold;
@@ -68,6 +72,7 @@ impl Setting {
         SettingSummary {
             profile: self.profile.to_string(),
             points_per_m2: self.per_m2,
+            quality: if self.profile == Profile::SURFACE { self.quality } else { 0.0 },
             bits: self.bits,
             rays: self.rays,
             threshold: self.threshold,
@@ -84,9 +89,14 @@ impl Setting {
     /// Returns the setting with a coder that its profile supports.
     fn possible(self) -> Self {
         if self.profile == Profile::PAPER && self.coder == BlockCoder::Range {
-            return Self { coder: PAPER_CODER, ..self };
+            return Self { coder: PAPER_CODER, ..self.uniform() };
         }
-        self
+        if self.profile == Profile::PAPER { self.uniform() } else { self }
+    }
+
+    /// Returns the setting with all points everywhere: profile `paper` has no levels.
+    fn uniform(self) -> Self {
+        Self { quality: 0.0, ..self }
     }
 }
 
@@ -97,6 +107,9 @@ pub struct SettingSummary {
     pub profile: String,
     /// Points per square metre.
     pub points_per_m2: f32,
+    /// Distance of neighbouring points on a picture of 1,080 rows, pixels; 0 where all points are sent.
+    #[serde(default)]
+    pub quality: f32,
     /// Bits of a packed point.
     pub bits: u8,
     /// Rays a point.
@@ -111,6 +124,9 @@ pub struct SettingSummary {
 
 impl fmt::Display for SettingSummary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.quality > 0.0 {
+            write!(f, "{} px, at most ", self.quality)?;
+        }
         write!(
             f,
             "{}/m\u{b2}, {} bit, {} rays, threshold {}, {} Hz, {}",
@@ -124,6 +140,8 @@ impl fmt::Display for SettingSummary {
 pub struct SettingGrid {
     /// Points per square metre.
     pub per_m2: Vec<f32>,
+    /// Distances of neighbouring points on a picture of 1,080 rows, pixels.
+    pub quality: Vec<f32>,
     /// Bits of a packed point.
     pub bits: Vec<u8>,
     /// Thresholds.
@@ -148,6 +166,7 @@ impl SettingGrid {
         let usual = Setting::usual();
         Setting {
             per_m2: of(&self.per_m2, usual.per_m2),
+            quality: of(&self.quality, usual.quality),
             bits: of(&self.bits, usual.bits),
             threshold: of(&self.threshold, usual.threshold),
             rays: of(&self.rays, usual.rays),
@@ -189,6 +208,7 @@ impl SettingGrid {
     fn variants(&self, from: &Setting) -> [Vec<Setting>; AXES] {
         [
             self.per_m2.iter().map(|&per_m2| Setting { per_m2, ..*from }).collect(),
+            self.quality.iter().map(|&quality| Setting { quality, ..*from }).collect(),
             self.bits.iter().map(|&bits| Setting { bits, ..*from }).collect(),
             self.threshold.iter().map(|&threshold| Setting { threshold, ..*from }).collect(),
             self.rays.iter().map(|&rays| Setting { rays, ..*from }).collect(),

@@ -27,6 +27,8 @@ pub enum ReferenceRays {
 pub struct View {
     /// Time in the clip, in seconds.
     pub time_s: f64,
+    /// The camera.
+    pub camera: CameraPose,
     /// Input of reconstruction.
     pub buffer: GBuffer,
     /// Input of screen-space methods.
@@ -63,7 +65,7 @@ pub fn views(
             ReferenceRays::Screen(rays) => rays.shade(&screen, &NoClock)?.image,
         };
         done();
-        Ok(View { time_s, buffer, screen, truth })
+        Ok(View { time_s, camera, buffer, screen, truth })
     };
     times_s.iter().map(look).collect()
 }

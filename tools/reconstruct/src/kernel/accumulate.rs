@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::group::{LANES, PointGroup};
+use super::group::{LANES, Mark, PointGroup};
 
 /// Sums over points, taken a group at a time.
 pub(crate) trait Accumulate {
@@ -32,8 +32,8 @@ impl<'a, A: Accumulate> Pointwise<'a, A> {
 
     /// Adds a point.
     #[inline]
-    pub(crate) fn add(&mut self, position: Vec3, normal: Vec3, ao: f32) {
-        self.group.set(self.filled, position, normal, ao);
+    pub(crate) fn add(&mut self, position: Vec3, normal: Vec3, ao: f32, mark: Mark) {
+        self.group.set(self.filled, position, normal, ao, mark);
         self.filled += 1;
         if self.filled == LANES {
             self.sums.add(&self.group, self.query);

@@ -70,7 +70,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::kernel::weight;
+    use crate::kernel::{Mark, weight};
 
     fn vector() -> impl Strategy<Value = Vec3> {
         prop::array::uniform3(-1.0_f32..1.0).prop_map(Vec3::from)
@@ -84,6 +84,7 @@ mod tests {
             position: std::array::from_fn(|a| axis(a, |point| point.0)),
             normal: std::array::from_fn(|a| axis(a, |point| point.1)),
             ao: std::array::from_fn(|l| lane(l).2),
+            mark: [Mark::NONE; LANES],
         }
     }
 

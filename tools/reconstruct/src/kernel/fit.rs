@@ -7,7 +7,7 @@
 use glam::Vec3;
 
 use super::accumulate::Accumulate;
-use super::group::{LANES, PointGroup};
+use super::group::{LANES, Mark, PointGroup};
 use super::{Support, tangent_frame};
 
 /// A point counts when the cosine between its normal and the place's is above it.
@@ -15,6 +15,9 @@ pub const FACING_THRESHOLD: f32 = 0.5;
 
 /// Ridge of the covariance, in squared radii.
 pub const RIDGE: f32 = 0.02;
+
+/// Most points of a fit. Where more are near, as on narrow charts, the fit reaches only as far as the nearest of them.
+pub const MOST_POINTS: usize = 10;
 
 /// Fewest points of a fit; with fewer, the nearest points of the chart are taken, however far.
 pub(crate) const FEWEST_POINTS: u32 = 3;
@@ -29,6 +32,38 @@ pub(crate) struct FitQuery {
     /// Metres.
     pub(crate) radius: f32,
     facing: f32,
+}
+
+/// The squared distances of the nearest points that count, ascending: one more than a fit may have.
+pub(crate) struct NearestSquares([f32; MOST_POINTS + 1]);
+
+impl Accumulate for NearestSquares {
+    type Query = FitQuery;
+
+    fn new() -> Self {
+        Self([f32::INFINITY; MOST_POINTS + 1])
+    }
+
+    fn add(&mut self, group: &PointGroup, query: &FitQuery) {
+        for lane in 0..LANES {
+            let [position, normal] = [&group.position, &group.normal]
+                .map(|axes| Vec3::new(axes[0][lane], axes[1][lane], axes[2][lane]));
+            let square = position.distance_squared(query.position);
+            let facing = normal.dot(query.normal) > query.facing;
+            if facing && group.mark[lane] != Mark::MISSING && square < self.0[MOST_POINTS] {
+                let place = self.0.partition_point(|nearer| *nearer <= square);
+                self.0.copy_within(place..MOST_POINTS, place + 1);
+                self.0[place] = square;
+            }
+        }
+    }
+}
+
+impl NearestSquares {
+    /// Returns the query that reaches to the first point too many.
+    pub(crate) fn narrowed(&self, query: &FitQuery) -> FitQuery {
+        FitQuery { radius: self.0[MOST_POINTS].sqrt().min(query.radius), ..*query }
+    }
 }
 
 impl FitQuery {
@@ -59,6 +94,9 @@ pub(crate) struct Fit {
     low: [f32; LANES],
     high: [f32; LANES],
     count: [u32; LANES],
+    /// Points of the finest level among them, and points of it that have not arrived.
+    finest: [u32; LANES],
+    missing: [u32; LANES],
 }
 
 impl Accumulate for Fit {
@@ -79,6 +117,8 @@ impl Accumulate for Fit {
             low: [f32::INFINITY; LANES],
             high: [f32::NEG_INFINITY; LANES],
             count: [0; LANES],
+            finest: [0; LANES],
+            missing: [0; LANES],
         }
     }
 
@@ -91,7 +131,10 @@ impl Accumulate for Fit {
             let distance = (ox * ox + oy * oy + oz * oz).sqrt();
             let near = (query.radius - distance) / query.radius;
             let facing = nx[lane] * n.x + ny[lane] * n.y + nz[lane] * n.z;
-            let counts = (near > 0.0) & (facing > query.facing);
+            let reached = (near > 0.0) & (facing > query.facing);
+            let counts = reached & (group.mark[lane] != Mark::MISSING);
+            self.finest[lane] += u32::from(reached & (group.mark[lane] == Mark::FINEST));
+            self.missing[lane] += u32::from(reached & (group.mark[lane] == Mark::MISSING));
             // A lane without a point lies infinitely far away: its offset must not reach the sums.
             let offset = |along: Vec3| if counts { ox * along.x + oy * along.y + oz * along.z } else { 0.0 };
             let (u, v) = (offset(t), offset(b));
@@ -118,6 +161,12 @@ impl Fit {
     #[inline]
     pub(crate) fn count(&self) -> u32 {
         self.count.iter().sum()
+    }
+
+    /// Returns whether the finest points that may count are here: one of them at least, or none is missing.
+    #[inline]
+    pub(crate) fn is_complete(&self) -> bool {
+        self.finest.iter().any(|finest| *finest > 0) || self.missing.iter().all(|missing| *missing == 0)
     }
 
     /// Returns the value at the place, kept within half the points' range around that range and within [0, 1].
@@ -157,7 +206,7 @@ mod tests {
         for points in points.chunks(LANES) {
             let mut group = PointGroup::EMPTY;
             for (lane, (position, normal, ao)) in points.iter().enumerate() {
-                group.set(lane, *position, *normal, *ao);
+                group.set(lane, *position, *normal, *ao, Mark::NONE);
             }
             fit.add(&group, query);
         }

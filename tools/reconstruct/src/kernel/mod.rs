@@ -13,9 +13,9 @@ use glam::Vec3;
 
 pub(crate) use self::accumulate::{Accumulate, Pointwise};
 pub(crate) use self::blend::{Blend, Query};
-pub use self::fit::{FACING_THRESHOLD, RIDGE};
-pub(crate) use self::fit::{FEWEST_POINTS, Fit, FitQuery};
-pub(crate) use self::group::{LANES, PointGroup};
+pub use self::fit::{FACING_THRESHOLD, MOST_POINTS, RIDGE};
+pub(crate) use self::fit::{FEWEST_POINTS, Fit, FitQuery, NearestSquares};
+pub(crate) use self::group::{LANES, Mark, PointGroup};
 pub use self::weight::{DISTANCE_THRESHOLD, NORMAL_THRESHOLD, weight};
 
 /// The accessibility of a place, and how many points support it.

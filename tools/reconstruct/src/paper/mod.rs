@@ -6,7 +6,7 @@ use glam::Vec3;
 use psao_codec::paper::State;
 
 pub(crate) use self::neighbourhood::{InstanceCells, NeighbourhoodCache};
-use crate::kernel::{Accumulate, Blend, Pointwise, Query, Support};
+use crate::kernel::{Accumulate, Blend, Mark, Pointwise, Query, Support};
 
 impl InstanceCells {
     /// Returns a query in the local space of the instance.
@@ -19,7 +19,7 @@ impl InstanceCells {
     pub(crate) fn blend_one(&self, state: &State, query: &Query) -> Support {
         let mut blend = Pointwise::<Blend>::new(query);
         if let Some(base) = self.base(query.position) {
-            self.each_point(state, base, |position, normal, ao| blend.add(position, normal, ao));
+            self.each_point(state, base, |position, normal, ao| blend.add(position, normal, ao, Mark::NONE));
         }
         blend.finish().support()
     }

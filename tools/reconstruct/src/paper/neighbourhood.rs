@@ -4,7 +4,7 @@ use glam::Vec3;
 use psao_codec::paper::State;
 use psao_codec::paper::{Grid, POINTS_PER_CELL};
 
-use crate::kernel::{LANES, PointGroup};
+use crate::kernel::{LANES, Mark, PointGroup};
 
 /// Largest number of groups in a neighbourhood: 8 cells of 7 points are 56 points (paper, section 3.5).
 const MAX_GROUPS: usize = (8 * POINTS_PER_CELL).div_ceil(LANES);
@@ -67,7 +67,7 @@ impl Neighbourhood {
     fn fill(&mut self, state: &State, cells: &InstanceCells, base: [i64; 3]) {
         *self = Self { key: Some((cells.instance, base)), ..Self::EMPTY };
         cells.each_point(state, base, |position, normal, ao| {
-            self.groups[self.count / LANES].set(self.count % LANES, position, normal, ao);
+            self.groups[self.count / LANES].set(self.count % LANES, position, normal, ao, Mark::NONE);
             self.count += 1;
         });
     }

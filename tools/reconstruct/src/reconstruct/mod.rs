@@ -18,7 +18,7 @@
 //! use psao_reconstruct::reconstruct::SurfaceReconstructor;
 //! use psao_reconstruct::{AtRest, GBuffer, Size, Surface};
 //! use psao_codec::Limits;
-//! use psao_codec::surface::{Geometry, GeometryDigest, Layout, Member, RestPoint, RoundedGeometry, SetLayout, State};
+//! use psao_codec::surface::{Geometry, GeometryDigest, Layout, Levels, Member, RestPoint, RoundedGeometry, SetLayout, State};
 //!
 //! // The state that a client has decoded: sixteen points along a bar, dark at its left end.
 //! let set = SetLayout {
@@ -27,6 +27,7 @@
 //!     extent: [1024; 3],
 //!     normal_bits: 4,
 //!     charts: 1,
+//!     levels: Levels::default(),
 //!     kernel_radius: 0.1,
 //!     // `Geometry::round` fills in the number and the digest of the points.
 //!     points: 0,

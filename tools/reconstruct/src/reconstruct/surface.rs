@@ -1,17 +1,39 @@
 //! Ambient occlusion of every fragment from points of the mesh at rest.
 
+use glam::Vec3;
 use psao_codec::surface::State;
+use psao_proto::message::CameraPose;
 
 use super::result::{ReconstructError, Reconstruction};
 use super::walk::{check_instances, walk};
 use crate::kernel::Support;
-use crate::surface::{AoSource, PointCache, Sheet, SurfaceIndex, arrived_ao};
+use crate::surface::{AoSource, PointCache, RestPlace, Sheet, SurfaceIndex, arrived_ao};
 use crate::{AoSampler, GBuffer};
 
 /// Reconstructs views of a stream of profile `surface` with an [`AoSampler`] that it keeps between frames.
 #[derive(Clone, Debug, Default)]
 pub struct SurfaceReconstructor {
     sampler: AoSampler,
+    detail: Option<Detail>,
+}
+
+/// What a camera asks of the points.
+#[derive(Clone, Copy, Debug)]
+struct Detail {
+    eye: Vec3,
+    /// How far apart points should be for each metre of distance from the eye, metres.
+    spacing_per_m: f32,
+}
+
+/// Rows of the picture in whose pixels the quality of a stream is given.
+const PICTURE_ROWS: f32 = 1080.0;
+
+impl Detail {
+    /// Returns how far apart points should be at a place of the world, metres.
+    #[inline]
+    fn spacing(&self, place: Vec3) -> f32 {
+        self.spacing_per_m * self.eye.distance(place)
+    }
 }
 
 /// Reconstructs a single view as [`SurfaceReconstructor::reconstruct`] does, and keeps nothing.
@@ -30,6 +52,15 @@ impl SurfaceReconstructor {
         Self::default()
     }
 
+    /// Sets the camera of the views that follow, and the quality of the stream (`TraceInfo::quality`): the distance of
+    /// neighbouring points in pixels on a picture of 1,080 rows. The server keeps no finer points up to date.
+    ///
+    /// Without a camera, or with a quality of 0, all points that have arrived are taken.
+    pub fn set_camera(&mut self, camera: &CameraPose, quality: f32) {
+        let spacing_per_m = quality * 2.0 * (0.5 * camera.fov_y_deg.to_radians()).tan() / PICTURE_ROWS;
+        self.detail = Some(Detail { eye: camera.eye.into(), spacing_per_m });
+    }
+
     /// Returns the sampler. It is prepared for the sets of instances in the views so far.
     #[must_use]
     pub fn sampler(&self) -> &AoSampler {
@@ -38,10 +69,11 @@ impl SurfaceReconstructor {
 
     /// Reconstructs the ambient occlusion of every fragment of `view` from the points of `state`.
     ///
-    /// The points of the fragment's chart within the kernel radius `r` of its place at rest count, if the cosine between
-    /// both normals is above [`FACING_THRESHOLD`](crate::kernel::FACING_THRESHOLD). The weight of a point at distance `d` is
+    /// The size of a pixel on the fragment chooses a level ([`set_camera`](Self::set_camera)). The points of its
+    /// chart up to that level, within the level's radius `r` of its place at rest, count if the cosine between both normals is above [`FACING_THRESHOLD`](crate::kernel::FACING_THRESHOLD). The weight of a point at distance `d` is
     /// `(1 - d / r)^2`. The value is that of the weighted affine fit at the place, kept within half the points' range
-    /// around that range. Where fewer than three points count, the six nearest points of the chart do. A fragment whose
+    /// around that range. Where some of these points have not arrived, or fewer than three count, the next coarser level is
+    /// taken; where there is none, the six nearest points of the chart. A fragment whose
     /// chart has no points is 1, as is background.
     ///
     /// Points that have not arrived yet do not count, so that a client can show a first state while it arrives.
@@ -82,7 +114,9 @@ impl SurfaceReconstructor {
             let (Some(index), Some(rest)) = (indices[instance as usize], view.at_rest(pixel)) else {
                 return Support::NONE;
             };
-            index.fit_near(ao, near, Sheet { instance, chart: rest.chart }, rest.position, rest.normal)
+            let spacing = self.detail.map_or(0.0, |detail| detail.spacing(view.position()[pixel]));
+            let place = RestPlace { position: rest.position, normal: rest.normal, spacing };
+            index.fit_near(ao, near, Sheet { instance, chart: rest.chart }, &place)
         }))
     }
 }

@@ -29,6 +29,7 @@ proptest! {
             position: place.0,
             normal: place.1.to_array(),
             chart: chart_of(place.1),
+            spacing: 0.0,
         };
         let places: Vec<Place> = places.iter().map(place).collect();
         let mut many = vec![Some(-1.0); places.len()];
@@ -38,7 +39,7 @@ proptest! {
             prop_assert_eq!(one.map(f32::to_bits), many.map(f32::to_bits));
         }
         let geometry = state.geometry(state.layout().members()[instance as usize].set).unwrap();
-        let Place { position, normal, chart } = places[0];
+        let Place { position, normal, chart, .. } = places[0];
         let values = state.values(instance);
         let own = (0..geometry.len()).filter(|&point| geometry.chart(point) == chart && values[point] != 0);
         let all = own.map(|point| {
@@ -48,7 +49,8 @@ proptest! {
         });
         let place = (DVec3::from(position.map(f64::from)), DVec3::from(normal.map(f64::from)));
         let wanted = fit_reference(all, place, kernel_radius.into());
-        if !wanted.near_threshold {
+        // With more levels, a coarser one is taken where few points are near.
+        if !wanted.near_threshold && geometry.layout().levels.count() == 1 {
             prop_assert_eq!(many[0].is_some(), wanted.blended > 0);
             prop_assert!((f64::from(many[0].unwrap_or(1.0)) - wanted.ao).abs() < 2e-3);
         }
@@ -62,7 +64,8 @@ fn what_has_not_come_has_no_value() {
     let nothing = surface::State::new(Arc::clone(all.layout()));
     let mut sampler = AoSampler::new();
     let ask = |sampler: &AoSampler, state: &surface::State, instance| {
-        let place = Place { position: [0.0; 3], normal: [0.0, 1.0, 0.0], chart: chart_of(Vec3::Y) };
+        let place =
+            Place { position: [0.0; 3], normal: [0.0, 1.0, 0.0], chart: chart_of(Vec3::Y), spacing: 0.0 };
         let mut many = [Some(0.5)];
         let known = sampler.ao_many(state, instance, &[place], &mut many).is_ok();
         let one = sampler.ao(state, instance, &place);
@@ -93,7 +96,7 @@ fn slices_and_instances_that_do_not_fit_are_errors_and_nothing_is_written() {
         assert_eq!(unknown, Err(SampleError::Instance { instance: 7, instances: 1 }));
         assert_eq!(out, [Some(0.5)]);
     }
-    let place = Place { position: [1.0; 3], normal: [0.0, 0.0, 1.0], chart: 0 };
+    let place = Place { position: [1.0; 3], normal: [0.0, 0.0, 1.0], chart: 0, spacing: 0.0 };
     assert_eq!(sampler.ao(&cells, 0, &place), Some(0.2));
     assert_eq!(sampler.ao(&cells, 1, &place), None);
 }

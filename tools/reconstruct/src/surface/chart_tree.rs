@@ -1,6 +1,6 @@
 //! The nearest points of a chart, for places that have too few points around them.
 
-use super::index::IndexPoint;
+use super::grid::IndexPoint;
 
 /// Number of points that [`ChartTree::nearest`] finds at most.
 pub(crate) const NEAREST_POINTS: usize = 6;

@@ -4,6 +4,7 @@
 //! each set needs one index of its points ([`SurfaceIndex`]), which is kept between frames ([`SetIndices`]).
 
 mod chart_tree;
+mod grid;
 mod index;
 mod point_cache;
 
@@ -12,11 +13,14 @@ use std::sync::Arc;
 use glam::Vec3;
 use psao_codec::surface::{BLOCK_POINTS, Geometry, NO_VALUE, State};
 
-use self::index::IndexPoint;
+use self::grid::IndexPoint;
+use self::grid::Octant;
 pub use self::index::SurfaceIndex;
 pub(crate) use self::point_cache::{AoSource, PointCache, Sheet};
 use self::point_cache::{accessibility, each_near};
-use crate::kernel::{Accumulate, FEWEST_POINTS, Fit, FitQuery, Pointwise, Support};
+use crate::kernel::{
+    Accumulate, FEWEST_POINTS, Fit, FitQuery, MOST_POINTS, Mark, NearestSquares, Pointwise, Support,
+};
 
 /// The indices of a stream's sets. Each lives as long as its geometry.
 #[derive(Clone, Debug, Default)]
@@ -67,22 +71,67 @@ impl SetIndices {
     }
 }
 
-/// Returns the AO source of a state: the bytes that have arrived, but for points without a value.
+/// Returns the AO source of a state: the bytes that have arrived.
 pub(crate) fn arrived_ao(state: &State) -> impl AoSource {
     |instance, point| {
         let here = state.is_present(instance, point / BLOCK_POINTS);
-        state.values(instance).get(point).copied().filter(|&ao| here && ao != NO_VALUE)
+        state.values(instance).get(point).copied().filter(|_| here)
+    }
+}
+
+/// A place at rest, and how far apart points around it should be, metres.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct RestPlace {
+    pub(crate) position: Vec3,
+    pub(crate) normal: Vec3,
+    pub(crate) spacing: f32,
+}
+
+/// Sums over the points around places of a chart.
+trait Surroundings {
+    /// Returns the sums over the points up to a level that may be near an octant.
+    fn sum<A: Accumulate<Query = FitQuery>>(&mut self, level: u8, octant: Octant, query: &FitQuery) -> A;
+}
+
+/// The points themselves.
+struct Plain<'a, S: AoSource> {
+    index: &'a SurfaceIndex,
+    ao: &'a S,
+    sheet: Sheet,
+}
+
+impl<S: AoSource> Surroundings for Plain<'_, S> {
+    fn sum<A: Accumulate<Query = FitQuery>>(&mut self, level: u8, octant: Octant, query: &FitQuery) -> A {
+        let mut sums = Pointwise::<A>::new(query);
+        each_near(self.ao, self.index.grid(level), self.sheet, octant, |point, ao, mark| {
+            sums.add(point.position, point.normal, ao, mark);
+        });
+        sums.finish()
+    }
+}
+
+/// The points in a cache.
+struct Cached<'a, S: AoSource> {
+    points: Plain<'a, S>,
+    cache: &'a mut PointCache,
+}
+
+impl<S: AoSource> Surroundings for Cached<'_, S> {
+    #[inline]
+    fn sum<A: Accumulate<Query = FitQuery>>(&mut self, level: u8, octant: Octant, query: &FitQuery) -> A {
+        let Plain { index, ao, sheet } = self.points;
+        let mut sums = A::new();
+        for group in self.cache.of(ao, index.grid(level), (level, sheet), octant) {
+            sums.add(group, query);
+        }
+        sums
     }
 }
 
 impl SurfaceIndex {
     /// Fits the points of a chart around one place.
-    pub(crate) fn fit_one(&self, ao: &impl AoSource, sheet: Sheet, position: Vec3, normal: Vec3) -> Support {
-        let query = FitQuery::new(position, normal, self.kernel_radius());
-        let mut fit = Pointwise::<Fit>::new(&query);
-        let Some(octant) = self.octant(position) else { return Support::NONE };
-        each_near(ao, self, sheet, octant, |point, ao| fit.add(point.position, point.normal, ao));
-        self.support(ao, sheet, &query, &fit.finish())
+    pub(crate) fn fit_one(&self, ao: &impl AoSource, sheet: Sheet, place: &RestPlace) -> Support {
+        self.fit(ao, sheet, place, &mut Plain { index: self, ao, sheet })
     }
 
     /// Does what [`fit_one`](Self::fit_one) does, with a cache of points.
@@ -90,41 +139,58 @@ impl SurfaceIndex {
     pub(crate) fn fit_near(
         &self,
         ao: &impl AoSource,
-        near: &mut PointCache,
+        cache: &mut PointCache,
         sheet: Sheet,
-        position: Vec3,
-        normal: Vec3,
+        place: &RestPlace,
     ) -> Support {
-        let query = FitQuery::new(position, normal, self.kernel_radius());
-        let Some(octant) = self.octant(position) else { return Support::NONE };
-        let mut fit = Fit::new();
-        for group in near.of(ao, self, sheet, octant) {
-            fit.add(group, &query);
-        }
-        self.support(ao, sheet, &query, &fit)
+        self.fit(ao, sheet, place, &mut Cached { points: Plain { index: self, ao, sheet }, cache })
     }
 
-    /// Returns the value of a fit; where it has too few points, that of the nearest points of the chart.
+    /// Fits the points around a place at the level that it asks for. Where none of that level has arrived but some should, or
+    /// fewer than three points count, the next coarser level is taken; after the coarsest, the nearest points of the chart.
     #[inline]
-    fn support(&self, ao: &impl AoSource, sheet: Sheet, query: &FitQuery, fit: &Fit) -> Support {
-        if fit.count() >= FEWEST_POINTS {
-            fit.support(query.radius)
-        } else {
-            self.fit_nearest(ao, sheet, query)
+    fn fit(
+        &self,
+        ao: &impl AoSource,
+        sheet: Sheet,
+        place: &RestPlace,
+        points: &mut impl Surroundings,
+    ) -> Support {
+        let wanted = self.level_within(place.spacing);
+        for level in (0..=wanted).rev() {
+            let grid = self.grid(level);
+            let query = FitQuery::new(place.position, place.normal, grid.radius());
+            let Some(octant) = grid.octant(place.position) else { return Support::NONE };
+            let fit: Fit = points.sum(level, octant, &query);
+            if fit.count() < FEWEST_POINTS || level > 0 && !fit.is_complete() {
+                continue;
+            }
+            if fit.count() as usize > MOST_POINTS {
+                let narrowed = points.sum::<NearestSquares>(level, octant, &query).narrowed(&query);
+                let fit: Fit = points.sum(level, octant, &narrowed);
+                // Of points that are all as far, none is nearer than the others.
+                if fit.count() >= FEWEST_POINTS {
+                    return fit.support(narrowed.radius);
+                }
+            }
+            return fit.support(query.radius);
         }
+        self.fit_nearest(ao, (sheet, wanted), place)
     }
 
     /// Fits the nearest points of a chart, however far they are.
-    fn fit_nearest(&self, ao: &impl AoSource, sheet: Sheet, query: &FitQuery) -> Support {
-        let arrived = |point: &IndexPoint| ao(sheet.instance, point.point as usize);
-        let nearest = self.nearest(sheet.chart, query.position, |point| arrived(point).is_some());
+    fn fit_nearest(&self, ao: &impl AoSource, (sheet, level): (Sheet, u8), place: &RestPlace) -> Support {
+        let with_value =
+            |point: &IndexPoint| ao(sheet.instance, point.point as usize).filter(|&ao| ao != NO_VALUE);
+        let nearest = self.nearest((sheet.chart, level), place.position, |point| with_value(point).is_some());
         let (points, farthest) = nearest.points();
         // The farthest point counts, too: its weight is a twenty-fifth of that of a point at the place.
+        let query = FitQuery::new(place.position, place.normal, self.grid(level).radius());
         let query = query.within((1.25 * farthest).max(query.radius));
         let mut fit = Pointwise::<Fit>::new(&query);
         for point in points.map(|at| self.point(at)) {
-            if let Some(ao) = arrived(point) {
-                fit.add(point.position, point.normal, accessibility(ao));
+            if let Some(ao) = with_value(point) {
+                fit.add(point.position, point.normal, accessibility(ao), Mark::NONE);
             }
         }
         fit.finish().support(query.radius)

@@ -4,10 +4,13 @@
 //! those points of a region that are near enough to an octant. Neighbouring fragments mostly share an octant, and
 //! neighbouring octants a region, so entries are rarely filled.
 
-use super::index::{IndexPoint, Octant, SurfaceIndex};
-use crate::kernel::{LANES, PointGroup};
+use psao_codec::surface::NO_VALUE;
 
-/// Function from an instance and a point of its set to the point's AO byte; `None` until the byte has arrived.
+use super::grid::{IndexPoint, LevelGrid, Octant};
+use crate::kernel::{LANES, Mark, PointGroup};
+
+/// Function from an instance and a point of its set to the point's AO byte; `None` until the byte has arrived,
+/// [`NO_VALUE`] for a point that does not count.
 pub(crate) trait AoSource: Fn(u32, usize) -> Option<u8> + Sync {}
 
 impl<F: Fn(u32, usize) -> Option<u8> + Sync> AoSource for F {}
@@ -26,6 +29,9 @@ impl Sheet {
         (self.instance.wrapping_add(self.chart) & mask) as i32
     }
 }
+
+/// A chart of an instance at a level.
+type LeveledSheet = (u8, Sheet);
 
 /// Points in groups of eight.
 #[derive(Clone)]
@@ -58,18 +64,18 @@ impl PointGroups {
 /// The points of 2 x 2 x 2 cells.
 #[derive(Clone)]
 struct Region {
-    /// Sheet and lowest cell; `None` for an empty entry.
-    key: Option<(Sheet, [i32; 3])>,
+    /// Level, sheet and lowest cell; `None` for an empty entry.
+    key: Option<(LeveledSheet, [i32; 3])>,
     points: PointGroups,
 }
 
 impl Region {
-    fn fill(&mut self, ao: &impl AoSource, index: &SurfaceIndex, sheet: Sheet, base: [i32; 3]) {
+    fn fill(&mut self, ao: &impl AoSource, grid: &LevelGrid, sheet: LeveledSheet, base: [i32; 3]) {
         self.key = Some((sheet, base));
         self.points.clear();
-        each_arrived(ao, index, sheet, base, |placed, ao| {
+        each_point(ao, grid, sheet.1, base, |placed, ao, mark| {
             let (group, lane) = self.points.lane();
-            group.set(lane, placed.position, placed.normal, ao);
+            group.set(lane, placed.position, placed.normal, ao, mark);
         });
     }
 }
@@ -79,19 +85,24 @@ pub(crate) fn accessibility(ao: u8) -> f32 {
     f32::from(ao) / 255.0
 }
 
-/// Calls `take` with each point of the 2 x 2 x 2 cells from `base` on whose AO has arrived, and its accessibility.
-fn each_arrived(
+/// Calls `take` with each point of the 2 x 2 x 2 cells from `base` on that has a value, and its accessibility; and with each
+/// point of the grid's own level that has not arrived.
+fn each_point(
     ao: &impl AoSource,
-    index: &SurfaceIndex,
+    grid: &LevelGrid,
     sheet: Sheet,
     base: [i32; 3],
-    mut take: impl FnMut(&IndexPoint, f32),
+    mut take: impl FnMut(&IndexPoint, f32, Mark),
 ) {
     for step in 0..8 {
         let cell = [base[0] + (step & 1), base[1] + (step >> 1 & 1), base[2] + (step >> 2)];
-        for placed in index.cell(sheet.chart, cell) {
-            if let Some(ao) = ao(sheet.instance, placed.point as usize) {
-                take(placed, accessibility(ao));
+        for placed in grid.cell(sheet.chart, cell) {
+            let finest = grid.is_finest(placed);
+            match ao(sheet.instance, placed.point as usize) {
+                Some(NO_VALUE) => {}
+                Some(ao) => take(placed, accessibility(ao), if finest { Mark::FINEST } else { Mark::NONE }),
+                None if finest => take(placed, 0.0, Mark::MISSING),
+                None => {}
             }
         }
     }
@@ -101,20 +112,20 @@ fn each_arrived(
 /// without any memory.
 pub(crate) fn each_near(
     ao: &impl AoSource,
-    index: &SurfaceIndex,
+    grid: &LevelGrid,
     sheet: Sheet,
     octant: Octant,
-    mut take: impl FnMut(&IndexPoint, f32),
+    mut take: impl FnMut(&IndexPoint, f32, Mark),
 ) {
-    let [low, high] = index.corners(octant).map(|corner| corner.to_array());
-    let reach = index.reach() * index.reach();
-    each_arrived(ao, index, sheet, SurfaceIndex::base(octant), |placed, ao| {
+    let [low, high] = grid.corners(octant).map(|corner| corner.to_array());
+    let reach = grid.reach() * grid.reach();
+    each_point(ao, grid, sheet, LevelGrid::base(octant), |placed, ao, mark| {
         let mut square = 0.0_f32;
         for axis in 0..3 {
             square += square_past(low[axis], high[axis], placed.position[axis]);
         }
         if square <= reach {
-            take(placed, ao);
+            take(placed, ao, mark);
         }
     });
 }
@@ -129,16 +140,16 @@ fn square_past(low: f32, high: f32, at: f32) -> f32 {
 /// The points of a region that may be near the places in an octant.
 #[derive(Clone)]
 struct OctantPoints {
-    key: Option<(Sheet, Octant)>,
+    key: Option<(LeveledSheet, Octant)>,
     points: PointGroups,
 }
 
 impl OctantPoints {
-    fn fill(&mut self, region: &Region, index: &SurfaceIndex, sheet: Sheet, octant: Octant) {
+    fn fill(&mut self, region: &Region, grid: &LevelGrid, sheet: LeveledSheet, octant: Octant) {
         self.key = Some((sheet, octant));
         self.points.clear();
-        let [low, high] = index.corners(octant).map(|corner| corner.to_array());
-        let reach = index.reach() * index.reach();
+        let [low, high] = grid.corners(octant).map(|corner| corner.to_array());
+        let reach = grid.reach() * grid.reach();
         for group in &region.points.groups {
             let mut square = [0.0_f32; LANES];
             for axis in 0..3 {
@@ -165,6 +176,7 @@ impl PointGroups {
             group.normal[axis][lane] = from.normal[axis][at];
         }
         group.ao[lane] = from.ao[at];
+        group.mark[lane] = from.mark[at];
     }
 }
 
@@ -192,15 +204,15 @@ impl PointCache {
     pub(crate) fn of(
         &mut self,
         ao: &impl AoSource,
-        index: &SurfaceIndex,
-        sheet: Sheet,
+        grid: &LevelGrid,
+        sheet: LeveledSheet,
         octant: Octant,
     ) -> &[PointGroup] {
         let Octant([x, y, z]) = octant;
-        let slot = x & 3 | (y & 3) << 2 | (z & 3) << 4 | sheet.slot(3) << 6;
+        let slot = x & 3 | (y & 3) << 2 | (z & 3) << 4 | sheet.1.slot(3) << 6;
         let near = &mut self.near[slot as usize];
         if near.key != Some((sheet, octant)) {
-            near.fill(region(&mut self.regions, ao, index, sheet, octant), index, sheet, octant);
+            near.fill(region(&mut self.regions, ao, grid, sheet, octant), grid, sheet, octant);
         }
         &near.points.groups
     }
@@ -210,16 +222,16 @@ impl PointCache {
 fn region<'a>(
     regions: &'a mut [Region],
     ao: &impl AoSource,
-    index: &SurfaceIndex,
-    sheet: Sheet,
+    grid: &LevelGrid,
+    sheet: LeveledSheet,
     octant: Octant,
 ) -> &'a Region {
-    let base = SurfaceIndex::base(octant);
+    let base = LevelGrid::base(octant);
     let [x, y, z] = base;
-    let slot = x & 1 | (y & 1) << 1 | (z & 1) << 2 | sheet.slot(3) << 3;
+    let slot = x & 1 | (y & 1) << 1 | (z & 1) << 2 | sheet.1.slot(3) << 3;
     let region = &mut regions[slot as usize];
     if region.key != Some((sheet, base)) {
-        region.fill(ao, index, sheet, base);
+        region.fill(ao, grid, sheet, base);
     }
     region
 }

@@ -36,7 +36,7 @@ pub(super) fn print(analysis: &Analysis, per_frame: bool) -> Outcome {
     let reports = analysis.frames.iter().enumerate();
     let reports = reports.filter_map(|(number, line)| Some((number == 0, line.report.as_ref()?)));
     if let Some(stages) = stage_table(reports) {
-        say("Server time by stage (wall clock; the first frame traces every point):")?;
+        say("Server time by stage (wall clock; the first frame traces all points that it sends):")?;
         say(stages)?;
     }
     if per_frame {

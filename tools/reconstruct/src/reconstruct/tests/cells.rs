@@ -178,7 +178,7 @@ proptest! {
             let to_local = WorldToLocal::new(state.pose(fragment.instance).unwrap());
             let position = to_local.point(fragment.position).to_array();
             let normal = to_local.vector(fragment.normal).to_array();
-            let place = Place { position, normal, chart: 9 };
+            let place = Place { position, normal, chart: 9, spacing: 0.0 };
             let ao = sampler.ao(&state, fragment.instance, &place);
             prop_assert_eq!(ao.unwrap_or(1.0).to_bits(), value.to_bits());
             let mut many = [None];

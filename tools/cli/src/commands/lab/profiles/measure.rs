@@ -170,11 +170,15 @@ impl Shot<'_> {
         let buffer = self.look(&view)?;
         let rays = self.ao.with_rays(self.args.reference_rays);
         let truth = reference(&view, &buffer, &rays).map_err(Failure::reference)?;
-        let (paper, surface) = (blend(paper, &buffer)?, blend(surface, &buffer)?);
+        let [paper, surface] = [self.blend(paper, &buffer)?, self.blend(surface, &buffer)?];
         if let Some(folder) = &self.args.output {
             self.write(folder, &truth, [&paper.image, &surface.image])?;
         }
         Ok(PerProfile { paper: self.seen(&truth, &paper)?, surface: self.seen(&truth, &surface)? })
+    }
+
+    fn blend(&self, state: &State, buffer: &GBuffer) -> Outcome<Reconstruction> {
+        blend(state, self.both.tables().surface.info(), buffer, &self.camera)
     }
 
     fn look(&self, view: &SceneView<'_>) -> Outcome<GBuffer> {
@@ -194,7 +198,7 @@ impl Shot<'_> {
         }
         let Some(empty) = empty.as_surface() else { return Ok(0) };
         let buffer = self.look(&SceneView::new(self.both.world()))?;
-        let picture = blend(whole, &buffer)?.image;
+        let picture = self.blend(whole, &buffer)?.image;
         let header = first.info.header_bytes as usize;
         let ends = first.info.sections.iter().scan(header, |end, section| {
             *end += section.wire_bytes as usize;
@@ -205,7 +209,7 @@ impl Shot<'_> {
         let shows = |end: usize| -> Outcome<bool> {
             let seen = preview(empty, &first.body[..end], &limits).map_err(Failure::input)?;
             let Some(seen) = seen else { return Ok(false) };
-            Ok(blend(&State::Surface(Box::new(seen.state)), &buffer)?.image == picture)
+            Ok(self.blend(&State::Surface(Box::new(seen.state)), &buffer)?.image == picture)
         };
         let (mut low, mut high) = (0, ends.len().saturating_sub(1));
         while low < high {

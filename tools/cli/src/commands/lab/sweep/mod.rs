@@ -147,6 +147,9 @@ struct AxisArgs {
     /// Points per square metre [default: 256,512,1024]
     #[arg(long, value_name = "N,..", value_delimiter = ',', help_heading = AXES)]
     points: Vec<f32>,
+    /// Distances of neighbouring points on a picture of 1080 rows, in pixels; 0 for all points [default: 4]
+    #[arg(long, value_name = "PIXELS,..", value_delimiter = ',', help_heading = AXES)]
+    quality: Vec<f32>,
     /// Bits of a packed point [default: 32,24,16; 32 with --table]
     #[arg(long, value_name = "32,24,16", value_delimiter = ',', help_heading = AXES)]
     bits: Vec<u8>,
@@ -261,6 +264,7 @@ impl AxisArgs {
     fn usual() -> Self {
         Self {
             points: vec![256.0, 512.0, 1024.0],
+            quality: Vec::new(),
             bits: vec![32, 24, 16],
             threshold: vec![2, 8],
             rays: vec![64, 192],
@@ -277,6 +281,7 @@ impl AxisArgs {
         }
         Self {
             points: or(&self.points, usual.points),
+            quality: or(&self.quality, usual.quality),
             bits: or(&self.bits, usual.bits),
             threshold: or(&self.threshold, usual.threshold),
             rays: or(&self.rays, usual.rays),
@@ -289,6 +294,7 @@ impl AxisArgs {
     fn grid(&self) -> psao_eval::sweep::SettingGrid {
         psao_eval::sweep::SettingGrid {
             per_m2: self.points.clone(),
+            quality: self.quality.clone(),
             bits: self.bits.clone(),
             threshold: self.threshold.clone(),
             rays: self.rays.clone(),

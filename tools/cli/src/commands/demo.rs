@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use psao_codec::block::BlockCoder;
+use psao_eval::sweep::ErrorFigures;
 use psao_proto::message::SceneHeader;
 use psao_proto::recording::file::{Recorder, RecorderOptions};
 use psao_proto::recording::{Player, PlayerEvent};
@@ -11,14 +12,14 @@ use psao_proto::{Fanout, Limits, Micros, Profile};
 use psao_server::server::StageMicros;
 
 use super::inspect;
-use super::reconstruct::{Playback, describe};
+use super::reconstruct::Playback;
 use super::record::{Totals, record_frames};
 use crate::analysis::{Analysis, load};
 use crate::args::{SizeArg, TuningArgs};
 use crate::context::{progress, say};
 use crate::edit_script::EditScript;
 use crate::error::{Exit, Failure, Outcome};
-use crate::output::report::{Picture, Report, Section};
+use crate::output::report::{Comparison, Report, Section};
 use crate::output::{number, table::Figures};
 use crate::pictures::{Drawn, SharedPoints, Shot, scene_of};
 use crate::producer::open;
@@ -55,8 +56,8 @@ pub(crate) struct Args {
 struct Shown {
     frame: u32,
     drawn: Drawn,
-    /// The side-by-side picture.
-    side_by_side: PathBuf,
+    /// The picture from the stream, the reference, and their difference.
+    files: [PathBuf; 3],
 }
 
 pub(crate) fn run(args: &Args) -> Outcome {
@@ -83,9 +84,9 @@ pub(crate) fn run(args: &Args) -> Outcome {
     let report = Report {
         title: format!("psao demo: {}", info.name),
         lead: super::record::summary(&info, &totals),
+        comparisons: comparisons(&shown)?,
         sections,
         plot,
-        pictures: pictures(&shown)?,
     };
     let report_path = folder.join("report.html");
     std::fs::write(&report_path, report.html()).map_err(|error| Failure::writing(&report_path, &error))?;
@@ -162,26 +163,40 @@ fn draw(args: &Args, bytes: &[u8], folder: &Path) -> Outcome<Vec<Shown>> {
         }
         .draw()?;
         let files = drawn.write(&folder.join(format!("frame-{frame}.png")))?;
-        let side_by_side = files.last().cloned().unwrap_or_default();
-        shown.push(Shown { frame, drawn, side_by_side });
+        let files = std::array::from_fn(|file| files.get(file).cloned().unwrap_or_default());
+        shown.push(Shown { frame, drawn, files });
         bar.inc(1);
     }
     bar.finish_and_clear();
     Ok(shown)
 }
 
-fn pictures(shown: &[Shown]) -> Outcome<Vec<Picture>> {
-    let picture = |shown: &Shown| {
-        let png = std::fs::read(&shown.side_by_side)
-            .map_err(|error| Failure::reading(&shown.side_by_side, &error))?;
-        let caption = format!(
-            "Frame {}: out of the stream; by rays; difference times four (red: too bright, blue: too dark). {}",
-            shown.frame,
-            describe(&shown.drawn).replace('\n', ", ")
-        );
-        Ok(Picture { caption, png })
+/// Returns the errors of a frame against rays in a few words.
+fn figures(drawn: &Drawn) -> String {
+    let words =
+        |error: &ErrorFigures| format!(" PSNR {}, FLIP {:.4}.", number::decibels(error.psnr_db), error.flip);
+    drawn.reference.as_ref().map(|reference| words(&reference.error)).unwrap_or_default()
+}
+
+/// Returns the frames for the page, the middle one first: the first frame has everything exact.
+fn comparisons(shown: &[Shown]) -> Outcome<Vec<Comparison>> {
+    let read = |path: &PathBuf| std::fs::read(path).map_err(|error| Failure::reading(path, &error));
+    let comparison = |shown: &Shown| {
+        let [stream, reference, difference] = &shown.files;
+        Ok(Comparison {
+            title: format!("Frame {}", shown.frame),
+            caption: format!(
+                "Drag the edge: left of it, a client computed AO from the points of the stream; right of it, rays were traced \
+                 for every pixel.{}",
+                figures(&shown.drawn)
+            ),
+            stream: read(stream)?,
+            reference: read(reference)?,
+            difference: read(difference)?,
+        })
     };
-    shown.iter().map(picture).collect()
+    let (before, after) = shown.split_at(shown.len() / 2);
+    after.iter().chain(before).map(comparison).collect()
 }
 
 fn row<const N: usize>(cells: [String; N]) -> Vec<String> {
@@ -265,7 +280,7 @@ fn stages(totals: &Totals) -> Section {
         heads: heads(&["stage", "first frame, ms", "a frame after it, ms"]),
         rows,
         note: format!(
-            "Wall time on {} threads; the mean of {later} frames. The first frame traces every point of the scene.",
+            "Wall time on {} threads; the mean of {later} frames. The first frame traces all points that it sends.",
             std::thread::available_parallelism().map_or(1, usize::from)
         ),
     }

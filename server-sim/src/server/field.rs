@@ -45,11 +45,11 @@ const CHUNK_BLOCKS: usize = CHUNK_POINTS / BLOCK_POINTS;
 /// The reach of a client's fit in Poisson-disk radii of points that are in no stream's order.
 const REACH_RADII: f32 = 2.8;
 
-/// Of so many points of a block, one tells how near the block is; and what of the distance is left for the others.
+/// Distance, in points, of those that are looked at to find the size of a pixel on a block.
 const PIXEL_STEP: usize = 8;
+/// Factor on the size of a pixel that was found so: other points of the block may be nearer to a camera.
 const PIXEL_FACTOR: f32 = 0.9;
-
-/// Least change of the size of a pixel by which a block of points that clients have gets too fine for them.
+/// Factor on the size of a pixel for blocks that clients have. It keeps blocks at the limit from coming and going.
 const HOLD_FACTOR: f32 = 0.8;
 
 /// A run of points of one instance.

@@ -1,10 +1,8 @@
 //! Coarse visibility: which points are inside an extended field of view (paper, section 3.3).
 
 use glam::Vec3;
+use psao_codec::surface::PICTURE_ROWS;
 use psao_proto::message::CameraPose;
-
-/// Rows of the picture in whose pixels distances on the screen are given.
-pub const PICTURE_ROWS: f32 = 1080.0;
 
 /// Cosine between a normal and the direction to an eye below which a point counts as seen from behind. A surface bends between
 /// a point and its neighbours.

@@ -1,10 +1,14 @@
 //! Levels of detail: the order of a set's points, so that the first points of every chart are spread over all of it.
 //!
-//! The points of a chart are split by hierarchical Poisson-disk sampling (Michael `McCool` and Eugene Fiume, "Hierarchical Poisson
+//! The points of a chart are split by hierarchical Poisson-disk sampling (M. `McCool` and E. Fiume, "Hierarchical Poisson
 //! disk sampling distributions", 1992). A level takes each point that is far enough from those of its own chart in this
 //! and all coarser levels; from one level to the next finer, the distance shrinks by √2. The last level takes the rest.
 
 use super::SetLayout;
+
+/// Rows of the picture in whose pixels the quality of a stream is given: the distance of neighbouring points that a server
+/// keeps.
+pub const PICTURE_ROWS: f32 = 1080.0;
 
 /// Largest number of levels of a set.
 pub const MAX_LEVELS: usize = 12;
@@ -80,12 +84,21 @@ impl SetLayout {
             .fold(self.kernel_radius, |radius, _| radius * std::f32::consts::SQRT_2)
     }
 
-    /// Returns the coarsest level whose points are not farther apart than `spacing`, metres; the last level if those of all
-    /// are.
+    /// Returns the coarsest level whose points are at most `spacing` metres apart, or else the last level.
     #[must_use]
     pub fn level_within(&self, spacing: f32) -> u8 {
-        let last = self.levels.count().saturating_sub(1);
-        (0..last).find(|level| self.level_spacing(*level) <= spacing).unwrap_or(last)
+        let mut level = self.levels.count().saturating_sub(1);
+        let mut radius = self.kernel_radius;
+        while level > 0 {
+            radius *= std::f32::consts::SQRT_2;
+            // Written so that NaN fails.
+            let fits = radius * SPACING as f32 <= spacing;
+            if !fits {
+                break;
+            }
+            level -= 1;
+        }
+        level
     }
 
     /// Returns the points of each level, the coarsest first.
@@ -124,7 +137,7 @@ pub(super) fn assign(layout: &SetLayout, points: &[LevelPoint]) -> (u8, Vec<u8>)
     }
     let finest = f64::from(layout.kernel_radius) / f64::from(layout.step) * SPACING;
     let square = |level: u8| finest * finest * f64::from(1_u32 << (last - level));
-    let charts = ChartWidths::new(points, finest);
+    let own = own_squares(points, finest);
     let mut order: Vec<u32> = (0..points.len() as u32).collect();
     order.sort_unstable_by_key(|&point| (shuffle(point), point));
     let mut taken = Vec::new();
@@ -135,7 +148,7 @@ pub(super) fn assign(layout: &SetLayout, points: &[LevelPoint]) -> (u8, Vec<u8>)
         let mut grid = Grid::new(most as u64, points, &taken);
         order.retain(|&point| {
             let at = point as usize;
-            let least = charts.least(points[at].chart, most);
+            let least = own[at].max(most / MOST_ROWS_FACTOR).min(most) as u64;
             if nearest[at] >= least {
                 nearest[at] = grid.nearest(points, point);
             }
@@ -153,7 +166,8 @@ pub(super) fn assign(layout: &SetLayout, points: &[LevelPoint]) -> (u8, Vec<u8>)
     (count, levels)
 }
 
-/// Puts the second to eighth point of every chart into coarser levels; the first one is in the coarsest. `taken` has the points in the order in which they were taken.
+/// Puts the second to eighth point of every chart into coarser levels; the first one is in the coarsest. `taken` has the
+/// points in the order in which they were taken.
 fn raise_first(points: &[LevelPoint], taken: &[u32], levels: &mut [u8]) {
     let mut ranked: Vec<(u32, u32)> =
         (0..).zip(taken).map(|(rank, &point)| (points[point as usize].chart, rank)).collect();
@@ -168,43 +182,30 @@ fn raise_first(points: &[LevelPoint], taken: &[u32], levels: &mut [u8]) {
 
 /// Points per area of the finest level times the square of the distance that it would keep.
 const AREA_PER_POINT: f64 = 1.43;
-/// Rows of points that a narrow chart gets, and by how much smaller the square of a distance may be for them.
+/// Number of rows of points that a narrow chart gets.
 const ROWS: f64 = 3.0;
+/// Largest factor by which the square of a distance is smaller for them.
 const MOST_ROWS_FACTOR: f64 = 8.0;
 
-/// What is taken for the widths of charts: area over diameter.
-struct ChartWidths {
-    /// Chart, ascending, and the square of the distance that its points keep at coarse levels.
-    squares: Vec<(u32, f64)>,
-}
-
-impl ChartWidths {
-    fn new(points: &[LevelPoint], finest: f64) -> ChartWidths {
-        let mut by_chart: Vec<(u32, [u32; 3])> =
-            points.iter().map(|point| (point.chart, point.coord)).collect();
-        by_chart.sort_unstable();
-        let square = |of_chart: &[(u32, [u32; 3])]| {
-            let corner = |fold: fn(u32, u32) -> u32| {
-                of_chart
-                    .iter()
-                    .map(|point| point.1)
-                    .reduce(|a, b| std::array::from_fn(|axis| fold(a[axis], b[axis])))
-            };
-            let [low, high] = [corner(u32::min), corner(u32::max)].map(Option::unwrap_or_default);
-            let diameter = (square_distance(low, high) as f64).sqrt() + finest;
-            let width = of_chart.len() as f64 * AREA_PER_POINT * finest * finest / diameter;
-            let distance = width / ROWS;
-            (of_chart[0].0, distance * distance)
-        };
-        ChartWidths { squares: by_chart.chunk_by(|a, b| a.0 == b.0).map(square).collect() }
+/// Returns for each point the square of the distance that its chart asks for: its width, which is taken as area over
+/// diameter, over the number of rows.
+fn own_squares(points: &[LevelPoint], finest: f64) -> Vec<f64> {
+    let mut by_chart: Vec<u32> = (0..points.len() as u32).collect();
+    by_chart.sort_unstable_by_key(|&point| points[point as usize].chart);
+    let mut squares = vec![0.0; points.len()];
+    for chart in by_chart.chunk_by(|&a, &b| points[a as usize].chart == points[b as usize].chart) {
+        let (mut low, mut high) = ([u32::MAX; 3], [0; 3]);
+        for coord in chart.iter().map(|&point| points[point as usize].coord) {
+            for axis in 0..3 {
+                (low[axis], high[axis]) = (low[axis].min(coord[axis]), high[axis].max(coord[axis]));
+            }
+        }
+        let diameter = (square_distance(low, high) as f64).sqrt() + finest;
+        let width = chart.len() as f64 * AREA_PER_POINT * finest * finest / diameter;
+        let distance = width / ROWS;
+        chart.iter().for_each(|&point| squares[point as usize] = distance * distance);
     }
-
-    /// Returns the square of the distance that points of a chart keep at a level at which others keep that of `most`.
-    fn least(&self, chart: u32, most: f64) -> u64 {
-        let found = self.squares.binary_search_by_key(&chart, |entry| entry.0);
-        let own = found.map_or(most, |at| self.squares[at].1);
-        own.max(most / MOST_ROWS_FACTOR).min(most) as u64
-    }
+    squares
 }
 
 /// Returns a number that looks random, different for each point (the finaliser of `MurmurHash3` for 32 bits, A. Appleby).
@@ -416,6 +417,9 @@ mod tests {
         // Points of the last level are 5 cm apart, those of the coarsest 14.1 cm.
         let wanted = [0.0, 0.049, 0.0501, 0.071, 0.101, 0.142, f32::INFINITY, f32::NAN];
         assert_eq!(wanted.map(|spacing| layout.level_within(spacing)), [3, 3, 3, 2, 1, 0, 0, 3]);
+        for level in 0..4 {
+            assert_eq!(layout.level_within(layout.level_spacing(level)), level);
+        }
         assert_eq!(Levels::from_ends(&[3, 2]), None);
         assert_eq!(Levels::from_ends(&[0; 11]).map(|levels| levels.count()), Some(12));
         assert_eq!(Levels::from_ends(&[0; 12]), None);

@@ -41,7 +41,7 @@ pub use error::SectionError;
 pub use geometry::{Geometry, GeometryDigest, GeometryError, RestPoint, RoundedGeometry};
 pub use keyframe::keyframe;
 pub use layout::{Layout, LayoutError, MAX_CHARTS, Member, SetLayout};
-pub use levels::{Levels, MAX_LEVELS};
+pub use levels::{Levels, MAX_LEVELS, PICTURE_ROWS};
 #[cfg(any(test, feature = "testing"))]
 pub(crate) use model::change::{ChangeModel, ContextMixer};
 pub use model::context::ContextError;

@@ -1,10 +1,10 @@
 //! Levels: which blocks of points clients get.
 
-use psao_codec::surface::{Budget, SetLayout};
+use psao_codec::surface::{Budget, PICTURE_ROWS, SetLayout};
 
 use super::*;
 use crate::points::PointInSet;
-use crate::visibility::{PICTURE_ROWS, View};
+use crate::visibility::View;
 
 const QUALITY: f32 = 24.0;
 

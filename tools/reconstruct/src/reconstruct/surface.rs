@@ -1,7 +1,7 @@
 //! Ambient occlusion of every fragment from points of the mesh at rest.
 
 use glam::Vec3;
-use psao_codec::surface::State;
+use psao_codec::surface::{PICTURE_ROWS, State};
 use psao_proto::message::CameraPose;
 
 use super::result::{ReconstructError, Reconstruction};
@@ -24,9 +24,6 @@ struct Detail {
     /// How far apart points should be for each metre of distance from the eye, metres.
     spacing_per_m: f32,
 }
-
-/// Rows of the picture in whose pixels the quality of a stream is given.
-const PICTURE_ROWS: f32 = 1080.0;
 
 impl Detail {
     /// Returns how far apart points should be at a place of the world, metres.
@@ -69,12 +66,15 @@ impl SurfaceReconstructor {
 
     /// Reconstructs the ambient occlusion of every fragment of `view` from the points of `state`.
     ///
-    /// The size of a pixel on the fragment chooses a level ([`set_camera`](Self::set_camera)). The points of its
-    /// chart up to that level, within the level's radius `r` of its place at rest, count if the cosine between both normals is above [`FACING_THRESHOLD`](crate::kernel::FACING_THRESHOLD). The weight of a point at distance `d` is
-    /// `(1 - d / r)^2`. The value is that of the weighted affine fit at the place, kept within half the points' range
-    /// around that range. Where some of these points have not arrived, or fewer than three count, the next coarser level is
-    /// taken; where there is none, the six nearest points of the chart. A fragment whose
-    /// chart has no points is 1, as is background.
+    /// The camera chooses a level for each fragment ([`set_camera`](Self::set_camera)). Points of the fragment's chart up to
+    /// that level count if they are within the level's radius `r` of its place at rest, and the cosine between both normals
+    /// is above [`FACING_THRESHOLD`](crate::kernel::FACING_THRESHOLD). Of more than ten, the ten nearest count. The weight of
+    /// a point at distance `d` is `(1 - d / r)^2`. The value is that of the weighted affine fit at the place, kept within
+    /// half the points' range around that range.
+    ///
+    /// The next coarser level is taken where no point of the chosen level has arrived, or fewer than three points count.
+    /// After the coarsest level, the six nearest points of the chart are taken. A fragment whose chart has no points is 1,
+    /// as is background.
     ///
     /// Points that have not arrived yet do not count, so that a client can show a first state while it arrives.
     /// [`Statistics::unsupported`](super::Statistics::unsupported) counts the fragments that have no points.

@@ -87,8 +87,8 @@ pub(crate) struct RestPlace {
     pub(crate) spacing: f32,
 }
 
-/// Sums over the points around places of a chart.
-trait Surroundings {
+/// The points around places of a chart.
+trait Neighbourhood {
     /// Returns the sums over the points up to a level that may be near an octant.
     fn sum<A: Accumulate<Query = FitQuery>>(&mut self, level: u8, octant: Octant, query: &FitQuery) -> A;
 }
@@ -100,7 +100,7 @@ struct Plain<'a, S: AoSource> {
     sheet: Sheet,
 }
 
-impl<S: AoSource> Surroundings for Plain<'_, S> {
+impl<S: AoSource> Neighbourhood for Plain<'_, S> {
     fn sum<A: Accumulate<Query = FitQuery>>(&mut self, level: u8, octant: Octant, query: &FitQuery) -> A {
         let mut sums = Pointwise::<A>::new(query);
         each_near(self.ao, self.index.grid(level), self.sheet, octant, |point, ao, mark| {
@@ -116,7 +116,7 @@ struct Cached<'a, S: AoSource> {
     cache: &'a mut PointCache,
 }
 
-impl<S: AoSource> Surroundings for Cached<'_, S> {
+impl<S: AoSource> Neighbourhood for Cached<'_, S> {
     #[inline]
     fn sum<A: Accumulate<Query = FitQuery>>(&mut self, level: u8, octant: Octant, query: &FitQuery) -> A {
         let Plain { index, ao, sheet } = self.points;
@@ -154,7 +154,7 @@ impl SurfaceIndex {
         ao: &impl AoSource,
         sheet: Sheet,
         place: &RestPlace,
-        points: &mut impl Surroundings,
+        points: &mut impl Neighbourhood,
     ) -> Support {
         let wanted = self.level_within(place.spacing);
         for level in (0..=wanted).rev() {

@@ -63,6 +63,13 @@ impl Encoder {
         }
     }
 
+    /// Says that the AO of a point is no longer known, see [`surface::Encoder::release`]. It has no effect in profile `paper`.
+    pub fn release(&mut self, point: u32) {
+        if let Encoder::Surface(encoder) = self {
+            encoder.release(point);
+        }
+    }
+
     /// Sets the weight of a point block within a byte budget, see [`surface::Encoder::set_weight`].
     pub fn set_weight(&mut self, instance: u32, block: usize, weight: u16) {
         if let Encoder::Surface(encoder) = self {

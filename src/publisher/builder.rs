@@ -96,7 +96,8 @@ impl PublisherBuilder {
         self
     }
 
-    /// Sets the least difference of an AO value that is sent, in 255ths: 1 to 255, 8 by default.
+    /// Sets the least difference of an AO value that is sent, in 255ths: 1 to 255, 8 by default. The finest points of a mesh
+    /// may be off by twice as much ([`EncoderSettings::finest_threshold`]).
     #[must_use]
     pub const fn threshold(mut self, threshold: u8) -> Self {
         self.threshold = threshold;

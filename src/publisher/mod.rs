@@ -96,7 +96,7 @@ impl Publisher {
     /// Sets the accessibility of a point, 0 (closed) to 1 (open). `point` counts in the order in which
     /// [`PublisherBuilder::mesh`] took the points. Values outside 0 to 1 are clamped; NaN counts as 0.
     ///
-    /// The value holds until it is set again. Points that were never set count as open.
+    /// The value holds until it is set again. Points that were never set are as those around them predict.
     ///
     /// # Errors
     /// [`PublishError::NoPoint`].

@@ -55,8 +55,8 @@ pub fn surface_decode(data: &[u8]) {
 }
 
 /// Drives encoder, decoder and their references with operations read from `data`, and a client that joins late. After
-/// every frame it checks that all hold the same, and that no value is off by the threshold. With a byte budget, the
-/// value may instead have been within it some frames before. The first byte is the threshold. The second tells whether
+/// every frame it checks that all hold the same, and that no value is off by its threshold. With a byte budget, it may
+/// be for some frames. The first byte is the threshold. The second tells whether
 /// the stream carries the geometry (lowest bit), whether there is a budget (next bit), its size (the next three) and
 /// how long points may wait (the others).
 pub fn surface_round_trip(data: &[u8]) {
@@ -82,6 +82,8 @@ pub fn surface_round_trip(data: &[u8]) {
             7 => harness.join_late(coder, &[(u32::from(byte()), 0), (1, 1)]),
             8 => harness.fail(),
             9 => harness.catch_up(coder, byte(), operation & 0x80 != 0),
+            10 => harness.set_ao_within(u32::from(byte()) + u32::from(operation >> 4) * 32, byte(), byte()),
+            11 => harness.release(u32::from(byte()) + u32::from(operation >> 4) * 32, byte()),
             14 => harness.set_weight(
                 u32::from(byte()),
                 usize::from(byte()),
@@ -94,7 +96,7 @@ pub fn surface_round_trip(data: &[u8]) {
     harness.finish(FrameKind::Delta, BlockCoder::Range);
 }
 
-/// Returns a floor, a ball, an empty set, and a few points at one node.
+/// Returns a floor of three levels, a ball, an empty set, and a few points at one node.
 fn small_geometry() -> Vec<Arc<Geometry>> {
     let layout = |extent, normal_bits| SetLayout {
         origin: [-1.0, -1.0, -1.0],
@@ -104,12 +106,12 @@ fn small_geometry() -> Vec<Arc<Geometry>> {
         points: 0,
         charts: 8,
         levels: Levels::default(),
-        kernel_radius: 0.1,
+        kernel_radius: 0.3,
         digest: GeometryDigest::default(),
     };
     // Low bits of multiples of odd numbers: well distributed without a sine.
     let spread = |n: u32, by: u32| ((n * by) % 128) as f32 / 64.0 - 1.0;
-    let floor = (0..150).map(|n| RestPoint {
+    let floor = (0..260).map(|n| RestPoint {
         position: [spread(n, 29), 0.0, spread(n, 47)],
         normal: [0.0, 1.0, 0.0],
         chart: n % 2,
@@ -161,8 +163,8 @@ struct Harness {
     /// States of clients after the last frames, the oldest first.
     earlier: VecDeque<State>,
     frames: u32,
-    /// Values set before the last frames were finished, the newest first; as many frames as a point may be late.
-    latest: VecDeque<Vec<Option<u8>>>,
+    /// By point: the number of frames in a row after which it was not within its threshold.
+    beyond: Vec<u16>,
 }
 
 /// Number of frames after which a client counts as gone.
@@ -171,7 +173,9 @@ const REMEMBERED_FRAMES: usize = 6;
 impl Harness {
     fn new(settings: EncoderSettings) -> Option<Harness> {
         let (encoder, client) = small_stream(settings)?;
-        let reference = SurfaceReferenceEncoder::new(Arc::clone(client.layout()), settings);
+        let layout = Arc::clone(client.layout());
+        let points = layout.points() as usize;
+        let reference = SurfaceReferenceEncoder::new(layout, &small_geometry(), settings);
         let log = ChangeLog::new(encoder.state());
         Some(Harness {
             encoder,
@@ -182,7 +186,7 @@ impl Harness {
             log,
             earlier: VecDeque::new(),
             frames: 0,
-            latest: VecDeque::new(),
+            beyond: vec![0; points],
         })
     }
 
@@ -190,19 +194,40 @@ impl Harness {
         assert_eq!(self.encoder.set_ao(point, ao), self.reference.set_ao(point, ao));
     }
 
+    fn set_ao_within(&mut self, point: u32, ao: u8, threshold: u8) {
+        let found = self.encoder.set_ao_within(point, ao, threshold);
+        assert_eq!(found, self.reference.set_ao_within(point, ao, threshold));
+    }
+
+    fn release(&mut self, first: u32, count: u8) {
+        for point in first..first + u32::from(count) {
+            self.encoder.release(point);
+            self.reference.release(point);
+        }
+    }
+
     fn finish(&mut self, kind: FrameKind, coder: BlockCoder) {
         let kind = if self.frames == 0 { FrameKind::Key } else { kind };
-        let (mut due, forced) =
-            if kind == FrameKind::Delta { self.reference.ranked() } else { Default::default() };
+        assert_eq!(self.encoder.pending_points(), self.reference.pending_points());
+        self.reference.begin();
         let finished = self.encoder.finish(meta(kind, self.frames), coder);
         assert!(finished.is_ok(), "{finished:?}");
         let Ok(EncodedFrame { body, info }) = finished else { return };
         self.frames += 1;
-        let changed = info.section(SectionTag::CHANGES).map_or(0, |section| section.records as usize);
-        self.check_budget(&info, body.len(), (changed, due.len(), forced));
-        due.truncate(changed);
-        self.remember();
+        let (mut due, forced) =
+            if kind == FrameKind::Delta { self.reference.ranked() } else { Default::default() };
+        if kind == FrameKind::Delta {
+            let sent = info.section(SectionTag::CHANGES).map_or(0, |section| section.records as usize);
+            let allowed = self.reference.explain(sent, &self.values());
+            assert!(allowed.is_some(), "no number of the {} points by rank explains the frame", due.len());
+            due.truncate(allowed.unwrap_or_default());
+        }
+        let late = match kind {
+            FrameKind::Key => 0,
+            FrameKind::Delta => self.reference.late(&due),
+        };
         self.reference.finish(kind, &due);
+        self.check_budget(&info, body.len(), (due.len() <= forced, late));
         let expected = apply_surface(&self.client, &body, &LIMITS);
         assert_eq!(self.decoder.decode(&mut self.client, &body, &LIMITS), Ok(info));
         assert_eq!(Ok(&self.client), expected.as_ref());
@@ -214,6 +239,12 @@ impl Harness {
         }
         self.note_frame();
         self.check_values();
+    }
+
+    /// Returns the bytes of all points after the last frame of the encoder.
+    fn values(&self) -> Vec<u8> {
+        let instances = 0..self.client.layout().members().len() as u32;
+        instances.flat_map(|instance| self.encoder.state().values(instance)).copied().collect()
     }
 
     fn note_frame(&mut self) {
@@ -229,58 +260,56 @@ impl Harness {
         self.reference.set_weight(instance % 6, block % 4, weight);
     }
 
-    /// Checks that everything due is sent if it fits; otherwise as much as fits, at least what must not wait.
-    fn check_budget(&self, info: &FrameInfo, bytes: usize, (changed, due, forced): (usize, usize, usize)) {
+    /// Checks that everything due is sent if it fits; otherwise as much as fits, at least what must not wait. `bare` tells
+    /// whether no other point could change, and `forced` is the number of points sent that must not wait.
+    fn check_budget(&self, info: &FrameInfo, bytes: usize, (bare, forced): (bool, u32)) {
+        let records = |tag| {
+            let sections = info.sections.iter().filter(move |section| section.tag == tag);
+            sections.map(|section| section.records).sum::<u32>()
+        };
+        let (changed, arriving) = (records(SectionTag::CHANGES), records(SectionTag::VALUES));
+        assert!(info.kind == FrameKind::Key || info.changed_points == arriving + changed);
+        let waited: Vec<u64> =
+            (0..self.client.layout().points()).map(|point| self.reference.waited(point)).collect();
+        let late = waited.iter().filter(|waited| **waited > 0).count();
         let Some(Budget { bytes: most, longest_age }) = self.encoder.settings().budget else {
-            assert_eq!(changed, due);
-            assert_eq!(self.encoder.postponed(), None);
+            assert_eq!((late, self.encoder.postponed()), (0, None));
             return;
         };
-        assert!((forced..=due).contains(&changed), "{changed} of {due}, {forced} forced");
-        let arrives = info.section(SectionTag::VALUES).is_some();
         let fits = bytes <= most as usize;
         assert!(
-            fits || changed == forced || info.kind == FrameKind::Key,
+            fits || bare && changed == forced || info.kind == FrameKind::Key,
             "{changed}, {forced} forced: {bytes} B of {most}"
         );
-        assert!(arrives || fits || changed > 0 || bytes == 29);
+        assert!(arriving > 0 || fits || changed > 0 || bytes == 29);
         let found = self.encoder.postponed().copied().unwrap_or_default();
-        let (points, late) = ((due - changed) as u32, found.oldest > longest_age);
-        assert_eq!((found.points, found.forced, found.used), (points, forced as u32, bytes as u32));
-        assert!(!late && (found.oldest > 0) == (points > 0), "{found:?}");
-        if info.kind == FrameKind::Delta && points > 0 {
-            let values = info.section(SectionTag::VALUES).map_or(0, |section| section.records);
-            assert_eq!(info.changed_points, values + changed as u32);
-        }
+        let oldest = waited.iter().max().copied().unwrap_or(0);
+        assert_eq!((found.points, u64::from(found.oldest)), (late as u32, oldest));
+        assert_eq!((found.forced, found.used), (forced, bytes as u32));
+        assert!(found.oldest <= longest_age, "{found:?}");
     }
 
-    /// Records the values set now, as of the frame just finished.
-    fn remember(&mut self) {
-        let points = 0..self.client.layout().points();
-        self.latest.push_front(points.map(|point| self.reference.latest(point)).collect());
-        let late = self.encoder.settings().budget.map_or(0, |budget| usize::from(budget.longest_age));
-        self.latest.truncate(late + 1);
-    }
-
-    /// Checks that clients hold what the reference tells. No value may be off by the threshold both now and in the
-    /// earlier frames by which a point may be late.
-    fn check_values(&self) {
+    /// Checks that clients hold what the reference tells, and that no value is off by its threshold after more frames in a
+    /// row than a point may wait.
+    fn check_values(&mut self) {
         let layout = self.client.layout();
-        let most = self.encoder.settings().max_error();
+        let longest = self.encoder.settings().budget.map_or(0, |budget| budget.longest_age);
         for instance in 0..layout.members().len() as u32 {
             let values = self.client.values(instance).iter();
             for ((value, at), point) in values.zip(0..).zip(layout.points_of(instance)) {
                 let here = self.client.is_present(instance, at / crate::surface::BLOCK_POINTS);
-                let point = point as u32;
-                assert_eq!(here.then_some(*value), self.reference.held(point), "point {point}");
-                let near = |latest: &Vec<Option<u8>>| {
-                    let latest = latest[point as usize];
-                    latest.is_none_or(|latest| {
-                        let both = (latest == NO_VALUE) == (*value == NO_VALUE);
-                        both && latest.abs_diff(*value) <= most
-                    })
+                let id = point as u32;
+                assert_eq!(here.then_some(*value), self.reference.held(id), "point {point}");
+                let threshold = self.encoder.threshold(id);
+                assert_eq!(threshold, self.reference.threshold(id), "point {point}");
+                let (Some(threshold), Some(latest)) = (threshold, self.reference.latest(id)) else {
+                    self.beyond[point] = 0;
+                    continue;
                 };
-                assert!(!here || self.latest.iter().any(near), "point {point}");
+                let both = (latest == NO_VALUE) == (*value == NO_VALUE);
+                let near = both && latest.abs_diff(*value) < threshold;
+                self.beyond[point] = if near { 0 } else { self.beyond[point] + 1 };
+                assert!(self.beyond[point] <= longest, "point {point}");
             }
         }
     }
@@ -340,12 +369,14 @@ impl Harness {
         if self.encoder.finish(meta(kind, self.frames), BlockCoder::Zstd { level: 99 }).is_ok() {
             // It had nothing to compress. Clients get it, so that indices stay in order.
             self.client.clone_from(self.encoder.state());
-            self.remember();
+            self.reference.begin();
             self.reference.finish(kind, &[]);
             self.late = None;
             self.frames += 1;
             self.note_frame();
+            self.check_values();
         } else {
+            self.reference.begin();
             assert_eq!(&before, self.encoder.state());
         }
     }
@@ -367,7 +398,7 @@ fn make_samples() -> Option<Vec<Sample>> {
     let mut samples = Vec::new();
     for coder in CODERS {
         let (mut encoder, empty) = small_stream(EncoderSettings::new(4, GeometrySource::Sent))?;
-        for (frame, latest) in [(0_u32, 200_u32), (1, 295), (2, 295)] {
+        for (frame, latest) in [(0_u32, 200_u32), (1, 405), (2, 405)] {
             for point in 0..latest {
                 let shadow = (point % 90).abs_diff(10 + frame * 8).min(30) as u8;
                 encoder.set_ao(point, 150 + 3 * shadow)?;
@@ -393,7 +424,7 @@ fn make_patches(coder: BlockCoder, samples: &mut Vec<Sample>) -> Option<()> {
     let mut log = ChangeLog::new(encoder.state());
     let mut states = Vec::new();
     for frame in 0_u32..5 {
-        for point in 0_u32..260 {
+        for point in 0_u32..370 {
             let shadow = (point % 90).abs_diff(20 + frame * 8).min(30) as u8;
             encoder.set_ao(point, 150 + 3 * shadow)?;
         }

@@ -83,7 +83,8 @@ impl<const N: usize> Mixer<N> {
         1 => 65_536,
         2 => 46_341,
         3 => 37_837,
-        _ => 32_768,
+        4 => 32_768,
+        _ => 29_309,
     };
 
     /// Codes a decision that mixes the probabilities of `models`. The models and the weights learn from it.

@@ -7,4 +7,4 @@ mod surface;
 
 pub use paper_decoder::{ReferenceError, apply};
 pub use paper_encoder::PaperReferenceEncoder;
-pub use surface::{SurfaceReferenceEncoder, apply_surface};
+pub use surface::{ReferenceDelta, SurfaceReferenceEncoder, apply_surface};

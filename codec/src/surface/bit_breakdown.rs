@@ -4,6 +4,7 @@ use std::ops::AddAssign;
 
 use super::State;
 use super::model::patch::PatchModel;
+use super::prediction::NextValues;
 use super::section::changes::Changes;
 use super::section::patch::Patch;
 use crate::Limits;
@@ -91,7 +92,9 @@ fn read(state: &State, section: &SectionInfo, meter: &mut CostMeter<'_>) {
     let stop = |meter: &CostMeter<'_>| meter.decoder.is_exhausted();
     if section.tag == SectionTag::CHANGES {
         let (wanted, mut found) = (Changes::default(), Changes::default());
-        state.model.clone().code(meter, state.view(), &wanted, &mut found, most, stop);
+        let made = (&mut found, &mut NextValues::default());
+        // What does not fit the state does not matter here.
+        let _ = state.model.clone().code(meter, state.view(), &wanted, made, most, stop);
     } else {
         let mut model = PatchModel::new();
         let (wanted, mut found) = (Patch::default(), Patch::default());
@@ -102,6 +105,8 @@ fn read(state: &State, section: &SectionInfo, meter: &mut CostMeter<'_>) {
         let mut present = state.present.clone();
         found.add_arrivals(&mut present);
         let known = (&*state.layout, present.as_slice());
-        model.code(meter, known, &mut state.values.clone(), (&wanted, &mut found), most, stop);
+        let mut values = state.values.clone();
+        let known_values = (state.geometry.as_slice(), values.as_mut_slice());
+        model.code(meter, known, known_values, (&wanted, &mut found), most, stop);
     }
 }

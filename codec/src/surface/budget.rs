@@ -3,21 +3,27 @@
 use std::cmp::Reverse;
 
 use super::model::change::ChangeModel;
+use super::prediction::NextValues;
 use super::section::changes::Changes;
 use super::section::writer::SectionWriter;
+use super::targets::Targets;
 use super::{NO_VALUE, PaddedIndex, State};
 use crate::block::BlockCoder;
-use crate::envelope::{EncodeError, FrameMeta, SectionTag, header_bytes};
+use crate::envelope::{EncodeError, header_bytes};
 use crate::memory;
 
 /// The byte budget of a delta, and how long a point may wait.
 ///
-/// If not all changes fit, those with the largest product of three factors go first: the *difference* between the byte
-/// set and the one of clients (1 to 255), the *weight* of the point's block
-/// ([`Encoder::set_weight`](super::Encoder::set_weight)), and the *age*. The age is the number of frames since the
-/// point first differed by the threshold, including this one. Lower point ids go first among equals. Points that
-/// have waited for `longest_age` frames go before all others, whatever the budget. A frame is a call of
-/// [`Encoder::finish`](super::Encoder::finish).
+/// A point is *due* if a frame without a budget would send it. If not all of them fit, those with the largest product of
+/// three factors go first: the *difference* between the byte set and the one of clients before the frame (0 to 255), the
+/// *weight* of the point's block ([`Encoder::set_weight`](super::Encoder::set_weight)), and the *age*. The age is the
+/// number of frames in a row after which the point was not within its threshold, and 1. Lower point ids go first among
+/// equals. Points that have waited for `longest_age` frames go before all others, whatever the budget. A frame is a call
+/// of [`Encoder::finish`](super::Encoder::finish).
+///
+/// What is sent changes what parents predict. So a frame with a part of the due points chooses anew. Only these points
+/// may change, and those that have waited for `longest_age` frames. It sends the ones that then are not within their
+/// threshold.
 ///
 /// # What holds
 ///
@@ -26,20 +32,24 @@ use crate::memory;
 /// header, 29 B. Keyframes have no budget. Arriving blocks are sent completely, and changes get the bytes that they
 /// leave.
 ///
-/// *Error.* Let `T` be the threshold. For every point that clients hold and every frame `n` there is a frame `m` with
-/// `n - longest_age <= m <= n` such that the byte held after frame `n` is less than `T` from the one last set before
-/// frame `m` was finished. Suppose a point has differed since frame `d`. It was not sent in `d..=n`, so
-/// `n < d + longest_age`; choose `m = d - 1`.
+/// *Error.* No point stays beyond its [threshold](super::Encoder::threshold) after more than `longest_age` frames in a
+/// row: after that many, the next frame may send it whatever the budget. With prediction, a point can also get there
+/// because its parents moved and its own correction was postponed. Then its byte may be one that was never right.
+/// Without prediction a byte of clients only changes when it is sent. Let `T` then be the threshold. For every point and
+/// every frame `n` there is a frame `m` with `n - longest_age <= m <= n` such that the byte held after frame `n` is less
+/// than `T` from the one last set before frame `m` was finished. Suppose a point has differed since frame `d`. It was not
+/// sent in `d..=n`, so `n < d + longest_age`; choose `m = d - 1`.
 ///
-/// *Waiting.* Suppose that a section of `k` changes takes at most `f + c k` bytes, where `f` counts all of the body
-/// that is not changes, and that at most `D` points differ at any time. A frame that postpones a point sends at least
-/// `s = (15 / 16 bytes - f) / c - 1` others: the search ends when 15/16 of the budget are used, or when
-/// `k + k / 16 + 1` changes are known not to fit. Let `q` be the largest quotient of two products of difference and weight, at most
-/// `255 w / T` with weights of 1 to `w`. Then no point waits for more than `(q + 1) ceil(D / s)` frames. The reason:
-/// once a point is `q` times `x = ceil(D / s)` frames old, only points that have waited for more than `x` frames can
-/// go before it. Those that do so in the next `x` frames differed at the beginning of these frames. So there are fewer
-/// than `D` of them, and `s` go in each frame. With equal products the bound is `2 ceil(D / s)`. A `longest_age` of
-/// that many frames forces nothing; a shorter one may.
+/// *Waiting*, without prediction. Suppose that a section of `k` changes takes at most `f + c k` bytes, where `f` counts
+/// all of the body that is not changes, and that at most `D` points differ at any time. A frame that postpones a point
+/// sends at least `s = (15 / 16 bytes - f) / c - 1` others: the search ends when 15/16 of the budget are used, or when
+/// `k + k / 16 + 1` changes are known not to fit. Let `q` be the largest quotient of two products of difference and
+/// weight, at most `255 w / T` with weights of 1 to `w`. Then no point waits for more than `(q + 1) ceil(D / s)` frames.
+/// The reason: once a point is `q` times `x = ceil(D / s)` frames old, only points that have waited for more than `x`
+/// frames can go before it. Those that do so in the next `x` frames differed at the beginning of these frames. So there
+/// are fewer than `D` of them, and `s` go in each frame. With equal products the bound is `2 ceil(D / s)`. A
+/// `longest_age` of that many frames forces nothing; a shorter one may. With prediction there is no such bound: a point
+/// that is due because its parents move may differ by nothing yet.
 ///
 /// With a budget that no frame exceeds anyway, the stream is identical to one without a budget.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -71,7 +81,7 @@ impl Budget {
 /// What the last frame postponed.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Postponed {
-    /// Number of points that differ by the threshold and were not sent.
+    /// Number of points that are not within their threshold after the frame.
     pub points: u32,
     /// Number of frames that the oldest of them has waited, including this one: 1 to [`Budget::longest_age`], or 0
     /// without such points.
@@ -82,13 +92,10 @@ pub struct Postponed {
     pub used: u32,
 }
 
-/// A point that differs by the threshold.
+/// A point that a frame without a budget would send.
 #[derive(Debug, Clone, Copy)]
 struct DueChange {
     index: PaddedIndex,
-    level: i16,
-    /// Number of earlier frames that postponed it.
-    waited: u16,
     priority: u64,
 }
 
@@ -127,11 +134,13 @@ pub(super) struct BudgetQueue {
     weights: Vec<u16>,
     /// Postponed points of the last frame, ascending, and the number of frames that each has waited.
     waiting: Vec<(PaddedIndex, u16)>,
+    /// Those of the frame before it; kept for the buffer.
+    waited: Vec<(PaddedIndex, u16)>,
     /// In the order of padded indices.
     due: Vec<DueChange>,
     ranks: Vec<Rank>,
-    /// Rank of the last one chosen.
-    last: Option<Rank>,
+    /// By block: the points that may change.
+    allowed: Vec<u64>,
     /// Number of changes of the last frame that had any, and the length of their section in bytes.
     rate: Option<(usize, usize)>,
     /// A copy of the clients' model, for trials.
@@ -144,9 +153,9 @@ pub(super) struct PendingFrame<'a> {
     pub(super) writer: &'a mut SectionWriter,
     /// State of clients.
     pub(super) sent: &'a mut State,
-    /// AO bytes as last set, by padded index.
-    pub(super) latest: &'a [u8],
-    pub(super) meta: FrameMeta,
+    pub(super) targets: &'a Targets,
+    /// The AO of clients after the frame.
+    pub(super) next: &'a mut NextValues,
     pub(super) coder: BlockCoder,
 }
 
@@ -156,9 +165,10 @@ impl BudgetQueue {
             budget,
             weights: vec![1; blocks],
             waiting: Vec::new(),
+            waited: Vec::new(),
             due: Vec::new(),
             ranks: Vec::new(),
-            last: None,
+            allowed: vec![0; blocks],
             rate: None,
             model: ChangeModel::new(),
             postponed: Postponed::default(),
@@ -167,8 +177,9 @@ impl BudgetQueue {
 
     /// Returns the number of heap bytes in use.
     pub(super) fn heap_bytes(&self) -> usize {
-        let BudgetQueue { weights, waiting, due, ranks, model, .. } = self;
+        let BudgetQueue { weights, waiting, waited, due, ranks, allowed, model, .. } = self;
         let lists = memory::list(weights) + memory::list(waiting) + memory::list(due) + memory::list(ranks);
+        let lists = lists + memory::list(waited) + memory::list(allowed);
         size_of::<Self>() + lists + model.heap_bytes()
     }
 
@@ -198,33 +209,36 @@ impl BudgetQueue {
         self.postponed = Postponed::default();
     }
 
-    /// Writes as many of `changes` as fit and removes the others. Returns the number of changed points for the header.
-    /// If it fails, only `changes` is modified.
+    /// Writes as many of `changes` as fit and removes the others. If it fails, only `changes` is modified.
     pub(super) fn write(
         &mut self,
         mut frame: PendingFrame<'_>,
         changes: &mut Changes,
-    ) -> Result<u32, EncodeError> {
+    ) -> Result<(), EncodeError> {
         let start = WriterMark::of(frame.writer);
         let forced = self.rank(&frame, changes);
-        let count = self.fill(&mut frame, changes, start, forced)?;
-        if count > 0 {
-            self.rate = Some((count, frame.writer.blocks.len() - start.bytes));
+        self.fill(&mut frame, changes, start, forced)?;
+        if !changes.levels.is_empty() {
+            self.rate = Some((changes.levels.len(), frame.writer.blocks.len() - start.bytes));
             if frame.coder == BlockCoder::Range {
                 std::mem::swap(&mut frame.sent.model, &mut self.model);
             }
         }
-        let changed_points = self.changed_points(&frame, count);
-        self.waiting.clear();
-        let left = self.due.iter().filter(|due| self.last.is_none_or(|last| due.rank() > last));
-        self.waiting.extend(left.map(|due| (due.index, due.waited.saturating_add(1))));
+        let forced = changes.points.padded_indices().filter(|index| self.must_go(*index)).count();
+        self.update_waiting(&frame);
         self.postponed = Postponed {
             points: self.waiting.len() as u32,
             oldest: self.waiting.iter().map(|(_, waited)| *waited).max().unwrap_or(0),
             forced: forced as u32,
             used: 0,
         };
-        Ok(changed_points)
+        Ok(())
+    }
+
+    /// Returns whether a point has waited for the longest age.
+    fn must_go(&self, index: PaddedIndex) -> bool {
+        let found = self.waiting.binary_search_by_key(&index, |(waiting, _)| *waiting);
+        found.map_or(0, |at| self.waiting[at].1) >= self.budget.longest_age
     }
 
     /// Takes the changes and gives each its priority. Returns how many must not wait.
@@ -232,36 +246,36 @@ impl BudgetQueue {
         let mut waiting = self.waiting.iter().copied().peekable();
         let mut forced = 0;
         self.due.clear();
-        for (index, level) in changes.iter() {
+        for (index, _) in changes.iter() {
             while waiting.next_if(|(before, _)| *before < index).is_some() {}
             let waited = waiting.next_if(|(same, _)| *same == index).map_or(0, |(_, waited)| waited);
             let priority = if waited >= self.budget.longest_age {
                 forced += 1;
                 FORCED_PRIORITY
             } else {
-                let difference = difference(frame.sent.values[index.0], frame.latest[index.0]);
+                let difference = difference(frame.sent.values[index.0], frame.targets.latest()[index.0]);
                 let weight = self.weights[index.block()];
                 u64::from(difference) * u64::from(weight) * (u64::from(waited) + 1)
             };
-            self.due.push(DueChange { index, level, waited, priority });
+            self.due.push(DueChange { index, priority });
         }
         self.ranks.clear();
         self.ranks.extend(self.due.iter().map(DueChange::rank));
         forced
     }
 
-    /// Writes as many changes as fit, at least the forced ones. Returns their number.
+    /// Writes as many changes as fit, at least the forced ones.
     fn fill(
         &mut self,
         frame: &mut PendingFrame<'_>,
         changes: &mut Changes,
         start: WriterMark,
         forced: usize,
-    ) -> Result<usize, EncodeError> {
+    ) -> Result<(), EncodeError> {
         let (all, most) = (self.due.len(), u64::from(self.budget.bytes));
         let mut trial = self.attempt(frame, changes, start, all, all == forced)?;
         if trial.fits || all == forced {
-            return Ok(all);
+            return Ok(());
         }
         let mut guess = self
             .rate
@@ -270,7 +284,7 @@ impl BudgetQueue {
         if forced > 0 {
             trial = self.attempt(frame, changes, start, forced, true)?;
             if !trial.fits {
-                return Ok(forced);
+                return Ok(());
             }
             written = Some(forced);
         }
@@ -293,7 +307,7 @@ impl BudgetQueue {
         if written != Some(fits) {
             self.attempt(frame, changes, start, fits, true)?;
         }
-        Ok(fits)
+        Ok(())
     }
 
     /// Writes the first `count` changes by rank on a copy of the model. It replaces what was tried before. It stops at
@@ -307,51 +321,57 @@ impl BudgetQueue {
         ignore_budget: bool,
     ) -> Result<Trial, EncodeError> {
         start.rewind(frame.writer);
-        self.choose(count, changes);
+        self.choose(frame, count, changes);
         let budget = self.budget.bytes as usize;
-        let room = budget.saturating_sub(self.body_bytes(frame, count));
+        let room = budget.saturating_sub(body_bytes(frame));
         let most = if ignore_budget { usize::MAX } else { room };
         let mut stopped = None;
-        if count > 0 {
+        if !changes.levels.is_empty() {
             if frame.coder == BlockCoder::Range {
                 self.model.clone_from(&frame.sent.model);
             }
             stopped = frame.writer.changes(frame.sent.view(), &mut self.model, changes, frame.coder, most)?;
         }
         let bytes = frame.writer.blocks.len() - start.bytes;
-        let used = self.body_bytes(frame, count);
+        let used = body_bytes(frame);
         let would_fit = stopped.unwrap_or_else(|| proportional(count, room, bytes));
         Ok(Trial { fits: stopped.is_none() && used <= budget, used, room, would_fit })
     }
 
-    /// Leaves the first `count` changes by rank in `changes`.
-    fn choose(&mut self, count: usize, changes: &mut Changes) {
-        self.last = match count.checked_sub(1) {
-            None => None,
-            Some(last) => Some(*self.ranks.select_nth_unstable(last).1),
-        };
-        changes.clear();
-        for due in self.due.iter().filter(|due| self.last.is_some_and(|last| due.rank() <= last)) {
-            changes.push(due.index, due.level);
+    /// Chooses the changes if only the first `count` points by rank may change, and those that must not wait.
+    fn choose(&mut self, frame: &mut PendingFrame<'_>, count: usize, changes: &mut Changes) {
+        let PendingFrame { sent, targets, next, .. } = frame;
+        if count == self.due.len() {
+            targets.choose(sent, (changes, next), |_| true);
+            return;
         }
+        self.allowed.fill(0);
+        let longest = self.budget.longest_age;
+        let forced = self.waiting.iter().filter(|(_, waited)| *waited >= longest).map(|(index, _)| *index);
+        let last = count.checked_sub(1).map(|last| *self.ranks.select_nth_unstable(last).1);
+        let first = self.due.iter().filter(|due| last.is_some_and(|last| due.rank() <= last));
+        for index in forced.chain(first.map(|due| due.index)) {
+            self.allowed[index.block()] |= index.bit();
+        }
+        targets.choose(sent, (changes, next), |index| self.allowed[index.block()] & index.bit() != 0);
     }
 
-    /// Returns the current length of the body in bytes.
-    fn body_bytes(&self, frame: &PendingFrame<'_>, count: usize) -> usize {
-        let header = header_bytes(&frame.writer.sections, self.changed_points(frame, count));
-        header + frame.writer.blocks.len()
-    }
-
-    /// Returns the number of changed points for the header of a frame with `count` changes. It is the caller's number
-    /// unless points wait or waited; then it is the number of points in the frame.
-    fn changed_points(&self, frame: &PendingFrame<'_>, count: usize) -> u32 {
-        if self.waiting.is_empty() && count == self.due.len() {
-            return frame.meta.changed_points;
+    /// Collects the points that differ after the frame, and how long each has waited.
+    fn update_waiting(&mut self, frame: &PendingFrame<'_>) {
+        std::mem::swap(&mut self.waiting, &mut self.waited);
+        self.waiting.clear();
+        let mut before = self.waited.iter().copied().peekable();
+        for index in frame.targets.missed(frame.sent, frame.next) {
+            while before.next_if(|(earlier, _)| *earlier < index).is_some() {}
+            let waited = before.next_if(|(same, _)| *same == index).map_or(0, |(_, waited)| waited);
+            self.waiting.push((index, waited.saturating_add(1)));
         }
-        let of_points = |tag| matches!(tag, SectionTag::VALUES | SectionTag::CHANGES);
-        let sections = frame.writer.sections.iter().filter(|section| of_points(section.tag));
-        sections.map(|section| section.records).sum()
     }
+}
+
+/// Returns the current length of the body in bytes.
+fn body_bytes(frame: &PendingFrame<'_>) -> usize {
+    header_bytes(&frame.writer.sections, frame.writer.points()) + frame.writer.blocks.len()
 }
 
 /// Returns how far a byte is from another one. A value that comes or goes counts as the largest difference.

@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 
-use super::tests::{CODERS, client, meta, set_frame_ao, stream};
+use super::tests::{CODERS, client, meta, set_frame_ao, stream, stream_sets, stream_with};
 use super::*;
 use crate::Limits;
 use crate::block::BlockCoder;
@@ -12,13 +12,21 @@ use crate::reference::SurfaceReferenceEncoder;
 const KEY: FrameKind = FrameKind::Key;
 const DELTA: FrameKind = FrameKind::Delta;
 
-/// Returns the encoder of the tests' stream with a budget.
+/// Returns settings of the tests' stream with a budget. Points are predicted from their parents if `predicted` is set.
+fn settings(predicted: bool, threshold: u8, bytes: u32, longest_age: u16) -> EncoderSettings {
+    let source = if predicted { GeometrySource::Sent } else { GeometrySource::Shared };
+    EncoderSettings::new(threshold, source).with_budget(Some(Budget { bytes, longest_age }))
+}
+
+/// Returns the encoder of the tests' stream with a budget, whose points are not predicted from each other.
 fn budgeted(threshold: u8, bytes: u32, longest_age: u16) -> Encoder {
-    let plain = stream(GeometrySource::Shared, threshold);
-    let layout = std::sync::Arc::clone(plain.state().layout());
-    let geometry = (0..3).map(|set| plain.state().geometry(set).unwrap().clone()).collect();
-    let budget = Some(Budget { bytes, longest_age });
-    Encoder::new(layout, geometry, EncoderSettings { budget, ..*plain.settings() }).unwrap()
+    stream_with(settings(false, threshold, bytes, longest_age))
+}
+
+/// Returns the reference of an encoder in which nothing was set.
+fn reference_of(encoder: &Encoder) -> SurfaceReferenceEncoder {
+    let layout = std::sync::Arc::clone(encoder.state().layout());
+    SurfaceReferenceEncoder::new(layout, &stream_sets(), *encoder.settings())
 }
 
 /// Pseudo-random numbers from a seed.
@@ -72,16 +80,21 @@ proptest! {
     #[test]
     fn no_body_is_too_large_and_no_point_too_late(
         threshold in 1_u8..20, bytes in 29_u32..300, longest_age in 0_u16..9, jump in 4_u32..100, seed: u32,
-        coder in 0_usize..4,
+        coder in 0_usize..4, predicted: bool,
     ) {
-        let mut encoder = budgeted(threshold, bytes, longest_age);
+        let mut encoder = stream_with(settings(predicted, threshold, bytes, longest_age));
+        let mut reference = reference_of(&encoder);
         let mut state = client(&encoder);
         let mut decoder = Decoder::new();
         let mut walk = Walk::new(state.layout().points(), seed);
         let mut latest: Vec<Vec<u8>> = Vec::new();
+        let mut beyond = vec![0; walk.ao.len()];
         for number in 0..30 {
-            encoder.set_weight(walk.dice.roll(4), walk.dice.roll(5) as usize, walk.dice.roll(200) as u16);
+            let (instance, block, weight) = (walk.dice.roll(4), walk.dice.roll(5) as usize, walk.dice.roll(200) as u16);
+            encoder.set_weight(instance, block, weight);
+            reference.set_weight(instance, block, weight);
             walk.set_ao(&mut encoder);
+            (0..).zip(&walk.ao).for_each(|(point, ao)| { reference.set_ao(point, *ao); });
             let kind = if number == 0 { KEY } else { DELTA };
             let frame = encoder.finish(meta(kind, number), CODERS[coder]).unwrap();
             decoder.decode(&mut state, &frame.body, &Limits::default()).unwrap();
@@ -90,13 +103,29 @@ proptest! {
             prop_assert_eq!(postponed.used as usize, frame.body.len());
             prop_assert!(postponed.oldest <= longest_age);
             let kept = frame.body.len() <= bytes as usize;
-            prop_assert!(kept || kind == KEY || changes(&frame) == postponed.forced as usize, "{postponed:?}");
+            let held = held(&state);
+            reference.begin();
+            if kind == DELTA {
+                let (mut ranked, forced) = reference.ranked();
+                let allowed = reference.explain(changes(&frame), &held).unwrap();
+                prop_assert!(kept || allowed == forced && changes(&frame) == postponed.forced as usize, "{postponed:?}");
+                ranked.truncate(allowed);
+                prop_assert_eq!(postponed.forced, reference.late(&ranked));
+                reference.finish(DELTA, &ranked);
+            } else {
+                reference.finish(KEY, &[]);
+            }
             latest.push(walk.ao.clone());
             let late = latest.len().min(usize::from(longest_age) + 1);
             let last = &latest[latest.len() - late..];
-            for (point, held) in held(&state).into_iter().enumerate() {
+            for (point, held) in held.into_iter().enumerate() {
+                prop_assert_eq!(Some(held), reference.held(point as u32));
+                let most = encoder.threshold(point as u32).unwrap();
+                let near = (walk.ao[point] == NO_VALUE) == (held == NO_VALUE) && walk.ao[point].abs_diff(held) < most;
+                beyond[point] = if near { 0 } else { beyond[point] + 1 };
+                prop_assert!(beyond[point] <= longest_age, "point {point} in frame {number}");
                 let near = last.iter().any(|latest| latest[point].abs_diff(held) < threshold);
-                prop_assert!(near, "point {point} in frame {number}");
+                prop_assert!(near || predicted, "point {point} in frame {number}");
             }
             walk.step(jump);
         }
@@ -104,7 +133,7 @@ proptest! {
 
     #[test]
     fn a_budget_that_every_frame_keeps_changes_no_byte(
-        threshold in 1_u8..20, jump in 4_u32..60, seed: u32, coder in 0_usize..4, spare in 0_u32..2,
+        threshold in 1_u8..20, jump in 4_u32..60, seed: u32, coder in 0_usize..4, spare in 0_u32..2, predicted: bool,
     ) {
         let run = |mut encoder: Encoder| -> Vec<Vec<u8>> {
             let mut walk = Walk::new(encoder.state().layout().points(), seed);
@@ -119,19 +148,20 @@ proptest! {
                 body
             }).collect()
         };
-        let plain = run(stream(GeometrySource::Shared, threshold));
+        let source = if predicted { GeometrySource::Sent } else { GeometrySource::Shared };
+        let plain = run(stream(source, threshold));
         let most = plain.iter().map(Vec::len).max().unwrap() as u32 + spare;
-        prop_assert!(run(budgeted(threshold, most, 3)) == plain);
+        prop_assert!(run(stream_with(settings(predicted, threshold, most, 3))) == plain);
     }
 
-    /// Checks, with no point forced, the bound of [`Budget`] from what was measured of the stream and the sizes of the
-    /// plain layout.
+    /// Checks, with no point forced and none predicted from others, the bound of [`Budget`] from what was measured of the
+    /// stream and the sizes of the plain layout.
     #[test]
     fn nobody_waits_longer_than_the_budget_says(threshold in 4_u8..12, jump in 40_u32..100, seed: u32) {
         const BYTES: usize = 200;
         let mut encoder = budgeted(threshold, BYTES as u32, u16::MAX);
         let layout = std::sync::Arc::clone(encoder.state().layout());
-        let mut reference = SurfaceReferenceEncoder::new(std::sync::Arc::clone(&layout), *encoder.settings());
+        let mut reference = reference_of(&encoder);
         let mut walk = Walk::new(layout.points(), seed);
         let (mut due, mut longest) = (0, 0);
         let (mut least, mut largest) = (u64::MAX, 0);
@@ -144,6 +174,7 @@ proptest! {
                 reference.set_ao(point, *ao);
             }
             let kind = if number == 0 { KEY } else { DELTA };
+            reference.begin();
             let (mut ranked, _) = reference.ranked();
             if kind == DELTA {
                 due = due.max(ranked.len());
@@ -171,8 +202,11 @@ proptest! {
 
 #[test]
 fn most_of_a_budget_is_used_while_points_wait() {
-    for coder in CODERS {
-        let mut encoder = budgeted(4, 150, 30);
+    // What is predicted takes fewer bytes, so more has to move.
+    for (coder, predicted, jump) in
+        CODERS.into_iter().flat_map(|coder| [(coder, false, 30), (coder, true, 60)])
+    {
+        let mut encoder = stream_with(settings(predicted, 4, 150, 30));
         let mut walk = Walk::new(encoder.state().layout().points(), 5);
         let mut waited = 0;
         for number in 0..40 {
@@ -184,7 +218,7 @@ fn most_of_a_budget_is_used_while_points_wait() {
                 assert!((125..=150).contains(&frame.body.len()), "{coder:?}: {postponed:?}");
                 assert_eq!(frame.info.changed_points as usize, changes(&frame));
             }
-            walk.step(30);
+            walk.step(jump);
         }
         assert!(waited > 10, "{coder:?}: {waited}");
     }
@@ -192,7 +226,8 @@ fn most_of_a_budget_is_used_while_points_wait() {
 
 #[test]
 fn a_keyframe_sends_what_waits() {
-    let mut encoder = budgeted(4, 60, 30);
+    // Points arrive with the bytes set.
+    let mut encoder = stream_with(settings(false, 4, 60, 30).with_arrival_threshold(1));
     let all = 0..encoder.state().layout().points();
     set_frame_ao(&mut encoder, 0, all.clone());
     encoder.finish(meta(KEY, 0), BlockCoder::Range).unwrap();
@@ -235,8 +270,7 @@ fn a_frame_that_fails_leaves_those_that_wait_as_they_were() {
 fn the_order_beats_that_of_age_alone() {
     let mut encoder = budgeted(4, 110, 200);
     let layout = std::sync::Arc::clone(encoder.state().layout());
-    let reference = || SurfaceReferenceEncoder::new(std::sync::Arc::clone(&layout), *encoder.settings());
-    let [mut by_product, mut by_age] = [reference(), reference()];
+    let [mut by_product, mut by_age] = [reference_of(&encoder), reference_of(&encoder)];
     let mut walk = Walk::new(layout.points(), 77);
     let mut weights = Vec::new();
     for instance in 0..4 {

@@ -10,13 +10,14 @@ use super::model::change::ChangeModel;
 use super::model::context;
 use super::model::history::History;
 use super::model::patch::PatchModel;
-use super::section::changes::{ChangeError, Changes, MAX_LEVEL};
+use super::prediction::{NextValues, Predictor};
+use super::section::changes::{ChangeError, Changes};
 use super::section::geometry::{self, GeometrySectionError};
 use super::section::patch::Patch;
 use super::section::values::{ClientValues, ValueError, Values};
 use super::section::writer::FrameModels;
 use super::state::value_words;
-use super::{NO_VALUE, SectionError, State};
+use super::{SectionError, State};
 use crate::block::{CoderId, Decompressor};
 use crate::envelope::{
     FrameBody, FrameError, FrameInfo, FrameKind, HASH_OFFSET, Profile, SectionBlock, SectionInfo, SectionTag,
@@ -32,6 +33,7 @@ pub struct Decoder {
     decompressor: Decompressor,
     plain: Vec<u8>,
     changes: Changes,
+    next: NextValues,
     model: Option<ChangeModel>,
     patch: Patch,
     values: Vec<u8>,
@@ -101,7 +103,7 @@ impl Decoder {
         blocks: impl Iterator<Item = SectionBlock<'a>>,
         limits: &Limits,
     ) -> Result<State, FrameError> {
-        let mut next = empty(state);
+        let mut next = state.empty();
         let mut models = None;
         for block in blocks {
             if block.section.tag == SectionTag::CONTEXT {
@@ -130,14 +132,14 @@ impl Decoder {
         }
         let mut hash = next.as_ref().map_or(state.hash, |next| hash_with_arrivals(state, next));
         self.changes.clear();
+        self.next.start(&[]);
         let mut learned = false;
         if let Some(block) = blocks.find(|block| block.section.tag == SectionTag::CHANGES) {
             learned = self.read_changes(state, &block, limits)?;
-            check_changes(state, &self.changes).map_err(|error| refused(&block, error))?;
-            hash = state.hash_after(hash, &self.changes);
+            hash = state.hash_after(hash, &self.next);
         }
         let computed = check_hash(hash, info)?;
-        state.commit(&self.changes);
+        state.commit(&self.changes, &self.next);
         if let (true, Some(model)) = (learned, &mut self.model) {
             std::mem::swap(&mut state.model, model);
         }
@@ -217,7 +219,8 @@ impl Decoder {
         self.patch.add_arrivals(&mut self.present);
         let known = (&*state.layout, self.present.as_slice());
         let pair = (&none, &mut self.patch);
-        model.code(&mut decoder, known, &mut self.values, pair, most, RangeDecoder::is_exhausted);
+        let known_values = (state.geometry.as_slice(), self.values.as_mut_slice());
+        model.code(&mut decoder, known, known_values, pair, most, RangeDecoder::is_exhausted);
         check_end(decoder, block)?;
         let found = self.patch.bytes.len();
         if found != most {
@@ -308,9 +311,10 @@ impl Decoder {
         let refuse = |error: ValueError| refused(block, error);
         let SectionInfo { records, coder, .. } = block.section;
         let mut found = Values::default();
+        let clients =
+            ClientValues { geometry: &next.geometry, bytes: &mut next.values, present: &mut next.present };
         if coder == CoderId::RANGE {
             let mut decoder = RangeDecoder::new(block.bytes);
-            let clients = ClientValues { bytes: &mut next.values, present: &mut next.present };
             let none = Values::default();
             let pair = (&none, &mut found);
             models
@@ -321,9 +325,7 @@ impl Decoder {
             return check_plain(found.plain_bytes(), block);
         }
         self.decompress(block, limits)?;
-        found.read_plain(&self.plain, &layout, &mut next.present, records).map_err(refuse)?;
-        found.scatter(&layout, &mut next.values);
-        Ok(())
+        found.read_plain(&self.plain, &layout, clients, records).map_err(refuse)
     }
 
     /// Reads a CHANGES section. Returns whether the model has learned from it; then `self.model` is the next model.
@@ -339,26 +341,29 @@ impl Decoder {
         if coder != CoderId::RANGE {
             self.decompress(block, limits)?;
             self.changes.read_plain(&self.plain, blocks, records).map_err(refuse)?;
+            check_changes(state, &self.changes).map_err(refuse)?;
+            let State { layout, geometry, values, present, .. } = state;
+            let mut predictor =
+                Predictor::new(layout, geometry, values, &mut self.next, self.changes.quantum);
+            predictor.apply(&self.changes, present);
+            predictor.finish().map_err(refuse)?;
             return Ok(false);
         }
         let model = self.model.get_or_insert_with(ChangeModel::new);
         model.clone_from(&state.model);
         let mut decoder = RangeDecoder::new(block.bytes);
         let none = Changes::default();
-        model.code(
-            &mut decoder,
-            state.view(),
-            &none,
-            &mut self.changes,
-            records as usize,
-            RangeDecoder::is_exhausted,
-        );
+        let made = (&mut self.changes, &mut self.next);
+        let most = records as usize;
+        let fits = model.code(&mut decoder, state.view(), &none, made, most, RangeDecoder::is_exhausted);
         let found = self.changes.levels.len();
         if found != records as usize {
             return Err(refuse(ChangeError::Count { expected: records, found }));
         }
         check_end(decoder, block)?;
         check_plain(self.changes.plain_bytes(blocks), block)?;
+        check_changes(state, &self.changes).map_err(refuse)?;
+        fits.map_err(refuse)?;
         Ok(true)
     }
 
@@ -374,17 +379,6 @@ impl Decoder {
 fn refused(block: &SectionBlock<'_>, error: impl Into<SectionError>) -> FrameError {
     let error: SectionError = error.into();
     FrameError::Content { section: block.section.tag, offset: block.offset, problem: error.into() }
-}
-
-/// Returns the empty state of the same stream, with the geometry that did not come with frames.
-fn empty(state: &State) -> State {
-    let mut next = State::new(Arc::clone(&state.layout));
-    for (set, geometry) in state.geometry.iter().enumerate() {
-        if !state.received[set] {
-            next.geometry[set].clone_from(geometry);
-        }
-    }
-    next
 }
 
 /// Checks that a section with one record has the record count 1.
@@ -413,21 +407,16 @@ fn check_hash(computed: StateHash, info: &FrameInfo) -> Result<StateHash, FrameE
     }
 }
 
-/// Checks that changes fit the state: present blocks, existing points, and levels with an effect.
+/// Checks that changes have a quantum, are to points of present blocks, and are not 0.
 fn check_changes(state: &State, changes: &Changes) -> Result<(), ChangeError> {
     if changes.quantum == 0 {
         return Err(ChangeError::Quantum);
     }
     changes.points.check(&state.layout, &state.present)?;
-    for (index, level) in changes.iter() {
-        let old = state.values[index.0];
-        let downwards = old == NO_VALUE && level <= 0;
-        let same = state.changed_value(index, level, changes.quantum) == old;
-        if level.unsigned_abs() > MAX_LEVEL.unsigned_abs() || downwards || same {
-            return Err(ChangeError::Level { padded_index: index.0 as u32, level: level.into() });
-        }
+    match changes.iter().find(|(_, level)| *level == 0) {
+        Some((index, _)) => Err(ChangeError::Level { padded_index: index.0 as u32, level: 0 }),
+        None => Ok(()),
     }
-    Ok(())
 }
 
 fn check_end(decoder: RangeDecoder<'_>, block: &SectionBlock<'_>) -> Result<(), FrameError> {

@@ -6,11 +6,12 @@ use bitvec::vec::BitVec;
 
 use super::budget::{Budget, BudgetQueue, PendingFrame, Postponed};
 use super::keyframe::ParcelWriter;
-use super::section::changes::{Changes, REMOVAL};
-use super::section::point_mask::SetBits;
+use super::prediction::NextValues;
+use super::section::changes::Changes;
 use super::section::writer::SectionWriter;
 use super::state::{geometry_words, value_words};
-use super::{Geometry, GeometryError, Layout, NO_VALUE, PaddedIndex, State, frame_ids};
+use super::targets::{Targets, quantum_of};
+use super::{Geometry, GeometryError, Layout, State, frame_ids};
 use crate::block::BlockCoder;
 use crate::envelope::{EncodeError, EncodedFrame, FrameKind, FrameMeta, assemble};
 use crate::hash::RecordKind;
@@ -20,10 +21,17 @@ use crate::{StateHash, memory};
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct EncoderSettings {
-    /// A point is sent if its AO byte differs by at least this much from that of clients, 1 to 255; 0 counts as 1.
+    /// A change of a point is sent if otherwise its AO byte would differ by at least this much from that of clients, 1 to
+    /// 255; 0 counts as 1.
     pub threshold: u8,
     /// Whether the stream carries the geometry, or clients make it from the scene.
     pub geometry: GeometrySource,
+    /// The threshold of points of the finest level that clients have around them, at least `threshold`. Points of the next
+    /// coarser level have the mean of both. A picture takes the mean of many such points, so it shows less of their error.
+    pub finest_threshold: u8,
+    /// The threshold of points that arrive, 1 to `threshold`: clients see less noise where nothing moves. Open points arrive
+    /// exactly.
+    pub arrival_threshold: u8,
     /// Byte budget of deltas. Without one, every point is sent as soon as it differs by the threshold.
     pub budget: Option<Budget>,
 }
@@ -31,22 +39,27 @@ pub struct EncoderSettings {
 /// Source of the clients' geometry.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum GeometrySource {
-    /// Keyframes carry it.
+    /// Keyframes carry it, and points are predicted from those of coarser levels.
     Sent,
-    /// Clients make it from the scene and pass it to [`State::share_geometry`].
+    /// Clients make it from the scene and pass it to [`State::share_geometry`]. A program without the scene can decode the
+    /// AO, too, so points are not predicted from each other.
     Shared,
 }
 
 impl EncoderSettings {
-    /// Returns settings without a budget.
+    /// Returns settings without a budget. The finest points may be off by twice as much, and points that arrive by 1.
     #[must_use]
     pub const fn new(threshold: u8, geometry: GeometrySource) -> Self {
-        Self { threshold, geometry, budget: None }
+        let arrival_threshold = if threshold < 2 { threshold } else { 2 };
+        let finest_threshold = threshold.saturating_add(threshold.saturating_sub(1));
+        Self { threshold, finest_threshold, arrival_threshold, geometry, budget: None }
     }
 
     setters! {
         const fn:
         with_threshold: threshold as u8,
+        with_finest_threshold: finest_threshold as u8,
+        with_arrival_threshold: arrival_threshold as u8,
         with_geometry: geometry as GeometrySource,
         with_budget: budget as Option<Budget>,
     }
@@ -55,16 +68,15 @@ impl EncoderSettings {
     /// overshoots a slow drift by a third of the step, so that the next change is needed later.
     #[must_use]
     pub fn quantum(&self) -> u8 {
-        self.threshold.saturating_add(self.threshold / 2).max(1)
+        quantum_of(self.threshold).max(1)
     }
 
-    /// Returns the largest difference between the AO byte last set and the one of clients after the frame. It is below
-    /// the threshold: a larger difference is sent, and then the result is within half a [`quantum`](Self::quantum). For a
-    /// point that was set by [`Encoder::set_ao_within`] it is below the threshold given there.
-    /// With a [`Budget`] it holds for the byte set up to [`Budget::longest_age`] frames before.
+    /// Returns the largest difference between the AO byte last set and the one of clients after the frame, for any point:
+    /// the largest threshold less 1. [`Encoder::threshold`] has that of each point.
+    /// With a [`Budget`] a point may be off by more for up to [`Budget::longest_age`] frames.
     #[must_use]
     pub fn max_error(&self) -> u8 {
-        self.threshold.saturating_sub(1)
+        self.threshold.max(self.finest_threshold).saturating_sub(1)
     }
 }
 
@@ -76,10 +88,9 @@ pub struct Encoder {
     sent: State,
     settings: EncoderSettings,
     geometry: Vec<Option<Arc<Geometry>>>,
-    /// AO bytes as last set, by padded index.
-    latest: Vec<u8>,
-    /// Points of present blocks that differ by the threshold, by block.
-    dirty: Vec<u64>,
+    targets: Targets,
+    /// The AO of clients after the frame that is being written.
+    next: NextValues,
     /// Blocks that were set but not sent yet, in the order in which they were first set.
     arriving: Vec<u32>,
     is_arriving: BitVec,
@@ -102,7 +113,9 @@ impl Encoder {
         settings: EncoderSettings,
     ) -> Result<Encoder, GeometryError> {
         let threshold = settings.threshold.max(1);
-        let settings = EncoderSettings { threshold, ..settings };
+        let arrival_threshold = settings.arrival_threshold.clamp(1, threshold);
+        let finest_threshold = settings.finest_threshold.max(threshold);
+        let settings = EncoderSettings { threshold, finest_threshold, arrival_threshold, ..settings };
         let mut check = State::new(Arc::clone(&layout));
         for (geometry, set) in geometry.iter().zip(0..) {
             check.share_geometry(set, Arc::clone(geometry))?;
@@ -117,8 +130,8 @@ impl Encoder {
             GeometrySource::Shared => check,
         };
         Ok(Encoder {
-            latest: vec![255; sent.values.len()],
-            dirty: vec![0; sent.present.len()],
+            targets: Targets::new(&sent.layout, &settings),
+            next: NextValues::default(),
             arriving: Vec::new(),
             is_arriving: BitVec::repeat(false, sent.present.len()),
             instance: 0,
@@ -135,61 +148,80 @@ impl Encoder {
     /// buffers kept between frames.
     #[must_use]
     pub fn heap_bytes(&self) -> usize {
-        let Encoder { sent, geometry, latest, dirty, arriving, is_arriving, changes, writer, queue, .. } =
+        let Encoder { sent, geometry, targets, next, arriving, is_arriving, changes, writer, queue, .. } =
             self;
         let carried = geometry.iter().zip(&sent.geometry).map(|(ours, theirs)| match (ours, theirs) {
             (Some(ours), Some(theirs)) if Arc::ptr_eq(ours, theirs) => 0,
             (ours, _) => ours.as_ref().map_or(0, |geometry| geometry.heap_bytes()),
         });
-        let points = carried.sum::<usize>() + memory::list(geometry) + memory::list(latest);
-        let blocks = memory::list(dirty) + memory::list(arriving) + memory::bits(is_arriving);
+        let points = carried.sum::<usize>() + memory::list(geometry) + targets.heap_bytes();
+        let blocks = memory::list(arriving) + memory::bits(is_arriving);
         let queue = queue.as_ref().map_or(0, |queue| queue.heap_bytes());
-        sent.heap_bytes() + points + blocks + changes.heap_bytes() + writer.heap_bytes() + queue
+        sent.heap_bytes()
+            + points
+            + blocks
+            + next.heap_bytes()
+            + changes.heap_bytes()
+            + writer.heap_bytes()
+            + queue
     }
 
-    /// Sets the AO of a point: 1 closed to 255 open, or [`NO_VALUE`] for a point that clients leave out. Returns whether the
-    /// next frame sends it, or `None` if there is no such point. It is sent if its block was never sent, if it differs from
-    /// the clients' value by the threshold, or if it gets or loses its value. With a [`Budget`] it may then have to wait.
+    /// Sets the AO of a point: 1 closed to 255 open, or [`NO_VALUE`](super::NO_VALUE) for a point that clients leave out.
+    /// Returns whether it differs from the clients' value by its threshold, or `None` if there is no such point. Then the next
+    /// frame sends it, unless its parents tell enough; it also differs if its block was never sent, or if it gets or loses its
+    /// value. With a [`Budget`] it may have to wait.
     ///
     /// All points of a block are sent together the first time, blocks in the order in which they were first set.
-    /// Points of it that were not set are sent as open.
+    /// Points of it that were not set are sent as their parents predict them, or as the points before.
     #[inline]
     pub fn set_ao(&mut self, point: u32, ao: u8) -> Option<bool> {
         self.set_ao_within(point, ao, self.settings.threshold)
     }
 
-    /// Sets the AO of a point as [`set_ao`](Self::set_ao) does, but with a threshold of its own, which is at least that of the
-    /// settings: for points that pictures need less exactly. The next call of `set_ao` brings the point back within the
-    /// threshold of the settings.
+    /// Sets the AO of a point as [`set_ao`](Self::set_ao) does, but with a threshold of its own: for points that pictures
+    /// need less exactly. One that is at most that of the settings counts as that. The next call of `set_ao` brings the point
+    /// back within the threshold of the settings.
     pub fn set_ao_within(&mut self, point: u32, ao: u8, threshold: u8) -> Option<bool> {
-        let threshold = threshold.max(self.settings.threshold);
         let layout = &self.sent.layout;
         if !layout.points_of(self.instance as u32).contains(&(point as usize)) {
             self.instance = layout.instance_of(point)?;
         }
         let index = layout.padded_index_in(self.instance, point);
-        let (block, bit) = (index.block(), index.bit());
-        self.latest[index.0] = ao;
+        let block = index.block();
         if !self.sent.present[block] {
+            self.targets.set_absent(index, ao, threshold);
             if !self.is_arriving.replace(block, true) {
                 self.arriving.push(block as u32);
             }
             return Some(true);
         }
-        let held = self.sent.values[index.0];
-        let differs = (ao == NO_VALUE) != (held == NO_VALUE) || ao.abs_diff(held) >= threshold;
-        self.dirty[block] = if differs { self.dirty[block] | bit } else { self.dirty[block] & !bit };
-        Some(differs)
+        Some(self.targets.set(index, ao, threshold, self.sent.values[index.0]))
     }
 
-    /// Returns how many points the next frame will send: those of blocks that were never sent, and those that differ
-    /// by the threshold. With a [`Budget`] some of them may have to wait.
+    /// Says that the AO of a point is no longer known, because it is out of view. Its byte is then as its parents predict it,
+    /// within any error, until the point is set again.
+    pub fn release(&mut self, point: u32) {
+        if let Some(index) = self.sent.layout.padded_index(point) {
+            self.targets.release(index);
+        }
+    }
+
+    /// Returns the threshold of a point: its AO byte differs by less from the one of clients after a frame without a
+    /// [`Budget`]. It is 255 for one that was [released](Self::release). `None` if there is no such point, or clients do not
+    /// have it.
+    #[must_use]
+    pub fn threshold(&self, point: u32) -> Option<u8> {
+        let index = self.sent.layout.padded_index(point).filter(|index| self.sent.present[index.block()])?;
+        Some(self.targets.threshold(index))
+    }
+
+    /// Returns how many points the next frame brings within their threshold: those of blocks that were never sent, and those
+    /// that differ. Some of the latter follow from their parents. With a [`Budget`] some may have to wait.
     #[must_use]
     pub fn pending_points(&self) -> u32 {
         let layout = &self.sent.layout;
         let arriving: usize = self.arriving.iter().map(|block| layout.block_len(*block as usize)).sum();
-        let changed: u32 = self.dirty.iter().map(|mask| mask.count_ones()).sum();
-        changed + arriving as u32
+        self.targets.differing_points() + arriving as u32
     }
 
     /// Sets the weight of an instance's block `block`, which counts if not all points fit a [`Budget`]: with twice the
@@ -224,7 +256,7 @@ impl Encoder {
         if instance as usize >= self.sent.layout.members().len() {
             return &[];
         }
-        &self.latest[self.sent.layout.padded_range(instance as usize)]
+        &self.targets.latest()[self.sent.layout.padded_range(instance as usize)]
     }
 
     /// Returns the state of clients after the last finished frame.
@@ -240,22 +272,24 @@ impl Encoder {
     }
 
     /// Writes the frame that brings clients from the last finished frame to now. A keyframe holds every block that was
-    /// ever set, with the bytes last set. It starts a group: the coder context becomes fresh.
+    /// ever set, as blocks that arrive. It starts a group: the coder context becomes fresh.
     ///
-    /// With a [`Budget`], a delta may postpone points. While points wait, the header has the number of points in the
-    /// frame instead of `meta.changed_points`.
+    /// The header of a delta has the number of points in the frame instead of `meta.changed_points`.
     ///
     /// # Errors
-    /// [`EncodeError`]; the encoder is then unchanged.
+    /// [`EncodeError`]; the state of clients is then unchanged, and the next call writes all that this one should have.
     pub fn finish(&mut self, mut meta: FrameMeta, coder: BlockCoder) -> Result<EncodedFrame, EncodeError> {
         let (frame, last) = (meta.frame, self.sent.frame);
         if let Some(last) = last.filter(|last| *last >= frame) {
             return Err(EncodeError::FrameOrder { frame, last });
         }
         self.writer.clear();
+        for block in &self.arriving {
+            self.targets.arrive(&self.sent, &self.geometry, *block as usize);
+        }
         match meta.kind {
             FrameKind::Delta if last.is_none() => return Err(EncodeError::NoKeyframe { frame }),
-            FrameKind::Delta => meta.changed_points = self.finish_delta(meta, coder)?,
+            FrameKind::Delta => meta.changed_points = self.finish_delta(coder)?,
             FrameKind::Key => self.finish_key(coder)?,
         }
         self.sent.frame = Some(frame);
@@ -272,14 +306,11 @@ impl Encoder {
         let layout = Arc::clone(&self.sent.layout);
         let here = (0..layout.blocks() as u32).filter(|block| self.sent.present[*block as usize]);
         let order: Vec<u32> = self.arriving.iter().copied().chain(here).collect();
-        let mut next = State::new(layout);
-        if self.settings.geometry == GeometrySource::Shared {
-            next.geometry.clone_from(&self.sent.geometry);
-        }
+        let mut next = self.sent.empty();
         self.write_parcels(&mut next, &order, coder)?;
         next.hash = next.full_hash();
         self.sent = next;
-        self.dirty.fill(0);
+        self.targets.clear();
         self.arriving.clear();
         self.is_arriving.fill(false);
         if let Some(queue) = &mut self.queue {
@@ -288,8 +319,8 @@ impl Encoder {
         Ok(())
     }
 
-    /// Writes the sections of a delta. Returns the number of changed points for its header.
-    fn finish_delta(&mut self, meta: FrameMeta, coder: BlockCoder) -> Result<u32, EncodeError> {
+    /// Writes the sections of a delta. Returns the number of points in them.
+    fn finish_delta(&mut self, coder: BlockCoder) -> Result<u32, EncodeError> {
         let mut hash = self.sent.hash;
         let mut next = None;
         if !self.arriving.is_empty() {
@@ -299,40 +330,38 @@ impl Encoder {
             hash = hash_with_arrivals(&self.sent, &with);
             next = Some(with);
         }
-        let changed_points = self.write_changes(meta, coder)?;
+        self.write_changes(coder)?;
         // Nothing can fail from here on.
-        for (block, mask) in self.changes.points.iter() {
-            self.dirty[block as usize] &= !mask;
-        }
-        self.sent.hash = self.sent.hash_after(hash, &self.changes);
-        self.sent.commit(&self.changes);
+        self.sent.hash = self.sent.hash_after(hash, &self.next);
+        self.targets.update(&self.sent, &self.next);
+        self.sent.commit(&self.changes, &self.next);
         if let Some(next) = next {
             // The changes are to blocks that were there before; now the arrivals are added.
-            for block in self.arriving.drain(..) {
-                let range = next.block_range(block as usize);
+            for block in &self.arriving {
+                let range = next.block_range(*block as usize);
                 self.sent.values[range.clone()].copy_from_slice(&next.values[range]);
-                self.sent.present[block as usize] = true;
-                self.is_arriving.set(block as usize, false);
+                self.sent.present[*block as usize] = true;
+                self.is_arriving.set(*block as usize, false);
             }
             self.sent.geometry = next.geometry;
             self.sent.received = next.received;
+            self.arriving.clear();
         }
-        Ok(changed_points)
+        Ok(self.writer.points())
     }
 
-    /// Writes the changes, or those that fit the budget, which are then left in `changes`. Returns the number of
-    /// changed points for the header.
-    fn write_changes(&mut self, meta: FrameMeta, coder: BlockCoder) -> Result<u32, EncodeError> {
-        self.collect_changes();
-        let Encoder { sent, changes, writer, latest, queue, .. } = self;
+    /// Writes the changes, or those that fit the budget, which are then left in `changes`.
+    fn write_changes(&mut self, coder: BlockCoder) -> Result<(), EncodeError> {
+        let Encoder { sent, changes, writer, targets, next, queue, .. } = self;
+        targets.choose(sent, (changes, next), |_| true);
         if let Some(queue) = queue {
-            return queue.write(PendingFrame { writer, sent, latest, meta, coder }, changes);
+            return queue.write(PendingFrame { writer, sent, targets, next, coder }, changes);
         }
         if !changes.levels.is_empty() {
             let (known, model) = sent.view_and_model();
             writer.changes(known, model, changes, coder, usize::MAX)?;
         }
-        Ok(meta.changed_points)
+        Ok(())
     }
 
     /// Writes blocks and the geometry they need, and updates `next` except for its hash.
@@ -350,7 +379,7 @@ impl Encoder {
             bytes: &mut next.values,
             present: &mut next.present,
         }
-        .write(&mut self.writer, order, &self.latest, coder)?;
+        .write(&mut self.writer, order, self.targets.arrivals(), coder)?;
         let own = self.geometry.iter().zip(&next.received);
         for (held, (own, received)) in next.geometry.iter_mut().zip(own) {
             if *received {
@@ -358,32 +387,6 @@ impl Encoder {
             }
         }
         Ok(())
-    }
-
-    /// Collects the changes of the points that differ by the threshold.
-    fn collect_changes(&mut self) {
-        let quantum = i32::from(self.settings.quantum());
-        self.changes.clear();
-        self.changes.quantum = quantum as u8;
-        for (block, dirty) in self.dirty.iter().enumerate() {
-            for bit in SetBits(*dirty) {
-                let index = PaddedIndex::new(block, bit as usize);
-                self.changes.push(index, level(self.sent.values[index.0], self.latest[index.0], quantum));
-            }
-        }
-    }
-}
-
-/// Returns the level that takes a point's byte nearest to another one.
-fn level(from: u8, to: u8, quantum: i32) -> i16 {
-    let nearest = |difference: i32| (difference + quantum / 2) / quantum;
-    match (from, to) {
-        (_, NO_VALUE) => REMOVAL,
-        (NO_VALUE, _) => 1 + nearest(i32::from(to) - 1) as i16,
-        _ => {
-            let difference = i32::from(to) - i32::from(from);
-            (nearest(difference.abs()).max(1) * difference.signum()) as i16
-        }
     }
 }
 

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use super::model::change::ChangeModel;
 use super::model::curve;
+use super::prediction::NextValues;
 use super::section::changes::Changes;
 use super::*;
 use crate::Limits;
@@ -33,7 +34,7 @@ fn encoder() -> Encoder {
     });
     let geometry = Arc::new(Geometry::round(layout, &floor).geometry);
     let layout = Layout::new(vec![*geometry.layout()], vec![Member { set: 0 }], &Limits::default()).unwrap();
-    let settings = EncoderSettings::new(8, GeometrySource::Sent);
+    let settings = EncoderSettings::new(8, GeometrySource::Sent).with_arrival_threshold(1);
     Encoder::new(Arc::new(layout), vec![geometry], settings).unwrap()
 }
 
@@ -106,7 +107,9 @@ fn the_decisions_in_the_specification_are_those_of_the_code() {
     changes.push(PaddedIndex(1), -8);
     let mut block = Vec::new();
     let mut log = DecisionLog { encoder: RangeEncoder::new(&mut block), decisions: Vec::new() };
-    ChangeModel::new().code(&mut log, state.view(), &changes, &mut Changes::default(), 1, |_| false);
+    let made = (&mut Changes::default(), &mut NextValues::default());
+    let fits = ChangeModel::new().code(&mut log, state.view(), &changes, made, 1, |_| false);
+    assert_eq!(fits, Ok(()));
     let DecisionLog { encoder, decisions } = log;
     encoder.finish();
     assert!(range.body.ends_with(&block));

@@ -2,6 +2,7 @@
 
 use super::levels::{self, LevelPoint};
 use super::model::curve;
+use super::parents::ParentTable;
 use super::{Levels, SetLayout};
 use crate::hash::fold_words;
 use crate::memory;
@@ -71,6 +72,7 @@ pub struct Geometry {
     pub(crate) coords: Vec<[u32; 3]>,
     pub(crate) normals: Vec<u16>,
     pub(crate) charts: Vec<u32>,
+    pub(super) parents: ParentTable,
 }
 
 /// A [`Geometry`], the origin of its points, and what rounding lost.
@@ -91,6 +93,7 @@ impl Geometry {
             + memory::list(&self.coords)
             + memory::list(&self.normals)
             + memory::list(&self.charts)
+            + self.parents.heap_bytes()
     }
 
     /// Rounds points to the lattice of `layout` and orders them. The [`layout`](Geometry::layout) of the result has
@@ -116,14 +119,14 @@ impl Geometry {
         let before = |end: u8| order.partition_point(|&at| level[at as usize] < end) as u32;
         let ends: Vec<u32> = (1..count).map(before).collect();
         let keyed: Vec<_> = order.iter().map(|&at| keyed[at as usize]).collect();
-        let mut geometry = Geometry {
+        let levels = Levels::from_ends(&ends).unwrap_or_default();
+        let layout = SetLayout { points: keyed.len() as u32, levels, ..layout };
+        let mut geometry = Geometry::ordered(
             layout,
-            coords: keyed.iter().map(|(.., coord)| *coord).collect(),
-            normals: keyed.iter().map(|(key, ..)| key.1).collect(),
-            charts: keyed.iter().map(|(key, ..)| key.2).collect(),
-        };
-        geometry.layout.points = keyed.len() as u32;
-        geometry.layout.levels = Levels::from_ends(&ends).unwrap_or_default();
+            keyed.iter().map(|(.., coord)| *coord).collect(),
+            keyed.iter().map(|(key, ..)| key.1).collect(),
+            keyed.iter().map(|(key, ..)| key.2).collect(),
+        );
         geometry.layout.digest = geometry.digest();
         RoundedGeometry { geometry, order: keyed.iter().map(|(_, index, _)| *index).collect(), outside }
     }
@@ -138,12 +141,23 @@ impl Geometry {
             level.sort_unstable();
             rest = after;
         }
-        Geometry {
+        Geometry::ordered(
             layout,
-            coords: keyed.iter().map(|(_, coord)| *coord).collect(),
-            normals: keyed.iter().map(|(key, _)| key.1).collect(),
-            charts: keyed.iter().map(|(key, _)| key.2).collect(),
-        }
+            keyed.iter().map(|(_, coord)| *coord).collect(),
+            keyed.iter().map(|(key, _)| key.1).collect(),
+            keyed.iter().map(|(key, _)| key.2).collect(),
+        )
+    }
+
+    /// Creates a geometry from the parts of its points, in order.
+    pub(crate) fn ordered(
+        layout: SetLayout,
+        coords: Vec<[u32; 3]>,
+        normals: Vec<u16>,
+        charts: Vec<u32>,
+    ) -> Geometry {
+        let parents = ParentTable::new(&layout, coords.len());
+        Geometry { layout, coords, normals, charts, parents }
     }
 
     /// Returns the layout of the set.

@@ -30,12 +30,13 @@ pub(super) struct ParcelWriter<'a> {
 }
 
 impl ParcelWriter<'_> {
-    /// Writes `blocks` with the bytes of `values`, which is by padded index.
+    /// Writes `blocks`. `target` returns the byte and the threshold of a padded index, and `quantum` is the step between
+    /// bytes that are not as predicted.
     pub(super) fn write(
         &mut self,
         writer: &mut SectionWriter,
         blocks: &[u32],
-        values: &[u8],
+        (target, quantum): (impl Fn(usize) -> (u8, u8), u8),
         coder: BlockCoder,
     ) -> Result<(), EncodeError> {
         if blocks.is_empty() {
@@ -46,13 +47,17 @@ impl ParcelWriter<'_> {
         for parcel in blocks.chunks(size) {
             let sets = self.sets(parcel);
             writer.geometry(self.layout, &sets, &mut models, coder)?;
-            let mut arriving = Values::default();
+            let mut arriving = Values { quantum, ..Values::default() };
             for block in parcel {
                 let block = *block as usize;
                 let first = block * super::BLOCK_POINTS;
-                arriving.push(block, &values[first..first + self.layout.block_len(block)]);
+                arriving.push(block);
+                for (byte, threshold) in (first..first + self.layout.block_len(block)).map(&target) {
+                    arriving.bytes.push(byte);
+                    arriving.thresholds.push(threshold);
+                }
             }
-            let clients = ClientValues { bytes: self.bytes, present: self.present };
+            let clients = ClientValues { geometry: self.geometry, bytes: self.bytes, present: self.present };
             writer.values(self.layout, clients, &arriving, &mut models, coder)?;
         }
         Ok(())
@@ -96,17 +101,15 @@ pub fn keyframe(
         .chain(0..layout.blocks() as u32)
         .filter(|block| std::mem::replace(&mut wanted[*block as usize], false))
         .collect();
-    let received = |set: usize| state.geometry[set].clone().filter(|_| state.received[set]);
-    let geometry: Vec<_> = (0..state.geometry.len()).map(received).collect();
     let mut writer = SectionWriter::default();
     ParcelWriter {
         layout,
-        geometry: &geometry,
-        sent: &mut BitVec::<usize>::repeat(false, geometry.len()),
+        geometry: &state.geometry,
+        sent: &mut BitVec::<usize>::repeat(false, state.geometry.len()),
         bytes: &mut vec![0; state.values.len()],
         present: &mut vec![false; state.present.len()],
     }
-    .write(&mut writer, &order, &state.values, coder)?;
+    .write(&mut writer, &order, (|index| (state.values[index], 1), 1), coder)?;
     writer.context(state, coder)?;
     let ids = frame_ids(FrameKind::Key);
     Ok(assemble(&meta, ids, state.hash, writer.sections, &writer.blocks).body)

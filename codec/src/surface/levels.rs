@@ -135,8 +135,7 @@ pub(super) fn assign(layout: &SetLayout, points: &[LevelPoint]) -> (u8, Vec<u8>)
     if last == 0 {
         return (count, levels);
     }
-    let finest = f64::from(layout.kernel_radius) / f64::from(layout.step) * SPACING;
-    let square = |level: u8| finest * finest * f64::from(1_u32 << (last - level));
+    let finest = finest_spacing(layout);
     let own = own_squares(points, finest);
     let mut order: Vec<u32> = (0..points.len() as u32).collect();
     order.sort_unstable_by_key(|&point| (shuffle(point), point));
@@ -144,7 +143,7 @@ pub(super) fn assign(layout: &SetLayout, points: &[LevelPoint]) -> (u8, Vec<u8>)
     // Squared distance of each point from the nearest one taken, as far as it is known.
     let mut nearest = vec![u64::MAX; points.len()];
     for level in 0..last {
-        let most = square(level);
+        let most = spacing_square(finest, last - level);
         let mut grid = Grid::new(most as u64, points, &taken);
         order.retain(|&point| {
             let at = point as usize;
@@ -164,6 +163,21 @@ pub(super) fn assign(layout: &SetLayout, points: &[LevelPoint]) -> (u8, Vec<u8>)
     taken.extend(order);
     raise_first(points, &taken, &mut levels);
     (count, levels)
+}
+
+/// Returns the distance that the finest level would keep between its points, nodes of the lattice.
+fn finest_spacing(layout: &SetLayout) -> f64 {
+    f64::from(layout.kernel_radius) / f64::from(layout.step) * SPACING
+}
+
+/// Returns the square of the distance that a level keeps, which is `above` levels coarser than the finest one.
+fn spacing_square(finest: f64, above: u8) -> f64 {
+    finest * finest * f64::from(1_u32 << above)
+}
+
+/// Returns the square of the distance between the points of a level, in nodes of the lattice.
+pub(super) fn level_spacing_square(layout: &SetLayout, level: u8) -> f64 {
+    spacing_square(finest_spacing(layout), layout.levels.count().saturating_sub(1).saturating_sub(level))
 }
 
 /// Puts the second to eighth point of every chart into coarser levels; the first one is in the coarsest. `taken` has the
@@ -279,7 +293,8 @@ impl Grid {
     }
 }
 
-fn square_distance(a: [u32; 3], b: [u32; 3]) -> u64 {
+/// Returns the squared distance of two nodes of the lattice.
+pub(super) fn square_distance(a: [u32; 3], b: [u32; 3]) -> u64 {
     a.into_iter().zip(b).map(|(a, b)| u64::from(a.abs_diff(b)).pow(2)).sum()
 }
 

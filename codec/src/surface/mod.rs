@@ -4,10 +4,12 @@
 //! sent once, and all instances of the mesh share them. Whatever an instance does (move, skin, morph), later frames
 //! hold only AO changes.
 
+mod arrival;
 mod bit_breakdown;
 mod budget;
 #[cfg(test)]
 mod budget_tests;
+mod cells;
 mod change_log;
 mod charts;
 mod decoder;
@@ -21,13 +23,18 @@ mod layout;
 mod levels;
 mod model;
 mod padded_index;
+mod parents;
 mod patch;
 #[cfg(test)]
 mod patch_tests;
+mod prediction;
+#[cfg(test)]
+mod prediction_tests;
 mod preview;
 mod rules;
 mod section;
 mod state;
+mod targets;
 #[cfg(test)]
 mod tests;
 

@@ -6,8 +6,9 @@ use bitvec::vec::BitVec;
 
 use super::model::change::{ChangeModel, StateView};
 use super::model::history::History;
-use super::section::changes::{Changes, changed_value};
-use super::{BLOCK_POINTS, Geometry, GeometryDigest, GeometryError, Layout, PaddedIndex};
+use super::prediction::NextValues;
+use super::section::changes::Changes;
+use super::{BLOCK_POINTS, Geometry, GeometryDigest, GeometryError, Layout};
 use crate::envelope::FrameIndex;
 use crate::hash::RecordKind;
 use crate::{StateHash, memory};
@@ -18,7 +19,11 @@ use crate::{StateHash, memory};
 #[derive(Debug, Clone, PartialEq)]
 pub struct State {
     pub(crate) layout: Arc<Layout>,
+    /// By set: the points that came with frames. Points of other sets have no parents, so that a client without their
+    /// geometry can decode them, too.
     pub(crate) geometry: Vec<Option<Arc<Geometry>>>,
+    /// By set: the points that a client made from the scene.
+    shared: Vec<Option<Arc<Geometry>>>,
     /// By set: whether its geometry came with a frame. Then it is part of the hash.
     pub(crate) received: BitVec,
     /// By padded index; 0 where nothing was received.
@@ -35,12 +40,13 @@ pub struct State {
 impl State {
     /// Creates the empty state: no geometry, no AO, hash 0.
     ///
-    /// It allocates 5 B a point, rounded up to whole blocks, and 75 kB. [`Layout::new`] has checked the sizes.
+    /// It allocates 5 B a point, rounded up to whole blocks, and 81 kB. [`Layout::new`] has checked the sizes.
     #[must_use]
     pub fn new(layout: Arc<Layout>) -> State {
         let blocks = layout.blocks();
         State {
             geometry: vec![None; layout.sets().len()],
+            shared: vec![None; layout.sets().len()],
             received: BitVec::repeat(false, layout.sets().len()),
             values: vec![0; blocks * BLOCK_POINTS],
             present: vec![false; blocks],
@@ -54,10 +60,14 @@ impl State {
 
     /// Returns the heap bytes in use, including the layout and the points received.
     pub(super) fn heap_bytes(&self) -> usize {
-        let State { layout, geometry, received, values, present, history, model, .. } = self;
-        let points: usize = geometry.iter().flatten().map(|geometry| geometry.heap_bytes()).sum();
-        let lists =
-            memory::list(geometry) + memory::bits(received) + memory::list(values) + memory::list(present);
+        let State { layout, geometry, shared, received, values, present, history, model, .. } = self;
+        let points = geometry.iter().chain(shared).flatten().map(|geometry| geometry.heap_bytes());
+        let points: usize = points.sum();
+        let lists = memory::list(geometry)
+            + memory::list(shared)
+            + memory::bits(received)
+            + memory::list(values)
+            + memory::list(present);
         layout.heap_bytes() + points + lists + history.heap_bytes() + model.heap_bytes()
     }
 
@@ -82,11 +92,12 @@ impl State {
     /// Returns the points of a set; `None` until they were received.
     #[must_use]
     pub fn geometry(&self, set: u32) -> Option<&Arc<Geometry>> {
-        self.geometry.get(set as usize)?.as_ref()
+        let at = set as usize;
+        self.geometry.get(at)?.as_ref().or(self.shared[at].as_ref())
     }
 
     /// Sets the points of a set, for streams that do not carry them
-    /// ([`GeometrySource::Shared`](super::GeometrySource)).
+    /// ([`GeometrySource::Shared`](super::GeometrySource)). Points that came with a frame stay.
     ///
     /// # Errors
     /// [`GeometryError`] if there is no such set, or the points are not those of the layout.
@@ -95,10 +106,7 @@ impl State {
         if geometry.layout() != wanted || geometry.digest() != wanted.digest {
             return Err(GeometryError::Other { set });
         }
-        let at = set as usize;
-        if !self.received[at] {
-            self.geometry[at] = Some(geometry);
-        }
+        self.shared[set as usize] = Some(geometry);
         Ok(())
     }
 
@@ -165,12 +173,18 @@ impl State {
         hash
     }
 
+    /// Returns the empty state of the same stream, with the points that did not come with frames.
+    pub(crate) fn empty(&self) -> State {
+        State { shared: self.shared.clone(), ..State::new(Arc::clone(&self.layout)) }
+    }
+
     /// Returns a copy with a fresh coder context, for blocks that arrive.
     pub(super) fn without_context(&self) -> State {
-        let State { layout, geometry, received, values, present, hash, frame, .. } = self;
+        let State { layout, geometry, shared, received, values, present, hash, frame, .. } = self;
         State {
             layout: Arc::clone(layout),
             geometry: geometry.clone(),
+            shared: shared.clone(),
             received: received.clone(),
             values: values.clone(),
             present: present.clone(),
@@ -188,37 +202,35 @@ impl State {
 
     /// Returns the view for the change model, and the model.
     pub(super) fn view_and_model(&mut self) -> (StateView<'_>, &mut ChangeModel) {
-        let State { layout, values, present, history, model, .. } = self;
-        (StateView { layout, values, present, history }, model)
+        let State { layout, geometry, values, present, history, model, .. } = self;
+        (StateView { layout, values, present, history, geometry }, model)
     }
 
     /// Returns the view for the change model.
     pub(super) fn view(&self) -> StateView<'_> {
-        let State { layout, values, present, history, .. } = self;
-        StateView { layout, values, present, history }
+        let State { layout, geometry, values, present, history, .. } = self;
+        StateView { layout, values, present, history, geometry }
     }
 
-    /// Returns `hash` after these changes.
-    pub(super) fn hash_after(&self, hash: StateHash, changes: &Changes) -> StateHash {
-        changes.iter().fold(hash, |hash, (index, level)| {
-            let old = value_words(self.values[index.0]);
-            let new = value_words(self.changed_value(index, level, changes.quantum));
-            hash.replace(RecordKind::Value, index.0 as u32, &old, &new)
+    /// Returns `hash` after the bytes that `next` has instead.
+    pub(super) fn hash_after(&self, hash: StateHash, next: &NextValues) -> StateHash {
+        next.moved_blocks().flat_map(|block| self.block_range(block)).fold(hash, |hash, at| {
+            let (old, new) = (self.values[at], next.values[at]);
+            if old == new {
+                return hash;
+            }
+            hash.replace(RecordKind::Value, at as u32, &value_words(old), &value_words(new))
         })
     }
 
-    /// Returns the byte after a change: `level` quanta from the current one.
-    #[inline]
-    pub(super) fn changed_value(&self, index: PaddedIndex, level: i16, quantum: u8) -> u8 {
-        changed_value(self.values[index.0], level, quantum)
-    }
-
-    /// Makes checked changes. The caller sets the hash.
-    pub(super) fn commit(&mut self, changes: &Changes) {
+    /// Takes the bytes that `next` has after these changes. The caller sets the hash.
+    pub(super) fn commit(&mut self, changes: &Changes, next: &NextValues) {
         self.history.advance();
         for (index, level) in changes.iter() {
-            self.values[index.0] = self.changed_value(index, level, changes.quantum);
             self.history.record(index, level);
+        }
+        for range in next.moved_blocks().map(|block| block * BLOCK_POINTS..(block + 1) * BLOCK_POINTS) {
+            self.values[range.clone()].copy_from_slice(&next.values[range]);
         }
     }
 }

@@ -46,15 +46,24 @@ fn geometries() -> Vec<Arc<Geometry>> {
     vec![round(floor.collect()), round(ball.collect())]
 }
 
-/// Returns a stream of the floor, two balls and an empty instance.
-pub(super) fn stream(source: GeometrySource, threshold: u8) -> Encoder {
+/// Returns the sets of the stream: the floor, the ball and one without points.
+pub(super) fn stream_sets() -> Vec<Arc<Geometry>> {
     let geometry = geometries();
     let empty = Geometry::round(*geometry[0].layout(), &[]).geometry;
-    let geometry: Vec<_> = geometry.into_iter().chain([Arc::new(empty)]).collect();
+    geometry.into_iter().chain([Arc::new(empty)]).collect()
+}
+
+/// Returns a stream of the floor, two balls and an empty instance.
+pub(super) fn stream(source: GeometrySource, threshold: u8) -> Encoder {
+    stream_with(EncoderSettings::new(threshold, source))
+}
+
+pub(super) fn stream_with(settings: EncoderSettings) -> Encoder {
+    let geometry = stream_sets();
     let sets = geometry.iter().map(|geometry| *geometry.layout()).collect();
     let members = [0, 1, 2, 1].map(|set| Member { set }).to_vec();
     let layout = Arc::new(Layout::new(sets, members, &Limits::default()).unwrap());
-    Encoder::new(layout, geometry, EncoderSettings::new(threshold, source)).unwrap()
+    Encoder::new(layout, geometry, settings).unwrap()
 }
 
 /// Returns a client that has received nothing.
@@ -403,9 +412,11 @@ proptest! {
     fn clients_are_never_off_by_the_threshold(
         threshold in 1_u8..=255,
         coder in 0_usize..4,
+        source in any::<bool>(),
         steps in prop::collection::vec(prop::collection::vec((0_u32..560, any::<u8>()), 0..80), 1..12),
     ) {
-        let mut encoder = stream(GeometrySource::Sent, threshold);
+        let source = if source { GeometrySource::Sent } else { GeometrySource::Shared };
+        let mut encoder = stream(source, threshold);
         let mut state = client(&encoder);
         let mut decoder = Decoder::new();
         let mut now = vec![None; 560];
@@ -419,9 +430,21 @@ proptest! {
             decoder.decode(&mut state, &frame.body, &Limits::default()).unwrap();
             prop_assert_eq!(&state, encoder.state());
             for (point, ao) in now.iter().enumerate() {
-                let (Some(ao), Some(index)) = (ao, state.layout.padded_index(point as u32)) else { continue };
-                let error = state.values[index.0].abs_diff(*ao);
-                prop_assert!(error <= encoder.settings().max_error(), "{point}: off by {error} of {threshold}");
+                let index = state.layout.padded_index(point as u32).unwrap();
+                let Some(most) = encoder.threshold(point as u32) else {
+                    prop_assert!(ao.is_none() && !state.present[index.block()]);
+                    continue;
+                };
+                let Some(ao) = ao else {
+                    prop_assert_eq!(most, 255);
+                    continue;
+                };
+                let held = state.values[index.0];
+                prop_assert_eq!(held == NO_VALUE, *ao == NO_VALUE);
+                let error = held.abs_diff(*ao);
+                prop_assert!(error < most, "{point}: off by {error} of {most}");
+                prop_assert!(most - 1 <= encoder.settings().max_error());
+                prop_assert!(most == threshold || source == GeometrySource::Sent);
             }
         }
         prop_assert_eq!(encoder.set_ao(560, 1), None);

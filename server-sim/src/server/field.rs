@@ -288,6 +288,14 @@ impl Field {
             })
     }
 
+    /// Points of a chunk that clients have and that are out of view.
+    pub(super) fn out_of_view(&self, chunk: &Chunk) -> impl Iterator<Item = PointId> + '_ {
+        let first = chunk.first.index();
+        let flags = &self.flags[first..first + chunk.points.len()];
+        let points = (chunk.first.0..).zip(flags).filter(|(_, flags)| **flags & flag::SHOWN == flag::ACTIVE);
+        points.map(|(point, _)| PointId(point))
+    }
+
     /// AO of a point as last traced, not rounded; nothing where the field does not keep it.
     #[cfg(any(test, feature = "testing"))]
     pub(super) fn exact(&self, point: PointId) -> Option<f32> {

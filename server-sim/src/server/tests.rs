@@ -199,7 +199,11 @@ fn check_bound(server: &Server, state: &State, threshold: u8, index: FrameIndex)
             }
             // |client - server| < threshold + half a step: the server's byte is within half a step of its AO.
             let off = held.abs_diff(ao);
-            let threshold = if seen { threshold } else { unseen };
+            let own = server.surface().and_then(|encoder| encoder.threshold(point.0));
+            // The finest points may be off by twice as much, and unseen ones by more.
+            let most = if seen { 2 * threshold - 1 } else { unseen.max(2 * threshold - 1) };
+            let threshold = own.unwrap_or(threshold);
+            assert!(threshold <= most, "point {point}, frame {index}: {threshold}");
             assert!(off < threshold || off <= half_step, "point {point}, frame {index}: {ao} held as {held}");
             checked += 1;
         }
@@ -353,8 +357,10 @@ fn both_profiles_at_once_write_what_each_writes_alone() {
             errors.paper.merge(&found.paper);
             errors.surface.merge(&found.surface);
         }
-        for found in [errors.paper, errors.surface] {
-            assert!(found.max < f64::from(paper.threshold) + 0.5 + 1e-3, "{found:?}");
+        // The finest points may be off by twice as much.
+        let bounds = [paper.threshold, 2 * paper.threshold - 1];
+        for (found, bound) in [errors.paper, errors.surface].into_iter().zip(bounds) {
+            assert!(found.max < f64::from(bound) + 0.5 + 1e-3, "{found:?}");
             assert!(
                 found.mean() > 0.1 && found.mean() <= found.rms() && found.rms() <= found.max,
                 "{found:?}"

@@ -11,6 +11,7 @@ use super::screen_area::ScreenArea;
 use super::stats::Traces;
 use super::trace_state::TraceState;
 use super::{FrameStats, ServerError};
+use crate::points::PointId;
 use crate::scene::InstanceId;
 use crate::visibility::Overlap;
 use crate::world::InstanceChange;
@@ -56,6 +57,8 @@ pub struct TracedFrame {
     places: Vec<([f32; 3], [f32; 3])>,
     /// Instances that moved, where the encoder needs them.
     poses: Vec<(u32, Pose)>,
+    /// Points that clients have and that are out of view: their AO is not traced.
+    out_of_view: Vec<PointId>,
     /// Instance, block and how large its points are on the screen; only with a byte budget.
     weights: Vec<(u32, usize, u16)>,
 }
@@ -67,7 +70,14 @@ impl TracedFrame {
         let (chunks, cameras, first) = (state.field.chunks(), &state.cameras, traces.first);
         let order = if first { in_view_first(state, cameras) } else { (0..chunks.len()).collect() };
         let weights = if needs.weights { weights(state, cameras) } else { Vec::new() };
-        let mut frame = Self { traces, points: Vec::new(), places: Vec::new(), poses: Vec::new(), weights };
+        let mut frame = Self {
+            traces,
+            points: Vec::new(),
+            out_of_view: Vec::new(),
+            places: Vec::new(),
+            poses: Vec::new(),
+            weights,
+        };
         if needs.places {
             frame.poses = poses(state, first);
             order.into_iter().for_each(|chunk| frame.place(state, &chunks[chunk]));
@@ -80,6 +90,7 @@ impl TracedFrame {
                     .map(move |point| (point.id.0, byte(point.ao, point.buried), state.thresholds.of(&point)))
             };
             frame.points = order.into_iter().flat_map(seen).collect();
+            frame.out_of_view = chunks.iter().flat_map(|chunk| state.field.out_of_view(chunk)).collect();
         }
         frame
     }
@@ -113,6 +124,7 @@ impl TracedFrame {
         for (instance, pose) in self.poses {
             encoder.set_pose(instance, pose)?;
         }
+        self.out_of_view.into_iter().for_each(|point| encoder.release(point.0));
         let mut changed = 0;
         let places = self.places.into_iter().chain(std::iter::repeat(<([f32; 3], [f32; 3])>::default()));
         for ((point, ao, threshold), (local, normal)) in self.points.into_iter().zip(places) {

@@ -36,6 +36,11 @@ def finest_distance(entry):
     return f32(entry["kernel_radius"]) / f32(entry["step"]) * (5 / 9)
 
 
+def spacing_square(finest, above):
+    """The square of the distance, in nodes, that points of a level keep if it is `above` levels above the last."""
+    return finest * finest * 2.0**above
+
+
 def own_squares(points, finest):
     """For each chart, the square of a third of its width, in nodes."""
     charts = {}
@@ -66,7 +71,7 @@ def assign(entry, points):
     left = sorted(range(len(points)), key=shuffle)
     taken = []
     for level in range(last):
-        most = finest * finest * 2.0 ** (last - level)
+        most = spacing_square(finest, last - level)
         least = {chart: least_square(square, most) for chart, square in own.items()}
         for index in left[:]:
             if not any(is_near(points[index], points[other], least) for other in taken):

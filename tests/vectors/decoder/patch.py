@@ -2,6 +2,7 @@
 
 from .body import RANGE, Reader
 from .numbers import clamp, must, sig, toward_zero
+from .prediction import told_by_parents
 from .range_coder import Decisions, Mixed, Number, Slots
 from .values import varint_bytes
 
@@ -175,6 +176,9 @@ def surroundings(state, named, slot):
             seen.append((state.values[slot - distance], weight))
         if slot + distance < end and slot + distance not in named:
             seen.append((state.values[slot + distance], weight))
+    told = told_by_parents(state, slot)
+    if told:
+        seen.append((told[0], 12))
     if not seen:
         return 255, 255
     total = sum(weight for _, weight in seen)

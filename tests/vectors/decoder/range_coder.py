@@ -25,7 +25,7 @@ def make_stretch():
 
 STRETCH = make_stretch()
 STEPS = [655360 // (10 * m + 16) for m in range(256)]
-FIRST_WEIGHT = {2: 46341, 4: 32768}
+FIRST_WEIGHT = {2: 46341, 3: 37837, 4: 32768, 5: 29309}
 
 
 class Decisions:

@@ -3,24 +3,17 @@
 from .body import CONTEXT, GEOMETRY, PATCH, RANGE, SURFACE, VALUES, Reader, check_follows
 from .changes import ChangeModel, changes_plain
 from .geometry import GeometryModel, geometry_plain
+from .levels import level_ends
 from .numbers import MASK32, MASK64, clamp, must, term
+from .parents import Parents
 from .patch import patch_section
 from .values import ValueModel, values_plain
 
 FADE = [256, 192, 144, 108, 81, 61, 46, 34, 26, 19, 14, 11, 8, 6, 5, 3, 3, 2, 1, 1]
-NO_VALUE, REMOVAL = 0, -255
 
 
 def fade(age):
     return FADE[age] if age < len(FADE) else 0
-
-
-def moved(byte, level, quantum):
-    if level == REMOVAL:
-        return NO_VALUE
-    if byte == NO_VALUE:
-        return min(1 + (level - 1) * quantum, 255)
-    return clamp(byte + level * quantum, 1, 255)
 
 
 class SurfaceLayout:
@@ -39,6 +32,10 @@ class SurfaceLayout:
     def twin(self, instance):
         return self.twins[instance]
 
+    def level_of(self, instance, number):
+        """The level of a point of an instance."""
+        return sum(1 for end in level_ends(self.sets[self.members[instance]]) if end <= number)
+
     def slots_of(self, instance):
         start = 64 * self.first_blocks[instance]
         return start, start + self.sets[self.members[instance]]["points"]
@@ -50,7 +47,7 @@ class SurfaceLayout:
 class SurfaceState:
     def __init__(self, layout, shared):
         self.layout, self.shared = layout, shared
-        self.frame = None
+        self.frame, self.parents = None, {}
         self.clear()
 
     def clear(self):
@@ -64,6 +61,31 @@ class SurfaceState:
         self.age, self.period = [255] * slots, [255] * slots
         self.last, self.lively = [0] * slots, [0] * slots
         self.model = ChangeModel()
+
+    def parents_in_set(self, block):
+        """The parents in the set of a block; None if its points did not come with a frame."""
+        index = self.layout.members[self.layout.owners[block]]
+        if index not in self.geometry:
+            return None
+        if index not in self.parents:
+            self.parents[index] = Parents(self.layout.sets[index], self.geometry[index])
+        return self.parents[index]
+
+    def parents_of(self, slot):
+        """(slot, weight) of the parents of a point."""
+        parents = self.parents_in_set(slot // 64)
+        if parents is None:
+            return []
+        start, _ = self.layout.slots_of(self.layout.owners[slot // 64])
+        return [(start + number, weight) for number, weight in parents.of_points[slot - start]]
+
+    def parent_blocks(self, block):
+        """The other blocks with parents of the points of a block."""
+        parents = self.parents_in_set(block)
+        if parents is None:
+            return []
+        first = self.layout.first_blocks[self.layout.owners[block]]
+        return [first + other for other in parents.blocks[block - first]]
 
     def is_recent(self, slot):
         return self.age[slot] == 0
@@ -79,7 +101,7 @@ class SurfaceState:
             self.clear()
         elif is_patch:
             self.forget()
-        values_before, present_before = self.values[:], self.present[:]
+        before = dict(self.geometry), self.values[:], self.present[:]
         geometry_model, value_model = GeometryModel(), ValueModel()
         changes = {}
         for section in body.sections:
@@ -100,29 +122,22 @@ class SurfaceState:
             elif section.tag == PATCH:
                 patch_section(self, section, body.frame)
             else:
-                changes = self.changes(section, values_before, present_before)
+                changes = self.changes(section, before)
         if not body.is_key and not is_patch:
             self.note(changes)
         must(self.hash() == body.hash, "hash")
         self.frame = body.frame
 
-    def changes(self, section, values, present):
+    def changes(self, section, before):
         """The levels by slot; changes are read and made against what was there before the frame."""
-        now_values, now_present = self.values, self.present
-        self.values, self.present = values, present
-        read = self.model.section if section.coder == RANGE else changes_plain
-        quantum, changes = read(self, section)
-        must(quantum, "changes")
-        for slot, level in changes.items():
-            block = slot // 64
-            must(block < self.layout.blocks and present[block], "changes")
-            must(slot % 64 < self.layout.block_len(block) and 1 <= abs(level) <= 255, "changes")
-            must(values[slot] != NO_VALUE or level > 0, "changes")
-            changed = moved(values[slot], level, quantum)
-            must(changed != values[slot], "changes")
-            now_values[slot] = changed
-        self.values, self.present = now_values, now_present
-        return changes
+        now = self.geometry, self.values, self.present
+        self.geometry, self.values, self.present = before
+        frame = (self.model.section if section.coder == RANGE else changes_plain)(self, section)
+        self.geometry, self.values, self.present = now
+        for block in frame.moved_blocks:
+            here = slice(64 * block, 64 * block + 64)
+            self.values[here] = frame.values[here]
+        return frame.levels
 
     def note(self, changes):
         before = self.age
@@ -136,7 +151,7 @@ class SurfaceState:
     def context(self, section):
         plain = section.plain()
         slots = len(self.values)
-        must(len(plain) == 4 * slots + 75772, "context")
+        must(len(plain) == 4 * slots + 81068, "context")
         reader = Reader(plain, "context")
         self.age, self.period = list(reader.take(slots)), list(reader.take(slots))
         self.last = [byte - 256 if byte > 127 else byte for byte in reader.take(slots)]

@@ -84,7 +84,7 @@ pub(crate) struct PointArgs {
     /// How clients of profile surface get the points
     #[arg(long, value_enum, default_value_t = GeometryArg::Sent, help_heading = STREAM)]
     pub(crate) geometry: GeometryArg,
-    /// Send a point again once its AO has changed by this many steps of 1/255
+    /// Send a change once clients would be off by this many steps of 1/255; for the finest points twice as much counts
     #[arg(long, default_value_t = 8, value_name = "STEPS", value_parser = clap::value_parser!(u8).range(1..), help_heading = STREAM)]
     pub(crate) threshold: u8,
     /// The same for points that no camera sees [default: 8 times the threshold, at most 64; in profile paper the threshold]

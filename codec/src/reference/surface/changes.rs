@@ -1,5 +1,8 @@
 //! CHANGES sections: which points a delta changes, and by how much.
 
+use std::collections::BTreeSet;
+
+use super::parents::{self, Mean, Parent};
 use super::{Block, BlockInfo, ByteReader, ReferenceError, index, rule, significant, varint_bytes};
 use crate::range::{BinaryCoder, BitModel, RangeDecoder, logistic};
 use crate::surface::{BLOCK_POINTS, ChangeModel, ContextMixer, History, NEVER, State};
@@ -7,20 +10,23 @@ use crate::surface::{BLOCK_POINTS, ChangeModel, ContextMixer, History, NEVER, St
 /// Changes of one frame.
 pub(super) struct Changes {
     quantum: i32,
-    /// By padded index; 0 where nothing changes.
+    /// By padded index; 0 where no level is sent.
     levels: Vec<i32>,
+    /// Bytes after the frame, by padded index.
+    after: Vec<u8>,
     model: ChangeModel,
 }
 
 /// Reads a CHANGES section for `state`.
 pub(super) fn read(state: &State, block: Block<'_>) -> Result<Changes, ReferenceError> {
+    let parents = parents::of_state(state);
     let changes = match block.decoder() {
         Some(decoder) => {
-            let (changes, decoder) = decode(state, decoder);
+            let (changes, decoder) = decode(state, &parents, decoder);
             block.end(decoder, changes.plain_bytes(state))?;
             changes
         }
-        None => read_plain(state, &block.raw()?)?,
+        None => read_plain(state, &parents, &block.raw()?)?,
     };
     let found = changes.levels.iter().filter(|level| **level != 0).count();
     rule(found == block.section.records as usize && changes.quantum > 0)?;
@@ -28,22 +34,27 @@ pub(super) fn read(state: &State, block: Block<'_>) -> Result<Changes, Reference
     for (padded, level) in changes.levels.iter().enumerate().filter(|(_, level)| **level != 0) {
         let (block, place) = (padded / BLOCK_POINTS, padded % BLOCK_POINTS);
         rule(state.present[block] && place < blocks_info[block].points)?;
-        rule(level.abs() <= 255 && changes.byte(state, padded) != state.values[padded])?;
-        rule(state.values[padded] != 0 || *level > 0)?;
+        let (_, predicted) = changes.predict(state, &parents, padded);
+        rule(level.abs() <= 255 && changes.after[padded] != predicted)?;
+        rule(predicted != 0 || *level > 0)?;
     }
     Ok(changes)
 }
 
-fn read_plain(state: &State, raw: &[u8]) -> Result<Changes, ReferenceError> {
+fn read_plain(state: &State, parents: &[Vec<Parent>], raw: &[u8]) -> Result<Changes, ReferenceError> {
     let mut changes = Changes::none(state);
     let mut bytes = ByteReader(raw);
     changes.quantum = bytes.take(1)?[0].into();
-    let changed = read_point_mask(&mut bytes, state.present.len())?;
-    for padded in changed {
+    let named = read_point_mask(&mut bytes, state.present.len())?;
+    let mut levels = vec![0; state.values.len()];
+    for padded in named {
         let folded = bytes.varint()? as i32;
         let level = if folded % 2 == 0 { folded / 2 } else { -(folded / 2) - 1 };
         rule((-255..=255).contains(&level) && level != 0)?;
-        changes.levels[padded] = level;
+        levels[padded] = level;
+    }
+    for (padded, level) in levels.into_iter().enumerate() {
+        changes.set(state, parents, padded, level);
     }
     bytes.end()?;
     Ok(changes)
@@ -71,17 +82,21 @@ pub(super) fn read_point_mask(
 
 impl Changes {
     pub(super) fn none(state: &State) -> Changes {
-        Changes { quantum: 0, levels: vec![0; state.values.len()], model: state.model.clone() }
+        let (levels, after) = (vec![0; state.values.len()], state.values.clone());
+        Changes { quantum: 0, levels, after, model: state.model.clone() }
     }
 
-    /// Returns the byte of a point after the frame.
-    fn byte(&self, state: &State, padded: usize) -> u8 {
-        match (state.values[padded], self.levels[padded]) {
-            (value, 0) => value,
-            (_, -255) => 0,
-            (0, level) => (1 + (level - 1) * self.quantum).clamp(1, 255) as u8,
-            (value, level) => (i32::from(value) + level * self.quantum).clamp(1, 255) as u8,
-        }
+    /// Returns what the parents of a point do in this frame, and the byte of the point before its level is added.
+    fn predict(&self, state: &State, parents: &[Vec<Parent>], padded: usize) -> (Mean, u8) {
+        let change = parents::mean_change(&parents[padded], &state.values, &self.after);
+        (change, parents::followed(state.values[padded], change))
+    }
+
+    /// Sets the level of a point. All points before it are set.
+    fn set(&mut self, state: &State, parents: &[Vec<Parent>], padded: usize, level: i32) {
+        let (_, predicted) = self.predict(state, parents, padded);
+        self.levels[padded] = level;
+        self.after[padded] = moved(predicted, level, self.quantum);
     }
 
     /// Returns the length of the plain layout in bytes.
@@ -98,13 +113,15 @@ impl Changes {
         let (mut last, mut activity) = (Vec::new(), Vec::new());
         for (padded, &level) in self.levels.iter().enumerate() {
             let past = Past::of(state, padded);
+            if state.present[padded / BLOCK_POINTS] {
+                next.values[padded] = self.after[padded];
+            }
             if level == 0 {
                 age.push(past.age.saturating_add(1));
                 period.push(past.period);
                 last.push(past.last as i8);
                 activity.push(state.history.activity[padded]);
             } else {
-                next.values[padded] = self.byte(state, padded);
                 // An age that cannot be told from a longer one counts as never.
                 let waited = if past.age < NEVER - 1 { past.age } else { NEVER };
                 let left = faded(state.history.activity[padded], waited);
@@ -116,6 +133,16 @@ impl Changes {
         }
         next.history = History::from_parts(age, period, last, activity);
         next.model = self.model;
+    }
+}
+
+/// Returns the byte at a level from another byte.
+pub(super) fn moved(byte: u8, level: i32, quantum: i32) -> u8 {
+    match (byte, level) {
+        (_, 0) => byte,
+        (_, -255) => 0,
+        (0, _) => (1 + (level - 1) * quantum).clamp(1, 255) as u8,
+        _ => (i32::from(byte) + level * quantum).clamp(1, 255) as u8,
     }
 }
 
@@ -154,10 +181,15 @@ impl Past {
 }
 
 /// Decodes the changes of the range coder. Returns the decoder too. It does not check whether the changes are valid.
-fn decode<'a>(state: &State, decoder: RangeDecoder<'a>) -> (Changes, RangeDecoder<'a>) {
+fn decode<'a>(
+    state: &State,
+    parents: &[Vec<Parent>],
+    decoder: RangeDecoder<'a>,
+) -> (Changes, RangeDecoder<'a>) {
     let blocks_info = BlockInfo::all(state.layout());
     let mut walk = ChangeDecoder {
         state,
+        parents,
         blocks_info,
         decoder,
         changes: Changes::none(state),
@@ -175,6 +207,8 @@ fn decode<'a>(state: &State, decoder: RangeDecoder<'a>) -> (Changes, RangeDecode
 
 struct ChangeDecoder<'a, 'b> {
     state: &'a State,
+    /// By padded index.
+    parents: &'a [Vec<Parent>],
     blocks_info: Vec<BlockInfo>,
     decoder: RangeDecoder<'b>,
     changes: Changes,
@@ -187,6 +221,8 @@ struct ChangeDecoder<'a, 'b> {
 /// What the contexts of a point have in common.
 struct Situation {
     instance: usize,
+    /// What the parents do in this frame, and the byte that this predicts.
+    change: Mean,
     value: usize,
     past: Past,
     /// Number of points that changed and that darkened: among the eight before, in this frame; among the eight around,
@@ -220,12 +256,33 @@ impl ChangeDecoder<'_, '_> {
         let any_changed = self.decoder.bit(model.one(), false);
         model.learn(any_changed);
         self.stretch.clear();
-        for block in group.iter().filter(|_| any_changed) {
-            if self.state.present[*block] {
+        for block in group.iter().filter(|block| self.state.present[**block]) {
+            if any_changed {
                 self.block(*block);
+            } else {
+                self.follow(*block);
             }
         }
         any_changed
+    }
+
+    /// Lets the points of a block without a level follow their parents.
+    fn follow(&mut self, block: usize) {
+        for padded in block * BLOCK_POINTS..block * BLOCK_POINTS + self.blocks_info[block].points {
+            self.changes.set(self.state, self.parents, padded, 0);
+        }
+    }
+
+    /// Returns the number of other blocks in which a point of this block has a parent and a byte has changed.
+    fn moved_parents(&self, block: usize) -> usize {
+        let points = &self.parents[block * BLOCK_POINTS..(block + 1) * BLOCK_POINTS];
+        let blocks: BTreeSet<usize> =
+            points.iter().flatten().map(|parent| parent.place / BLOCK_POINTS).collect();
+        let has_moved = |other: &&usize| {
+            let mut points = **other * BLOCK_POINTS..(**other + 1) * BLOCK_POINTS;
+            **other != block && points.any(|at| self.changes.after[at] != self.state.values[at])
+        };
+        blocks.iter().filter(has_moved).count()
     }
 
     fn block(&mut self, block: usize) {
@@ -241,9 +298,11 @@ impl ChangeDecoder<'_, '_> {
         let at = [
             index([(class(own), 8), (class(before), 8), (class(self.recent(block + 1)), 8)]),
             index([(own, 65), (usize::from(before > 0), 2)]),
+            index([(class(self.moved_parents(block)).min(7), 8), (class(own), 8)]),
         ];
         if !decide(&mut self.changes.model.block, &mut self.decoder, class(own), at) {
             self.stretch.clear();
+            self.follow(block);
             return;
         }
         let BlockInfo { number, points, .. } = self.blocks_info[block];
@@ -253,7 +312,7 @@ impl ChangeDecoder<'_, '_> {
         for padded in block * BLOCK_POINTS..block * BLOCK_POINTS + points {
             self.point = Some(self.situation(padded));
             let level = self.level();
-            self.changes.levels[padded] = level;
+            self.changes.set(self.state, self.parents, padded, level);
             self.stretch.push(level);
         }
     }
@@ -269,9 +328,11 @@ impl ChangeDecoder<'_, '_> {
         let around: Vec<usize> = others.filter(of_instance).collect();
         let changed = |padded: &&usize| state.history.age[**padded] == 0;
         let before: Vec<i32> = self.stretch.iter().rev().take(8).copied().collect();
+        let (change, predicted) = self.changes.predict(state, self.parents, padded);
         Situation {
             instance,
-            value: state.values[padded].into(),
+            change,
+            value: predicted.into(),
             past: Past::of(state, padded),
             now: before.iter().filter(|level| **level != 0).count(),
             now_darker: before.iter().filter(|level| **level < 0).count(),
@@ -318,7 +379,7 @@ impl ChangeDecoder<'_, '_> {
 
 impl Situation {
     /// Returns the contexts of whether it changes.
-    fn changes(&self, few: usize) -> [usize; 4] {
+    fn changes(&self, few: usize) -> [usize; 5] {
         let nearest = match self.before.first() {
             _ if self.first => 2,
             Some(level) if *level != 0 => 1,
@@ -330,11 +391,12 @@ impl Situation {
             index([(self.value, 256), (nearest, 3)]),
             index([(own, 16), (half_octave(self.around / 8), 16), (self.now, 9)]),
             index([(self.instance % 256, 256), (few, 6), (usize::from(self.past.age == 0), 2)]),
+            index([(self.mean_class(), 9), (self.spread_class(), 5), (few, 6), (nearest, 3)]),
         ]
     }
 
     /// Returns the contexts of its sign.
-    fn sign(&self) -> [usize; 4] {
+    fn sign(&self) -> [usize; 5] {
         let balance = 8 + self.now - 2 * self.now_darker;
         let trend = 8 + self.recent - 2 * self.recent_darker;
         let last = (1 + self.past.last.signum()) as usize;
@@ -344,7 +406,19 @@ impl Situation {
             index([(balance, 17), (trend, 17)]),
             index([(self.value, 256), (last, 3)]),
             index([(trend, 17), (last, 3)]),
+            index([(self.mean_class(), 9), (self.spread_class(), 5), (near, 3), (last, 3)]),
         ]
+    }
+
+    /// Returns the class of the mean change of the parents: 4 is none, and those below are darker.
+    fn mean_class(&self) -> usize {
+        let size = [1, 3, 6, 11].iter().filter(|start| self.change.mean.abs() >= **start).count();
+        if self.change.mean < 0 { 4 - size } else { 4 + size }
+    }
+
+    /// Returns the class of how far the changes of the parents lie apart.
+    fn spread_class(&self) -> usize {
+        [1, 5, 10, 20].iter().filter(|start| self.change.spread >= **start).count()
     }
 
     /// Returns the contexts of whether its size is above `step` + 1.

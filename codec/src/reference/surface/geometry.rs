@@ -67,7 +67,7 @@ fn arrive(
     let coords = points.iter().map(|point| point.0).collect();
     let normals = points.iter().map(|point| point.1).collect();
     let charts = points.iter().map(|point| point.2).collect();
-    let geometry = Geometry { layout, coords, normals, charts };
+    let geometry = Geometry::ordered(layout, coords, normals, charts);
     rule(geometry.digest() == layout.digest)?;
     next.received.set(set as usize, true);
     next.geometry[set as usize] = Some(Arc::new(geometry));

@@ -8,12 +8,11 @@ mod curve;
 mod encoder;
 mod geometry;
 mod geometry_coder;
+mod parents;
 mod patch;
 mod values;
 
-use std::sync::Arc;
-
-pub use encoder::SurfaceReferenceEncoder;
+pub use encoder::{ReferenceDelta, SurfaceReferenceEncoder};
 
 use super::ReferenceError;
 use crate::block::{CoderId, decompress};
@@ -38,7 +37,7 @@ pub fn apply_surface(state: &State, body: &[u8], limits: &Limits) -> Result<Stat
         return Err(ReferenceError::Rule);
     }
     let mut next = match info.kind {
-        FrameKind::Key => blank(state),
+        FrameKind::Key => state.empty(),
         FrameKind::Delta => state.clone(),
     };
     read_sections(state, &mut next, &info, body, limits)?;
@@ -61,7 +60,7 @@ fn read_sections(
     let is_patch = info.sections.iter().any(|section| section.tag == SectionTag::PATCH);
     if is_patch {
         // A patch makes the coder context fresh, unless it carries one.
-        let State { history, model, .. } = blank(state);
+        let State { history, model, .. } = state.empty();
         (next.history, next.model) = (history, model);
     }
     let mut at = info.header_bytes as usize;
@@ -137,17 +136,6 @@ impl BlockInfo {
         }
         blocks_info
     }
-}
-
-/// Returns the empty state of the same stream, with the geometry that no frame brought.
-fn blank(state: &State) -> State {
-    let mut next = State::new(Arc::clone(state.layout()));
-    for set in 0..state.geometry.len() {
-        if !state.received[set] {
-            next.geometry[set] = state.geometry[set].clone();
-        }
-    }
-    next
 }
 
 /// Returns the sum of the terms of everything received.

@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 
 use super::changes::read_point_mask;
+use super::parents::{self, Parent};
 use super::{Block, BlockInfo, ByteReader, ReferenceError, index, rule, significant, varint_bytes};
 use crate::envelope::FrameIndex;
 use crate::range::{BinaryCoder, BitModel, Mixer, NumberModel, RangeDecoder, logistic};
@@ -66,10 +67,12 @@ pub(super) fn read(
             next.present[padded / BLOCK_POINTS] && is_point(&blocks_info, padded) && !patch.named[padded]
         })
         .collect();
+    let parents = parents::of_state(state);
     let mut blocks = 0;
     for (at, padded) in named.iter().enumerate() {
         blocks += usize::from(at == 0 || named[at - 1] / BLOCK_POINTS < padded / BLOCK_POINTS);
-        next.values[*padded] = patch.byte(around(next, &blocks_info, &known, *padded));
+        let near = around(next, &blocks_info, &known, (*padded, &parents[*padded]));
+        next.values[*padded] = patch.byte(near);
         known[*padded] = true;
     }
     let run_bytes: usize =
@@ -104,8 +107,14 @@ fn is_point(blocks_info: &[BlockInfo], padded: usize) -> bool {
     padded % BLOCK_POINTS < blocks_info[padded / BLOCK_POINTS].points
 }
 
-/// Returns guess and spread: of the known bytes of three points to either side, but none beyond the end of the block.
-fn around(next: &State, blocks_info: &[BlockInfo], known: &[bool], padded: usize) -> (u8, u8) {
+/// Returns guess and spread: of the known bytes of three points to either side, but none beyond the end of the block, and
+/// of the mean of the parents that have a value.
+fn around(
+    next: &State,
+    blocks_info: &[BlockInfo],
+    known: &[bool],
+    (padded, parents): (usize, &[Parent]),
+) -> (u8, u8) {
     let block = padded / BLOCK_POINTS;
     let mut seen = Vec::new();
     for (distance, weight) in [(1, 6), (2, 3), (3, 2)] {
@@ -116,6 +125,9 @@ fn around(next: &State, blocks_info: &[BlockInfo], known: &[bool], padded: usize
         for other in before.into_iter().chain(after).filter(|other| known[*other]) {
             seen.push((u32::from(next.values[other]), weight));
         }
+    }
+    if let Some(mean) = parents::mean_value(parents, &next.values) {
+        seen.push((mean.mean as u32, 12));
     }
     let (Some((low, _)), Some((high, _))) = (seen.iter().min(), seen.iter().max()) else { return (255, 255) };
     let weights: u32 = seen.iter().map(|(_, weight)| weight).sum();

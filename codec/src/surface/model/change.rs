@@ -1,14 +1,16 @@
 //! Model of changes for the range coder: which point blocks, which points, their signs and sizes. The contexts of a
-//! decision are what the neighbours along the curve and the point itself did, in this frame and in earlier ones.
-//!
-//! Each context paid on traces of four scenes when it alone was removed. Neighbours in space instead of along the
-//! curve would save 4 to 13 % more, but then AO could not be decoded without geometry.
+//! decision are what the parents of the point, its neighbours along the curve and the point itself did, in this frame and
+//! in earlier ones.
+
+use std::sync::Arc;
 
 use super::history::{History, NEVER};
 use crate::memory;
 use crate::range::{BinaryCoder, BitModel, Logistic, MAX_WEIGHT, Mixer, NumberModel, SymbolClass, logistic};
-use crate::surface::section::changes::{Changes, MAX_LEVEL};
-use crate::surface::{BLOCK_POINTS, Layout, PaddedIndex};
+use crate::surface::parents::Prediction;
+use crate::surface::prediction::{NextValues, Predictor};
+use crate::surface::section::changes::{ChangeError, Changes, MAX_LEVEL};
+use crate::surface::{BLOCK_POINTS, Geometry, Layout, PaddedIndex};
 
 /// Number of blocks that one decision can skip.
 const GROUP_BLOCKS: usize = 16;
@@ -19,9 +21,9 @@ const UNARY_SIZES: usize = 12;
 #[derive(Debug, PartialEq)]
 pub(crate) struct ChangeModel {
     pub(crate) groups: Vec<BitModel>,
-    pub(crate) block: ContextMixer<2>,
-    pub(crate) point: ContextMixer<4>,
-    pub(crate) sign: ContextMixer<4>,
+    pub(crate) block: ContextMixer<3>,
+    pub(crate) point: ContextMixer<5>,
+    pub(crate) sign: ContextMixer<5>,
     pub(crate) size: ContextMixer<4>,
     pub(crate) large: NumberModel,
 }
@@ -136,6 +138,8 @@ pub(crate) struct StateView<'a> {
     /// By block: whether its values were received.
     pub(crate) present: &'a [bool],
     pub(crate) history: &'a History,
+    /// By set: the points that came with frames.
+    pub(crate) geometry: &'a [Option<Arc<Geometry>>],
 }
 
 impl ChangeModel {
@@ -149,9 +153,13 @@ impl ChangeModel {
     pub(crate) fn new() -> ChangeModel {
         ChangeModel {
             groups: vec![BitModel::new(1 << 13); 12],
-            block: ContextMixer::new([8 * 8 * 8, 65 * 2], 8, 1 << 13),
-            point: ContextMixer::new([9 * 9 * 16, 256 * 3, 16 * 16 * 9, 256 * 12], 36, 13_107),
-            sign: ContextMixer::new([17 * 9, 17 * 17, 256 * 3, 17 * 3], 1, 1 << 15),
+            block: ContextMixer::new([8 * 8 * 8, 65 * 2, 8 * 8], 8, 1 << 13),
+            point: ContextMixer::new(
+                [9 * 9 * 16, 256 * 3, 16 * 16 * 9, 256 * 12, PARENT_CONTEXTS * 6 * 3],
+                36,
+                13_107,
+            ),
+            sign: ContextMixer::new([17 * 9, 17 * 17, 256 * 3, 17 * 3, PARENT_CONTEXTS * 3 * 3], 1, 1 << 15),
             size: ContextMixer::new(
                 [12 * UNARY_SIZES * 12, 12 * UNARY_SIZES * 9, 12 * UNARY_SIZES, 512 * UNARY_SIZES],
                 UNARY_SIZES,
@@ -186,19 +194,20 @@ impl ChangeModel {
         take_models(self.large.models_mut(), &mut words)
     }
 
-    /// Codes the changes of a frame. A decoder stops after more than `most` changes, or when `stop` returns true
-    /// because nothing sensible follows.
+    /// Codes the changes of a frame, and makes them in `next`. A decoder stops after more than `most` changes, or when
+    /// `stop` returns true because nothing sensible follows. The error is the first change that does not fit the state.
     pub(crate) fn code<B: BinaryCoder>(
         &mut self,
         coder: &mut B,
         view: StateView<'_>,
         source: &Changes,
-        coded: &mut Changes,
+        (coded, next): (&mut Changes, &mut NextValues),
         most: usize,
         stop: impl Fn(&B) -> bool,
-    ) {
+    ) -> Result<(), ChangeError> {
         coded.clear();
         coded.quantum = coder.plain(8, source.quantum.into()) as u8;
+        let predictor = Predictor::new(view.layout, view.geometry, view.values, next, coded.quantum);
         let mut coding = ChangeCoder {
             logistic: logistic(),
             model: self,
@@ -206,6 +215,7 @@ impl ChangeModel {
             view,
             source: ChangeCursor::new(source),
             coded,
+            predictor,
         };
         let blocks = view.present.len();
         let mut before = false;
@@ -213,9 +223,10 @@ impl ChangeModel {
             let group = first..blocks.min(first + GROUP_BLOCKS);
             before = coding.group(group, before);
             if coding.coded.levels.len() > most || stop(coding.coder) {
-                return;
+                break;
             }
         }
+        coding.predictor.finish()
     }
 }
 
@@ -282,6 +293,19 @@ struct BlockNeighbours {
     sums: [u16; BLOCK_POINTS + 9],
 }
 
+/// A point while it is coded.
+#[derive(Clone, Copy)]
+struct PointContext {
+    index: PaddedIndex,
+    instance: usize,
+    /// Whether it is the first of its instance.
+    alone: bool,
+    /// What its parents predict.
+    change: Prediction,
+    /// Its byte by that prediction.
+    value: u8,
+}
+
 struct ChangeCoder<'a, B: BinaryCoder> {
     logistic: &'static Logistic,
     model: &'a mut ChangeModel,
@@ -289,6 +313,7 @@ struct ChangeCoder<'a, B: BinaryCoder> {
     view: StateView<'a>,
     source: ChangeCursor<'a>,
     coded: &'a mut Changes,
+    predictor: Predictor<'a>,
 }
 
 impl<B: BinaryCoder> ChangeCoder<'_, B> {
@@ -304,12 +329,12 @@ impl<B: BinaryCoder> ChangeCoder<'_, B> {
         let model = &mut self.model.groups[significant(active) * 2 + usize::from(before)];
         let any_changed = self.coder.bit(model.one(), self.source.any_before(group.end));
         model.learn(any_changed);
-        if any_changed {
-            let mut past = Past::default();
-            for block in group {
-                if view.present[block] {
-                    past = self.block(block, past);
-                }
+        let mut past = Past::default();
+        for block in group.filter(|block| view.present[*block]) {
+            if any_changed {
+                past = self.block(block, past);
+            } else {
+                self.predictor.follow(block);
             }
         }
         any_changed
@@ -327,11 +352,19 @@ impl<B: BinaryCoder> ChangeCoder<'_, B> {
             Some((last, mask)) if *last as usize + 1 == block => count(*mask),
             _ => 0,
         };
-        let at = [(significant(own) * 8 + before) * 8 + next, own * 2 + usize::from(before > 0)];
+        let predicted = self.predictor.block(block);
+        let at = [
+            (significant(own) * 8 + before) * 8 + next,
+            own * 2 + usize::from(before > 0),
+            significant(predicted.moved).min(7) * 8 + significant(own),
+        ];
         let mask = self.source.mask(block);
         self.coder.set_class(SymbolClass::Blocks);
         let any_changed = self.model.block.code(self.logistic, self.coder, significant(own), at, mask != 0);
         if !any_changed {
+            if predicted.moved > 0 {
+                self.predictor.points(block, &predicted, |_, _| 0);
+            }
             return Past::default();
         }
         let first = block * BLOCK_POINTS;
@@ -341,10 +374,19 @@ impl<B: BinaryCoder> ChangeCoder<'_, B> {
         let mut past = if first == range.start { Past::default() } else { past };
         for index in first..range.end.min(first + BLOCK_POINTS) {
             let changes = mask >> (index - first) & 1 == 1;
-            let level =
-                self.point(PaddedIndex(index), instance, index == range.start, &neighbours, past, changes);
+            let alone = index == range.start;
+            let index = PaddedIndex(index);
+            let change = self.predictor.change(&predicted, index);
+            let value = self.predictor.predicted(index, change);
+            let level = self.point(
+                PointContext { index, instance, alone, change, value },
+                &neighbours,
+                past,
+                changes,
+            );
+            self.predictor.set(index, value, level);
             if level != 0 {
-                self.coded.push(PaddedIndex(index), level);
+                self.coded.push(index, level);
             }
             past.push(level);
         }
@@ -373,18 +415,10 @@ impl<B: BinaryCoder> ChangeCoder<'_, B> {
         BlockNeighbours { recent: window(&history.recent), darker: window(&history.darker), activity, sums }
     }
 
-    /// Codes a point and returns its level, 0 if it does not change. `alone` tells whether it is the first of its
-    /// instance.
+    /// Codes a point and returns its level, 0 if none is sent.
     #[inline]
-    fn point(
-        &mut self,
-        index: PaddedIndex,
-        instance: usize,
-        alone: bool,
-        neighbours: &BlockNeighbours,
-        past: Past,
-        source: bool,
-    ) -> i16 {
+    fn point(&mut self, point: PointContext, neighbours: &BlockNeighbours, past: Past, source: bool) -> i16 {
+        let PointContext { index, instance, alone, change, value } = point;
         let history = self.view.history;
         let place = index.0 % BLOCK_POINTS;
         // Four points to either side, without the point itself.
@@ -393,7 +427,8 @@ impl<B: BinaryCoder> ChangeCoder<'_, B> {
         let darker = side(neighbours.darker);
         let now = past.changed.count_ones() as usize;
         let few = [0, 1, 2, 3, 4, 4, 5, 5, 5][now];
-        let value = usize::from(self.view.values[index.0]);
+        let value = usize::from(value);
+        let parents = parent_context(change);
         let (age, last) = (history.age[index.0], history.last[index.0]);
         let phase = phase(age, history.period[index.0]);
         let own = neighbours.activity[place + 4];
@@ -404,6 +439,7 @@ impl<B: BinaryCoder> ChangeCoder<'_, B> {
             value * 3 + nearest,
             (half_octave(own.into()) * 16 + half_octave(near)) * 9 + now,
             (instance & 255) * 12 + few * 2 + usize::from(age == 0),
+            (parents * 6 + few) * 3 + nearest,
         ];
         let situation = few * 6 + age_class(age);
         self.coder.set_class(SymbolClass::Points);
@@ -428,6 +464,7 @@ impl<B: BinaryCoder> ChangeCoder<'_, B> {
                     balance * 17 + trend,
                     value * 3 + last_sign,
                     trend * 3 + last_sign,
+                    (parents * 3 + near_sign) * 3 + last_sign,
                 ];
                 self.coder.set_class(SymbolClass::Signs);
                 self.model.sign.code(self.logistic, self.coder, 0, at, level < 0)
@@ -462,6 +499,30 @@ impl<B: BinaryCoder> ChangeCoder<'_, B> {
         // A level that is too large stays too large. It is refused with the others.
         beyond.min(MAX_LEVEL as u32) + UNARY_SIZES as u32
     }
+}
+
+/// Number of contexts of what the parents did.
+const PARENT_CONTEXTS: usize = 9 * 5;
+
+/// Returns the context of what the parents of a point did: their mean change, signed, and how far they disagree.
+#[inline]
+fn parent_context(change: Prediction) -> usize {
+    let size = match change.mean.unsigned_abs() {
+        0 => 0,
+        1..=2 => 1,
+        3..=5 => 2,
+        6..=10 => 3,
+        _ => 4,
+    };
+    let mean = if change.mean < 0 { 4 - size } else { 4 + size };
+    let spread = match change.spread {
+        0 => 0,
+        1..=4 => 1,
+        5..=9 => 2,
+        10..=19 => 3,
+        _ => 4,
+    };
+    mean * 5 + spread
 }
 
 /// Returns the number of significant bits: 0, 1, 2, 2, 3 ..

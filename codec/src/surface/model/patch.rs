@@ -1,22 +1,27 @@
 //! Model of patches for the range coder: which blocks, which points, then their bytes. Each byte is coded as a
-//! difference from its neighbours: those to the left, and those to the right that the patch does not name. Both ends
-//! know these bytes whatever the client's last frame is. They do not share the earlier bytes of named points.
+//! difference from the mean of its parents and of its neighbours: those to the left, and those to the right that the patch
+//! does not name. Both ends know these bytes whatever the client's last frame is. They do not share the earlier bytes of
+//! named points.
 //!
 //! Each context paid on traces of two scenes. More inputs for which points change gained nothing.
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use super::change::ContextMixer;
 use crate::range::{BinaryCoder, BitModel, NumberModel, SymbolClass, logistic};
+use crate::surface::parents::Prediction;
 use crate::surface::section::changes::ChangeError;
 use crate::surface::section::patch::Patch;
 use crate::surface::section::point_mask::{PointMask, SetBits};
-use crate::surface::{BLOCK_POINTS, Layout, PaddedIndex};
+use crate::surface::{BLOCK_POINTS, Geometry, Layout, PaddedIndex};
 
 /// Number of blocks that one decision can skip.
 const GROUP_BLOCKS: usize = 16;
 /// Weights of the neighbours to either side from which a byte is guessed, the nearest first.
 const NEIGHBOUR_WEIGHTS: [u32; 3] = [6, 3, 2];
+/// Weight of the mean of the parents.
+const PARENTS_WEIGHT: u32 = 12;
 /// Number of classes of a difference of bytes. The class is the number of significant bits.
 const DIFFERENCE_CLASSES: usize = 9;
 /// Number of classes of the distance between the byte coded before and the guess, in eighths: -16 to 16.
@@ -109,7 +114,7 @@ impl PatchModel {
         &mut self,
         coder: &mut B,
         (layout, present): (&Layout, &[bool]),
-        values: &mut [u8],
+        (geometry, values): (&[Option<Arc<Geometry>>], &mut [u8]),
         (source, coded): (&Patch, &mut Patch),
         most: usize,
         stop: impl Fn(&B) -> bool,
@@ -123,14 +128,21 @@ impl PatchModel {
                 return;
             }
             let block = block as usize;
-            let instance = layout.padded_range(layout.owner(block));
+            let owner = layout.owner(block);
+            let instance = layout.padded_range(owner);
+            let geometry = geometry[layout.members()[owner].set as usize].as_ref();
+            let parents =
+                geometry.and_then(|geometry| geometry.parents(block - instance.start / BLOCK_POINTS));
+            let start = instance.start;
             let first = block * BLOCK_POINTS;
             let continues = first > instance.start && present[block - 1];
             let range = if continues { instance } else { first..instance.end };
             for at in SetBits(mask) {
                 let index = PaddedIndex::new(block, at as usize);
                 let given = given.next().copied().unwrap_or(0);
-                let byte = self.bytes.code(coder, &Neighbours::of(values, &range, index, mask), given);
+                let parents = parents.and_then(|parents| parents.points[at as usize].value(&values[start..]));
+                let byte =
+                    self.bytes.code(coder, &Neighbours::of(values, &range, index, mask, parents), given);
                 values[index.0] = byte;
                 coded.bytes.push(byte);
             }
@@ -277,7 +289,7 @@ impl ByteModel {
 
 /// What the neighbours of a point tell.
 struct Neighbours {
-    /// Weighted mean of their bytes; 255 if there are none.
+    /// Weighted mean of their bytes and the parents' mean; 255 if there are none.
     guess: u8,
     /// Difference of their largest and smallest byte; 255 if there are none.
     spread: u8,
@@ -285,7 +297,13 @@ struct Neighbours {
 
 impl Neighbours {
     /// Returns the neighbours of a point of whose block the patch names `mask`. Only neighbours in `range` count.
-    fn of(values: &[u8], range: &Range<usize>, index: PaddedIndex, mask: u64) -> Neighbours {
+    fn of(
+        values: &[u8],
+        range: &Range<usize>,
+        index: PaddedIndex,
+        mask: u64,
+        parents: Option<Prediction>,
+    ) -> Neighbours {
         let PaddedIndex(index) = index;
         let at = index % BLOCK_POINTS;
         let end = range.end.min(index - at + BLOCK_POINTS);
@@ -303,6 +321,9 @@ impl Neighbours {
             if index + distance < end && mask >> (at + distance) & 1 == 0 {
                 note(values[index + distance], weight);
             }
+        }
+        if let Some(parents) = parents {
+            note(parents.mean as u8, PARENTS_WEIGHT);
         }
         if weights == 0 {
             return Neighbours { guess: 255, spread: 255 };

@@ -1,37 +1,63 @@
 //! Model of values for the range coder: AO that arrives for the first time, or again with a keyframe.
 //!
-//! Each byte is eight decisions, high bit first. Their inputs are the values before it along the curve, and the value
-//! at the same place of the previous instance of the same set.
+//! Of each point it codes whether it has a value, and then how many quanta it is from its prediction.
 
-use crate::range::{BinaryCoder, NumberModel, logistic};
-use crate::surface::model::change::ContextMixer;
-use crate::surface::section::values::{ArrivalCheck, ClientValues, ValueError, Values};
-use crate::surface::{BLOCK_POINTS, Layout};
+use super::change::ContextMixer;
+use crate::range::{BinaryCoder, BitModel, NumberModel, logistic};
+use crate::surface::arrival::{ArrivalPredictor, PointGuess};
+use crate::surface::section::values::{
+    ArrivalCheck, ClientValues, ValueError, Values, arrival_byte, arrival_level, nearest_level,
+};
+use crate::surface::{Layout, MAX_LEVELS, NO_VALUE};
 
 /// What the range coder learns of the values of one frame, section after section. Every frame starts a fresh model.
 pub(crate) struct ValueModel {
     numbers: NumberModel,
-    bytes: ContextMixer<4>,
+    /// Whether a point has no value.
+    missing: [BitModel; 18],
+    levels: ContextMixer<4>,
+    large: NumberModel,
+    recent: Recent,
 }
 
-/// Number of earlier points that are looked at.
-const PAST_VALUES: usize = 8;
-/// Their weights in the mean, the nearest first.
-const MEAN_WEIGHTS: [u32; 3] = [2, 1, 1];
-/// Stands for an unknown value.
-const UNKNOWN_VALUE: u8 = 255;
+/// The levels of the points coded before, in this frame.
+#[derive(Debug, Clone, Copy, Default)]
+struct Recent {
+    /// The last one and the one before it.
+    levels: [i16; 2],
+    /// How many of the last values were equal to those of the sibling, at most 3.
+    alike: usize,
+}
+
+/// Decisions of a level: whether it is 0, its sign, then whether its size is larger than 1, 2 ..
+const DECISIONS: usize = 14;
+/// Sizes beyond this one are coded as a number.
+const UNARY_SIZES: u16 = 12;
+/// Number of classes of what the sibling tells: -8 to 8 quanta, and none.
+const SIBLING_CLASSES: usize = 18;
 
 impl ValueModel {
     pub(crate) fn new() -> ValueModel {
         let half = 1 << 15;
         ValueModel {
             numbers: NumberModel::new(),
-            bytes: ContextMixer::new([64 * 256, 64 * 256, 129 * 4 * 256, 16 * 256], 8 * 4, half),
+            missing: [BitModel::new(1 << 12); 18],
+            levels: ContextMixer::new(
+                [
+                    7 * 6 * DECISIONS,
+                    SIBLING_CLASSES * 4 * DECISIONS,
+                    32 * MAX_LEVELS * DECISIONS,
+                    5 * 5 * 3 * DECISIONS,
+                ],
+                DECISIONS,
+                half,
+            ),
+            large: NumberModel::new(),
+            recent: Recent::default(),
         }
     }
 
-    /// Codes values; `records` is their number. `values` has the bytes of all padded indices, and `present` tells
-    /// which blocks were there before. Both are updated.
+    /// Codes values; `records` is their number. What clients have is updated.
     pub(crate) fn code<B: BinaryCoder>(
         &mut self,
         coder: &mut B,
@@ -41,11 +67,40 @@ impl ValueModel {
         records: u32,
         stop: impl Fn(&B) -> bool,
     ) -> Result<(), ValueError> {
-        let ClientValues { bytes: values, present } = clients;
+        let ClientValues { geometry, bytes: values, present } = clients;
         coded.clear();
+        let quantum = coder.plain(8, source.quantum.into()) as u8;
+        if quantum == 0 {
+            return Err(ValueError::Quantum);
+        }
+        coded.quantum = quantum;
+        let mut known = present.to_vec();
+        self.runs(coder, ArrivalCheck::new(layout, present, records), (source, coded))?;
+        let mut targets = source.targets();
+        let mut arrivals = ArrivalPredictor::new(layout, geometry, values);
+        for (first, count) in coded.runs.clone() {
+            for block in first as usize..(first + count) as usize {
+                arrivals.block(block, &known, |guess| {
+                    let byte = self.point(coder, quantum, guess, targets.next().unwrap_or_default());
+                    coded.bytes.push(byte);
+                    byte
+                });
+                known[block] = true;
+                if stop(coder) {
+                    return Err(ValueError::Ends { field: "the values", offset: coded.bytes.len() });
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn runs<B: BinaryCoder>(
+        &mut self,
+        coder: &mut B,
+        mut arrivals: ArrivalCheck<'_>,
+        (source, coded): (&Values, &mut Values),
+    ) -> Result<(), ValueError> {
         let count = self.numbers.code(coder, source.runs.len() as u32);
-        let before = present.to_vec();
-        let mut arrivals = ArrivalCheck::new(layout, present, records);
         let mut end = 0_u32;
         for run in 0..count as usize {
             let (first, count) = source.runs.get(run).copied().unwrap_or((0, 0));
@@ -56,89 +111,74 @@ impl ValueModel {
             end = first + count;
             coded.runs.push((first, count));
         }
-        arrivals.end()?;
-        let mut known = before;
-        let mut taken = 0;
-        for (first, count) in coded.runs.clone() {
-            for block in first as usize..(first + count) as usize {
-                self.block(
-                    coder,
-                    layout,
-                    values,
-                    &known,
-                    block,
-                    source.bytes.get(taken..).unwrap_or_default(),
-                );
-                let range = block * BLOCK_POINTS..block * BLOCK_POINTS + layout.block_len(block);
-                taken += range.len();
-                coded.bytes.extend_from_slice(&values[range]);
-                known[block] = true;
-                if stop(coder) {
-                    return Err(ValueError::Ends { field: "the values", offset: coded.bytes.len() });
-                }
-            }
-        }
-        Ok(())
+        arrivals.end()
     }
 
-    fn block<B: BinaryCoder>(
+    /// Codes a point and returns its byte.
+    fn point<B: BinaryCoder>(
         &mut self,
         coder: &mut B,
-        layout: &Layout,
-        values: &mut [u8],
-        known: &[bool],
-        block: usize,
-        source: &[u8],
-    ) {
-        let instance = layout.owner(block);
-        let first = block * BLOCK_POINTS;
-        let blocks = layout.blocks_of(instance as u32);
-        let mut past = [UNKNOWN_VALUE; PAST_VALUES];
-        if block > blocks.start && known[block - 1] {
-            past = std::array::from_fn(|n| values[first - 1 - n]);
-        }
-        let sibling = layout
-            .previous_of_set(instance)
-            .map(|sibling| layout.blocks_of(sibling).start + block - blocks.start);
-        let sibling = sibling.filter(|sibling| known[*sibling]).map(|sibling| sibling * BLOCK_POINTS);
-        // How many of the last values were equal to those of the sibling.
-        let mut alike = 0;
-        for at in 0..layout.block_len(block) {
-            let sibling = sibling.map(|sibling| values[sibling + at]);
-            let source = source.get(at).copied().unwrap_or(0);
-            let value = self.byte(coder, &past, sibling, alike, source);
-            values[first + at] = value;
-            past.copy_within(0..PAST_VALUES - 1, 1);
-            past[0] = value;
-            alike = if sibling == Some(value) { (alike + 1).min(3) } else { 0 };
-        }
-    }
-
-    fn byte<B: BinaryCoder>(
-        &mut self,
-        coder: &mut B,
-        past: &[u8; PAST_VALUES],
-        sibling: Option<u8>,
-        alike: usize,
-        source: u8,
+        quantum: u8,
+        guess: PointGuess,
+        (target, threshold): (u8, u8),
     ) -> u8 {
-        let mean: u32 = past.iter().zip(MEAN_WEIGHTS).map(|(value, weight)| u32::from(*value) * weight).sum();
-        let rough: u32 = past.windows(2).take(4).map(|pair| u32::from(pair[0].abs_diff(pair[1]))).sum();
-        let rough = (32 - rough.leading_zeros()) as usize;
-        let sibling = sibling.map_or(128, |sibling| usize::from(sibling / 2));
-        let open = usize::from(past[0] == 255) * 2 + usize::from(past[1] == 255);
-        let mut node = 1;
-        for depth in 0..8 {
-            let at = [
-                (mean / 16) as usize * 256 + node,
-                usize::from(past[0] / 4) * 256 + node,
-                (sibling * 4 + alike) * 256 + node,
-                rough * 256 + node,
-            ];
-            let bit = source >> (7 - depth) & 1 == 1;
-            let bit = self.bytes.code(logistic(), coder, depth * 4 + open, at, bit);
-            node = node << 1 | usize::from(bit);
-        }
-        node as u8
+        let class = |byte: Option<u8>| byte.map_or(0, |byte| if byte == NO_VALUE { 1 } else { 2 });
+        let at = (class(guess.before) * 3 + class(guess.sibling)) * 2 + usize::from(guess.spread.is_some());
+        let missing = coder.bit(self.missing[at].one(), target == NO_VALUE);
+        self.missing[at].learn(missing);
+        let byte = if missing {
+            NO_VALUE
+        } else {
+            let level = arrival_level(target, guess.predicted, threshold, quantum);
+            let level = self.level(coder, quantum, guess, level);
+            self.recent.levels = [level, self.recent.levels[0]];
+            arrival_byte(guess.predicted, level, quantum)
+        };
+        self.recent.alike = if guess.sibling == Some(byte) { (self.recent.alike + 1).min(3) } else { 0 };
+        byte
     }
+
+    /// Codes the level of a point with a value.
+    fn level<B: BinaryCoder>(&mut self, coder: &mut B, quantum: u8, guess: PointGuess, source: i16) -> i16 {
+        let Recent { levels: [last, before], alike } = self.recent;
+        let size = |level: i16| significant(level.unsigned_abs().into()).min(4);
+        let activity = significant(u32::from(last.unsigned_abs()) + u32::from(before.unsigned_abs())).min(5);
+        let spread = guess.spread.map_or(6, |spread| significant(u32::from(spread / 2)).min(5));
+        let sibling = guess
+            .sibling
+            .filter(|byte| *byte != NO_VALUE)
+            .map_or(17, |byte| (nearest_level(byte, guess.predicted, quantum).clamp(-8, 8) + 8) as usize);
+        let rows = [
+            spread * 6 + activity,
+            sibling * 4 + alike,
+            usize::from(guess.predicted / 8) * MAX_LEVELS + usize::from(guess.level),
+            (size(last) * 5 + size(before)) * 3 + (last.signum() + 1) as usize,
+        ];
+        let mut decide = |decision: usize, bit: bool| {
+            let at = rows.map(|row| row * DECISIONS + decision);
+            self.levels.code(logistic(), coder, decision, at, bit)
+        };
+        if !decide(0, source != 0) {
+            return 0;
+        }
+        let darker = match guess.predicted {
+            255 => true,
+            1 => false,
+            _ => decide(1, source < 0),
+        };
+        let wanted = source.unsigned_abs();
+        let mut size = 1;
+        while size <= UNARY_SIZES && decide(1 + usize::from(size), wanted > size) {
+            size += 1;
+        }
+        if size > UNARY_SIZES {
+            size += self.large.code(coder, u32::from(wanted.saturating_sub(size))).min(255) as u16;
+        }
+        if darker { -(size as i16) } else { size as i16 }
+    }
+}
+
+/// Returns the number of significant bits: 0, 1, 2, 2, 3 ..
+fn significant(value: u32) -> usize {
+    (u32::BITS - value.leading_zeros()) as usize
 }

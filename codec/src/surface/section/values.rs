@@ -1,22 +1,57 @@
 //! VALUES sections: AO of point blocks that arrive for the first time, or again with a keyframe.
 //!
-//! The plain layout is the number of runs of blocks as a varint; for each run its first block and its number of
-//! blocks, two varints; then one byte a point, run after run.
+//! The plain layout is the quantum, a byte of 1 to 255; the number of runs of blocks as a varint; for each run its first
+//! block and its number of blocks, two varints; then one byte a point, run after run: its AO byte less the predicted one,
+//! modulo 256.
 
-use crate::surface::{BLOCK_POINTS, Layout};
+use std::sync::Arc;
+
+use crate::surface::arrival::{ArrivalPredictor, PointGuess};
+use crate::surface::{Geometry, Layout, NO_VALUE};
 use crate::wire::{Reader, WireError, varint_bytes, write_varint};
 
 /// Blocks and the bytes of their points.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub(crate) struct Values {
+    /// Step between bytes that are not as predicted, 1 to 255.
+    pub(crate) quantum: u8,
     /// First block and number of blocks of each run.
     pub(crate) runs: Vec<(u32, u32)>,
     /// Bytes of the points of all runs, in order.
     pub(crate) bytes: Vec<u8>,
+    /// Threshold of each: a byte that differs by less from its prediction may be sent as that. Only an encoder has them.
+    pub(crate) thresholds: Vec<u8>,
+}
+
+/// Returns the level nearest to a byte with a value, in quanta from its prediction.
+#[inline]
+pub(crate) fn nearest_level(byte: u8, predicted: u8, quantum: u8) -> i16 {
+    let level = (u16::from(byte.abs_diff(predicted)) + u16::from(quantum) / 2) / u16::from(quantum);
+    if byte < predicted { -(level as i16) } else { level as i16 }
+}
+
+/// Returns the level that is sent for a byte with a value: 0 if it differs by less than `threshold` from its prediction. The
+/// byte of an open point is reached exactly, because no byte is above it.
+#[inline]
+pub(crate) fn arrival_level(byte: u8, predicted: u8, threshold: u8, quantum: u8) -> i16 {
+    let away = byte.abs_diff(predicted);
+    match byte {
+        _ if away < threshold => 0,
+        u8::MAX => away.div_ceil(quantum).into(),
+        _ => nearest_level(byte, predicted, quantum),
+    }
+}
+
+/// Returns the byte at a level from its prediction.
+#[inline]
+pub(crate) fn arrival_byte(predicted: u8, level: i16, quantum: u8) -> u8 {
+    (i32::from(predicted) + i32::from(level) * i32::from(quantum)).clamp(1, 255) as u8
 }
 
 /// What clients have of the points, while values are being written or read.
 pub(crate) struct ClientValues<'a> {
+    /// By set: the points that came with frames.
+    pub(crate) geometry: &'a [Option<Arc<Geometry>>],
     /// AO bytes, by padded index.
     pub(crate) bytes: &'a mut [u8],
     /// By block: whether its values were received.
@@ -43,6 +78,9 @@ pub enum ValueError {
         /// Number of blocks.
         count: u32,
     },
+    /// The quantum is 0.
+    #[error("its quantum is 0")]
+    Quantum,
     /// The number of points differs from the section table.
     #[error("{found} points, the section table says {expected}")]
     Count {
@@ -57,15 +95,20 @@ impl Values {
     pub(crate) fn clear(&mut self) {
         self.runs.clear();
         self.bytes.clear();
+        self.thresholds.clear();
     }
 
     /// Adds a block. It comes after all earlier ones.
-    pub(crate) fn push(&mut self, block: usize, bytes: &[u8]) {
+    pub(crate) fn push(&mut self, block: usize) {
         match self.runs.last_mut() {
             Some((first, count)) if (*first + *count) as usize == block => *count += 1,
             _ => self.runs.push((block as u32, 1)),
         }
-        self.bytes.extend_from_slice(bytes);
+    }
+
+    /// Returns the byte and the threshold of every point, in order.
+    pub(crate) fn targets(&self) -> impl Iterator<Item = (u8, u8)> + '_ {
+        self.bytes.iter().copied().zip(self.thresholds.iter().copied())
     }
 
     /// Returns every block, in order.
@@ -73,46 +116,57 @@ impl Values {
         self.runs.iter().flat_map(|(first, count)| *first as usize..(*first + *count) as usize)
     }
 
-    /// Copies the bytes to their places among those of all padded indices.
-    pub(crate) fn scatter(&self, layout: &Layout, values: &mut [u8]) {
-        let mut rest = self.bytes.as_slice();
-        for block in self.blocks() {
-            let first = block * BLOCK_POINTS;
-            let (bytes, after) = rest.split_at(layout.block_len(block));
-            values[first..first + bytes.len()].copy_from_slice(bytes);
-            rest = after;
-        }
-    }
-
     /// Returns the length of the plain layout in bytes.
     pub(crate) fn plain_bytes(&self) -> usize {
         let run = |(first, count): &(u32, u32)| varint_bytes(*first) + varint_bytes(*count);
         let runs: usize = self.runs.iter().map(run).sum();
-        varint_bytes(self.runs.len() as u32) + runs + self.bytes.len()
+        1 + varint_bytes(self.runs.len() as u32) + runs + self.bytes.len()
     }
 
-    /// Appends the plain layout to `out`.
-    pub(crate) fn write_plain(&self, out: &mut Vec<u8>) {
+    /// Appends the plain layout to `out`, and updates what clients have.
+    pub(crate) fn write_plain(&self, layout: &Layout, clients: ClientValues<'_>, out: &mut Vec<u8>) {
+        out.push(self.quantum);
         write_varint(out, self.runs.len() as u32);
         for (first, count) in &self.runs {
             write_varint(out, *first);
             write_varint(out, *count);
         }
-        out.extend_from_slice(&self.bytes);
+        let mut targets = self.targets();
+        let ClientValues { geometry, bytes, present } = clients;
+        let mut arrivals = ArrivalPredictor::new(layout, geometry, bytes);
+        for block in self.blocks() {
+            arrivals.block(block, present, |PointGuess { predicted, .. }| {
+                let byte = match targets.next() {
+                    None | Some((NO_VALUE, _)) => NO_VALUE,
+                    Some((target, threshold)) => {
+                        let level = arrival_level(target, predicted, threshold, self.quantum);
+                        arrival_byte(predicted, level, self.quantum)
+                    }
+                };
+                out.push(byte.wrapping_sub(predicted));
+                byte
+            });
+            present[block] = true;
+        }
     }
 
-    /// Reads the plain layout: `records` points of blocks that `present` does not have yet. It adds these blocks to
-    /// `present`.
+    /// Reads the plain layout: `records` points of blocks that clients do not have yet. It updates what they have.
     pub(crate) fn read_plain(
         &mut self,
         raw: &[u8],
         layout: &Layout,
-        present: &mut [bool],
+        clients: ClientValues<'_>,
         records: u32,
     ) -> Result<(), ValueError> {
         self.clear();
+        let ClientValues { geometry, bytes, present } = clients;
         let mut reader = Reader::new(raw);
+        self.quantum = reader.take("the quantum", 1)?[0];
+        if self.quantum == 0 {
+            return Err(ValueError::Quantum);
+        }
         let field = "a run of blocks";
+        let mut known = present.to_vec();
         let mut arrivals = ArrivalCheck::new(layout, present, records);
         for _ in 0..reader.varint(field)? {
             let run = (reader.varint(field)?, reader.varint(field)?);
@@ -124,8 +178,16 @@ impl Values {
         if found != records as usize {
             return Err(ValueError::Count { expected: records, found });
         }
-        let bytes = reader.take("the values", found)?;
-        self.bytes.extend_from_slice(bytes);
+        let mut differences = reader.take("the values", found)?.iter().copied();
+        let mut arrivals = ArrivalPredictor::new(layout, geometry, bytes);
+        for block in self.runs.iter().flat_map(|(first, count)| *first as usize..(*first + *count) as usize) {
+            arrivals.block(block, &known, |PointGuess { predicted, .. }| {
+                let byte = predicted.wrapping_add(differences.next().unwrap_or_default());
+                self.bytes.push(byte);
+                byte
+            });
+            known[block] = true;
+        }
         Ok(())
     }
 }

@@ -14,6 +14,7 @@ use crate::surface::model::geometry::GeometryModel;
 use crate::surface::model::history::History;
 use crate::surface::model::patch::PatchModel;
 use crate::surface::model::value::ValueModel;
+use crate::surface::prediction::NextValues;
 use crate::surface::{Layout, State};
 
 /// The blocks of one frame and their section table.
@@ -24,6 +25,7 @@ pub(crate) struct SectionWriter {
     compressor: Compressor,
     plain: Vec<u8>,
     coded: Changes,
+    next: NextValues,
 }
 
 /// The models that live as long as a frame.
@@ -42,18 +44,26 @@ impl FrameModels {
 impl SectionWriter {
     /// Returns the number of heap bytes in use.
     pub(crate) fn heap_bytes(&self) -> usize {
-        let SectionWriter { sections, blocks, compressor, plain, coded } = self;
+        let SectionWriter { sections, blocks, compressor, plain, coded, next } = self;
         memory::list(sections)
             + memory::list(blocks)
             + compressor.heap_bytes()
             + memory::list(plain)
             + coded.heap_bytes()
+            + next.heap_bytes()
     }
 
     /// Clears everything for the next frame.
     pub(crate) fn clear(&mut self) {
         self.sections.clear();
         self.blocks.clear();
+    }
+
+    /// Returns the number of points in the sections of values and changes.
+    pub(crate) fn points(&self) -> u32 {
+        let of_points = |tag| matches!(tag, SectionTag::VALUES | SectionTag::CHANGES);
+        let sections = self.sections.iter().filter(|section| of_points(section.tag));
+        sections.map(|section| section.records).sum()
     }
 
     /// Adds a section whose block starts at `start` to the table.
@@ -130,9 +140,7 @@ impl SectionWriter {
             return Ok(());
         }
         self.plain.clear();
-        values.write_plain(&mut self.plain);
-        values.scatter(layout, clients.bytes);
-        values.blocks().for_each(|block| clients.present[block] = true);
+        values.write_plain(layout, clients, &mut self.plain);
         self.block(SectionTag::VALUES, coder, points)
     }
 
@@ -151,8 +159,10 @@ impl SectionWriter {
             let start = self.blocks.len();
             let most = start.saturating_add(most);
             let mut encoder = RangeEncoder::new(&mut self.blocks);
-            model.code(&mut encoder, view, changes, &mut self.coded, points, |encoder| encoder.len() > most);
+            let made = (&mut self.coded, &mut self.next);
+            let fits = model.code(&mut encoder, view, changes, made, points, |encoder| encoder.len() > most);
             encoder.finish();
+            debug_assert!(fits.is_ok(), "{fits:?}");
             if self.blocks.len() > most {
                 self.blocks.truncate(start);
                 return Ok(Some(self.coded.levels.len()));
@@ -185,7 +195,8 @@ impl SectionWriter {
             debug_assert!(fits.is_ok(), "{fits:?}");
             let known = (&*state.layout, state.present.as_slice());
             let mut values = state.values.clone();
-            model.code(&mut encoder, known, &mut values, (patch, &mut coded), points, |_| false);
+            let known_values = (state.geometry.as_slice(), values.as_mut_slice());
+            model.code(&mut encoder, known, known_values, (patch, &mut coded), points, |_| false);
             encoder.finish();
             debug_assert_eq!(&coded, patch);
             self.section(SectionTag::PATCH, CoderId::RANGE, points, patch.plain_bytes(blocks), start);

@@ -79,6 +79,8 @@ struct Offers {
     time: StreamTime,
     /// By point id.
     ao: Vec<u8>,
+    /// By point id: whether clients need the point. Others are out of view, or of a level that no picture needs.
+    needed: Vec<bool>,
     /// By block.
     weights: Vec<u16>,
 }
@@ -147,7 +149,10 @@ fn trace(args: &Args, scene: &Arc<Scene>, server: &mut Server) -> Outcome<Traced
             let blocks = 0..layout.blocks_of(instance).len();
             blocks.map(move |block| encoder.weight(instance, block).unwrap_or(1))
         };
-        frames.push(Offers { time, ao, weights: instances.flat_map(weights).collect() });
+        // The threshold of a point out of view is 255.
+        let is_needed = |point| encoder.threshold(point).is_some_and(|threshold| threshold < u8::MAX);
+        let needed = (0..layout.points()).map(is_needed).collect();
+        frames.push(Offers { time, ao, needed, weights: instances.flat_map(weights).collect() });
         bar.inc(1);
     }
     bar.finish_and_clear();
@@ -179,13 +184,13 @@ impl Traced {
 
     /// Returns an encoder of the stream.
     fn encoder(&self, budget: Option<Budget>) -> Outcome<Encoder> {
-        let settings = EncoderSettings::new(self.threshold, GeometrySource::Shared).with_budget(budget);
+        let settings = EncoderSettings::new(self.threshold, GeometrySource::Sent).with_budget(budget);
         Encoder::new(Arc::clone(&self.layout), self.geometry.clone(), settings).map_err(Failure::input)
     }
 }
 
 impl Offers {
-    /// Offers all AO values to the encoder; returns how many points differ.
+    /// Offers the AO values to the encoder; returns how many points differ.
     fn offer(&self, layout: &Layout, encoder: &mut Encoder) -> u32 {
         let mut weights = self.weights.iter();
         for instance in 0..layout.members().len() as u32 {
@@ -193,8 +198,14 @@ impl Offers {
                 encoder.set_weight(instance, block, *weight);
             }
         }
-        let differs = |(point, ao): (u32, &u8)| u32::from(encoder.set_ao(point, *ao).unwrap_or(false));
-        (0..).zip(&self.ao).map(differs).sum()
+        let differs = |(point, (ao, needed)): (u32, (&u8, &bool))| {
+            if *needed {
+                return u32::from(encoder.set_ao(point, *ao).unwrap_or(false));
+            }
+            encoder.release(point);
+            0
+        };
+        (0..).zip(self.ao.iter().zip(&self.needed)).map(differs).sum()
     }
 }
 
@@ -239,7 +250,7 @@ impl Errors {
             let blocks = encoder.state().values(instance).chunks(BLOCK_POINTS);
             for (block, weight) in blocks.zip(&mut weights) {
                 for held in block {
-                    if traced.moving[point] {
+                    if traced.moving[point] && offers.needed[point] {
                         let off = held.abs_diff(offers.ao[point]);
                         self.histogram[usize::from(off)] += 1;
                         self.weights += f64::from(*weight);

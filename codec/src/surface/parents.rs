@@ -60,7 +60,9 @@ impl Parents {
                 (low, high) = (low.min(number), high.max(number));
             }
         }
-        let mean = (2 * sum + weights).checked_div_euclid(2 * weights)? as i16;
+        // The mean of equal numbers needs no division; most changes are 0.
+        let mean =
+            if low == high { low } else { (2 * sum + weights).checked_div_euclid(2 * weights)? } as i16;
         Some(Prediction { mean, spread: (high - low).min(255) as u8 })
     }
 

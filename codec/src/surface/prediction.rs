@@ -12,8 +12,8 @@ use crate::memory;
 pub(crate) struct NextValues {
     /// AO bytes, by padded index.
     pub(crate) values: Vec<u8>,
-    /// By block: whether a byte in it has changed.
-    moved: Vec<bool>,
+    /// By block: the points whose byte has changed, one bit each.
+    moved: Vec<u64>,
     /// The blocks in which a byte has changed, ascending.
     blocks: Vec<u32>,
 }
@@ -29,13 +29,13 @@ impl NextValues {
         self.values.clear();
         self.values.extend_from_slice(values);
         self.moved.clear();
-        self.moved.resize(values.len() / BLOCK_POINTS, false);
+        self.moved.resize(values.len() / BLOCK_POINTS, 0);
         self.blocks.clear();
     }
 
     /// Returns whether a byte has changed in a block.
     pub(crate) fn has_moved(&self, block: usize) -> bool {
-        self.moved[block]
+        self.moved[block] != 0
     }
 
     /// Returns the blocks in which a byte has changed, ascending.
@@ -87,7 +87,7 @@ impl<'a> Predictor<'a> {
         let set = self.layout.members()[instance].set as usize;
         let parents = self.geometry[set].as_ref().and_then(|geometry| geometry.parents(block - blocks.start));
         let moved = |parents: &BlockParents| {
-            parents.blocks.iter().filter(|other| self.next.moved[blocks.start + **other as usize]).count()
+            parents.blocks.iter().filter(|other| self.next.has_moved(blocks.start + **other as usize)).count()
         };
         PredictedBlock { parents, start: blocks.start * BLOCK_POINTS, moved: parents.map_or(0, moved) }
     }
@@ -97,6 +97,14 @@ impl<'a> Predictor<'a> {
     pub(crate) fn change(&self, block: &PredictedBlock<'_>, index: PaddedIndex) -> Prediction {
         let Some(parents) = block.parents else { return Prediction::default() };
         let parents: &Parents = &parents.points[index.0 % BLOCK_POINTS];
+        // Most parents keep still. An unused place may have moved; then it takes longer to find the same.
+        let has_moved = |parent: u32| {
+            let parent = PaddedIndex(block.start + parent as usize);
+            self.next.moved[parent.block()] & parent.bit() != 0
+        };
+        if !parents.points.into_iter().any(has_moved) {
+            return Prediction::default();
+        }
         parents.change(&self.before[block.start..], &self.next.values[block.start..]).unwrap_or_default()
     }
 
@@ -123,10 +131,11 @@ impl<'a> Predictor<'a> {
         }
         if value != self.before[index.0] {
             self.next.values[index.0] = value;
-            let block = index.block();
-            if !std::mem::replace(&mut self.next.moved[block], true) {
-                self.next.blocks.push(block as u32);
+            let moved = &mut self.next.moved[index.block()];
+            if *moved == 0 {
+                self.next.blocks.push(index.block() as u32);
             }
+            *moved |= index.bit();
         }
     }
 

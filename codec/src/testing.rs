@@ -6,6 +6,7 @@ use crate::Limits;
 use crate::block::BlockCoder;
 use crate::envelope::{CRC_OFFSET, EncodedFrame, FrameIndex, FrameKind, FrameMeta, StreamTime, body_crc};
 use crate::paper::{self, Grid, InstanceLayout, Layout, PointFormat, PointSample, Pose, State, apply};
+use crate::surface::{GeometryDigest, Levels, SetLayout};
 
 /// Returns a layout of two instances of 4 x 4 x 4 cells of 25 cm, with 8 buckets each, 64 cells and 32-bit points.
 pub(crate) fn layout() -> Arc<Layout> {
@@ -18,6 +19,21 @@ pub(crate) fn layout_of(format: PointFormat) -> Arc<Layout> {
     let instance =
         |first_bucket| InstanceLayout { grid, first_bucket, bucket_count: 8, kernel_radius: 0.125 };
     Arc::new(Layout::new(format, vec![instance(0), instance(8)], 64, &Limits::default()).unwrap())
+}
+
+/// Returns the layout of a set of `surface` on a lattice of 256 nodes a metre and axis. Rounding adds number, levels and digest.
+pub(crate) fn lattice(charts: u32, kernel_radius: f32) -> SetLayout {
+    SetLayout {
+        origin: [0.0; 3],
+        step: 1.0 / 256.0,
+        extent: [255; 3],
+        normal_bits: 4,
+        points: 0,
+        charts,
+        levels: Levels::default(),
+        kernel_radius,
+        digest: GeometryDigest::default(),
+    }
 }
 
 pub(crate) fn meta(kind: FrameKind, frame: u32) -> FrameMeta {

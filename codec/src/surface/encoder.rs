@@ -189,7 +189,7 @@ impl Encoder {
         let index = layout.padded_index_in(self.instance, point);
         let block = index.block();
         if !self.sent.present[block] {
-            self.targets.set_absent(index, ao, threshold);
+            self.targets.take(index, ao, threshold);
             if !self.is_arriving.replace(block, true) {
                 self.arriving.push(block as u32);
             }

@@ -302,22 +302,9 @@ pub(super) fn square_distance(a: [u32; 3], b: [u32; 3]) -> u64 {
 mod tests {
     use proptest::prelude::*;
 
-    use super::super::{Geometry, GeometryDigest, RestPoint};
+    use super::super::{Geometry, RestPoint};
     use super::*;
-
-    fn layout(kernel_radius: f32) -> SetLayout {
-        SetLayout {
-            origin: [0.0; 3],
-            step: 1.0 / 256.0,
-            extent: [255; 3],
-            normal_bits: 4,
-            points: 0,
-            charts: 4,
-            levels: Levels::default(),
-            kernel_radius,
-            digest: GeometryDigest::default(),
-        }
-    }
+    use crate::testing::lattice;
 
     /// What [`assign`] does, without grids and memory.
     fn naive(layout: &SetLayout, points: &[LevelPoint]) -> Vec<u8> {
@@ -377,7 +364,7 @@ mod tests {
 
         #[test]
         fn levels_are_those_of_the_definition(points in cloud(), kernel_radius in 0.01_f32..0.3) {
-            let layout = layout(kernel_radius);
+            let layout = lattice(4, kernel_radius);
             let (count, levels) = assign(&layout, &points);
             prop_assert!((1..=MAX_LEVELS as u8).contains(&count));
             prop_assert_eq!(levels, naive(&layout, &points));
@@ -385,7 +372,7 @@ mod tests {
 
         #[test]
         fn the_points_of_a_level_reach_every_point_of_their_chart(points in cloud()) {
-            let layout = SetLayout { points: points.len() as u32, ..layout(0.08) };
+            let layout = SetLayout { points: points.len() as u32, ..lattice(4, 0.08) };
             let (count, levels) = assign(&layout, &points);
             for level in 0..count - 1 {
                 let reach = (f64::from(0.08_f32) * 256.0 * SPACING).powi(2) * f64::from(1 << (count - 1 - level));
@@ -408,9 +395,9 @@ mod tests {
                 chart: point.chart,
             };
             let mut given: Vec<RestPoint> = points.iter().map(at).collect();
-            let made = Geometry::round(layout(0.05), &given);
+            let made = Geometry::round(lattice(4, 0.05), &given);
             given.rotate_left(turn.min(points.len()));
-            prop_assert_eq!(&Geometry::round(layout(0.05), &given).geometry, &made.geometry);
+            prop_assert_eq!(&Geometry::round(lattice(4, 0.05), &given).geometry, &made.geometry);
             let levels: Vec<u8> = (0..made.geometry.len()).map(|point| made.geometry.level(point)).collect();
             prop_assert!(levels.is_sorted());
             let layout = made.geometry.layout();
@@ -426,7 +413,7 @@ mod tests {
     #[test]
     fn a_level_is_as_fine_as_asked_or_the_last() {
         let levels = Levels::from_ends(&[10, 20, 40]).unwrap();
-        let layout = SetLayout { points: 80, levels, ..layout(0.09) };
+        let layout = SetLayout { points: 80, levels, ..lattice(4, 0.09) };
         assert_eq!(levels.of_point(9), 0);
         assert_eq!([10, 19, 20, 39, 40, 79].map(|point| levels.of_point(point)), [1, 1, 2, 2, 3, 3]);
         // Points of the last level are 5 cm apart, those of the coarsest 14.1 cm.

@@ -140,10 +140,9 @@ impl<'a> Predictor<'a> {
     }
 
     /// Makes a block of which no point is named: every point follows its parents.
-    pub(crate) fn follow(&mut self, block: usize) {
-        let predicted = self.block(block);
+    pub(crate) fn follow(&mut self, block: usize, predicted: &PredictedBlock<'_>) {
         if predicted.moved > 0 {
-            self.points(block, &predicted, |_, _| 0);
+            self.points(block, predicted, |_, _| 0);
         }
     }
 
@@ -168,11 +167,11 @@ impl<'a> Predictor<'a> {
         let mut named = changes.points.iter().peekable();
         let mut levels = changes.levels.iter().copied();
         for block in (0..present.len()).filter(|block| present[*block]) {
+            let predicted = self.block(block);
             let Some((_, mask)) = named.next_if(|(named, _)| *named as usize == block) else {
-                self.follow(block);
+                self.follow(block, &predicted);
                 continue;
             };
-            let predicted = self.block(block);
             self.points(block, &predicted, |index, _| {
                 if mask & index.bit() != 0 { levels.next().unwrap_or_default() } else { 0 }
             });

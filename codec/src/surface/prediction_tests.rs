@@ -15,7 +15,7 @@ use crate::block::{BlockCoder, CoderId};
 use crate::envelope::{FrameError, FrameKind, HASH_OFFSET, SectionInfo, SectionTag, assemble};
 use crate::range::RangeEncoder;
 use crate::reference::apply_surface;
-use crate::testing::reseal;
+use crate::testing::{lattice, reseal};
 use crate::{Limits, StateHash};
 
 /// Number of points of the set with levels.
@@ -23,17 +23,7 @@ const POINTS: u32 = 600;
 
 /// Returns a set of three charts and four levels, some points of which are at one node, and a set of one level.
 fn sets() -> Vec<Arc<Geometry>> {
-    let layout = SetLayout {
-        origin: [0.0; 3],
-        step: 1.0 / 256.0,
-        extent: [255; 3],
-        normal_bits: 4,
-        points: 0,
-        charts: 3,
-        levels: Levels::default(),
-        kernel_radius: 0.08,
-        digest: GeometryDigest::default(),
-    };
+    let layout = lattice(3, 0.08);
     let point = |n: u32| {
         let spread = |by: u32| (n * by % 256) as f32 / 256.0;
         let [x, z] = if n.is_multiple_of(20) { [0.5; 2] } else { [spread(29), spread(47)] };

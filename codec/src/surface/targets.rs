@@ -63,15 +63,15 @@ impl Targets {
         self.differing.iter().map(|mask| mask.count_ones()).sum()
     }
 
-    /// Sets a point that clients do not have.
-    pub(super) fn set_absent(&mut self, index: PaddedIndex, ao: u8, threshold: u8) {
+    /// Takes the AO and the threshold of a point, of which clients may not have any byte.
+    pub(super) fn take(&mut self, index: PaddedIndex, ao: u8, threshold: u8) {
         (self.latest[index.0], self.given[index.0]) = (ao, threshold.max(self.settings.threshold));
     }
 
     /// Sets a point of which clients have the byte `held`. Returns whether it differs.
     #[inline]
     pub(super) fn set(&mut self, index: PaddedIndex, ao: u8, threshold: u8, held: u8) -> bool {
-        self.set_absent(index, ao, threshold);
+        self.take(index, ao, threshold);
         let (differs, bit) = (self.differs(index, held), index.bit());
         let mask = &mut self.differing[index.block()];
         *mask = if differs { *mask | bit } else { *mask & !bit };

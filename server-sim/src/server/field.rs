@@ -5,14 +5,13 @@
 
 use std::ops::Range;
 
-use glam::Vec3;
 use psao_codec::memory::list;
 use psao_codec::surface::{BLOCK_POINTS, SetLayout};
 use rayon::prelude::*;
 
 use super::hit_cache::{self, ChunkHitCache};
+use super::places::{Places, PointPlaces};
 use super::sight::{OUT_OF_VIEW, Sight};
-use crate::ao::RayFrame;
 use crate::bvh::Bounds;
 use crate::points::{PlacedPoint, PointId, PointInSet, PointSet, ScenePoints};
 use crate::scene::{InstanceId, Motion, PosedMesh};
@@ -120,14 +119,6 @@ pub(super) struct Field {
     worlds: Vec<Vec<PlacedPoint>>,
     /// Whether only points of deforming instances have places of their own.
     rigid: bool,
-}
-
-#[derive(Debug)]
-enum Places {
-    /// The set's, by number.
-    Shared(usize),
-    /// Its own, in the current pose.
-    Own(Vec<PlacedPoint>),
 }
 
 impl Field {
@@ -306,7 +297,9 @@ impl Field {
     pub(super) fn bounds(&self, world: &SceneBvh, chunk: &Chunk) -> Bounds {
         let known = chunk.world_bounds(world);
         known.unwrap_or_else(|| {
-            Bounds::around(self.placed().in_world(world, chunk).map(|(position, _)| position))
+            Bounds::around(
+                self.placed().in_world(world, chunk.instance, &chunk.points).map(|(position, _)| position),
+            )
         })
     }
 
@@ -417,52 +410,6 @@ struct DirtyRegions<'a> {
     reach: f32,
 }
 
-/// Where the points are, to be read while the rest of the field is written.
-#[derive(Clone, Copy)]
-pub(super) struct PointPlaces<'a> {
-    places: &'a [Places],
-    shared: &'a [Vec<PlacedPoint>],
-    worlds: &'a [Vec<PlacedPoint>],
-}
-
-impl<'a> PointPlaces<'a> {
-    /// Points of an instance in its local space.
-    pub(super) fn local(&self, instance: usize) -> &'a [PlacedPoint] {
-        match &self.places[instance] {
-            Places::Shared(set) => &self.shared[*set],
-            Places::Own(own) => own,
-        }
-    }
-
-    /// Points of an instance in the space of its body: the world for instances in a static batch, else its own.
-    fn in_body_space(&self, instance: usize) -> &'a [PlacedPoint] {
-        if self.worlds[instance].is_empty() { self.local(instance) } else { &self.worlds[instance] }
-    }
-
-    /// Returns the frame of a point's rays.
-    pub(super) fn ray_frame(&self, world: &SceneBvh, instance: usize, point: PointInSet) -> RayFrame {
-        let PlacedPoint { position, normal, edge } = self.in_body_space(instance)[point.index()];
-        RayFrame { body: world.body(instance), position, normal, edge }
-    }
-
-    /// Points of a chunk with the world position of each.
-    pub(super) fn in_world(
-        &self,
-        world: &SceneBvh,
-        chunk: &Chunk,
-    ) -> impl Iterator<Item = (Vec3, Vec3)> + 'a {
-        let still = world.is_still(chunk.instance);
-        let at = world.placement(InstanceId(chunk.instance as u32));
-        self.in_body_space(chunk.instance)[chunk.points.clone()].iter().map(move |point| {
-            if still {
-                (point.position, point.normal)
-            } else {
-                (at.point(point.position), at.direction(point.normal))
-            }
-        })
-    }
-}
-
 impl Chunk {
     /// Bounds in the world, or nothing where they are not known.
     fn world_bounds(&self, world: &SceneBvh) -> Option<Bounds> {
@@ -494,7 +441,9 @@ impl FieldPart<'_> {
             _ if visible == self.flags.len() => PIXEL_STEP,
             _ => 1,
         };
-        for (index, (place, normal)) in placed.in_world(world, self.chunk).enumerate().step_by(step) {
+        for (index, (place, normal)) in
+            placed.in_world(world, self.chunk.instance, &self.chunk.points).enumerate().step_by(step)
+        {
             if self.flags[index] & flag::VISIBLE != 0 {
                 let pixel = &mut pixels[index / BLOCK_POINTS];
                 *pixel = pixel.min(views.pixel(place, normal));
@@ -531,7 +480,9 @@ impl FieldPart<'_> {
         };
         match (overlap, views) {
             (Overlap::Partly, Some(views)) => {
-                for (flags, (position, _)) in self.flags.iter_mut().zip(placed.in_world(world, self.chunk)) {
+                for (flags, (position, _)) in
+                    self.flags.iter_mut().zip(placed.in_world(world, self.chunk.instance, &self.chunk.points))
+                {
                     set(flags, flag::VISIBLE, views.see(position));
                 }
             }
@@ -572,7 +523,9 @@ impl FieldPart<'_> {
         } else {
             !flag::FRESH
         };
-        for (flags, (position, normal)) in self.flags.iter_mut().zip(placed.in_world(world, self.chunk)) {
+        for (flags, (position, normal)) in
+            self.flags.iter_mut().zip(placed.in_world(world, self.chunk.instance, &self.chunk.points))
+        {
             let origin = position + normal * *bias;
             if near.iter().any(|bounds| bounds.distance_squared(origin) <= reach * reach) {
                 *flags &= kept;

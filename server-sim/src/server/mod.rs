@@ -14,6 +14,7 @@ mod hit_cache;
 #[cfg(feature = "live")]
 pub mod live;
 mod memory;
+mod places;
 mod profile;
 mod ray_scheduler;
 mod screen_area;

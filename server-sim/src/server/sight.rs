@@ -7,7 +7,8 @@
 
 use glam::Vec3;
 
-use super::field::{FieldPart, PointPlaces, flag};
+use super::field::{FieldPart, flag};
+use super::places::PointPlaces;
 use crate::points::ScenePoints;
 use crate::visibility::{BACK_COSINE, Views};
 use crate::world::SceneBvh;
@@ -53,7 +54,7 @@ impl Sight<'_> {
     pub(super) fn look(&self, part: &mut FieldPart<'_>, placed: &PointPlaces<'_>) {
         let set = &self.points.sets()[self.world.scene().instances()[part.chunk.instance].rest().index()];
         let first = part.chunk.first.0;
-        let places = placed.in_world(self.world, part.chunk);
+        let places = placed.in_world(self.world, part.chunk.instance, &part.chunk.points);
         for (index, (position, normal)) in places.enumerate() {
             let reach = part.level_radius(set, index);
             let left = &mut part.seen[index];

@@ -10,7 +10,8 @@ use psao_codec::surface::{BLOCK_POINTS, Budget};
 use psao_proto::message::CameraPose;
 use rayon::prelude::*;
 
-use super::field::{Field, FieldPart, PointPlaces, flag, is_shown, set};
+use super::field::{Field, FieldPart, flag, is_shown, set};
+use super::places::PointPlaces;
 use super::profile;
 use super::ray_scheduler::{RayBudget, RayScheduler};
 use super::sight::Sight;

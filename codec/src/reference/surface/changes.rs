@@ -410,7 +410,7 @@ impl Situation {
         ]
     }
 
-    /// Returns the class of the mean change of the parents: 4 is none, and those below are darker.
+    /// Returns the class of the parents' mean change: 4 for no change, less than 4 for a darker one.
     fn mean_class(&self) -> usize {
         let size = [1, 3, 6, 11].iter().filter(|start| self.change.mean.abs() >= **start).count();
         if self.change.mean < 0 { 4 - size } else { 4 + size }

@@ -127,7 +127,7 @@ pub(super) fn mean_value(parents: &[Parent], values: &[u8]) -> Option<Mean> {
     mean(&numbers)
 }
 
-/// Returns the mean change of those parents that have a value before and after a frame; no change if there is none.
+/// Returns the mean change of the parents that have a value both before and after a frame. Without such a parent it is 0.
 pub(super) fn mean_change(parents: &[Parent], before: &[u8], after: &[u8]) -> Mean {
     let stays = |parent: &&Parent| before[parent.place] != NO_VALUE && after[parent.place] != NO_VALUE;
     let change = |place: usize| i32::from(after[place]) - i32::from(before[place]);
@@ -146,21 +146,12 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::surface::{GeometryDigest, Levels, RestPoint, SetLayout};
+    use crate::surface::RestPoint;
+    use crate::testing::lattice;
 
     /// Returns a set of points, given as nodes and charts.
     fn geometry(points: &[([u32; 3], u32)], kernel_radius: f32) -> Geometry {
-        let layout = SetLayout {
-            origin: [0.0; 3],
-            step: 1.0 / 256.0,
-            extent: [255; 3],
-            normal_bits: 4,
-            points: 0,
-            charts: 3,
-            levels: Levels::default(),
-            kernel_radius,
-            digest: GeometryDigest::default(),
-        };
+        let layout = lattice(3, kernel_radius);
         let rest = |(node, chart): &([u32; 3], u32)| RestPoint {
             position: node.map(|axis| axis as f32 / 256.0),
             normal: [0.0, 1.0, 0.0],

@@ -334,7 +334,8 @@ impl<B: BinaryCoder> ChangeCoder<'_, B> {
             if any_changed {
                 past = self.block(block, past);
             } else {
-                self.predictor.follow(block);
+                let predicted = self.predictor.block(block);
+                self.predictor.follow(block, &predicted);
             }
         }
         any_changed
@@ -362,9 +363,7 @@ impl<B: BinaryCoder> ChangeCoder<'_, B> {
         self.coder.set_class(SymbolClass::Blocks);
         let any_changed = self.model.block.code(self.logistic, self.coder, significant(own), at, mask != 0);
         if !any_changed {
-            if predicted.moved > 0 {
-                self.predictor.points(block, &predicted, |_, _| 0);
-            }
+            self.predictor.follow(block, &predicted);
             return Past::default();
         }
         let first = block * BLOCK_POINTS;

@@ -53,3 +53,4 @@ mod shapes;
 pub mod stress;
 pub mod sweep;
 pub mod texture;
+pub mod video;

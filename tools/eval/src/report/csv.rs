@@ -7,7 +7,7 @@ use crate::sweep::{RecordAtRadius, RecordKind, SettingSummary, StreamFigures};
 /// A column: its head, and the text of its cell.
 type Column = (&'static str, fn(&RecordAtRadius<'_>) -> String);
 
-const COLUMNS: [Column; 47] = [
+const COLUMNS: [Column; 48] = [
     ("scene", |entry| entry.record.scene.clone()),
     ("kind", |entry| kind(entry.record.kind).to_owned()),
     ("name", |entry| entry.record.name.clone()),
@@ -19,6 +19,7 @@ const COLUMNS: [Column; 47] = [
     ("threshold", |entry| setting(entry, |setting| setting.threshold)),
     ("fps", |entry| setting(entry, |setting| setting.fps)),
     ("coder", |entry| setting(entry, |setting| setting.coder.clone())),
+    ("camera_lag_ms", |entry| setting(entry, |setting| setting.camera_lag_ms)),
     ("mae", |entry| entry.record.error.mae.to_string()),
     ("rmse", |entry| entry.record.error.rmse.to_string()),
     ("psnr_db", |entry| some(entry.record.error.psnr_db)),
@@ -77,6 +78,7 @@ const fn kind(kind: RecordKind) -> &'static str {
         RecordKind::Stream => "stream",
         RecordKind::Screen => "screen",
         RecordKind::Texture => "texture",
+        RecordKind::Cloud => "cloud",
     }
 }
 

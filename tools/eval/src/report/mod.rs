@@ -44,6 +44,7 @@ mod samples {
             threshold: 8,
             fps: 60.0,
             coder: "range".to_owned(),
+            camera_lag_ms: 0,
         });
         let spread = Spread { median: ms, low: ms, high: ms, samples: 3 };
         Record {

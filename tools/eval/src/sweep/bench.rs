@@ -287,8 +287,10 @@ mod tests {
     use super::*;
     use crate::screen::{Screen, ScreenError, Shading};
     use crate::shapes;
+    use crate::sweep::CloudSettings;
     use crate::sweep::{FrameBytes, ReferenceRays, picture_times, views};
-    use crate::texture::{TextureSettings, VideoClip, VideoCoder, VideoError};
+    use crate::texture::TextureSettings;
+    use crate::video::{VideoClip, VideoCoder, VideoError};
 
     /// A clock that advances by a millisecond at each reading.
     struct Ticks(Cell<u64>);
@@ -384,7 +386,8 @@ mod tests {
     fn texture_space_is_measured_as_a_stream_is() {
         check(|bench, clip, _| {
             let settings = TextureSettings::new(8, 16, 10.0);
-            let texture = |whole| bench.texture("t", clip, &settings, &Plain { whole });
+            let atlases = bench.atlases(clip, &settings).unwrap();
+            let texture = |whole| bench.texture("t", &atlases, &Plain { whole });
             let Sample { record, .. } = texture(true).unwrap();
             let open = bench.method("o", &Open).unwrap().record;
             assert!(record.error.mae < open.error.mae / 2.0, "{record:?}");
@@ -399,6 +402,27 @@ mod tests {
             let stage = |name: &str| record.stages.iter().find(|stage| stage.name == name).unwrap().ms.median;
             assert_eq!((stage("encode"), stage("decode")), (1.0, 2.0), "of a frame");
             assert!(matches!(texture(false), Err(SweepError::Video(_))), "a frame is missing");
+        });
+    }
+
+    #[test]
+    fn cloud_video_without_loss_errs_by_its_rays_alone_until_the_camera_is_late() {
+        check(|bench, clip, _| {
+            let settings = CloudSettings { rays: 32, fps: 10.0, camera_lag_ms: 0 };
+            let error = |camera_lag_ms| {
+                let pictures =
+                    bench.cloud_pictures(clip, &CloudSettings { camera_lag_ms, ..settings }).unwrap();
+                bench.cloud("c", &pictures, &Plain { whole: true }).unwrap().record
+            };
+            let record = error(0);
+            // Nothing moves, so the picture is the reference's but for rounding.
+            assert!(record.error.max <= 0.5 / 255.0 + 1e-6, "{record:?}");
+            assert_eq!((record.kind, record.label.as_str()), (RecordKind::Cloud, "32 rays, 10 Hz, plain"));
+            let stream = record.stream.unwrap();
+            assert_eq!((stream.frames, stream.later_bytes), (4, 3 * 24 * 16));
+            let late = error(100);
+            assert!(late.label.contains("camera 100 ms late"), "{}", late.label);
+            assert_eq!(late.error, record.error, "this scene's camera stands still");
         });
     }
 

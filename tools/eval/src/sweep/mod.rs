@@ -1,7 +1,7 @@
 //! Sweeps of settings and methods over a clip. All are measured in the same way against the same references.
 //!
 //! [`views`] draws the pictures of a clip and traces their references, once. A [`Bench`] then runs a stream from the
-//! scene to those pictures ([`Bench::stream`], [`Bench::texture`]), or a screen-space method over them
+//! scene to those pictures ([`Bench::stream`], [`Bench::texture`], [`Bench::cloud`]), or a screen-space method over them
 //! ([`Bench::method`]). The result is a [`Record`] of cost and error. [`SettingGrid`] lists the settings.
 //!
 //! Times of a stream's server, encoder and decoder cover every frame after the first state, in each of
@@ -10,11 +10,13 @@
 //! count. The caller provides the clock.
 
 mod bench;
+mod cloud;
 mod methods;
 mod record;
 mod run;
 mod setting;
 mod texture;
+mod video;
 mod views;
 
 use psao_codec::envelope::{FrameError, FrameIndex};
@@ -23,20 +25,23 @@ use psao_reconstruct::{CameraError, ReconstructError};
 use psao_server::server::ServerError;
 
 pub use self::bench::{Bench, RunCounts, Sample};
+pub use self::cloud::{CLOUD_VIDEO, CloudClip, CloudSettings};
 pub use self::methods::{far_field_methods, pyramid_methods, screen_methods};
 pub use self::record::{
     ErrorFigures, MemoryFigures, PictureFigures, Record, RecordAtRadius, RecordKind, Spread, StageTime,
     StreamFigures,
 };
 pub use self::run::{Clip, FrameBytes};
+pub(crate) use self::setting::camera_lag;
 pub use self::setting::{Setting, SettingGrid, SettingSummary};
-pub use self::texture::TEXTURE_SPACE;
+pub use self::texture::{AtlasClip, TEXTURE_SPACE};
 pub use self::views::{ReferenceRays, View, picture_times, reach_px, views};
 
 use crate::metric::MetricError;
 use crate::reference::ReferenceError;
 use crate::screen::ScreenError;
-use crate::texture::{TextureError, VideoError};
+use crate::texture::TextureError;
+use crate::video::VideoError;
 
 /// Error of a measurement.
 #[derive(Debug, thiserror::Error)]
@@ -60,7 +65,7 @@ pub enum SweepError {
     /// A texture-space stream was refused.
     #[error(transparent)]
     Texture(#[from] TextureError),
-    /// The video coder of a texture-space stream failed.
+    /// The video coder failed.
     #[error(transparent)]
     Video(#[from] VideoError),
     /// A picture could not be reconstructed.

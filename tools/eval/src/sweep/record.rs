@@ -16,6 +16,8 @@ pub enum RecordKind {
     Screen,
     /// A texture-space stream: an atlas of texels as video.
     Texture,
+    /// Cloud rendering: the picture itself as video.
+    Cloud,
 }
 
 /// Results of one setting or method.

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use psao_codec::block::BlockCoder;
 use psao_codec::envelope::{FrameIndex, FrameInfo, StreamTime};
 use psao_codec::{Decoder, Limits, State};
+use psao_proto::message::CameraPose;
 use psao_proto::{HEADER_BYTES, SceneTable};
 use psao_server::clock::Clock;
 use psao_server::points::PointCache;
@@ -34,6 +35,13 @@ pub struct Clip<'a> {
     pub cache: Option<&'a dyn PointCache>,
     /// Counts the bytes of a frame.
     pub count: fn(&FrameInfo) -> FrameBytes,
+}
+
+impl Clip<'_> {
+    /// Returns the camera that a server knows at a time: the client's of some time before.
+    pub(super) fn server_camera(&self, time_s: f64, lag_ms: u32) -> CameraPose {
+        self.scene.camera(time_s - f64::from(lag_ms) / 1e3)
+    }
 }
 
 /// Bytes of all frames of a clip.
@@ -76,6 +84,7 @@ pub(super) struct Run<'a> {
     pub(super) state: State,
     pub(super) decoder: Decoder,
     pub(super) fps: f64,
+    camera_lag_ms: u32,
     pub(super) frames: u32,
     pub(super) points: u32,
     pub(super) bytes: ClipBytes,
@@ -102,6 +111,7 @@ impl<'a> Run<'a> {
             server,
             decoder: Decoder::new(),
             fps,
+            camera_lag_ms: setting.camera_lag_ms,
             frames,
             bytes,
             took: ClipTimes::default(),
@@ -119,7 +129,7 @@ impl<'a> Run<'a> {
 
     /// Makes a frame and applies it.
     pub(super) fn frame(&mut self, frame: u32) -> Result<(), SweepError> {
-        let camera = [self.clip.scene.camera(f64::from(frame) / self.fps)];
+        let camera = [self.clip.server_camera(f64::from(frame) / self.fps, self.camera_lag_ms)];
         let output = self.server.step(FrameIndex(frame), self.time(frame), &camera, self.clock)?;
         let start = self.clock.micros();
         let applied = self.decoder.decode(&mut self.state, &output.body, &Limits::default());

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 const PAPER_CODER: BlockCoder = BlockCoder::Zstd { level: 15 };
 
 /// Number of swept settings.
-const AXES: usize = 8;
+const AXES: usize = 9;
 
 /// A combination of values.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,6 +32,8 @@ pub struct Setting {
     pub coder: BlockCoder,
     /// Profile of the stream.
     pub profile: Profile,
+    /// Milliseconds by which the server's camera is behind the client's.
+    pub camera_lag_ms: u32,
 }
 
 impl Setting {
@@ -48,6 +50,7 @@ impl Setting {
             fps: settings.fps,
             coder: settings.coder,
             profile: settings.profile,
+            camera_lag_ms: 0,
         }
     }
 
@@ -83,6 +86,7 @@ impl Setting {
                 BlockCoder::Zstd { level } => format!("zstd:{level}"),
                 BlockCoder::Range => "range".to_owned(),
             },
+            camera_lag_ms: self.camera_lag_ms,
         }
     }
 
@@ -120,6 +124,9 @@ pub struct SettingSummary {
     pub fps: f32,
     /// `range`, `zstd:LEVEL`, `lz4` or `none`.
     pub coder: String,
+    /// Milliseconds by which the server's camera is behind the client's.
+    #[serde(default)]
+    pub camera_lag_ms: u32,
 }
 
 impl fmt::Display for SettingSummary {
@@ -129,10 +136,21 @@ impl fmt::Display for SettingSummary {
         }
         write!(
             f,
-            "{}/m\u{b2}, {} bit, {} rays, threshold {}, {} Hz, {}",
-            self.points_per_m2, self.bits, self.rays, self.threshold, self.fps, self.coder
+            "{}/m\u{b2}, {} bit, {} rays, threshold {}, {} Hz, {}{}",
+            self.points_per_m2,
+            self.bits,
+            self.rays,
+            self.threshold,
+            self.fps,
+            self.coder,
+            camera_lag(self.camera_lag_ms)
         )
     }
+}
+
+/// Returns how late the server's camera is, as the end of a label; empty where it is not.
+pub(crate) fn camera_lag(ms: u32) -> String {
+    if ms == 0 { String::new() } else { format!(", camera {ms} ms late") }
 }
 
 /// The values of each axis. An empty axis stands for the usual value.
@@ -154,6 +172,8 @@ pub struct SettingGrid {
     pub coder: Vec<BlockCoder>,
     /// Profiles.
     pub profile: Vec<Profile>,
+    /// Milliseconds by which the server's camera is behind the client's.
+    pub camera_lag_ms: Vec<u32>,
 }
 
 impl SettingGrid {
@@ -173,6 +193,7 @@ impl SettingGrid {
             fps: of(&self.fps, usual.fps),
             coder: of(&self.coder, usual.coder),
             profile: of(&self.profile, usual.profile),
+            camera_lag_ms: of(&self.camera_lag_ms, usual.camera_lag_ms),
         }
         .possible()
     }
@@ -215,6 +236,7 @@ impl SettingGrid {
             self.fps.iter().map(|&fps| Setting { fps, ..*from }).collect(),
             self.coder.iter().map(|&coder| Setting { coder, ..*from }).collect(),
             self.profile.iter().map(|&profile| Setting { profile, ..*from }).collect(),
+            self.camera_lag_ms.iter().map(|&camera_lag_ms| Setting { camera_lag_ms, ..*from }).collect(),
         ]
     }
 }

@@ -13,6 +13,7 @@ use psao_server::scene::Scene;
 use psao_server::world::SceneBvh;
 use rayon::prelude::*;
 
+use super::placement::{Changes, PlacementCost};
 use super::visible::visible;
 use super::{Atlas, Block, Extent, Patch, PatchLookup, PatchPoint, Patches, TextureError, TextureSettings};
 
@@ -36,6 +37,7 @@ pub struct TextureServer {
     texels: Vec<u8>,
     /// Frames since a patch with a block was in view.
     ages: BTreeMap<Patch, u32>,
+    placement: PlacementCost,
 }
 
 /// Counts, bytes and times of a frame.
@@ -45,8 +47,8 @@ pub struct TextureStats {
     pub patches: u32,
     /// Their texels, which are all traced.
     pub texels: u64,
-    /// Bytes that tell the client the places of blocks, as varints without compression. Each patch with a changed block
-    /// has its distance from the previous patch, the extent, and the place in units of the block's size.
+    /// Bytes that tell the client which patches have blocks, and of which extents, as an adaptive arithmetic coder would
+    /// describe the changes. The client derives their places.
     pub placement_bytes: u64,
     /// Microseconds of posing and refitting, of finding the patches in view, and of tracing.
     pub micros: [u64; 3],
@@ -80,6 +82,7 @@ impl TextureServer {
             atlas: Atlas::default(),
             texels: Vec::new(),
             ages: BTreeMap::new(),
+            placement: PlacementCost::new(),
         })
     }
 
@@ -141,31 +144,37 @@ impl TextureServer {
         Ok(visible(&self.world, &self.patches, &sight, size))
     }
 
-    /// Gives every patch in view a block of the right size, and frees the blocks of patches that left the view long
+    /// Gives every patch in view a block of the right size, and first frees the blocks of patches that left the view long
     /// ago. Returns the bytes of these changes.
     fn place(&mut self, seen: &BTreeMap<Patch, f32>, camera: &Camera) -> Result<u64, TextureError> {
         let kept = (BLOCK_LIFETIME_S * self.settings.fps).max(1.0) as u32;
-        let mut changes: BTreeMap<Patch, Option<Block>> = BTreeMap::new();
+        let mut changes = Changes::new();
         self.ages.values_mut().for_each(|age| *age += 1);
         let gone: Vec<Patch> =
             self.ages.iter().filter(|&(_, &age)| age > kept).map(|(&patch, _)| patch).collect();
         for patch in gone.into_iter().filter(|patch| !seen.contains_key(patch)) {
             self.ages.remove(&patch);
+            changes.insert(patch, [self.extent(patch), None]);
             self.atlas.release(patch);
-            changes.insert(patch, None);
         }
         let pixels_per_tangent = self.settings.lines as f32 / (2.0 * camera.tangents()[1] as f32);
         for (&patch, &nearest) in seen {
             self.ages.insert(patch, 0);
             let exact = self.exact(patch, pixels_per_tangent / nearest.max(f32::MIN_POSITIVE));
-            let now = self.atlas.block(patch);
-            let extent = settle(exact, now.map(|block| block.extent), self.settings.most.ilog2() as u8);
-            if now.is_none_or(|block| block.extent != extent) {
-                changes.insert(patch, Some(self.atlas.place(patch, extent)?));
+            let now = self.extent(patch);
+            let extent = settle(exact, now, self.settings.most.ilog2() as u8);
+            if now != Some(extent) {
+                self.atlas.place(patch, extent)?;
+                changes.insert(patch, [now, Some(extent)]);
             }
         }
         self.texels.resize(self.atlas.rows() as usize * Atlas::WIDTH as usize, EMPTY_TEXEL);
-        Ok(placement_bytes(&changes))
+        Ok(self.placement.bytes(&changes))
+    }
+
+    /// Returns the extent of a patch's block, if it has one.
+    fn extent(&self, patch: Patch) -> Option<Extent> {
+        self.atlas.block(patch).map(|block| block.extent)
     }
 
     /// Returns the logarithms to base 2 of the texels that a patch should have, across and down.
@@ -279,23 +288,4 @@ fn settle(exact: [f32; 2], now: Option<Extent>, most: u8) -> Extent {
         across: side(exact[0], now.map(|extent| extent.across)),
         down: side(exact[1], now.map(|extent| extent.down)),
     }
-}
-
-/// Returns the bytes of changed blocks, see [`TextureStats::placement_bytes`].
-fn placement_bytes(changes: &BTreeMap<Patch, Option<Block>>) -> u64 {
-    let mut last = 0;
-    let change = |(&Patch(patch), block): (&Patch, &Option<Block>)| {
-        let skip = varint_bytes(patch - std::mem::replace(&mut last, patch));
-        let place = block.map_or(0, |Block { x, y, extent }| {
-            let slot = y / extent.height() * (Atlas::WIDTH / extent.width()) + x / extent.width();
-            varint_bytes(slot)
-        });
-        skip + 1 + place
-    };
-    changes.iter().map(change).sum()
-}
-
-/// Returns the bytes of a number with 7 bits in each.
-fn varint_bytes(value: u32) -> u64 {
-    u64::from((32 - (value | 1).leading_zeros()).div_ceil(7))
 }

@@ -4,6 +4,7 @@ use psao_reconstruct::{CameraError, SizeError};
 use psao_server::ao::AoError;
 
 use super::atlas::AtlasFullError;
+use crate::sweep::camera_lag;
 
 /// Settings of a texture-space stream.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -18,6 +19,8 @@ pub struct TextureSettings {
     pub rays: u32,
     /// Frames a second of the server.
     pub fps: f32,
+    /// Milliseconds by which the server's camera is behind the client's.
+    pub camera_lag_ms: u32,
 }
 
 impl TextureSettings {
@@ -27,13 +30,14 @@ impl TextureSettings {
     /// Returns the paper's settings for this divisor: blocks for 1080 lines, of at most 256 texels each way.
     #[must_use]
     pub fn new(divisor: u32, rays: u32, fps: f32) -> Self {
-        Self { divisor, lines: 1080, most: Self::MAX_TEXELS, rays, fps }
+        Self { divisor, lines: 1080, most: Self::MAX_TEXELS, rays, fps, camera_lag_ms: 0 }
     }
 
     /// Returns the settings in words and numbers, without the video coder.
     #[must_use]
     pub fn label(&self) -> String {
-        format!("1/{}, {} rays, {} Hz", self.divisor, self.rays, self.fps)
+        let lag = camera_lag(self.camera_lag_ms);
+        format!("1/{}, {} rays, {} Hz{lag}", self.divisor, self.rays, self.fps)
     }
 
     /// Checks all ranges.

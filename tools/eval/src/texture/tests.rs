@@ -138,7 +138,7 @@ fn error(settings: TextureSettings) -> Comparison {
     let stats = server.step(0.0, &camera(), &NoClock).unwrap();
     // The floor and three faces of the cube.
     assert_eq!(stats.patches, 4);
-    assert!(stats.placement_bytes >= 3 * 4 && stats.texels > 0, "{stats:?}");
+    assert!(stats.placement_bytes >= 4 && stats.texels > 0, "{stats:?}");
     let again = server.step(0.1, &camera(), &NoClock).unwrap();
     assert_eq!((again.placement_bytes, again.texels), (0, stats.texels), "nothing moves");
 

@@ -21,7 +21,8 @@ pub(crate) struct Args {
 
 #[derive(clap::Subcommand, Debug)]
 enum Experiment {
-    Sweep(sweep::Args),
+    // Its options take several times the room of the others.
+    Sweep(Box<sweep::Args>),
     Profiles(profiles::Args),
     Budgets(budgets::Args),
     Needs(needs::Args),

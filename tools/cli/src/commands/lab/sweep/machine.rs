@@ -13,7 +13,7 @@ pub(super) struct Machine {
     pub(super) system: String,
     /// How this program was built.
     pub(super) build: &'static str,
-    /// Video coder of texture-space, where there is one and it is wanted.
+    /// Program that codes video, where there is one and it is wanted.
     pub(super) video: Option<String>,
     /// Version of this program.
     pub(super) version: &'static str,

@@ -15,8 +15,10 @@ use std::sync::Arc;
 
 use psao_codec::block::BlockCoder;
 use psao_eval::metric::{Lpips, obscurance};
-use psao_eval::sweep::{Bench, Clip, FrameBytes, RunCounts, Sample, SweepError, views};
-use psao_eval::texture::TextureError;
+use psao_eval::sweep::{
+    AtlasClip, Bench, Clip, CloudClip, CloudSettings, FrameBytes, RunCounts, Sample, SweepError, views,
+};
+use psao_eval::texture::{TextureError, TextureSettings};
 use psao_proto::Profile;
 use psao_reconstruct::Size;
 use psao_reconstruct::picture::Picture;
@@ -41,8 +43,9 @@ use crate::error::{Exit, Failure, Outcome};
 /// A picture uses the newest frame that began by its time, so a lower frame rate shows older AO. Times are medians over all
 /// frames after the first and all repeats, on this machine; all other figures are the same on any machine.
 ///
-/// texture-space is the baseline of streamed textures: AO in a texture atlas, with a block for two triangles, sent as x264
-/// video. It needs an ffmpeg with x264. Without one it is left out, and the output says so.
+/// Two methods send video. texture-space sends AO in a texture atlas, with a block for two triangles. cloud-video sends the
+/// AO picture itself, which the client shows as it is. Both need an ffmpeg; without one they are left out, and the output
+/// says so. Without --full, later values of --camera-lag are measured with the first --atlas, --video and --crf alone.
 ///
 /// With --output, each result is saved as soon as it is measured; --resume continues an interrupted run.
 /// docs/evaluate-json.md describes the JSON.
@@ -60,8 +63,8 @@ pub(crate) struct Args {
     #[arg(long)]
     full: bool,
     #[command(flatten)]
-    texture: TextureArgs,
-    /// Other methods to compare, screen-space and texture-space: all, none, or names [default: all, or those of --table]
+    video: VideoArgs,
+    /// Other methods to compare, screen-space, texture-space and cloud-video: all, none, or names [default: all, or those of --table]
     #[arg(long, value_name = "NAME,..", value_delimiter = ',')]
     methods: Vec<String>,
     /// Leave the streams of points out: compare other methods only
@@ -129,15 +132,17 @@ pub(crate) struct Args {
 /// Heading of the options in `--help`.
 const AXES: &str = "Values to sweep, with commas";
 
-/// What is swept of texture-space.
+/// What is swept of methods that send video.
 #[derive(clap::Args, Clone, Debug)]
-struct TextureArgs {
+struct VideoArgs {
     /// Pixels per texel of texture-space, in each direction, on a screen of 1080 lines
     #[arg(long, value_name = "N,..", value_delimiter = ',', default_value = "8,16,32", help_heading = AXES)]
     atlas: Vec<u32>,
-    /// Rate factors of x264 for texture-space, 0 (lossless) to 51
-    #[arg(long, value_name = "N,..", value_delimiter = ',', default_value = "23",
-        value_parser = clap::value_parser!(u8).range(0..=51), help_heading = AXES)]
+    /// Video coders
+    #[arg(long, value_enum, value_name = "NAME,..", value_delimiter = ',', default_value = "x264", help_heading = AXES)]
+    video: Vec<video::Encoder>,
+    /// Rate factors of video, 0 (best) to 51; to 63 with svt-av1
+    #[arg(long, value_name = "N,..", value_delimiter = ',', default_value = "23", help_heading = AXES)]
     crf: Vec<u8>,
 }
 
@@ -168,13 +173,16 @@ struct AxisArgs {
     /// Formats of the stream [default: surface,paper]
     #[arg(long, value_enum, value_name = "NAME,..", value_delimiter = ',', help_heading = AXES)]
     profile: Vec<ProfileArg>,
+    /// Milliseconds by which the server's camera is behind the client's [default: 0]
+    #[arg(long, value_name = "MS,..", value_delimiter = ',', help_heading = AXES)]
+    camera_lag: Vec<u32>,
 }
 
 pub(crate) fn run(args: &Args) -> Outcome {
     let size = Size::new(args.size.width, args.size.height).map_err(Failure::usage)?;
     let (network, weights) = args.lpips.load()?.unzip();
     let sweep = Sweep::new(args, size, weights.as_deref())?;
-    for words in &sweep.textures.left_out {
+    for words in &sweep.rivals.left_out {
         eprintln!("psao: {words}");
     }
     let scenes = args.scenes.iter().map(|name| Scene::load(name).map(Arc::new).map_err(Failure::input));
@@ -220,10 +228,18 @@ fn measure(
         clock: &clock,
     };
     let clip = Clip { scene: plan.scene, base: plan.base, seconds: sweep.seconds, cache, count };
+    let mut traced = Traced::default();
     for (key, job) in open {
         let sample = match job {
             Job::Stream(setting) => bench.stream(key, &clip, setting),
-            Job::Texture(setting, coder) => bench.texture(key, &clip, setting, coder),
+            Job::Texture(settings, video) => {
+                let clip = traced.atlases(&bench, &clip, settings);
+                clip.and_then(|clip| bench.texture(key, clip, video))
+            }
+            Job::Cloud(settings, video) => {
+                let clip = traced.pictures(&bench, &clip, settings);
+                clip.and_then(|clip| bench.cloud(key, clip, video))
+            }
             Job::Method(method) => bench.method(key, method.as_ref()),
         };
         let Sample { record, picture } = sample.map_err(refused)?;
@@ -237,6 +253,41 @@ fn measure(
         bar.inc(1);
     }
     Ok(())
+}
+
+/// The frames that were traced last: several video coders code the same.
+#[derive(Default)]
+struct Traced {
+    atlases: Option<AtlasClip>,
+    pictures: Option<CloudClip>,
+}
+
+impl Traced {
+    fn atlases(
+        &mut self,
+        bench: &Bench<'_>,
+        clip: &Clip<'_>,
+        settings: &TextureSettings,
+    ) -> Result<&AtlasClip, SweepError> {
+        let kept = match self.atlases.take().filter(|kept| kept.settings() == settings) {
+            Some(kept) => kept,
+            None => bench.atlases(clip, settings)?,
+        };
+        Ok(self.atlases.insert(kept))
+    }
+
+    fn pictures(
+        &mut self,
+        bench: &Bench<'_>,
+        clip: &Clip<'_>,
+        settings: &CloudSettings,
+    ) -> Result<&CloudClip, SweepError> {
+        let kept = match self.pictures.take().filter(|kept| kept.settings() == settings) {
+            Some(kept) => kept,
+            None => bench.cloud_pictures(clip, settings)?,
+        };
+        Ok(self.pictures.insert(kept))
+    }
 }
 
 fn count(info: &psao_codec::envelope::FrameInfo) -> FrameBytes {
@@ -271,6 +322,7 @@ impl AxisArgs {
             fps: vec![15.0, 60.0],
             coder: vec![Coder::RANGE, Coder(BlockCoder::Zstd { level: 15 })],
             profile: vec![ProfileArg::Surface, ProfileArg::Paper],
+            camera_lag: Vec::new(),
         }
     }
 
@@ -288,6 +340,7 @@ impl AxisArgs {
             fps: or(&self.fps, usual.fps),
             coder: or(&self.coder, usual.coder),
             profile: or(&self.profile, usual.profile),
+            camera_lag: or(&self.camera_lag, usual.camera_lag),
         }
     }
 
@@ -301,6 +354,7 @@ impl AxisArgs {
             fps: self.fps.clone(),
             coder: self.coder.iter().map(|coder| coder.0).collect(),
             profile: self.profile.iter().map(|&profile| Profile::from(profile)).collect(),
+            camera_lag_ms: self.camera_lag.clone(),
         }
     }
 }

@@ -63,7 +63,7 @@ pub(super) fn write(args: &Args, sweep: &Sweep<'_>, plans: &[Plan<'_>], store: &
         warm_up: args.warm_up,
         min_points: args.min_points,
         seed: args.seed,
-        left_out: &sweep.textures.left_out,
+        left_out: &sweep.rivals.left_out,
         scenes: plans.iter().map(scene).collect(),
         records: all.clone(),
     };
@@ -218,7 +218,7 @@ fn page<'a>(
             runs, runs, args.warm_up
         ),
     ];
-    let left_out = sweep.textures.left_out.iter().cloned();
+    let left_out = sweep.rivals.left_out.iter().cloned();
     Page {
         title: "psao lab sweep".to_owned(),
         notes: notes.into_iter().chain(left_out).collect(),

@@ -1,11 +1,12 @@
 //! What is to be measured, and the digests by which it is found again.
 
+use std::fmt::Debug;
 use std::sync::Arc;
 
 use psao_eval::screen::{Falloff, ScreenMethod, ScreenRays};
 use psao_eval::sweep::{
-    RecordAtRadius, ReferenceRays, Setting, TEXTURE_SPACE, far_field_methods, picture_times, pyramid_methods,
-    reach_px, screen_methods,
+    CLOUD_VIDEO, CloudSettings, RecordAtRadius, ReferenceRays, Setting, SettingGrid, TEXTURE_SPACE,
+    far_field_methods, picture_times, pyramid_methods, reach_px, screen_methods,
 };
 use psao_eval::texture::TextureSettings;
 use psao_reconstruct::Size;
@@ -16,15 +17,15 @@ use psao_server::server::ServerSettings;
 use super::machine::Machine;
 use super::preset::TableArg;
 use super::store::Store;
-use super::video::{Ffmpeg, MISSING, X264};
-use super::{Args, AxisArgs};
+use super::video::{Encoder, Ffmpeg, Video, missing};
+use super::{Args, AxisArgs, VideoArgs};
 use crate::error::{Exit, Failure, Outcome};
 
 /// What is the same for all scenes.
 pub(super) struct Sweep<'a> {
     pub(super) args: &'a Args,
     pub(super) settings: Vec<Setting>,
-    pub(super) textures: Textures,
+    pub(super) rivals: VideoRivals,
     /// Names of screen-space methods; `None` for all.
     methods: Option<Vec<String>>,
     pub(super) size: Size,
@@ -37,12 +38,13 @@ pub(super) struct Sweep<'a> {
     weights: Option<String>,
 }
 
-/// What is measured of texture-space.
+/// What is measured of methods that send video.
 #[derive(Default)]
-pub(super) struct Textures {
-    all: Vec<(TextureSettings, X264)>,
-    /// The video coder.
-    video: Option<String>,
+pub(super) struct VideoRivals {
+    textures: Vec<(TextureSettings, Video)>,
+    clouds: Vec<(CloudSettings, Video)>,
+    /// The program that codes it.
+    program: Option<String>,
     /// What should have been measured and cannot be, in words.
     pub(super) left_out: Vec<String>,
 }
@@ -68,7 +70,8 @@ pub(super) struct Plan<'a> {
 /// One thing to measure.
 pub(super) enum Job {
     Stream(Setting),
-    Texture(TextureSettings, X264),
+    Texture(TextureSettings, Video),
+    Cloud(CloudSettings, Video),
     Method(Box<dyn ScreenMethod>),
 }
 
@@ -86,10 +89,9 @@ impl<'a> Sweep<'a> {
             [] => own.map(|names| names.iter().map(|&name| name.to_owned()).collect()),
             asked => names(asked)?,
         };
-        let rates =
-            if args.full || args.table.is_some() { grid.fps.clone() } else { vec![grid.centre().fps] };
-        let textures = textures(args, &mut methods, grid.centre().rays, &rates)?;
-        let machine = Machine { video: textures.video.clone(), ..Machine::here() };
+        let servers = video_servers(&grid, args.full || args.table.is_some());
+        let rivals = VideoRivals::new(args, &mut methods, &servers)?;
+        let machine = Machine { video: rivals.program.clone(), ..Machine::here() };
         let rate = f64::from(grid.fastest());
         if !(rate > 0.0 && rate <= 1_000.0) {
             return Err(Failure::usage(format_args!(
@@ -102,7 +104,7 @@ impl<'a> Sweep<'a> {
         Ok(Self {
             args,
             settings,
-            textures,
+            rivals,
             methods,
             size,
             guard: args.guard.unwrap_or(size.width() / 10),
@@ -144,38 +146,96 @@ impl<'a> Sweep<'a> {
     }
 }
 
-/// Returns what is measured of texture-space; its name is taken out of the methods. Settings out of range are an error on
-/// any machine. A missing video coder is an error where the method was asked for by name, and else a note.
-fn textures(args: &Args, methods: &mut Option<Vec<String>>, rays: u32, rates: &[f32]) -> Outcome<Textures> {
-    let by_name = args.methods.iter().any(|name| name == TEXTURE_SPACE);
-    let wanted = match methods {
-        Some(names) => names.iter().any(|name| name == TEXTURE_SPACE),
-        None => args.table.is_none() && !args.no_streams,
-    };
-    if let Some(names) = methods {
-        names.retain(|name| name != TEXTURE_SPACE);
-    }
-    if !wanted {
-        return Ok(Textures::default());
-    }
-    let atlases = args.texture.atlas.iter();
-    let settings: Vec<TextureSettings> = rates
-        .iter()
-        .flat_map(|&fps| atlases.clone().map(move |&divisor| TextureSettings::new(divisor, rays, fps)))
-        .collect();
-    settings.iter().try_for_each(TextureSettings::validate).map_err(Failure::usage)?;
-    let Some(ffmpeg) = Ffmpeg::find() else {
-        if by_name {
-            return Err(Failure::new(Exit::System, format_args!("{TEXTURE_SPACE}: {MISSING}")));
+/// Returns rays, rates and late cameras of the servers that send video. Unless every combination is swept, only the
+/// camera differs.
+fn video_servers(grid: &SettingGrid, every: bool) -> Vec<CloudSettings> {
+    let Setting { rays, fps, camera_lag_ms, .. } = grid.centre();
+    let rates = if every { grid.fps.clone() } else { vec![fps] };
+    let mut lags = vec![camera_lag_ms];
+    lags.extend(grid.camera_lag_ms.iter().copied().filter(|&lag| lag != camera_lag_ms));
+    let of_rate =
+        |&fps: &f32| lags.iter().map(move |&camera_lag_ms| CloudSettings { rays, fps, camera_lag_ms });
+    rates.iter().flat_map(of_rate).collect()
+}
+
+impl VideoRivals {
+    /// Takes the methods that send video out of the names. Settings out of range are an error on any machine. A missing
+    /// video coder is an error where a method was asked for by name, and else a note.
+    fn new(args: &Args, methods: &mut Option<Vec<String>>, servers: &[CloudSettings]) -> Outcome<Self> {
+        let mut take = |name: &str| match methods {
+            Some(names) => {
+                let wanted = names.iter().any(|found| found == name);
+                names.retain(|found| found != name);
+                wanted
+            }
+            None => args.table.is_none() && !args.no_streams,
+        };
+        let (texture, cloud) = (take(TEXTURE_SPACE), take(CLOUD_VIDEO));
+        let videos = args.video.videos()?;
+        let textures = args.video.textures(servers)?;
+        if !texture && !cloud {
+            return Ok(Self::default());
         }
-        let left_out = vec![format!("{TEXTURE_SPACE} is left out: {MISSING}")];
-        return Ok(Textures { left_out, ..Textures::default() });
-    };
-    let mut found = Textures { video: Some(ffmpeg.to_string()), ..Textures::default() };
-    for settings in settings {
-        found.all.extend(args.texture.crf.iter().map(|&crf| (settings, ffmpeg.x264(crf))));
+        let wanted = if texture { TEXTURE_SPACE } else { CLOUD_VIDEO };
+        let by_name = args.methods.iter().any(|name| name == wanted);
+        let ffmpeg = Ffmpeg::find();
+        let mut rivals = Self { program: ffmpeg.as_ref().map(ToString::to_string), ..Self::default() };
+        let mut found = Vec::new();
+        for (encoder, crf) in videos {
+            match ffmpeg.as_ref().and_then(|ffmpeg| ffmpeg.video(encoder, crf)) {
+                Some(video) => found.push(video),
+                None if by_name => {
+                    return Err(Failure::new(Exit::System, format_args!("{wanted}: {}", missing(encoder))));
+                }
+                None => rivals.left_out.push(format!("{wanted} is left out: {}", missing(encoder))),
+            }
+        }
+        rivals.left_out.dedup();
+        // With another camera, only the first of the other settings is measured.
+        let first_lag = servers.first().map_or(0, |server| server.camera_lag_ms);
+        let of = |lag: u32, number: usize| args.full || lag == first_lag || number == 0;
+        for (number, settings) in textures.iter().filter(|_| texture) {
+            let videos =
+                found.iter().enumerate().filter(|&(video, _)| of(settings.camera_lag_ms, number + video));
+            rivals.textures.extend(videos.map(|(_, &video)| (*settings, video)));
+        }
+        for server in servers.iter().filter(|_| cloud) {
+            let videos = found.iter().enumerate().filter(|&(video, _)| of(server.camera_lag_ms, video));
+            rivals.clouds.extend(videos.map(|(_, &video)| (*server, video)));
+        }
+        Ok(rivals)
     }
-    Ok(found)
+}
+
+impl VideoArgs {
+    /// Returns every encoder at every rate factor.
+    fn videos(&self) -> Outcome<Vec<(Encoder, u8)>> {
+        let all = self.video.iter().flat_map(|&encoder| self.crf.iter().map(move |&crf| (encoder, crf)));
+        let all: Vec<(Encoder, u8)> = all.collect();
+        match all.iter().find(|(encoder, crf)| *crf > encoder.most()) {
+            Some((encoder, crf)) => Err(Failure::usage(format_args!(
+                "--crf {crf}: {} takes 0 to {}",
+                encoder.name(),
+                encoder.most()
+            ))),
+            None => Ok(all),
+        }
+    }
+
+    /// Returns the settings of texture-space for each server, with the number of their divisor.
+    fn textures(&self, servers: &[CloudSettings]) -> Outcome<Vec<(usize, TextureSettings)>> {
+        let of_server = |server: &CloudSettings| {
+            let CloudSettings { rays, fps, camera_lag_ms } = *server;
+            let settings = move |&divisor: &u32| TextureSettings {
+                camera_lag_ms,
+                ..TextureSettings::new(divisor, rays, fps)
+            };
+            self.atlas.iter().map(settings).enumerate()
+        };
+        let all: Vec<_> = servers.iter().flat_map(of_server).collect();
+        all.iter().try_for_each(|(_, settings)| settings.validate()).map_err(Failure::usage)?;
+        Ok(all)
+    }
 }
 
 /// `--methods`: `None` for all.
@@ -230,9 +290,14 @@ impl<'a> Plan<'a> {
             let key = sweep.key(scene, &truth, &format!("{setting:?}"));
             jobs.push((key, Job::Stream(*setting)));
         }
-        for (setting, coder) in &sweep.textures.all {
-            let key = sweep.key(scene, &truth, &format!("{setting:?} {coder:?} {:?}", sweep.machine.video));
-            jobs.push((key, Job::Texture(*setting, *coder)));
+        let video_key = |settings: &dyn Debug, video: &Video| {
+            sweep.key(scene, &truth, &format!("{settings:?} {video:?} {:?}", sweep.machine.video))
+        };
+        for (settings, video) in &sweep.rivals.textures {
+            jobs.push((video_key(settings, video), Job::Texture(*settings, *video)));
+        }
+        for (settings, video) in &sweep.rivals.clouds {
+            jobs.push((video_key(settings, video), Job::Cloud(*settings, *video)));
         }
         for method in chosen(methods?, sweep.methods.as_deref())? {
             let what = format!("{} {}", method.name(), method.label());
@@ -292,7 +357,7 @@ fn chosen(
     if let Some(unknown) = names.iter().find(|name| !methods.iter().any(|method| method.name() == **name)) {
         let mut known: Vec<&str> = methods.iter().map(|method| method.name()).collect();
         known.dedup();
-        known.push(TEXTURE_SPACE);
+        known.extend([TEXTURE_SPACE, CLOUD_VIDEO]);
         return Err(Failure::usage(format_args!(
             "no method is called \"{unknown}\"; there are: {}",
             known.join(", ")

@@ -57,6 +57,8 @@ wire_enum! {
         STAMP = 16 => "STAMP",
         /// Server to client: [`Budget`](crate::message::Budget).
         BUDGET = 17 => "BUDGET",
+        /// In files only: parity of the bytes before it, by which a reader repairs damage.
+        PARITY = 0x42 => "PARITY",
         /// In files only: the index of a recording.
         INDEX = 0x40 => "INDEX",
         /// In files only: [`Gap`](crate::message::Gap), frames that were not recorded.

@@ -7,7 +7,9 @@ use crate::message::{
     Accept, Ack, Auth, Budget, CameraPose, Close, CloseCode, Edit, EditAction, Gap, Hello, KeyframeReason,
     Message, Ping, Pong, Reject, RejectCode, Report, Request, Scene, Stamp, Token, View,
 };
-use crate::recording::{Bounds, Player, PlayerEvent, Reader, Summary, Writer, cut, load_index, recover};
+use crate::recording::{
+    Bounds, Player, PlayerEvent, Reader, Summary, Writer, cut, load_index, recover, repair,
+};
 use crate::sample::{Error, SampleServer, recording as sample_recording, recording_of};
 use crate::session::{Access, ClientSession, ServerSession, SharedBody};
 use crate::{
@@ -160,6 +162,17 @@ fn read_and_play(data: &[u8]) {
         }
     }
     rewritten(data, player.stats().applied);
+    repaired(data);
+}
+
+/// Checks that repairing changes nothing but what it says, and that a second repair finds nothing to do.
+fn repaired(data: &[u8]) {
+    let mut file = data.to_vec();
+    let stretches = repair(&mut file, limits());
+    let said = |at: usize| stretches.iter().any(|s| (s.offset..s.offset + s.bytes).contains(&(at as u64)));
+    for (at, (before, after)) in data.iter().zip(&file).enumerate() {
+        assert!(before == after || said(at), "byte {at} was changed without a word");
+    }
 }
 
 /// Checks that a recovered file and a cut file play without errors, and that recovery loses no playable frame.

@@ -101,7 +101,7 @@ impl Sinks {
     }
 
     /// Takes a frame. `state` is the server's after it, `captured` the time that it shows, by [`now`](Self::now). `keyframe`
-    /// makes a keyframe of that state: the recording gets it in place of `body` where one ends a gap.
+    /// makes a keyframe of that state: the recording gets it in place of `body` where it wants one.
     ///
     /// # Errors
     /// [`SinkError::Encode`] when a keyframe or a patch cannot be made, [`SinkError::Recording`] as [`Recorder::body`]. The
@@ -126,7 +126,7 @@ impl Sinks {
         #[cfg(feature = "fs")]
         if let Some(recorder) = &mut self.recorder {
             let now = recorder.now();
-            if recorder.wants_keyframe() {
+            if recorder.wants_keyframe(now) {
                 recorder.body(now, FrameKind::Key, &keyframe()?)?;
             } else {
                 recorder.body(now, info.kind, &body)?;

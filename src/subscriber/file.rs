@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use psao_codec::State;
 use psao_codec::envelope::FrameError;
-use psao_proto::recording::{OwnedPlayer, PlayerEvent};
+use psao_proto::recording::{OwnedPlayer, PlayerEvent, repair};
 use psao_proto::{FollowError, Limits, Micros};
 
 use super::{Event, SubscribeError};
@@ -20,8 +20,9 @@ pub(super) struct File {
 
 impl File {
     pub(super) fn open(path: &Path) -> Result<Self, SubscribeError> {
-        let bytes =
+        let mut bytes =
             std::fs::read(path).map_err(|source| SubscribeError::Read { path: path.to_owned(), source })?;
+        repair(&mut bytes, Limits::default());
         let player = OwnedPlayer::new(bytes, Limits::default())
             .map_err(|source| SubscribeError::Recording { path: path.to_owned(), source })?;
         Ok(Self { player, started: None })

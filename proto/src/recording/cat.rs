@@ -25,7 +25,7 @@ use crate::Limits;
 /// both.add(&recording(5, 3)?)?;
 /// both.add(&recording(4, 4)?)?;
 /// both.finish()?;
-/// assert_eq!(Summary::scan(&file, Limits::default())?.index().len(), 9);
+/// assert_eq!(Summary::scan(&file, Limits::default())?.frames().len(), 9);
 /// # Ok::<(), Box<dyn std::error::Error + Send + Sync>>(())
 /// ```
 #[derive(Debug)]

@@ -1,7 +1,7 @@
 //! Cutting a range of frames out of a recording.
 
 use super::rewrite::{LossError, Rewriter};
-use super::{IndexEntry, Player, PlayerEvent, RewriteError, RewriteOutcome, Summary};
+use super::{FrameEntry, Player, PlayerEvent, RewriteError, RewriteOutcome, Summary};
 use crate::{FrameIndex, Limits, StreamTime};
 
 /// A range of frames of a recording. It starts at the first frame within the bounds and ends before the first later
@@ -16,7 +16,7 @@ pub enum Bounds {
 
 impl Bounds {
     /// Compares an entry with the bounds: `Less` before, `Equal` within, `Greater` beyond them.
-    fn compare(&self, entry: &IndexEntry) -> std::cmp::Ordering {
+    fn compare(&self, entry: &FrameEntry) -> std::cmp::Ordering {
         use std::cmp::Ordering;
         let (value, from, to) = match *self {
             Self::Time(from, to) => (entry.time.0, from.0, to.0),
@@ -30,7 +30,7 @@ impl Bounds {
     }
 
     /// Returns whether an entry lies exactly at the start of the bounds.
-    fn start_at(&self, entry: &IndexEntry) -> bool {
+    fn start_at(&self, entry: &FrameEntry) -> bool {
         match *self {
             Self::Time(from, _) => entry.time == from,
             Self::Frames(from, _) => entry.frame == from,
@@ -38,7 +38,7 @@ impl Bounds {
     }
 
     /// Returns whether an entry lies exactly at the end of the bounds.
-    fn end_at(&self, entry: &IndexEntry) -> bool {
+    fn end_at(&self, entry: &FrameEntry) -> bool {
         match *self {
             Self::Time(_, to) => entry.time == to,
             Self::Frames(_, to) => entry.frame == to,
@@ -104,7 +104,7 @@ pub(super) struct Span {
 
 impl Span {
     /// Finds the entries within `bounds`.
-    pub(super) fn find(index: &[IndexEntry], bounds: &Bounds) -> Result<Self, RangeError> {
+    pub(super) fn find(index: &[FrameEntry], bounds: &Bounds) -> Result<Self, RangeError> {
         if let Some(first) = index.iter().position(|entry| bounds.compare(entry).is_eq()) {
             let after = index.iter().skip(first).position(|entry| bounds.compare(entry).is_gt());
             let last = after.map_or(index.len(), |count| first + count) - 1;
@@ -138,7 +138,7 @@ pub fn cut<E>(
     put: impl FnMut(&[u8]) -> Result<(), E>,
 ) -> Result<RewriteOutcome, RewriteError<E>> {
     let summary = Summary::scan(file, limits)?;
-    let index = summary.index();
+    let index = summary.frames();
     let Span { first, last } = Span::find(index, bounds)?;
     let (first_entry, last_entry) = (&index[first], &index[last]);
     let (before, after) = (first.checked_sub(1).map(|before| &index[before]), index.get(last + 1));

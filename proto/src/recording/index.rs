@@ -1,18 +1,16 @@
-//! The index of a recording: the places of its keyframes and updates.
+//! The index of a recording: where playing can start, and what must be played before.
 
 use psao_codec::envelope::FrameInfo;
 
+use crate::message::{Edit, Message as _, Scene};
 use crate::{FrameHeader, FrameIndex, FrameType, Group, Sequence, StreamTime};
 
 /// Bytes of one entry in an INDEX frame.
-pub const INDEX_ENTRY_BYTES: usize = 32;
+pub const INDEX_ENTRY_BYTES: usize = 24;
 
 /// One keyframe or update of a recording.
-///
-/// In an INDEX frame an entry is 32 bytes, little endian: offset `u64`, stream time `u64`, frame `u32`, group `u32`,
-/// sequence `u32`, frame type `u8`, three zero bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct IndexEntry {
+pub struct FrameEntry {
     /// Offset of its record in the file, in bytes.
     pub offset: u64,
     /// Time on the stream's own clock.
@@ -27,7 +25,7 @@ pub struct IndexEntry {
     pub keyframe: bool,
 }
 
-impl IndexEntry {
+impl FrameEntry {
     /// Creates the entry of the keyframe or update in the record at `offset`, from the headers of its wire frame and of
     /// its body.
     pub(super) fn new(offset: u64, header: FrameHeader, info: &FrameInfo) -> Self {
@@ -35,32 +33,76 @@ impl IndexEntry {
         let keyframe = kind == FrameType::KEYFRAME;
         Self { offset, time: info.time, frame: info.frame, group, sequence, keyframe }
     }
+}
+
+/// A record of the index: a keyframe, or a record that must be played before the keyframes after it.
+///
+/// In an INDEX frame an entry is 24 bytes, little endian: offset `u64`, stream time `u64`, frame `u32`, frame type `u8`,
+/// three zero bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct IndexEntry {
+    /// Offset of the record in the file, in bytes.
+    pub offset: u64,
+    /// What it holds.
+    pub kind: IndexKind,
+}
+
+/// Content of an indexed record.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum IndexKind {
+    /// The first record of a scene table. The rest of the table follows it.
+    Scene,
+    /// An edit.
+    Edit,
+    /// A keyframe, with which a group begins.
+    Keyframe {
+        /// Time on the stream's own clock.
+        time: StreamTime,
+        /// Number of the frame.
+        frame: FrameIndex,
+    },
+}
+
+impl IndexEntry {
+    /// Returns the entry of the record at `offset`, if it belongs into the index. `info` is the header of its body, which
+    /// keyframes and updates have.
+    pub(super) fn of(offset: u64, kind: FrameType, payload: &[u8], info: Option<&FrameInfo>) -> Option<Self> {
+        let kind = match (kind, info) {
+            (FrameType::KEYFRAME, Some(info)) => IndexKind::Keyframe { time: info.time, frame: info.frame },
+            (FrameType::SCENE, _) if matches!(Scene::from_payload(payload), Ok(Scene::Info(_))) => {
+                IndexKind::Scene
+            }
+            (FrameType::EDIT, _) if Edit::from_payload(payload).is_ok() => IndexKind::Edit,
+            _ => return None,
+        };
+        Some(Self { offset, kind })
+    }
 
     fn to_bytes(self) -> [u8; INDEX_ENTRY_BYTES] {
+        let (kind, time, frame) = match self.kind {
+            IndexKind::Scene => (FrameType::SCENE, StreamTime(0), FrameIndex(0)),
+            IndexKind::Edit => (FrameType::EDIT, StreamTime(0), FrameIndex(0)),
+            IndexKind::Keyframe { time, frame } => (FrameType::KEYFRAME, time, frame),
+        };
         let mut out = [0; INDEX_ENTRY_BYTES];
         out[..8].copy_from_slice(&self.offset.to_le_bytes());
-        out[8..16].copy_from_slice(&self.time.0.to_le_bytes());
-        out[16..20].copy_from_slice(&self.frame.0.to_le_bytes());
-        out[20..24].copy_from_slice(&self.group.0.to_le_bytes());
-        out[24..28].copy_from_slice(&self.sequence.0.to_le_bytes());
-        out[28] = if self.keyframe { FrameType::KEYFRAME.0 } else { FrameType::UPDATE.0 };
+        out[8..16].copy_from_slice(&time.0.to_le_bytes());
+        out[16..20].copy_from_slice(&frame.0.to_le_bytes());
+        out[20] = kind.0;
         out
     }
 
     fn from_bytes(bytes: &[u8; INDEX_ENTRY_BYTES]) -> Option<Self> {
-        let keyframe = match (FrameType(bytes[28]), &bytes[29..]) {
-            (FrameType::KEYFRAME, [0, 0, 0]) => true,
-            (FrameType::UPDATE, [0, 0, 0]) => false,
+        let time = StreamTime(u64::from_le_bytes(*bytes[8..].first_chunk()?));
+        let frame = FrameIndex(u32::from_le_bytes(*bytes[16..].first_chunk()?));
+        let kind = match (FrameType(bytes[20]), time.0, frame.0) {
+            (FrameType::KEYFRAME, ..) => IndexKind::Keyframe { time, frame },
+            (FrameType::SCENE, 0, 0) => IndexKind::Scene,
+            (FrameType::EDIT, 0, 0) => IndexKind::Edit,
             _ => return None,
         };
-        Some(Self {
-            offset: u64::from_le_bytes(*bytes.first_chunk()?),
-            time: StreamTime(u64::from_le_bytes(*bytes[8..].first_chunk()?)),
-            frame: FrameIndex(u32::from_le_bytes(*bytes[16..].first_chunk()?)),
-            group: Group(u32::from_le_bytes(*bytes[20..].first_chunk()?)),
-            sequence: Sequence(u32::from_le_bytes(*bytes[24..].first_chunk()?)),
-            keyframe,
-        })
+        let offset = u64::from_le_bytes(*bytes.first_chunk()?);
+        (bytes[21..] == [0; 3]).then_some(Self { offset, kind })
     }
 }
 
@@ -86,22 +128,22 @@ mod tests {
 
     #[test]
     fn golden_bytes() {
-        let entry = IndexEntry {
-            offset: 1,
-            time: StreamTime(2),
-            frame: FrameIndex(3),
-            group: Group(4),
-            sequence: Sequence(5),
-            keyframe: true,
-        };
-        let update = IndexEntry { keyframe: false, ..entry };
-        let bytes = write_index(&[entry, update]);
-        let golden = "0100000000000000020000000000000003000000040000000500000007000000";
-        assert_eq!(hex(&bytes[..32]), golden);
-        assert_eq!(read_index(&bytes), Some(vec![entry, update]));
+        let keyframe = IndexKind::Keyframe { time: StreamTime(2), frame: FrameIndex(3) };
+        let entries = [
+            IndexEntry { offset: 16, kind: IndexKind::Scene },
+            IndexEntry { offset: 64, kind: IndexKind::Edit },
+            IndexEntry { offset: 1, kind: keyframe },
+        ];
+        let bytes = write_index(&entries);
+        assert_eq!(hex(&bytes[..24]), "100000000000000000000000000000000000000004000000");
+        assert_eq!(hex(&bytes[48..]), "010000000000000002000000000000000300000007000000");
+        assert_eq!(read_index(&bytes), Some(entries.to_vec()));
         assert_eq!(read_index(&bytes[..40]), None);
-        let mut bad = bytes;
-        bad[28] = 10;
-        assert_eq!(read_index(&bad), None);
+        // Another type, a byte that is not zero, a time of a scene table.
+        for (place, byte) in [(20, 8), (21, 1), (8, 1)] {
+            let mut bad = bytes.clone();
+            bad[place] = byte;
+            assert_eq!(read_index(&bad), None, "byte {place}");
+        }
     }
 }

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | file header | magic `89 50 53 41 4F 0D 0A 1A` (8), version `u16` = 1, flags `u16` = 0, CRC32C `u32` of the 12 bytes before |
 //! | record, any number | arrival `u64` in microseconds, CRC32C `u32` of those 8 bytes, the frame byte for byte |
+//! | parity, every 128 KiB | a record whose frame has the type PARITY, see [`repair`] |
 //! | index, optional | a record whose frame has the type INDEX |
 //! | footer, after an index | offset of the index record `u64`, magic `u32` `0x1D0A_A05E`, CRC32C `u32` of the 12 bytes before |
 //!
@@ -14,6 +15,7 @@
 //! |---|---|
 //! | [`Writer`] | returns the bytes to append |
 //! | [`Reader`] | iterates over records and damages without copying |
+//! | [`repair`] | makes damaged stretches whole again |
 //! | [`Summary`] | scans a whole file: index, groups, gaps, damages |
 //! | [`Player`], [`OwnedPlayer`] | decode a recording into states |
 //! | [`cut()`], [`Concatenation`], [`recover()`] | make new recordings of old ones |
@@ -26,6 +28,7 @@ mod edits;
 pub mod file;
 mod index;
 mod owned_player;
+mod parity;
 mod player;
 mod reader;
 mod recover;
@@ -40,8 +43,9 @@ mod writer;
 pub use cat::Concatenation;
 pub use cut::{Bounds, RangeError, cut};
 pub use edits::EditsInForce;
-pub use index::{INDEX_ENTRY_BYTES, IndexEntry};
+pub use index::{FrameEntry, INDEX_ENTRY_BYTES, IndexEntry, IndexKind};
 pub use owned_player::OwnedPlayer;
+pub use parity::{Repaired, repair};
 pub use player::{PlayedFrame, Player, PlayerError, PlayerEvent, PlayerStats};
 pub use reader::{Damage, DamageKind, Reader, ReaderError, Record};
 pub use recover::recover;
@@ -49,7 +53,7 @@ pub use rewrite::{LossError, RewriteError, RewriteOutcome};
 pub use summary::{StoredIndex, Summary, TypeCount, load_index};
 pub use writer::{Writer, WriterError};
 
-use crate::WireFrameError;
+use crate::{Micros, WireFrameError};
 
 /// First bytes of a recording.
 pub const FILE_MAGIC: [u8; 8] = *b"\x89PSAO\r\n\x1a";
@@ -72,6 +76,13 @@ pub(crate) fn file_header() -> [u8; FILE_HEADER_BYTES] {
     let crc = crc32c::crc32c(&head[..12]);
     head[12..].copy_from_slice(&crc.to_le_bytes());
     head
+}
+
+/// Appends the head of a record: the arrival time and its checksum.
+fn record_head(arrival: Micros, out: &mut Vec<u8>) {
+    let time = arrival.0.to_le_bytes();
+    out.extend_from_slice(&time);
+    out.extend_from_slice(&crc32c::crc32c(&time).to_le_bytes());
 }
 
 /// Returns the footer of an index record at `offset`.

@@ -6,7 +6,9 @@ use psao_codec::block::BlockCoder;
 use psao_codec::envelope::{EncodeError, FrameBody, FrameInfo, FrameKind, FrameMeta};
 use psao_codec::{State, keyframe};
 
-use super::{Damage, EditsInForce, IndexEntry, RECORD_HEAD_BYTES, Reader, ReaderError, Record, Summary};
+use super::{
+    Damage, EditsInForce, FrameEntry, IndexEntry, RECORD_HEAD_BYTES, Reader, ReaderError, Record, Summary,
+};
 use crate::follow::{FollowError, Follower};
 use crate::message::{Budget, Close, Edit, Gap, Message, MessageError, Report, Scene};
 use crate::scene::SceneAssembler;
@@ -225,24 +227,33 @@ impl<'a> Player<'a> {
     ///
     /// `summary` must be the summary of this file.
     pub fn jump(&mut self, summary: &Summary, entry: usize) {
-        let before = summary.index().get(..=entry).unwrap_or(summary.index());
+        let before = summary.frames().get(..=entry).unwrap_or(summary.frames());
         let Some(key) = before.iter().rfind(|entry| entry.keyframe) else {
             self.reader.rewind();
             return;
         };
-        for offset in summary.prerequisites_of(key.offset) {
-            self.reader.seek(offset);
-            // An error shows later, when the keyframe cannot be applied.
-            if let Some(Ok(record)) = self.reader.next() {
-                let _ = self.playback.record(&record);
-            }
+        for entry in summary.prerequisites_of(key.offset) {
+            self.prerequisite(entry);
         }
         self.seek(key);
     }
 
+    /// Plays a scene table or an edit. An error shows later, when a keyframe cannot be applied.
+    fn prerequisite(&mut self, entry: &IndexEntry) {
+        self.reader.seek(entry.offset);
+        while let Some(Ok(record)) = self.reader.next() {
+            let kind = record.frame.header.kind;
+            let wanted = matches!(kind, FrameType::SCENE | FrameType::EDIT);
+            // Only the last frame of a scene table is an event.
+            if kind.carries_state() || wanted && self.playback.record(&record).is_some() {
+                break;
+            }
+        }
+    }
+
     /// Moves to a keyframe of an index, which is the next frame to be applied. The scene table must have been played
     /// before, or the keyframe fails with [`FollowError::NoScene`]; [`jump`](Self::jump) takes care of that.
-    pub fn seek(&mut self, keyframe: &IndexEntry) {
+    pub fn seek(&mut self, keyframe: &FrameEntry) {
         self.reader.seek(keyframe.offset);
         self.playback.lose_position();
     }

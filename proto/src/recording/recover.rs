@@ -33,7 +33,7 @@ pub fn recover<E>(
             }
         };
         let header = record.frame.header;
-        if header.kind == FrameType::INDEX {
+        if matches!(header.kind, FrameType::INDEX | FrameType::PARITY) {
             continue;
         }
         copy.arrival = record.arrival;

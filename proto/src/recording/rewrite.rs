@@ -280,9 +280,10 @@ impl<E, P: FnMut(&[u8]) -> Result<(), E>> Rewriter<P> {
                 self.message(record.arrival, kind, payload)?;
                 self.edits.apply(edit);
             }
-            // A scene table is written whole or not at all, the index is rebuilt, and handshakes are not part of a
-            // stream.
-            (None, FrameType::SCENE | FrameType::INDEX | FrameType::ACCEPT | FrameType::REJECT) => {}
+            // A scene table is written whole or not at all, index and parity are made anew, and handshakes are not
+            // part of a stream.
+            (None, FrameType::SCENE | FrameType::ACCEPT | FrameType::REJECT) => {}
+            (None, FrameType::INDEX | FrameType::PARITY) => {}
             _ => self.message(record.arrival, kind, payload)?,
         }
         Ok(())

@@ -5,8 +5,9 @@ use std::collections::BTreeMap;
 use psao_codec::envelope::FrameBody;
 
 use super::index::read_index;
-use super::{Damage, FOOTER_BYTES, IndexEntry, Reader, ReaderError, parse_footer};
-use crate::message::{Close, Gap, Message, Scene};
+use super::parity::covered_bytes;
+use super::{Damage, FOOTER_BYTES, FrameEntry, IndexEntry, IndexKind, Reader, ReaderError, parse_footer};
+use crate::message::{Close, Gap, Message};
 use crate::{FrameIndex, FrameType, Limits, Micros};
 
 /// Counts of the frames of one type.
@@ -25,7 +26,7 @@ pub struct TypeCount {
 pub enum StoredIndex {
     /// There is no index, as after a killed recorder. [`Summary::index`] was rebuilt.
     Missing,
-    /// The index names exactly the frames of the file.
+    /// The index names exactly the records of the file that it should.
     Agrees,
     /// The index does not fit the file. [`Summary::index`] was rebuilt.
     Differs,
@@ -37,6 +38,7 @@ pub enum StoredIndex {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Summary {
     file_bytes: u64,
+    frames: Vec<FrameEntry>,
     index: Vec<IndexEntry>,
     stored_index: StoredIndex,
     types: BTreeMap<FrameType, TypeCount>,
@@ -46,15 +48,7 @@ pub struct Summary {
     close: Option<Close>,
     damages: Vec<Damage>,
     gaps: Vec<Gap>,
-    prerequisites: Vec<Prerequisite>,
-}
-
-/// A record that later frames depend on: part of a scene table, or an edit.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Prerequisite {
-    offset: u64,
-    /// Whether a scene table starts here, so that no earlier record matters.
-    starts_scene: bool,
+    parity_bytes: u64,
 }
 
 impl Summary {
@@ -65,6 +59,7 @@ impl Summary {
     pub fn scan(bytes: &[u8], limits: Limits) -> Result<Self, ReaderError> {
         let mut summary = Self {
             file_bytes: bytes.len() as u64,
+            frames: Vec::new(),
             index: Vec::new(),
             stored_index: StoredIndex::Missing,
             types: BTreeMap::new(),
@@ -74,7 +69,7 @@ impl Summary {
             close: None,
             damages: Vec::new(),
             gaps: Vec::new(),
-            prerequisites: Vec::new(),
+            parity_bytes: 0,
         };
         let mut stored = None;
         let mut group = None;
@@ -91,26 +86,30 @@ impl Summary {
             count.frames += 1;
             count.wire_bytes += record.wire_bytes();
             count.record_bytes += record.record_bytes();
-            if header.kind == FrameType::INDEX {
-                stored = Some(read_index(payload));
-                continue;
+            match header.kind {
+                FrameType::INDEX => {
+                    stored = Some(read_index(payload));
+                    continue;
+                }
+                FrameType::PARITY => {
+                    summary.parity_bytes += covered_bytes(payload, bytes.len());
+                    continue;
+                }
+                _ => {}
             }
             summary.first_arrival.get_or_insert(record.arrival);
             summary.last_arrival = summary.last_arrival.max(Some(record.arrival));
-            if header.kind.carries_state() {
-                if let Ok(body) = FrameBody::parse(payload, &limits.codec) {
-                    summary.index.push(IndexEntry::new(record.offset(), header, body.info()));
-                }
+            let carries_state = header.kind.carries_state();
+            let body = if carries_state { FrameBody::parse(payload, &limits.codec).ok() } else { None };
+            let info = body.as_ref().map(FrameBody::info);
+            summary.frames.extend(info.map(|info| FrameEntry::new(record.offset(), header, info)));
+            summary.index.extend(IndexEntry::of(record.offset(), header.kind, payload, info));
+            if carries_state {
                 summary.groups += u32::from(group.replace(header.group) != Some(header.group));
             }
             match header.kind {
                 FrameType::CLOSE => summary.close = Close::from_payload(payload).ok(),
                 FrameType::GAP => summary.gaps.extend(Gap::from_payload(payload).ok()),
-                FrameType::SCENE | FrameType::EDIT => {
-                    let scene = (header.kind == FrameType::SCENE).then(|| Scene::from_payload(payload));
-                    let starts_scene = matches!(scene, Some(Ok(Scene::Info(_))));
-                    summary.prerequisites.push(Prerequisite { offset: record.offset(), starts_scene });
-                }
                 _ => {}
             }
         }
@@ -129,6 +128,12 @@ impl Summary {
     }
 
     /// Returns an entry for every keyframe and update whose header can be read, in file order.
+    #[must_use]
+    pub fn frames(&self) -> &[FrameEntry] {
+        &self.frames
+    }
+
+    /// Returns the index of the file as its records have it, in file order.
     #[must_use]
     pub fn index(&self) -> &[IndexEntry] {
         &self.index
@@ -182,25 +187,32 @@ impl Summary {
         &self.gaps
     }
 
-    /// Returns the offsets of the records that must be played before the one at `offset`, in order. These are the last
-    /// scene table before it, and the edits since that table.
-    pub(super) fn prerequisites_of(&self, offset: u64) -> impl Iterator<Item = u64> + '_ {
-        let end = self.prerequisites.partition_point(|mark| mark.offset < offset);
-        let prerequisites = self.prerequisites.get(..end).unwrap_or_default();
-        let start = prerequisites.iter().rposition(|mark| mark.starts_scene).unwrap_or(0);
-        prerequisites.get(start..).unwrap_or_default().iter().map(|mark| mark.offset)
+    /// Returns the number of bytes that parity records cover.
+    #[must_use]
+    pub const fn parity_bytes(&self) -> u64 {
+        self.parity_bytes
     }
 
-    /// Returns the bytes of all frames on the wire, headers included, without the index.
+    /// Returns where the scene table and the edits begin that must be played before the record at `offset`, in order.
+    pub(super) fn prerequisites_of(&self, offset: u64) -> impl Iterator<Item = &IndexEntry> + '_ {
+        let end = self.index.partition_point(|entry| entry.offset < offset);
+        let before = self.index.get(..end).unwrap_or_default();
+        let start = before.iter().rposition(|entry| entry.kind == IndexKind::Scene).unwrap_or(0);
+        let after = before.get(start..).unwrap_or_default().iter();
+        after.filter(|entry| matches!(entry.kind, IndexKind::Scene | IndexKind::Edit))
+    }
+
+    /// Returns the bytes of all frames on the wire, headers included, without index and parity.
     #[must_use]
     pub fn wire_bytes(&self) -> u64 {
-        self.types.iter().filter(|(kind, _)| **kind != FrameType::INDEX).map(|(_, c)| c.wire_bytes).sum()
+        let on_the_wire = |kind: &FrameType| !matches!(*kind, FrameType::INDEX | FrameType::PARITY);
+        self.types.iter().filter(|(kind, _)| on_the_wire(kind)).map(|(_, count)| count.wire_bytes).sum()
     }
 
     /// Returns the keyframe from which to play in order to reach `frame`: the last one that is not after it.
     #[must_use]
-    pub fn keyframe_before(&self, frame: FrameIndex) -> Option<&IndexEntry> {
-        self.index.iter().rfind(|entry| entry.keyframe && entry.frame <= frame)
+    pub fn keyframe_before(&self, frame: FrameIndex) -> Option<&FrameEntry> {
+        self.frames.iter().rfind(|entry| entry.keyframe && entry.frame <= frame)
     }
 }
 

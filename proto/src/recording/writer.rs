@@ -3,7 +3,8 @@
 use psao_codec::envelope::{FrameBody, FrameInfo};
 
 use super::index::{IndexEntry, write_index};
-use super::{file_header, footer};
+use super::parity::ParityWriter;
+use super::{file_header, footer, record_head};
 use crate::framer::{Split, split_frame};
 use crate::{
     FrameHeader, FrameType, Group, HEADER_BYTES, Limits, Micros, Sequence, WireFrameError, write_frame,
@@ -63,6 +64,7 @@ pub struct Writer {
     /// Bytes of the file before the last record.
     before: u64,
     index: Vec<IndexEntry>,
+    parity: ParityWriter,
     last_arrival: Micros,
     state: Status,
 }
@@ -80,30 +82,31 @@ impl Writer {
     pub fn new(limits: Limits) -> (Self, Vec<u8>) {
         let head = file_header().to_vec();
         let length = head.len() as u64;
+        let mut parity = ParityWriter::default();
+        parity.push(0, Micros(0), &head);
         let writer = Self {
             limits,
             length,
             before: length,
             index: Vec::new(),
+            parity,
             last_arrival: Micros::default(),
             state: Status::Open,
         };
         (writer, head)
     }
 
-    /// Returns the record of one wire frame, to append to the file. `arrival` is the time since the start of the
+    /// Returns the record of one wire frame, to append to the file; parity records follow it when it is time. `arrival` is the time since the start of the
     /// recording.
     ///
     /// # Errors
     /// [`WriterError`]; the recording is unchanged.
     pub fn append(&mut self, arrival: Micros, frame: &[u8]) -> Result<Vec<u8>, WriterError> {
         let header = self.check_frame(frame)?;
-        if header.kind.carries_state()
-            // A body that cannot be parsed is recorded, but has no entry in the index.
-            && let Ok(body) = FrameBody::parse(&frame[HEADER_BYTES..], &self.limits.codec)
-        {
-            self.index.push(IndexEntry::new(self.length, header, body.info()));
-        }
+        // A body that cannot be parsed is recorded, but has no entry in the index.
+        let parse = || FrameBody::parse(&frame[HEADER_BYTES..], &self.limits.codec).ok();
+        let body = if header.kind == FrameType::KEYFRAME { parse() } else { None };
+        self.enter(header, frame, body.as_ref().map(FrameBody::info));
         Ok(self.record(arrival, frame))
     }
 
@@ -116,23 +119,30 @@ impl Writer {
         info: Option<&FrameInfo>,
     ) -> Result<Vec<u8>, WriterError> {
         let header = self.check_frame(frame)?;
-        self.index.extend(info.map(|info| IndexEntry::new(self.length, header, info)));
+        self.enter(header, frame, info);
         Ok(self.record(arrival, frame))
     }
 
-    /// Returns the index and the footer, which are optional. A reader scans a recording without them once.
+    /// Enters the next record into the index, if it belongs there.
+    fn enter(&mut self, header: FrameHeader, frame: &[u8], info: Option<&FrameInfo>) {
+        self.index.extend(IndexEntry::of(self.length, header.kind, &frame[HEADER_BYTES..], info));
+    }
+
+    /// Returns the last parity record, the index and the footer. They are optional: a reader scans a recording without an
+    /// index once.
     ///
     /// # Errors
     /// [`WriterError::Poisoned`] and [`WriterError::Finished`].
     pub fn finish(&mut self) -> Result<Vec<u8>, WriterError> {
         self.check_open()?;
-        let offset = self.length;
-        let mut frame = Vec::new();
+        let mut out = self.parity.cover(self.last_arrival);
+        let offset = self.length + out.len() as u64;
+        record_head(self.last_arrival, &mut out);
         let payload = write_index(&self.index);
-        write_frame(&mut frame, FrameType::INDEX, Group(0), Sequence(0), &payload)
+        write_frame(&mut out, FrameType::INDEX, Group(0), Sequence(0), &payload)
             .map_err(WriterError::NotAFrame)?;
-        let mut out = self.record(self.last_arrival, &frame);
         out.extend_from_slice(&footer(offset));
+        self.length += out.len() as u64;
         self.state = Status::Finished;
         Ok(out)
     }
@@ -142,6 +152,7 @@ impl Writer {
     pub fn take_back(&mut self) {
         if self.state == Status::Open {
             self.length = self.before;
+            self.parity.take_back();
             self.index.pop_if(|entry| entry.offset >= self.before);
         }
     }
@@ -185,10 +196,9 @@ impl Writer {
 
     fn record(&mut self, arrival: Micros, frame: &[u8]) -> Vec<u8> {
         let mut out = Vec::with_capacity(super::RECORD_HEAD_BYTES + frame.len());
-        let time = arrival.0.to_le_bytes();
-        out.extend_from_slice(&time);
-        out.extend_from_slice(&crc32c::crc32c(&time).to_le_bytes());
+        record_head(arrival, &mut out);
         out.extend_from_slice(frame);
+        out.extend(self.parity.push(self.length, arrival, &out));
         self.before = self.length;
         self.length += out.len() as u64;
         self.last_arrival = arrival;

@@ -258,11 +258,14 @@ fn bodies(frames: &mut Frames) {
     let mut entry = vec![];
     entry.extend_from_slice(&16_u64.to_le_bytes());
     entry.extend_from_slice(&16_667_u64.to_le_bytes());
-    for number in [1_u32, 1, 0, 7] {
+    for number in [1_u32, 7] {
         entry.extend_from_slice(&number.to_le_bytes());
     }
     frames.frame("index", FrameType::INDEX, (0, 0), &entry);
     frames.frame("index-of-nothing", FrameType::INDEX, (0, 0), &[]);
+    let parity = [&16_u64.to_le_bytes()[..], &[2, 0, 0, 0, 64, 0, 0, 0], &[0xff; 4 + 2 * 64]].concat();
+    frames.frame("parity", FrameType::PARITY, (0, 0), &parity);
+    frames.frame("parity-of-nothing", FrameType::PARITY, (0, 0), &[]);
 
     for kind in [0, 18, 63, 255] {
         frames.frame(&format!("unknown-{kind}"), FrameType(kind), (3, 7), b"of a later version");

@@ -5,7 +5,7 @@ use psao_proto::message::{
     MessageError, PayloadError, PeerLimits, Ping, Pong, Reject, Report, Request, Scene, SceneHeader,
     SetEntry, StageTime, Stamp, View,
 };
-use psao_proto::recording::{DamageKind, Reader, ReaderError, StoredIndex, Summary};
+use psao_proto::recording::{DamageKind, IndexKind, Reader, ReaderError, StoredIndex, Summary, repair};
 use psao_proto::{FrameHeader, FrameType, Framer, Limits, WireFrameError};
 
 use super::object::{Object, hex};
@@ -302,10 +302,19 @@ pub(super) fn recording(bytes: &[u8]) -> String {
         .index()
         .iter()
         .map(|entry| {
-            let at = Object::default().with("offset", entry.offset).with("time", entry.time.micros());
-            let place = at.with("frame", entry.frame).with("group", entry.group);
-            place.with("sequence", entry.sequence).with("type", if entry.keyframe { 7 } else { 8 }).line()
+            let at = Object::default().with("offset", entry.offset);
+            match entry.kind {
+                IndexKind::Scene => at.with("type", 4).line(),
+                IndexKind::Edit => at.with("type", 6).line(),
+                IndexKind::Keyframe { time, frame } => {
+                    at.with("type", 7).with("time", time.micros()).with("frame", frame).line()
+                }
+            }
         })
+        .collect();
+    let repaired: Vec<String> = repair(&mut bytes.to_vec(), Limits::default())
+        .iter()
+        .map(|stretch| Object::default().with("offset", stretch.offset).with("bytes", stretch.bytes).line())
         .collect();
     let index = match summary.stored_index() {
         StoredIndex::Missing => "none",
@@ -315,6 +324,7 @@ pub(super) fn recording(bytes: &[u8]) -> String {
     Object::default()
         .with("records", lines(&records))
         .with("damages", lines(&damages))
+        .with("repaired", lines(&repaired))
         .with("entries", lines(&entries))
         .text("index", index)
         .with("close", summary.close().map_or("null".to_owned(), |close| close.code.0.to_string()))

@@ -1,7 +1,7 @@
 //! Recordings, whole and damaged.
 
 use psao_proto::message::{Close, CloseCode, Gap, GapReason, Message, Report, Scene};
-use psao_proto::recording::{Summary, Writer};
+use psao_proto::recording::{IndexKind, Summary, Writer};
 use psao_proto::{FrameIndex, FrameType, Limits, Micros, Profile};
 
 use super::accepted::{empty_body, wire};
@@ -21,7 +21,7 @@ struct SampleRecording {
 }
 
 impl SampleRecording {
-    /// Creates a recording of `frames`, 16,667 microseconds apart. A finished one has an index.
+    /// Creates a recording of `frames`, 16,667 microseconds apart. A finished one has parity and an index.
     fn of(frames: &[Vec<u8>], finished: bool) -> SampleRecording {
         let (mut writer, mut file) = Writer::new(Limits::default());
         let mut starts = vec![];
@@ -32,6 +32,7 @@ impl SampleRecording {
         if finished {
             starts.push(file.len());
             file.extend(writer.finish().unwrap());
+            starts.push(index_start(&file));
         }
         SampleRecording { file, starts }
     }
@@ -79,6 +80,7 @@ pub(super) fn cases() -> Vec<Case> {
     files.extend(indexes());
     files.extend(cut());
     files.extend(damaged());
+    files.extend(parity());
     files.extend(refused());
     files
         .into_iter()
@@ -132,7 +134,7 @@ fn indexes() -> Vec<File> {
     let (sample, all) = (SampleRecording::of(&frames[..4], true), SampleRecording::of(&frames, false));
     let more = [&sample.file[..], all.from(4)].concat();
     let film_with = |at: usize, byte: u8| {
-        let (mut file, start) = (sample.file.clone(), sample.starts[4]);
+        let (mut file, start) = (sample.file.clone(), sample.starts[5]);
         file[start + RECORD_HEAD_BYTES + 20 + at] = byte;
         reseal(&mut file, start);
         file
@@ -144,10 +146,11 @@ fn indexes() -> Vec<File> {
         ("old-index", more.clone()),
         // The second index covers all records, including the first index.
         ("two-indexes", two_indexes(more)),
-        // In the first entry: another type, a padding byte, another time.
-        ("index-type", film_with(28, 10)),
-        ("index-padding", film_with(31, 1)),
-        ("index-time", film_with(8, 1)),
+        // In the entry of the scene table: another type, a padding byte, a time. In that of a keyframe: another time.
+        ("index-type", film_with(20, 10)),
+        ("index-padding", film_with(23, 1)),
+        ("index-time-of-scene", film_with(8, 1)),
+        ("index-time", film_with(24 + 8, 1)),
         ("index-length", odd),
         ("no-footer", sample.file[..sample.file.len() - ENVELOPE_BYTES].to_vec()),
         ("footer-of-nothing", [sample.until(4), footer].concat()),
@@ -158,7 +161,13 @@ fn indexes() -> Vec<File> {
 
 /// Writes the right checksum into the frame of the record at `start`, which ends at the footer.
 fn reseal(file: &mut [u8], start: usize) {
-    let (frame, end) = (start + RECORD_HEAD_BYTES, file.len() - ENVELOPE_BYTES);
+    let end = file.len() - ENVELOPE_BYTES;
+    seal(file, start, end);
+}
+
+/// Writes the right checksum into the frame of the record from `start` to `end`.
+fn seal(file: &mut [u8], start: usize, end: usize) {
+    let frame = start + RECORD_HEAD_BYTES;
     let crc = crc32c::crc32c_append(crc32c::crc32c(&file[frame..frame + 16]), &file[frame + 20..end]);
     file[frame + 16..frame + 20].copy_from_slice(&crc.to_le_bytes());
 }
@@ -168,12 +177,15 @@ fn two_indexes(mut file: Vec<u8>) -> Vec<u8> {
     let summary = Summary::scan(&file, Limits::default()).unwrap();
     let mut payload = vec![];
     for entry in summary.index() {
+        let (time, frame, kind) = match entry.kind {
+            IndexKind::Scene => (0, 0, 4),
+            IndexKind::Edit => (0, 0, 6),
+            IndexKind::Keyframe { time, frame } => (time.micros(), frame.0, 7),
+        };
         payload.extend_from_slice(&entry.offset.to_le_bytes());
-        payload.extend_from_slice(&entry.time.micros().to_le_bytes());
-        payload.extend_from_slice(&entry.frame.0.to_le_bytes());
-        payload.extend_from_slice(&entry.group.0.to_le_bytes());
-        payload.extend_from_slice(&entry.sequence.0.to_le_bytes());
-        payload.extend_from_slice(&[if entry.keyframe { 7 } else { 8 }, 0, 0, 0]);
+        payload.extend_from_slice(&time.to_le_bytes());
+        payload.extend_from_slice(&frame.to_le_bytes());
+        payload.extend_from_slice(&[kind, 0, 0, 0]);
     }
     let offset = file.len() as u64;
     file.extend_from_slice(&[0; 8]);
@@ -184,6 +196,52 @@ fn two_indexes(mut file: Vec<u8>) -> Vec<u8> {
     [&file[..], &footer, &crc.to_le_bytes()].concat()
 }
 
+/// Recordings with one damaged byte, whose parity is odd or covers more than one stretch.
+fn parity() -> Vec<File> {
+    let sample = SampleRecording::of(&frames(), true);
+    let (start, end) = (sample.starts[8], sample.starts[9]);
+    let damaged = sample.starts[3] + RECORD_HEAD_BYTES + 22;
+    let parity_with = |at: usize, byte: u8| {
+        let mut file = sample.file[..end].to_vec();
+        file[start + RECORD_HEAD_BYTES + 20 + at] = byte;
+        seal(&mut file, start, end);
+        file[damaged] ^= 1;
+        file
+    };
+    let chunks = |parity: usize| {
+        let mut file = sample.file.clone();
+        file[damaged] ^= 1;
+        file[damaged + 64 * parity] ^= 2;
+        file
+    };
+    let long = SampleRecording::of(&vec![wire(FrameType(99), (1, 0), &[0x5a; 45_000]); 4], false);
+    let mut two = long.file.clone();
+    for at in [60, 150_000] {
+        two[at] ^= 0xff;
+    }
+    let mut burst = long.file.clone();
+    burst[100_500..101_500].fill(0);
+    vec![
+        // Offset, length, chunk; a checksum of the damaged chunk, and of another.
+        ("parity-beyond-the-file", parity_with(2, 1)),
+        ("parity-of-too-much", parity_with(10, 3)),
+        ("parity-chunk-of-65", parity_with(12, 65)),
+        ("parity-chunk-of-32", parity_with(12, 32)),
+        ("parity-of-another-length", parity_with(8, 1)),
+        ("parity-that-does-not-fit", parity_with(16 + 4 * (damaged / 64), 1)),
+        ("parity-with-two-in-one", chunks(2)),
+        ("parity-with-one-in-each", chunks(1)),
+        ("parity-twice", two),
+        ("parity-burst", burst),
+    ]
+}
+
+/// Returns where the index record of a finished recording starts, as its footer says.
+fn index_start(file: &[u8]) -> usize {
+    let footer = &file[file.len() - ENVELOPE_BYTES..];
+    u64::from_le_bytes(*footer.first_chunk().unwrap()) as usize
+}
+
 fn cut() -> Vec<File> {
     let sample = SampleRecording::of(&frames(), true);
     let end = sample.file.len();
@@ -192,7 +250,8 @@ fn cut() -> Vec<File> {
         ("cut-in-frame-header", sample.file[..sample.starts[6] + RECORD_HEAD_BYTES + 7].to_vec()),
         ("cut-in-arrival", sample.file[..sample.starts[6] + 5].to_vec()),
         ("cut-after-arrival", sample.file[..sample.starts[6] + RECORD_HEAD_BYTES].to_vec()),
-        ("cut-in-index", sample.file[..sample.starts[8] + 50].to_vec()),
+        ("cut-in-parity", sample.file[..sample.starts[8] + 50].to_vec()),
+        ("cut-in-index", sample.file[..sample.starts[9] + 50].to_vec()),
         ("cut-in-footer", sample.file[..end - 1].to_vec()),
         ("cut-after-a-byte", sample.file[..sample.starts[5] + 1].to_vec()),
         // Up to 15 trailing bytes count as cut off. With 16 bytes the arrival counts as damaged.
@@ -247,8 +306,9 @@ fn damaged() -> Vec<File> {
         ("damaged-length-over", sample.flipped(frame(3) + 7, 0x80)),
         ("damaged-length-beyond", reach),
         ("damaged-length-less", sample.flipped(frame(3) + 4, 1)),
-        ("damaged-last-length", sample.flipped(frame(8) + 6, 1)),
-        ("damaged-index", sample.flipped(frame(8) + 30, 1)),
+        ("damaged-last-length", sample.flipped(frame(9) + 6, 1)),
+        ("damaged-parity", sample.flipped(frame(8) + 40, 1)),
+        ("damaged-index", sample.flipped(frame(9) + 30, 1)),
         ("damaged-footer", sample.flipped(last + 3, 1)),
         ("damaged-footer-magic", sample.flipped(last + 9, 1)),
         ("damaged-twice", twice),

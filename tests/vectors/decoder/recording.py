@@ -1,13 +1,15 @@
 """Recordings: docs/spec/recording.md."""
 
 from .body import Body
-from .frame import HEADER, INDEX, KEYFRAME, UPDATE, Frame
+from .frame import INDEX, KEYFRAME, Frame
 from .messages import CLOSE, read_message
 from .numbers import Refused, crc32c, must
 
 MAGIC = b"\x89PSAO\r\n\x1a"
 FOOTER_MAGIC = (0x1D0AA05E).to_bytes(4, "little")
-SIXTEEN, HEAD, ENTRY = 16, 12, 32
+SIXTEEN, HEAD, ENTRY = 16, 12, 24
+SCENE, EDIT, PARITY = 4, 6, 66
+COVERED = 131_072
 # How often the file's length may be checked in vain.
 PATIENCE = 16
 
@@ -94,15 +96,28 @@ class Recording:
         """The index, made anew."""
         entries = []
         for offset, _, frame in self.records:
-            if frame.type not in (KEYFRAME, UPDATE):
-                continue
+            entry = {"offset": offset, "type": frame.type}
             try:
-                body = Body(frame.payload)
+                if frame.type == KEYFRAME:
+                    body = Body(frame.payload)
+                    entries.append(entry | {"time": body.time, "frame": body.frame})
+                elif frame.type in (SCENE, EDIT):
+                    told = read_message(frame.type, frame.payload)
+                    if frame.type == EDIT or told["choice"] == 0:
+                        entries.append(entry)
             except Refused:
                 continue
-            place = {"group": frame.group, "sequence": frame.sequence, "type": frame.type}
-            entries.append({"offset": offset, "time": body.time, "frame": body.frame} | place)
         return entries
+
+    def repaired(self):
+        """What parity makes whole again, in the order of the file."""
+        if not self.damages:
+            return []
+        data, repaired = bytearray(self.data), []
+        for _, _, frame in self.records:
+            if frame.type == PARITY:
+                repair(data, frame.payload, repaired)
+        return sorted(repaired, key=lambda stretch: stretch["offset"])
 
     def report(self):
         told, index, close = self.entries(), "none", None
@@ -117,8 +132,38 @@ class Recording:
                     close = read_message(CLOSE, frame.payload)["code"]
                 except Refused:
                     close = None
-        parts = {"records": records, "damages": self.damages}
+        parts = {"records": records, "damages": self.damages, "repaired": self.repaired()}
         return parts | {"entries": told, "index": index, "close": close}
+
+
+def repair(data, payload, repaired):
+    """Repairs what a parity payload covers, one chunk with an even number and one with an odd."""
+    if len(payload) < SIXTEEN:
+        return
+    start, length, chunk = number(payload, 0, 8), number(payload, 8, 4), number(payload, 12, 4)
+    possible = chunk in (64, 128, 256, 512, 1024) and length <= COVERED and start + length <= len(data)
+    count = -(-length // chunk) if possible else 0
+    if not possible or len(payload) != SIXTEEN + 4 * count + 2 * chunk:
+        return
+    chunks = [data[start + chunk * n : start + min(chunk * n + chunk, length)] for n in range(count)]
+    sums = [number(payload, SIXTEEN + 4 * n, 4) for n in range(count)]
+    bad = [n for n in range(count) if crc32c(bytes(chunks[n])) != sums[n]]
+    for parity in range(2):
+        wrong = [n for n in bad if n % 2 == parity]
+        if len(wrong) != 1:
+            continue
+        n, at = wrong[0], SIXTEEN + 4 * count + chunk * parity
+        whole = bytearray(byte ^ 0xFF for byte in payload[at : at + chunk])
+        for other in range(parity, count, 2):
+            if other != n:
+                for place, byte in enumerate(chunks[other]):
+                    whole[place] ^= byte
+        whole = whole[: len(chunks[n])]
+        if crc32c(bytes(whole)) == sums[n]:
+            differ = [place for place, byte in enumerate(chunks[n]) if byte != whole[place]]
+            first = start + chunk * n
+            repaired.append({"offset": first + differ[0], "bytes": differ[-1] - differ[0] + 1})
+            data[first : first + len(whole)] = whole
 
 
 def read_index(payload):
@@ -127,10 +172,13 @@ def read_index(payload):
         return None
     entries = []
     for at in range(0, len(payload), ENTRY):
-        kind = payload[at + 28]
-        if kind not in (KEYFRAME, UPDATE) or any(payload[at + 29 : at + ENTRY]):
+        kind, time, frame = payload[at + 20], number(payload, at + 8, 8), number(payload, at + 16, 4)
+        if kind not in (SCENE, EDIT, KEYFRAME) or any(payload[at + 21 : at + ENTRY]):
             return None
-        entry = {"offset": number(payload, at, 8), "time": number(payload, at + 8, 8)}
-        entry |= {"frame": number(payload, at + 16, 4), "group": number(payload, at + 20, 4)}
-        entries.append(entry | {"sequence": number(payload, at + 24, 4), "type": kind})
+        entry = {"offset": number(payload, at, 8), "type": kind}
+        if kind == KEYFRAME:
+            entry |= {"time": time, "frame": frame}
+        elif time or frame:
+            return None
+        entries.append(entry)
     return entries

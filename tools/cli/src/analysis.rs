@@ -4,7 +4,6 @@
 //! (damage) is overhead too, so the sums hold for any file.
 
 use std::collections::BTreeMap;
-use std::io::Read as _;
 use std::ops::Range;
 use std::path::Path;
 
@@ -14,9 +13,8 @@ use psao_proto::recording::{Damage, FILE_HEADER_BYTES, FOOTER_BYTES, RECORD_HEAD
 use psao_proto::{FrameType, HEADER_BYTES, Limits, Profile};
 
 use crate::budget::BudgetTotals;
-use crate::error::{Exit, Failure, Outcome};
+use crate::error::{Failure, Outcome};
 use crate::output::number;
-use crate::output::target::is_standard;
 
 /// Parts of a frame on the wire, in the order in which tables and plots show them.
 pub(crate) const PARTS: [&str; 13] = [
@@ -42,8 +40,8 @@ const OTHER: usize = 12;
 const POINTS: [usize; 7] = [CELLS, BUCKETS, GEOMETRY, VALUES, CHANGES, CONTEXT, PATCH];
 
 /// Parts of a recording that belong to no frame.
-pub(crate) const OVERHEAD: [&str; 7] =
-    ["file_header", "arrival_times", "scene", "index", "close", "other_frames", "damaged"];
+pub(crate) const OVERHEAD: [&str; 8] =
+    ["file_header", "arrival_times", "scene", "index", "close", "other_frames", "damaged", "parity"];
 const FILE_HEADER: usize = 0;
 const ARRIVAL_TIMES: usize = 1;
 const SCENE: usize = 2;
@@ -51,6 +49,7 @@ const INDEX: usize = 3;
 const CLOSE: usize = 4;
 const OTHER_FRAMES: usize = 5;
 const DAMAGED: usize = 6;
+const PARITY: usize = 7;
 
 /// One keyframe or update, and what belongs to it.
 #[derive(Clone, Debug)]
@@ -144,18 +143,6 @@ pub(crate) fn parts_of(info: &FrameInfo) -> [u64; PARTS.len()] {
     parts
 }
 
-/// Reads a whole file into memory, or standard input for `-`.
-pub(crate) fn load(path: &Path) -> Outcome<Vec<u8>> {
-    if is_standard(path) {
-        let mut bytes = Vec::new();
-        std::io::stdin().read_to_end(&mut bytes).map_err(|error| {
-            Failure::new(Exit::System, format_args!("cannot read standard input: {error}"))
-        })?;
-        return Ok(bytes);
-    }
-    std::fs::read(path).map_err(|error| Failure::reading(path, &error))
-}
-
 impl Analysis {
     /// Counts the bytes of a recording.
     pub(crate) fn of(path: &Path, bytes: &[u8]) -> Outcome<Self> {
@@ -230,6 +217,7 @@ impl Analysis {
                 }
             }
             FrameType::INDEX => self.overhead[INDEX] += wire,
+            FrameType::PARITY => self.overhead[PARITY] += wire,
             FrameType::CLOSE => self.overhead[CLOSE] += wire,
             FrameType::GAP => {
                 self.overhead[OTHER_FRAMES] += wire;
@@ -278,6 +266,21 @@ impl Analysis {
         }
     }
 
+    /// Returns the seconds of stream time from the first frame to the last. A step back, as between joined recordings,
+    /// counts as one frame.
+    fn seconds(&self) -> f64 {
+        let step = |pair: &[FrameLine]| {
+            let step = pair[1].time_s - pair[0].time_s;
+            if step > 0.0 { step } else { 1.0 / self.fps() }
+        };
+        self.frames.windows(2).map(step).sum()
+    }
+
+    /// Returns the seconds that the frames are shown, the last for one frame.
+    pub(crate) fn duration_s(&self) -> f64 {
+        if self.frames.is_empty() { 0.0 } else { self.seconds() + 1.0 / self.fps() }
+    }
+
     /// Returns the totals. The first frame is the first state, which the paper does not count.
     pub(crate) fn totals(&self) -> Totals {
         let Some((first, later)) = self.frames.split_first() else {
@@ -286,7 +289,7 @@ impl Analysis {
         let mut totals = Totals {
             first_state: first.wire_bytes(),
             later_frames: later.len() as u64,
-            seconds: later.len() as f64 / self.fps(),
+            seconds: self.seconds(),
             changed_points: later.iter().map(|line| u64::from(line.changed_points)).sum(),
             ..Totals::default()
         };
@@ -299,7 +302,7 @@ impl Analysis {
         let paper = later.iter().map(FrameLine::paper_bytes).sum();
         totals.paper_mbit_s = number::megabits(paper, totals.seconds);
         totals.wire_mbit_s = number::megabits(wire, totals.seconds);
-        totals.file_mbit_s = number::megabits(self.file_bytes, self.frames.len() as f64 / self.fps());
+        totals.file_mbit_s = number::megabits(self.file_bytes, self.duration_s());
         if totals.changed_points > 0 {
             totals.bits_per_changed_point = wire as f64 * 8.0 / totals.changed_points as f64;
         }

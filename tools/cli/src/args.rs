@@ -7,15 +7,16 @@ use clap::{Args, ValueEnum};
 use psao_codec::block::BlockCoder;
 use psao_codec::surface::GeometrySource;
 use psao_eval::metric::Lpips;
+use psao_proto::Micros;
 use psao_proto::Profile;
-use psao_proto::recording::file::{GapTotals, RecorderNotice, RecorderOptions};
+use psao_proto::recording::file::{GapTotals, KeyframeInterval, RecorderNotice, RecorderOptions};
 use psao_server::ao::Occlusion;
 
-use crate::analysis::load;
 use crate::budget::BudgetArgs;
 use crate::error::{Failure, Outcome};
+use crate::input::load;
 use crate::output::number;
-use crate::quantity::Size;
+use crate::quantity::{Size, TimeSpan};
 
 /// Headings of the options in `--help`.
 pub(crate) const POINTS: &str = "Points and rays";
@@ -376,9 +377,13 @@ pub(crate) struct OutputArg {
     pub(crate) output: PathBuf,
 }
 
-/// `--record-buffer`.
+/// How recordings are written.
 #[derive(Args, Clone, Debug)]
-pub(crate) struct BufferArg {
+pub(crate) struct RecordingOptions {
+    /// Time between keyframes, from which a player can start, and with which the loss by damage ends; off writes only the
+    /// stream's own. auto is 5 s or more: keyframes are at most a fifth of the recording
+    #[arg(long, value_name = "auto|off|TIME", default_value = "auto", value_parser = keyframe_interval)]
+    keyframe_every: KeyframeInterval,
     /// Memory for frames of a live recording that wait for the disk, 1MiB to 64GiB
     #[arg(long, value_name = "SIZE", default_value = "64MiB", value_parser = buffer)]
     record_buffer: Size,
@@ -389,12 +394,31 @@ fn buffer(text: &str) -> Result<Size, String> {
     Size::between(text, 1 << 20, 64 << 30)
 }
 
-impl BufferArg {
-    /// Returns how to record into a file; what happens meanwhile goes to standard error.
+/// Parses `--keyframe-every`.
+fn keyframe_interval(text: &str) -> Result<KeyframeInterval, String> {
+    match text {
+        "auto" => Ok(KeyframeInterval::default()),
+        "off" => Ok(KeyframeInterval::Never),
+        _ => match text.parse() {
+            Ok(TimeSpan(time @ Micros(1_000..))) => Ok(KeyframeInterval::Every(time)),
+            Ok(_) => Err(format!("\"{text}\" is below 1ms")),
+            Err(error) => Err(format!("{error}, or auto, or off")),
+        },
+    }
+}
+
+impl RecordingOptions {
+    /// Returns how to record a stream that can wait for the disk.
+    pub(crate) fn waiting(&self) -> RecorderOptions {
+        RecorderOptions::default().with_keyframes(self.keyframe_every).with_backpressure()
+    }
+
+    /// Returns how to record a live stream into a file; what happens meanwhile goes to standard error.
     pub(crate) fn options(&self, path: &Path) -> RecorderOptions {
         let path = path.display().to_string();
         let bytes = usize::try_from(self.record_buffer.0).unwrap_or(usize::MAX);
-        RecorderOptions::default().with_buffer_bytes(bytes).with_observer(move |notice| match notice {
+        let options = RecorderOptions::default().with_keyframes(self.keyframe_every).with_buffer_bytes(bytes);
+        options.with_observer(move |notice| match notice {
             // It names the file itself.
             RecorderNotice::Failed(_) => eprintln!("psao: {notice}"),
             RecorderNotice::Incomplete(GapTotals { gaps, frames, bytes, .. }) => eprintln!(

@@ -6,9 +6,9 @@ use std::path::Path;
 use psao_proto::message::{Edit, EditAction};
 use psao_server::scene::{Edits, Scene};
 
-use crate::analysis::load;
 use crate::args::numbers;
 use crate::error::{Failure, Outcome};
+use crate::input::load;
 
 /// Edits by the frame that they come before, in the order of the file.
 #[derive(Debug, Default, PartialEq)]

@@ -11,6 +11,7 @@ mod commands;
 mod context;
 mod edit_script;
 mod error;
+mod input;
 mod network;
 mod output;
 mod pace;

@@ -7,7 +7,7 @@ use tokio::net::{TcpListener, TcpStream};
 
 use super::*;
 use crate::message::{CameraPose, CloseCode, RejectCode, Token};
-use crate::recording::{Player, PlayerEvent, Reader, load_index};
+use crate::recording::{Player, PlayerEvent, Reader, Summary};
 use crate::sample::{SampleServer, recording};
 use crate::session::{Access, ClientEvent, ClientOptions, SessionError};
 use crate::{FrameType, HEADER_BYTES, Limits, StateHash};
@@ -79,7 +79,7 @@ async fn follow(address: Address) -> (Vec<(u32, StateHash)>, u64) {
 #[tokio::test]
 async fn a_recorded_stream_is_served() {
     let file = recording(8, 8).unwrap();
-    assert_eq!(load_index(&file, Limits::default()).unwrap().len(), 8);
+    assert_eq!(Summary::scan(&file, Limits::default()).unwrap().frames().len(), 8);
     let (hub, address, _) = start(Limits::default()).await;
     let early = tokio::spawn(follow(address.clone()));
     assert!(hub.wait_joined(1, PATIENCE).await);

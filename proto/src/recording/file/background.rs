@@ -61,9 +61,10 @@ impl BackgroundRecorder {
         }
     }
 
-    /// Returns whether a keyframe would end a gap.
-    pub(super) fn wants_keyframe(&self, now: Micros) -> bool {
-        self.shared.lock().wants_keyframe(now)
+    /// Returns whether a keyframe would end a gap, or `is_due` and has room.
+    pub(super) fn wants_keyframe(&self, now: Micros, is_due: bool) -> bool {
+        let backlog = self.shared.lock();
+        backlog.wants_keyframe(now) || is_due && backlog.has_room()
     }
 
     /// Returns the frames that are missing so far.
@@ -213,7 +214,7 @@ mod tests {
         for _ in 0..frames {
             let EncodedFrame { info, body, .. } = server.step().unwrap();
             let now = recorder.now();
-            match recorder.wants_keyframe() {
+            match recorder.wants_keyframe(recorder.now()) {
                 true => recorder.body(now, FrameKind::Key, &server.keyframe().unwrap()).unwrap(),
                 false => recorder.body(now, info.kind, &body).unwrap(),
             }
@@ -244,7 +245,7 @@ mod tests {
         stream(&mut recorder, &mut server, 200);
         assert_eq!(sink.file.lock().unwrap().len(), 0);
         drop(words);
-        while !recorder.wants_keyframe() {
+        while !recorder.wants_keyframe(recorder.now()) {
             std::thread::yield_now();
         }
         stream(&mut recorder, &mut server, 5);
@@ -268,7 +269,7 @@ mod tests {
             std::thread::yield_now();
         }
         *sink.room.lock().unwrap() = usize::MAX;
-        while !recorder.wants_keyframe() {
+        while !recorder.wants_keyframe(recorder.now()) {
             std::thread::sleep(Duration::from_millis(10));
         }
         stream(&mut recorder, &mut server, 10);

@@ -101,7 +101,12 @@ impl Backlog {
 
     /// Returns whether a keyframe would end a gap now, because there is room for one.
     pub(super) fn wants_keyframe(&self, now: Micros) -> bool {
-        self.gap.is_some() && self.may_retry(now) && self.bytes <= self.limit / 2
+        self.gap.is_some() && self.may_retry(now) && self.has_room()
+    }
+
+    /// Returns whether half of the room is free, as a keyframe needs.
+    pub(super) fn has_room(&self) -> bool {
+        self.bytes <= self.limit / 2
     }
 
     /// Returns the next frame to write; `None` during the pause after a failed write.

@@ -21,11 +21,12 @@
 //! recorder.scene(source.scene())?;
 //! for _ in 0..10 {
 //!     let frame = source.step()?;
-//!     if recorder.wants_keyframe() {
-//!         // Frames are missing; the recording can continue with this keyframe.
-//!         recorder.body(recorder.now(), FrameKind::Key, &source.keyframe()?)?;
+//!     let now = recorder.now();
+//!     if recorder.wants_keyframe(now) {
+//!         // The last one is long ago, or frames are missing.
+//!         recorder.body(now, FrameKind::Key, &source.keyframe()?)?;
 //!     } else {
-//!         recorder.body(recorder.now(), frame.info.kind, &frame.body)?;
+//!         recorder.body(now, frame.info.kind, &frame.body)?;
 //!     }
 //! }
 //! let recorded = recorder.finish()?;
@@ -39,11 +40,13 @@ mod background;
 mod backlog;
 mod disk;
 mod error;
+mod keyframes;
 mod options;
 mod recorder;
 
 pub use self::atomic::AtomicFile;
 pub use self::backlog::GapTotals;
 pub use self::error::FileError;
+pub use self::keyframes::KeyframeInterval;
 pub use self::options::{RecorderNotice, RecorderOptions};
 pub use self::recorder::{Recorder, RecordingOutcome};

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::sync::Arc;
 
-use super::{FileError, GapTotals};
+use super::{FileError, GapTotals, KeyframeInterval};
 use crate::Limits;
 
 /// Options of a [`Recorder`](super::Recorder).
@@ -12,6 +12,7 @@ pub struct RecorderOptions {
     pub(super) limits: Limits,
     pub(super) buffer_bytes: usize,
     pub(super) waits: bool,
+    pub(super) keyframes: KeyframeInterval,
     pub(super) observer: Observer,
 }
 
@@ -37,6 +38,13 @@ impl RecorderOptions {
         self
     }
 
+    /// Sets when [`Recorder::wants_keyframe`](super::Recorder::wants_keyframe) asks for one.
+    #[must_use]
+    pub fn with_keyframes(mut self, interval: KeyframeInterval) -> Self {
+        self.keyframes = interval;
+        self
+    }
+
     /// Sets the limits that recorded frames must respect.
     #[must_use]
     pub fn with_limits(mut self, limits: Limits) -> Self {
@@ -58,6 +66,7 @@ impl Default for RecorderOptions {
             limits: Limits::default(),
             buffer_bytes: Self::BUFFER_BYTES,
             waits: false,
+            keyframes: KeyframeInterval::default(),
             observer: Arc::new(|_| {}),
         }
     }
@@ -69,6 +78,7 @@ impl fmt::Debug for RecorderOptions {
             .field("limits", &self.limits)
             .field("buffer_bytes", &self.buffer_bytes)
             .field("waits", &self.waits)
+            .field("keyframes", &self.keyframes)
             .finish_non_exhaustive()
     }
 }

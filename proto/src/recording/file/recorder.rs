@@ -9,9 +9,10 @@ use psao_codec::envelope::FrameKind;
 
 use super::background::BackgroundRecorder;
 use super::disk::{Disk, RecordingFile};
+use super::keyframes::KeyframeTimer;
 use super::{FileError, GapTotals, RecorderOptions};
 use crate::message::Message;
-use crate::{Micros, Numbering, SceneTable};
+use crate::{FrameType, Micros, Numbering, SceneTable};
 
 /// Records a stream into a file.
 ///
@@ -24,6 +25,7 @@ use crate::{Micros, Numbering, SceneTable};
 pub struct Recorder {
     output: Output,
     numbering: Numbering,
+    keyframes: KeyframeTimer,
     clock: Clock,
 }
 
@@ -69,12 +71,13 @@ impl Recorder {
     pub fn create(path: &Path, options: RecorderOptions) -> Result<Self, FileError> {
         let file = RecordingFile::create(path)?;
         let clock = Clock::start();
+        let keyframes = KeyframeTimer::new(options.keyframes);
         let output = if options.waits {
             Output::Direct(Disk::new(file, options.limits))
         } else {
             Output::Background(BackgroundRecorder::start(file, options, clock)?)
         };
-        Ok(Self { output, numbering: Numbering::default(), clock })
+        Ok(Self { output, numbering: Numbering::default(), keyframes, clock })
     }
 
     /// Checks that a file can probably be created at `path`, before a long computation for it. Writes nothing.
@@ -96,13 +99,15 @@ impl Recorder {
         self.clock.now()
     }
 
-    /// Returns whether a keyframe would end a gap now. A server should then record a keyframe of its state in place of
-    /// the next update; a client should request one.
+    /// Returns whether the next frame should be a keyframe: one would end a gap, or is due by the
+    /// [`KeyframeInterval`](super::KeyframeInterval). A server should then record a keyframe of its state in place of an
+    /// update that arrives now; a client should request one.
     #[must_use]
-    pub fn wants_keyframe(&self) -> bool {
+    pub fn wants_keyframe(&self, now: Micros) -> bool {
+        let is_due = self.keyframes.is_due(now);
         match &self.output {
-            Output::Direct(_) => false,
-            Output::Background(background) => background.wants_keyframe(self.now()),
+            Output::Direct(_) => is_due,
+            Output::Background(background) => background.wants_keyframe(now, is_due),
         }
     }
 
@@ -155,12 +160,12 @@ impl Recorder {
     /// later, or counted as missing.
     pub fn wire(&mut self, arrival: Micros, frame: &[u8]) -> Result<(), FileError> {
         match &mut self.output {
-            Output::Direct(disk) => disk.append(arrival, frame).map_err(|error| disk.describe(error)),
-            Output::Background(background) => {
-                background.take(arrival, frame);
-                Ok(())
-            }
+            Output::Direct(disk) => disk.append(arrival, frame).map_err(|error| disk.describe(error))?,
+            Output::Background(background) => background.take(arrival, frame),
         }
+        let kind = frame.get(2).map_or(FrameType(0), |&kind| FrameType(kind));
+        self.keyframes.took(arrival, kind, frame.len() as u64);
+        Ok(())
     }
 
     /// Writes all queued frames and the index, and ends the recording.
@@ -181,8 +186,9 @@ impl Recorder {
     #[cfg(test)]
     pub(super) fn over(sink: impl super::disk::Sink, options: RecorderOptions) -> Self {
         let clock = Clock::start();
-        let background = BackgroundRecorder::start(sink, options, clock).unwrap();
-        Self { output: Output::Background(background), numbering: Numbering::default(), clock }
+        let keyframes = KeyframeTimer::new(options.keyframes);
+        let output = Output::Background(BackgroundRecorder::start(sink, options, clock).unwrap());
+        Self { output, numbering: Numbering::default(), keyframes, clock }
     }
 }
 
@@ -219,7 +225,7 @@ mod tests {
             assert!(player.stats().is_clean());
             assert_eq!(player.stats().applied, number + 1);
         }
-        assert!(!recorder.wants_keyframe());
+        assert!(!recorder.wants_keyframe(Micros(5)));
         let outcome = recorder.finish().unwrap();
         let file = std::fs::read(&path).unwrap();
         assert_eq!((outcome.bytes, outcome.missing), (file.len() as u64, GapTotals::default()));

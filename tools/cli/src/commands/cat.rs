@@ -6,9 +6,9 @@ use psao_proto::Limits;
 use psao_proto::recording::Concatenation;
 
 use super::recover::{ended, refused};
-use crate::analysis::load;
 use crate::args::OutputArg;
 use crate::error::Outcome;
+use crate::input;
 use crate::output::number;
 use crate::output::target::{self, Target};
 
@@ -39,7 +39,7 @@ pub(crate) fn run(args: &Args) -> Outcome {
     let mut parts = Vec::new();
     for path in &args.files {
         // One at a time: only the one being read is in memory.
-        let bytes = load(path)?;
+        let bytes = input::recording(path)?;
         parts.push((path.as_path(), all.add(&bytes).map_err(|error| refused(path, error))?));
     }
     all.finish().map_err(|error| refused(target, error))?;

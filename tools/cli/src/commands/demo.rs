@@ -14,11 +14,12 @@ use psao_server::server::StageMicros;
 use super::inspect;
 use super::reconstruct::Playback;
 use super::record::{Totals, record_frames};
-use crate::analysis::{Analysis, load};
+use crate::analysis::Analysis;
 use crate::args::{SizeArg, TuningArgs};
 use crate::context::{progress, say};
 use crate::edit_script::EditScript;
 use crate::error::{Exit, Failure, Outcome};
+use crate::input;
 use crate::output::report::{Comparison, Report, Section};
 use crate::output::{number, table::Figures};
 use crate::pictures::{Drawn, SharedPoints, Shot, scene_of};
@@ -71,7 +72,7 @@ pub(crate) fn run(args: &Args) -> Outcome {
     let info = server.table().header();
     recorder.finish()?;
 
-    let bytes = load(&recording)?;
+    let bytes = input::recording(&recording)?;
     let replayed = replay(&bytes)?;
     let analysis = Analysis::of(&recording, &bytes)?;
     let title = format!("{}: bytes per frame", info.name);

@@ -11,10 +11,10 @@ use psao_proto::{Limits, SceneTable};
 use psao_server::scene::Edits;
 use serde::Serialize;
 
-use crate::analysis::load;
 use crate::args::{LpipsArgs, RecordingArg, ReportFormatArg, SizeArg};
 use crate::context::{progress, say, say_json};
 use crate::error::{Failure, Outcome};
+use crate::input;
 use crate::output::number;
 use crate::output::target::{self, is_standard};
 use crate::pictures::{Drawn, SharedPoints, Shot, scene_of};
@@ -125,7 +125,7 @@ pub(crate) fn run(args: &Args) -> Outcome {
     if is_standard(&args.output) {
         target::refuse_terminal()?;
     }
-    let bytes = load(path)?;
+    let bytes = input::recording(path)?;
     let network = args.lpips.load()?.map(|(network, _)| network);
     let mut playback =
         Playback::new(&bytes).map_err(|error| Failure::input(format_args!("{}: {error}", path.display())))?;

@@ -3,14 +3,15 @@
 use std::path::PathBuf;
 
 use indicatif::ProgressBar;
+use psao_codec::envelope::FrameKind;
 use psao_proto::message::{CloseCode, KeyframeReason, SceneHeader};
 use psao_proto::net::{Address, Connection};
-use psao_proto::recording::file::{Recorder, RecorderOptions};
+use psao_proto::recording::file::Recorder;
 use psao_proto::session::{ClientEvent, ClientOptions};
 use psao_proto::{FrameIndex, FrameType, Micros, WireFrame};
 use psao_server::server::{FrameStats, FrameTotals, Server};
 
-use crate::args::{BufferArg, TuningArgs};
+use crate::args::{RecordingOptions, TuningArgs};
 use crate::context::{Stopwatch, progress, runtime};
 use crate::edit_script::EditScript;
 use crate::error::{Failure, Outcome};
@@ -66,7 +67,7 @@ pub(crate) struct Args {
     #[arg(long)]
     timings: bool,
     #[command(flatten)]
-    buffer: BufferArg,
+    recording: RecordingOptions,
     /// The recording to write; - for standard output
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
@@ -92,7 +93,7 @@ fn trace(args: &Args, scene: &str) -> Outcome {
         Some(path) => EditScript::load(path, timetable.scene(), Some(frames))?,
         None => EditScript::default(),
     };
-    let mut recorder = Recorder::create(&output, RecorderOptions::default().with_backpressure())?;
+    let mut recorder = Recorder::create(&output, args.recording.waiting())?;
     let totals = record_frames((&mut server, &timetable), &mut recorder, frames, &edits, args.timings)?;
     let bytes = recorder.finish()?.bytes;
     target::note(&args.output, summary(&server.table().header(), &totals))?;
@@ -143,7 +144,12 @@ pub(crate) fn record_frames(
         for edit in changes {
             recorder.message(arrival, edit)?;
         }
-        recorder.body(arrival, output.info.kind, &output.body)?;
+        if output.info.kind == FrameKind::Delta && recorder.wants_keyframe(arrival) {
+            let keyframe = server.keyframe(FrameIndex(number), time, server.coder()).map_err(refused)?;
+            recorder.body(arrival, FrameKind::Key, &keyframe)?;
+        } else {
+            recorder.body(arrival, output.info.kind, &output.body)?;
+        }
         if let Some(budget) = &output.budget {
             recorder.message(arrival, budget)?;
         }
@@ -192,7 +198,7 @@ pub(crate) fn summary(info: &SceneHeader, totals: &Totals) -> String {
 async fn from_server(args: &Args, address: &Address) -> Outcome {
     let mut connection = args.network.connect(address, ClientOptions::default()).await?;
     let output = target::recording(&args.output)?;
-    let mut recorder = Recorder::create(&output, args.buffer.options(&output))?;
+    let mut recorder = Recorder::create(&output, args.recording.options(&output))?;
     let mut counts = Counts::default();
     let bar = progress("recording", u64::from(args.frames.unwrap_or(0)));
     let ended = follow(args, &mut connection, &mut recorder, &mut counts, &bar).await;
@@ -267,7 +273,7 @@ async fn follow(
                 _ => {}
             }
         }
-        if recorder.wants_keyframe() {
+        if recorder.wants_keyframe(recorder.now()) {
             connection.session().request_keyframe(KeyframeReason::ASKED);
         }
     }

@@ -5,9 +5,9 @@ use std::path::Path;
 use psao_proto::Limits;
 use psao_proto::recording::{RewriteError, RewriteOutcome, recover};
 
-use crate::analysis::load;
 use crate::args::{OutputArg, RecordingArg};
 use crate::error::{Exit, Failure, Outcome};
+use crate::input;
 use crate::output::number;
 use crate::output::target::{self, Target};
 
@@ -40,7 +40,7 @@ pub(crate) fn rewrite(
     output: &Path,
     make: impl FnOnce(&[u8], &mut dyn FnMut(&[u8]) -> Outcome) -> Result<RewriteOutcome, RewriteError<Failure>>,
 ) -> Outcome {
-    let bytes = load(path)?;
+    let bytes = input::recording(path)?;
     let mut out = Target::create(output, &[path.to_owned()])?;
     let mut length = 0;
     let mut put = |bytes: &[u8]| {

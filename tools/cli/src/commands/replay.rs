@@ -11,10 +11,10 @@ use psao_proto::net::Hub;
 use psao_proto::recording::{PlayedFrame, Player, PlayerEvent, Summary};
 use psao_proto::{Limits, Micros, SceneTable, StreamTime};
 
-use crate::analysis::load;
 use crate::args::{Format, FormatArg, RecordingArg};
 use crate::context::{Stopwatch, runtime, say};
 use crate::error::{Exit, Failure, Outcome};
+use crate::input;
 use crate::network::{self, ListenArgs};
 use crate::output::frames::FrameLog;
 use crate::output::number;
@@ -88,7 +88,7 @@ pub(crate) fn run(args: &Args) -> Outcome {
     if to.is_some_and(|to| to < from) {
         return Err(Failure::usage("--to is before --from"));
     }
-    let bytes = load(&args.recording.file)?;
+    let bytes = input::recording(&args.recording.file)?;
     let replay = Replay { args, bytes: &bytes, start: start(args, &bytes, from)?, to };
     runtime()?.block_on(replay.play())
 }
@@ -125,8 +125,8 @@ fn start(args: &Args, bytes: &[u8], from: StreamTime) -> Outcome<Option<(Summary
         return Ok(None);
     }
     let summary = Summary::scan(bytes, Limits::default()).map_err(|error| refused(args, error))?;
-    let Some(entry) = summary.index().iter().position(|entry| entry.time >= from) else {
-        let last = summary.index().iter().map(|entry| entry.time).max().unwrap_or_default();
+    let Some(entry) = summary.frames().iter().position(|entry| entry.time >= from) else {
+        let last = summary.frames().iter().map(|entry| entry.time).max().unwrap_or_default();
         return Err(refused(
             args,
             format_args!(
@@ -236,7 +236,7 @@ impl<'a> Replay<'a> {
         log: &mut FrameLog,
     ) -> Outcome<End> {
         let args = self.args;
-        let first = self.start.as_ref().map_or(0, |(summary, entry)| summary.index()[*entry].offset);
+        let first = self.start.as_ref().map_or(0, |(summary, entry)| summary.frames()[*entry].offset);
         let mut begun = false;
         while let Some(event) = player.next_event() {
             match event {

@@ -13,7 +13,7 @@ use psao_proto::{FrameIndex, Limits, Micros};
 use psao_server::server::Server;
 use psao_server::server::live::{LatePoints, Pipeline, PipelineSettings};
 
-use crate::args::{BufferArg, EditsArg, StreamArgs};
+use crate::args::{EditsArg, RecordingOptions, StreamArgs};
 use crate::context::runtime;
 use crate::error::Outcome;
 use crate::network::{self, ListenArgs};
@@ -57,7 +57,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
     #[command(flatten)]
-    buffer: BufferArg,
+    recording: RecordingOptions,
 }
 
 /// `--frame-time`.
@@ -123,7 +123,7 @@ async fn serve(args: &Args, server: Server, timetable: &Timetable) -> Outcome {
     let mut sinks = Sinks::new().with_hub(hub.clone());
     if let Some(path) = &args.record {
         let path = target::recording(path)?;
-        sinks = sinks.with_recorder(Recorder::create(&path, args.buffer.options(&path))?, &table)?;
+        sinks = sinks.with_recorder(Recorder::create(&path, args.recording.options(&path))?, &table)?;
     }
     let mut pipeline = Pipeline::new(server, sinks, args.pipeline())?;
     let mut counts = Counts::default();

@@ -1,14 +1,16 @@
 //! `psao verify`: every check there is on a recording.
 
+use std::fmt;
+
 use psao_codec::envelope::FrameError;
 use psao_proto::recording::{Player, PlayerEvent, StoredIndex, Summary};
-use psao_proto::{FollowError, Limits};
+use psao_proto::{FollowError, FrameIndex, Limits};
 use serde::Serialize;
 
-use crate::analysis::load;
 use crate::args::{Format, FormatArg, RecordingArg};
 use crate::context::{progress, say, say_json};
 use crate::error::{Exit, Failure, Outcome};
+use crate::input;
 use crate::output::csv::Csv;
 use crate::output::number;
 use crate::output::table::Figures;
@@ -54,13 +56,46 @@ struct Played {
     drifted: Vec<u32>,
     /// Frames whose hash says that client and server would disagree.
     mismatched: Vec<String>,
-    /// Frames and messages that could not be used for another reason.
-    unusable: Vec<String>,
+    /// Messages that could not be read.
+    bad_messages: Vec<String>,
+    /// Frames that could not be used for another reason.
+    unusable: Vec<UnusableFrames>,
     damages: Vec<String>,
     /// What the recorder says that it left out.
     gaps: Vec<String>,
     has_scene: bool,
     late: u64,
+}
+
+/// Frames in a row that could not be used for the same reason.
+struct UnusableFrames {
+    /// Number of the first and the last, if their bodies could be parsed.
+    frames: Option<(u32, u32)>,
+    count: u64,
+    /// Offset of the first in the file.
+    offset: u64,
+    reason: FollowError,
+}
+
+impl UnusableFrames {
+    /// Returns whether a frame goes on where these end.
+    fn go_on(&self, frame: Option<FrameIndex>, reason: &FollowError) -> bool {
+        let follows = self.frames.zip(frame).is_some_and(|((_, last), next)| next.0 == last.wrapping_add(1));
+        follows && std::mem::discriminant(&self.reason) == std::mem::discriminant(reason)
+    }
+}
+
+impl fmt::Display for UnusableFrames {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.frames {
+            Some((first, last)) if first != last => {
+                write!(f, "{} frames, {first} to {last}, from offset {}", self.count, self.offset)?;
+            }
+            Some((frame, _)) => write!(f, "frame {frame} at offset {}", self.offset)?,
+            None => write!(f, "a frame at offset {}", self.offset)?,
+        }
+        write!(f, ": {}", self.reason)
+    }
 }
 
 /// The outcome of one check.
@@ -74,13 +109,13 @@ enum Verdict {
 
 pub(crate) fn run(args: &Args) -> Outcome {
     let path = &args.recording.file;
-    let bytes = load(path)?;
+    let (bytes, repaired) = input::recording_with_repairs(path)?;
     let refused = |error| Failure::input(format_args!("{}: {error}", path.display()));
     let summary = Summary::scan(&bytes, Limits::default()).map_err(refused)?;
     let mut player = Player::new(&bytes, Limits::default()).map_err(refused)?;
-    let played = play(&mut player, summary.index().len() as u64);
+    let played = play(&mut player, summary.frames().len() as u64);
     let checks = [
-        ("checksums of all records", losses(&played.damages, "every byte is accounted for")),
+        ("checksums of all records", checksums(&played.damages, input::repairs(&repaired))),
         (
             "scene table",
             if played.has_scene {
@@ -98,7 +133,8 @@ pub(crate) fn run(args: &Args) -> Outcome {
                 Verdict::Note(played.gaps.join("\n"))
             },
         ),
-        ("frame bodies", losses(&played.unusable, "all read and applied")),
+        ("frame bodies", bodies(&played)),
+        ("a damaged byte would cost", Verdict::Pass(cost(&summary))),
         ("state hash after every frame", wrongs(&played.mismatched, played.frames)),
         ("hash from scratch at keyframes and the end", drift(&played.drifted)),
         (
@@ -142,16 +178,16 @@ fn play(player: &mut Player<'_>, frames: u64) -> Played {
                 }
             }
             PlayerEvent::Unusable { offset, frame, reason, .. } => {
-                let name = frame.map_or_else(|| "a frame".to_owned(), |frame| format!("frame {}", frame.0));
-                let text = format!("{name} at offset {offset}: {reason}");
-                if matches!(reason, FollowError::Body(FrameError::Hash { .. })) {
-                    played.mismatched.push(text);
+                let frames = frame.map(|frame| (frame.0, frame.0));
+                let unusable = UnusableFrames { frames, count: 1, offset, reason };
+                if matches!(unusable.reason, FollowError::Body(FrameError::Hash { .. })) {
+                    played.mismatched.push(unusable.to_string());
                 } else {
-                    played.unusable.push(text);
+                    played.unusable(unusable, frame);
                 }
             }
             PlayerEvent::BadMessage { offset, error } => {
-                played.unusable.push(format!("message at offset {offset}: {error}"));
+                played.bad_messages.push(format!("message at offset {offset}: {error}"));
             }
             PlayerEvent::Damage(damage) => played.damages.push(damage.to_string()),
             PlayerEvent::Gap(gap) => played.gaps.push(gap.to_string()),
@@ -174,8 +210,53 @@ fn check_from_scratch(player: &Player<'_>, frame: u32, played: &mut Played) {
     }
 }
 
-fn losses(places: &[String], fine: &str) -> Verdict {
-    if places.is_empty() { Verdict::Pass(fine.to_owned()) } else { Verdict::LossError(places.join("\n")) }
+impl Played {
+    /// Counts a frame, with those before it where it goes on.
+    fn unusable(&mut self, unusable: UnusableFrames, frame: Option<FrameIndex>) {
+        match self.unusable.last_mut() {
+            Some(last) if last.go_on(frame, &unusable.reason) => {
+                last.count += 1;
+                last.frames = last.frames.zip(frame).map(|((first, _), next)| (first, next.0));
+            }
+            _ => self.unusable.push(unusable),
+        }
+    }
+}
+
+fn checksums(damages: &[String], repairs: Option<String>) -> Verdict {
+    let places: Vec<&str> = damages.iter().map(String::as_str).chain(repairs.as_deref()).collect();
+    if places.is_empty() {
+        Verdict::Pass("every byte is accounted for".to_owned())
+    } else {
+        Verdict::LossError(places.join("\n"))
+    }
+}
+
+fn bodies(played: &Played) -> Verdict {
+    let unusable = played.unusable.iter().map(ToString::to_string);
+    let mut places: Vec<String> = unusable.chain(played.bad_messages.iter().cloned()).collect();
+    if played.frames == 0 {
+        places.push("no frame can be played".to_owned());
+    }
+    if places.is_empty() {
+        Verdict::Pass("all read and applied".to_owned())
+    } else {
+        Verdict::LossError(places.join("\n"))
+    }
+}
+
+/// Returns what one damaged byte would cost, in words.
+fn cost(summary: &Summary) -> String {
+    let frames = summary.frames();
+    let group = frames.chunk_by(|_, next| !next.keyframe).map(<[_]>::len).max().unwrap_or(0) as u64;
+    let group = format!("up to {}", number::counted(group, "frame"));
+    match summary.parity_bytes() {
+        0 => format!("{group}: to the next keyframe"),
+        covered => {
+            let share = covered as f64 / summary.file_bytes().max(1) as f64;
+            format!("nothing in {:.1} % of the file, by parity; elsewhere {group}", share * 100.0)
+        }
+    }
 }
 
 fn wrongs(places: &[String], frames: u64) -> Verdict {

@@ -145,7 +145,7 @@ fn a_killed_recorder_leaves_every_frame_whole_but_the_last() {
             let again = std::fs::read(&saved).unwrap();
             let summary = Summary::scan(&again, Limits::default()).unwrap();
             assert_eq!(summary.stored_index(), StoredIndex::Agrees, "kill {kill}");
-            assert_eq!(summary.index().len() as u64, whole, "kill {kill}");
+            assert_eq!(summary.frames().len() as u64, whole, "kill {kill}");
         }
     }
     println!(

@@ -28,6 +28,7 @@ use std::process::{Command, Output};
 use std::sync::OnceLock;
 
 /// What a run printed and how it ended.
+#[derive(Debug)]
 pub struct Run {
     /// Exit code; none after a signal.
     pub code: Option<i32>,

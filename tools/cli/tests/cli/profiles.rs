@@ -71,7 +71,9 @@ fn a_comparison_counts_the_bytes_that_recordings_have() {
             figures["later_parts"].as_object().unwrap().values().map(|bytes| bytes.as_u64().unwrap()).sum();
         assert_eq!(compared, later - report, "{profile:?}");
         assert_eq!(figures["changed_points"], totals["changed_points"], "{profile:?}");
-        assert_eq!(figures["paper_mbit_s"], totals["paper_mbit_s"], "{profile:?}");
+        // Stream times are whole microseconds, and the last frame is at 183,337.
+        let rate = |document: &serde_json::Value| document["paper_mbit_s"].as_f64().unwrap();
+        assert!((rate(figures) / rate(totals) - 1.0).abs() < 1e-5, "{profile:?}");
         assert_eq!(figures["scene_table_bytes"], recorded["overhead"]["scene"], "{profile:?}");
         let error = &figures["error"];
         assert!(error["points"].as_u64().unwrap() > 1000, "{error}");

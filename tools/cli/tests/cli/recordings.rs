@@ -3,8 +3,8 @@
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
 
-use psao_proto::recording::{RECORD_HEAD_BYTES, Summary};
-use psao_proto::{HEADER_BYTES, Limits};
+use psao_proto::recording::{FILE_HEADER_BYTES, FOOTER_BYTES, RECORD_HEAD_BYTES, Reader, Summary};
+use psao_proto::{FrameType, HEADER_BYTES, Limits};
 
 use crate::bad_input::refuses;
 use crate::live::Server;
@@ -28,10 +28,23 @@ fn summary(path: &Path) -> Summary {
     Summary::scan(&std::fs::read(path).unwrap(), Limits::default()).unwrap()
 }
 
-/// A copy of a recording with one byte changed inside the body of a frame.
+/// The records of a recording, without parity, which would repair them, and without index.
+fn bare(recording: &Path) -> Vec<u8> {
+    let bytes = std::fs::read(recording).unwrap();
+    let mut file = bytes[..FILE_HEADER_BYTES].to_vec();
+    for record in Reader::new(&bytes).unwrap().map(Result::unwrap) {
+        if !matches!(record.frame.header.kind, FrameType::PARITY | FrameType::INDEX) {
+            let start = record.offset() as usize;
+            file.extend_from_slice(&bytes[start..start + record.record_bytes() as usize]);
+        }
+    }
+    file
+}
+
+/// A copy of a recording without parity, with one byte changed inside the body of a frame.
 fn hurt(folder: &Path, recording: &Path, frame: usize) -> PathBuf {
-    let mut bytes = std::fs::read(recording).unwrap();
-    let entry = summary(recording).index()[frame];
+    let mut bytes = bare(recording);
+    let entry = Summary::scan(&bytes, Limits::default()).unwrap().frames()[frame];
     bytes[entry.offset as usize + RECORD_HEAD_BYTES + HEADER_BYTES + 9] ^= 1;
     let path = folder.join("hurt.psao");
     std::fs::write(&path, bytes).unwrap();
@@ -136,6 +149,74 @@ fn what_is_damaged_is_said_and_the_rest_recovered() {
 }
 
 #[test]
+fn one_damaged_byte_anywhere_costs_nothing() {
+    let folder = folder();
+    let [bad, out] = ["bad.psao", "out.psao"].map(|name| folder.path().join(name));
+    for profile in Profile::ALL {
+        let whole = std::fs::read(recording(profile)).unwrap();
+        // In the file header, a frame's header, a keyframe, an update, and the end.
+        for place in [3, 40, whole.len() / 3, whole.len() * 9 / 10] {
+            let mut bytes = whole.clone();
+            bytes[place] ^= 0x40;
+            std::fs::write(&bad, &bytes).unwrap();
+            let run = psao(&["verify", text(&bad)]);
+            assert_eq!(run.code, Some(4), "{}", run.out);
+            assert!(
+                run.out.contains("repaired 1 stretch") && run.err.contains("12 frames can still"),
+                "{run:?}"
+            );
+            let run = psao(&["recover", text(&bad), "-o", text(&out)]);
+            assert_eq!(run.code, Some(0), "{}", run.err);
+            assert!(run.err.contains(&format!("the first at offset {place}")), "{}", run.err);
+            assert_eq!(std::fs::read(&out).unwrap(), whole);
+            assert_eq!(played(&bad), played(recording(profile)));
+        }
+    }
+}
+
+#[test]
+fn keyframes_come_as_often_as_asked_and_change_no_frame() {
+    let folder = folder();
+    let often = folder.path().join("often.psao");
+    for profile in Profile::ALL {
+        record("colonnade", profile, &["--keyframe-every", "0.05s"], &often);
+        assert_eq!(played(&often), played(recording(profile)), "the same states");
+        let keyframes: Vec<u32> = summary(&often)
+            .frames()
+            .iter()
+            .filter(|entry| entry.keyframe)
+            .map(|entry| entry.frame.0)
+            .collect();
+        assert_eq!(keyframes, [0, 3, 6, 9], "{profile:?}");
+        // What damage costs ends with its group.
+        let bad = hurt(folder.path(), &often, 4);
+        let run = psao(&["verify", text(&bad)]);
+        assert!(run.err.contains("10 frames can still be played"), "{}{}", run.out, run.err);
+        assert!(run.out.contains("up to 3 frames: to the next keyframe"), "{}", run.out);
+        record("colonnade", profile, &["--keyframe-every", "off"], &often);
+        assert_eq!(std::fs::read(&often).unwrap(), std::fs::read(recording(profile)).unwrap());
+    }
+    refuses(&["record", "--scene", "colonnade", "--keyframe-every", "0", "-o", text(&often)], 2, &["1ms"]);
+}
+
+#[test]
+fn verify_tells_frames_in_a_row_together_and_fails_where_none_can_be_played() {
+    let folder = folder();
+    let whole = recording(Profile::Surface);
+    let run = psao(&["verify", text(&hurt(folder.path(), whole, 0))]);
+    assert_eq!(run.code, Some(4));
+    assert!(
+        run.out.contains("11 frames, 1 to 11") && run.out.contains("no frame can be played"),
+        "{}",
+        run.out
+    );
+    let empty = folder.path().join("empty.psao");
+    std::fs::write(&empty, &std::fs::read(whole).unwrap()[..FILE_HEADER_BYTES]).unwrap();
+    let run = psao(&["verify", text(&empty)]);
+    assert!(run.code == Some(4) && run.out.contains("no frame can be played"), "{run:?}");
+}
+
+#[test]
 fn a_whole_recording_is_recovered_without_loss() {
     let folder = folder();
     let out = folder.path().join("out.psao");
@@ -146,8 +227,8 @@ fn a_whole_recording_is_recovered_without_loss() {
         assert_eq!(std::fs::read(&out).unwrap(), bytes);
         // Without its index, as after a kill.
         let cut = folder.path().join("cut.psao");
-        let tail = (FRAMES as usize) * 32 + RECORD_HEAD_BYTES + HEADER_BYTES + 16;
-        std::fs::write(&cut, &bytes[..bytes.len() - tail]).unwrap();
+        let footer = bytes[bytes.len() - FOOTER_BYTES..].first_chunk().unwrap();
+        std::fs::write(&cut, &bytes[..u64::from_le_bytes(*footer) as usize]).unwrap();
         fine(&["recover", text(&cut), "-o", text(&out)]);
         assert_eq!(std::fs::read(&out).unwrap(), bytes);
     }

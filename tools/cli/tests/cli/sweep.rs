@@ -125,7 +125,7 @@ fn bad_input_is_refused_before_anything_is_measured() {
         (&["--crf", "52"], 2, "x264 takes 0 to 51"),
         (&["--crf", "64", "--video", "svt-av1"], 2, "svt-av1 takes 0 to 63"),
         (&["--video", "nonesuch"], 2, "svt-av1"),
-        (&["--camera-lag", "-1"], 2, "--camera-lag"),
+        (&["--camera-lag", "late"], 2, "--camera-lag"),
         (&["--fps", "0"], 2, "above 0"),
         (&["--fps", "nan"], 2, "above 0"),
         (&["--radius", "0"], 2, "radius of 0 m"),

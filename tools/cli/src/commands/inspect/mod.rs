@@ -7,9 +7,10 @@ mod table;
 use std::path::PathBuf;
 
 pub(crate) use self::table::{PART_HEADS, part_rows, summary_lines};
-use crate::analysis::{Analysis, PARTS, load};
+use crate::analysis::{Analysis, PARTS};
 use crate::args::{Format, FormatArg, RecordingArg};
 use crate::error::{Exit, Failure, Outcome};
+use crate::input;
 use crate::output::number;
 use crate::output::plot::{Bar, Plot};
 use crate::output::target;
@@ -38,7 +39,7 @@ pub(crate) struct Args {
 
 pub(crate) fn run(args: &Args) -> Outcome {
     let path = &args.recording.file;
-    let analysis = Analysis::of(path, &load(path)?)?;
+    let analysis = Analysis::of(path, &input::recording(path)?)?;
     if !args.plot.as_deref().is_some_and(target::is_standard) {
         match args.format.get() {
             Format::Table => table::print(&analysis, args.per_frame)?,

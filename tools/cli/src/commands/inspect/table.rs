@@ -76,7 +76,7 @@ pub(crate) fn summary_lines(analysis: &Analysis, totals: &Totals) -> String {
         format!(
             "{} frames, {:.2} s at {} Hz; file {}, of which {} belong to no frame",
             analysis.frames.len(),
-            analysis.frames.len() as f64 / analysis.fps(),
+            analysis.duration_s(),
             analysis.fps(),
             number::bytes(analysis.file_bytes),
             number::bytes(analysis.overhead_bytes()),

@@ -10,10 +10,10 @@ use psao_netlab::{
 use psao_proto::Micros;
 use serde::Serialize;
 
-use crate::analysis::load;
 use crate::args::{ProfileArg, ReportFormatArg};
 use crate::context::{progress, say, say_json};
 use crate::error::{Exit, Failure, Outcome};
+use crate::input;
 use crate::output::{number, table::Figures};
 use crate::quantity::{During, RateLimit, Share, Size, TimeSpan};
 
@@ -144,7 +144,7 @@ struct Row {
 
 pub(crate) fn run(args: &Args) -> Outcome {
     let plans = plans(args);
-    let file = args.file.as_deref().map(load).transpose()?;
+    let file = args.file.as_deref().map(input::recording).transpose()?;
     let bar = progress("running", plans.len() as u64);
     let mut document = Document {
         schema: "psao-netlab/1",

@@ -172,10 +172,10 @@ impl VideoRivals {
         };
         let (texture, cloud) = (take(TEXTURE_SPACE), take(CLOUD_VIDEO));
         let videos = args.video.videos()?;
-        let textures = args.video.textures(servers)?;
         if !texture && !cloud {
             return Ok(Self::default());
         }
+        let textures = if texture { args.video.textures(servers)? } else { Vec::new() };
         let wanted = if texture { TEXTURE_SPACE } else { CLOUD_VIDEO };
         let by_name = args.methods.iter().any(|name| name == wanted);
         let ffmpeg = Ffmpeg::find();
@@ -194,9 +194,9 @@ impl VideoRivals {
         // With another camera, only the first of the other settings is measured.
         let first_lag = servers.first().map_or(0, |server| server.camera_lag_ms);
         let of = |lag: u32, number: usize| args.full || lag == first_lag || number == 0;
-        for (number, settings) in textures.iter().filter(|_| texture) {
+        for (number, settings) in &textures {
             let videos =
-                found.iter().enumerate().filter(|&(video, _)| of(settings.camera_lag_ms, number + video));
+                found.iter().enumerate().filter(|&(video, _)| of(settings.camera_lag_ms, *number + video));
             rivals.textures.extend(videos.map(|(_, &video)| (*settings, video)));
         }
         for server in servers.iter().filter(|_| cloud) {

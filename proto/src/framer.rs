@@ -319,6 +319,24 @@ impl Framer {
         result
     }
 
+    /// Passes the next whole frame of `owner`'s framer to `use_frame`, which may use the owner. Returns whether there was
+    /// one.
+    pub(crate) fn take_one<O, E: From<FramerError>>(
+        owner: &mut O,
+        framer: fn(&mut O) -> &mut Self,
+        use_frame: impl FnOnce(&mut O, &WireFrame<'_>) -> Result<(), E>,
+    ) -> Result<bool, E> {
+        let limits = framer(owner).limits;
+        let mut lent = std::mem::replace(framer(owner), Self::new(limits));
+        let result = match lent.next_frame() {
+            Ok(None) => Ok(false),
+            Err(error) => Err(error.into()),
+            Ok(Some(frame)) => use_frame(owner, &frame).map(|()| true),
+        };
+        *framer(owner) = lent;
+        result
+    }
+
     /// Adds bytes. Call [`next_frame`](Self::next_frame) until it returns `None` before the next push. The framer then
     /// holds at most one unfinished frame, which is under the limit.
     pub fn push(&mut self, bytes: &[u8]) {

@@ -113,13 +113,11 @@ async fn serve(server: Server, path: &Path) -> (Vec<StateHash>, Vec<usize>) {
     let mut client = connect_in_process(&hub, Limits::default());
     let follow = tokio::spawn(async move {
         let (mut hashes, mut edits) = (Vec::new(), Vec::new());
-        while !client.session().is_closed() {
-            for event in client.next_events().await.unwrap() {
-                match event {
-                    ClientEvent::Applied(frame) => hashes.push(frame.info.hash),
-                    ClientEvent::Edited(_) => edits.push(hashes.len()),
-                    _ => {}
-                }
+        while let Some(event) = client.next_event().await.unwrap() {
+            match event {
+                ClientEvent::Applied(frame) => hashes.push(frame.info.hash),
+                ClientEvent::Edited(_) => edits.push(hashes.len()),
+                _ => {}
             }
         }
         (hashes, edits)

@@ -1,6 +1,5 @@
 //! A live server as a stream to follow.
 
-use std::collections::VecDeque;
 use std::time::Duration;
 
 use psao_codec::State;
@@ -19,8 +18,6 @@ use crate::runtime;
 pub(super) struct Live {
     runtime: Runtime,
     connection: Connection,
-    /// Events that came and were not returned yet.
-    waiting: VecDeque<Event>,
     closed: bool,
 }
 
@@ -33,31 +30,34 @@ impl Live {
         let address: Address = address.parse()?;
         let runtime = runtime::start().map_err(|source| SubscribeError::Runtime { source })?;
         let connection = runtime.block_on(connect(&address, options, limits))?;
-        Ok(Self { runtime, connection, waiting: VecDeque::new(), closed: false })
+        Ok(Self { runtime, connection, closed: false })
     }
 
     pub(super) fn next_event(&mut self) -> Result<Option<Event>, SubscribeError> {
-        while self.waiting.is_empty() && !self.closed {
-            let events = self.runtime.block_on(self.connection.next_events())?;
-            self.take(events);
+        while !self.closed {
+            let next = self.runtime.block_on(self.connection.next_event())?;
+            if let Some(event) = self.take(next) {
+                return Ok(Some(event));
+            }
         }
-        Ok(self.waiting.pop_front())
+        Ok(None)
     }
 
     pub(super) fn poll(&mut self) -> Result<Option<Event>, SubscribeError> {
-        if self.waiting.is_empty() && !self.closed {
+        while !self.closed {
             // The runtime's thread has seen what the socket holds, so that one look is enough.
-            let next = self.connection.next_events();
-            let events = self.runtime.block_on(async { timeout(Duration::ZERO, next).await });
-            if let Ok(events) = events {
-                self.take(events?);
+            let next = self.connection.next_event();
+            let next = self.runtime.block_on(async { timeout(Duration::ZERO, next).await });
+            let Ok(next) = next else { break };
+            if let Some(event) = self.take(next?) {
+                return Ok(Some(event));
             }
         }
-        Ok(self.waiting.pop_front())
+        Ok(None)
     }
 
     pub(super) fn is_over(&self) -> bool {
-        self.closed && self.waiting.is_empty()
+        self.closed
     }
 
     pub(super) fn state(&self) -> Option<&State> {
@@ -72,11 +72,10 @@ impl Live {
         Ok(self.connection.session().edit(edit)?)
     }
 
-    fn take(&mut self, events: Vec<ClientEvent>) {
-        for event in events {
-            self.closed |= matches!(event, ClientEvent::Closed(_));
-            self.waiting.extend(translate(event));
-        }
+    /// Returns what the connection's next event means to the user, if anything. After its last one the stream is over.
+    fn take(&mut self, next: Option<ClientEvent>) -> Option<Event> {
+        self.closed = matches!(next, None | Some(ClientEvent::Closed(_)));
+        next.and_then(translate)
     }
 }
 

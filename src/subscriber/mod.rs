@@ -22,7 +22,7 @@ pub use self::error::SubscribeError;
 pub enum Event {
     /// The scene table is whole: the instances and settings of the stream are known.
     Scene(Arc<SceneTable>),
-    /// A frame was applied. The state is that of this frame, or of a later one whose event follows.
+    /// A frame was applied. The state is that of this frame until the next event is taken.
     Frame(FrameInfo),
     /// The state after a frame would not have been the server's. The frame was not applied, and nothing is until the next
     /// keyframe, which a live subscriber asks for.

@@ -131,7 +131,7 @@ pub(crate) async fn follow(address: &Address, load: Load) -> Result<Vec<ClientTa
     for _ in 0..load.stalled.min(load.clients) {
         let mut connection = dial(address).await?;
         while connection.session().state().is_none() {
-            connection.next_events().await?;
+            connection.next_event().await?;
         }
         stalled.push(connection);
     }
@@ -153,9 +153,10 @@ async fn dial(address: &Address) -> Result<Connection> {
 async fn follow_one(mut connection: Connection) -> ClientTally {
     let mut seen = ClientTally { frames: 0, per_second: 0.0, unusable: 0, error: None };
     let (mut first, mut last) = (None, Instant::now());
-    while !connection.session().is_closed() {
-        let events = match timeout(Duration::from_secs(120), connection.next_events()).await {
-            Ok(Ok(events)) => events,
+    loop {
+        let event = match timeout(Duration::from_secs(120), connection.next_event()).await {
+            Ok(Ok(Some(event))) => event,
+            Ok(Ok(None)) => break,
             Ok(Err(error)) => {
                 seen.error = Some(error.to_string());
                 break;
@@ -165,16 +166,14 @@ async fn follow_one(mut connection: Connection) -> ClientTally {
                 break;
             }
         };
-        for event in events {
-            match event {
-                ClientEvent::Applied(_) => {
-                    seen.frames += 1;
-                    last = Instant::now();
-                    first.get_or_insert(last);
-                }
-                ClientEvent::HashMismatch { .. } | ClientEvent::Unusable { .. } => seen.unusable += 1,
-                _ => {}
+        match event {
+            ClientEvent::Applied(_) => {
+                seen.frames += 1;
+                last = Instant::now();
+                first.get_or_insert(last);
             }
+            ClientEvent::HashMismatch { .. } | ClientEvent::Unusable { .. } => seen.unusable += 1,
+            _ => {}
         }
     }
     let seconds = first.map_or(0.0, |first| (last - first).as_secs_f64());

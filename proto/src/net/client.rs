@@ -62,7 +62,7 @@ impl ConnectOptions {
 }
 
 /// Connects to the server at `address`. The TLS handshake is complete when this returns; the protocol's handshake
-/// continues in [`Connection::next_events`]. A client certificate that the server refuses also shows there.
+/// continues in [`Connection::next_event`]. A client certificate that the server refuses also shows there.
 ///
 /// # Errors
 /// [`NetError::Refused`], [`NetError::ConnectTimeout`] after [`Limits::handshake`], [`NetError::Connect`],
@@ -172,45 +172,52 @@ impl Connection {
         Self { address, stream, session, started, limits, buffer: vec![0; CHUNK_BYTES] }
     }
 
-    /// Sends waiting bytes, waits for bytes from the server, and returns the resulting events: none, one or many. After
-    /// [`ClientEvent::Closed`] no event follows.
+    /// Returns the next event; waits for bytes from the server, and sends waiting bytes meanwhile. [`state`](Self::state) is
+    /// then the one that the event speaks of. Returns `None` after [`ClientEvent::Closed`], or when the session was closed
+    /// here.
     ///
     /// This method is cancel-safe, for example in `select!`.
     ///
     /// # Errors
     /// [`NetError::Session`], [`NetError::Disconnected`], [`NetError::Broken`], [`NetError::Stalled`],
     /// `NetError::Tls`, [`NetError::SpeaksTls`]. The state stays readable.
-    pub async fn next_events(&mut self) -> Result<Vec<ClientEvent>, NetError> {
-        self.next_events_with(&mut |_| {}).await
+    pub async fn next_event(&mut self) -> Result<Option<ClientEvent>, NetError> {
+        self.next_event_with(&mut |_| {}).await
     }
 
-    /// Does the same as [`next_events`](Self::next_events), and passes every whole frame to `tap`, for example to a
-    /// recorder.
+    /// Does the same as [`next_event`](Self::next_event), and passes every whole frame to `tap`, for example to a recorder.
     ///
     /// # Errors
-    /// As [`next_events`](Self::next_events).
-    pub async fn next_events_with(
+    /// As [`next_event`](Self::next_event).
+    pub async fn next_event_with(
         &mut self,
         tap: &mut (dyn FnMut(&WireFrame<'_>) + Send),
-    ) -> Result<Vec<ClientEvent>, NetError> {
-        let sent = self.flush().await;
-        if self.session.is_closed() {
-            return sent.map(|()| Vec::new());
+    ) -> Result<Option<ClientEvent>, NetError> {
+        loop {
+            let result = self.session.next_event_with(tap);
+            if let Some(event) = self.finish_with(result).await? {
+                return Ok(Some(event));
+            }
+            let sent = self.flush().await;
+            if self.session.is_closed() {
+                return sent.map(|()| None);
+            }
+            let count = self.read_after(sent).await?;
+            let bytes = self.buffer.get(..count).unwrap_or_default();
+            let result = self.session.push(bytes, elapsed_since(self.started));
+            self.finish_with(result).await?;
         }
-        let count = match sent {
-            Ok(()) => self.read().await?,
-            // A server may have sent a CLOSE before it closed the connection.
-            Err(broken) => match timeout(FAREWELL_TIMEOUT, self.read()).await {
-                Ok(Ok(count)) => count,
-                Ok(Err(NetError::Broken { .. } | NetError::Disconnected { .. })) | Err(_) => {
-                    return Err(broken);
-                }
-                Ok(Err(error)) => return Err(error),
-            },
-        };
-        let bytes = self.buffer.get(..count).unwrap_or_default();
-        let result = self.session.handle_with(bytes, elapsed_since(self.started), tap);
-        self.finish_with(result).await
+    }
+
+    /// Reads at least one byte into the buffer, after sending succeeded or failed.
+    async fn read_after(&mut self, sent: Result<(), NetError>) -> Result<usize, NetError> {
+        let Err(broken) = sent else { return self.read().await };
+        // A server may have sent a CLOSE before it closed the connection.
+        match timeout(FAREWELL_TIMEOUT, self.read()).await {
+            Ok(Ok(count)) => Ok(count),
+            Ok(Err(NetError::Broken { .. } | NetError::Disconnected { .. })) | Err(_) => Err(broken),
+            Ok(Err(error)) => Err(error),
+        }
     }
 
     /// Reads at least one byte into the buffer. Calls the session at its deadlines.
@@ -282,7 +289,7 @@ impl Connection {
     }
 
     /// Returns the session. Messages that are given to it leave with the next [`flush`](Self::flush) or
-    /// [`next_events`](Self::next_events).
+    /// [`next_event`](Self::next_event).
     pub const fn session(&mut self) -> &mut ClientSession {
         &mut self.session
     }

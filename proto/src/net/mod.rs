@@ -40,11 +40,9 @@
 //! // The client.
 //! let mut connection = connect(&address, &ConnectOptions::default(), Limits::default()).await?;
 //! let mut frames = Vec::new();
-//! while !connection.session().is_closed() {
-//!     for event in connection.next_events().await? {
-//!         if let ClientEvent::Applied(frame) = event {
-//!             frames.push(frame.info.frame.0);
-//!         }
+//! while let Some(event) = connection.next_event().await? {
+//!     if let ClientEvent::Applied(frame) = event {
+//!         frames.push(frame.info.frame.0);
 //!     }
 //! }
 //! assert_eq!(frames, [0, 1, 2]);

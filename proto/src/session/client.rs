@@ -2,6 +2,7 @@
 
 mod datagrams;
 
+use std::collections::VecDeque;
 use std::sync::Arc;
 
 use psao_codec::envelope::{FrameBody, FrameError, FrameInfo};
@@ -149,7 +150,7 @@ enum Phase {
 
 /// A client session: handshake, scene table, and a state that follows the server's.
 ///
-/// Pass received bytes to [`handle`](Self::handle), send the bytes of [`take_output`](Self::take_output), and call
+/// Pass received bytes to [`push`](Self::push), take events until there are none, send the bytes of [`take_output`](Self::take_output), and call
 /// [`tick`](Self::tick) at the time of [`next_deadline`](Self::next_deadline).
 #[derive(Debug)]
 pub struct ClientSession {
@@ -167,6 +168,8 @@ pub struct ClientSession {
     datagrams: Vec<Vec<u8>>,
     /// Whether a keyframe was requested and did not arrive yet.
     keyframe_requested: bool,
+    /// Events of the last frame that were not returned yet.
+    events: VecDeque<ClientEvent>,
     stats: ClientStats,
 }
 
@@ -202,6 +205,7 @@ impl ClientSession {
             reassembler: Reassembler::default(),
             datagrams: Vec::new(),
             keyframe_requested: false,
+            events: VecDeque::new(),
             stats: ClientStats::default(),
         };
         if let Some(auth) = auth {
@@ -211,50 +215,72 @@ impl ClientSession {
         session
     }
 
-    /// Processes bytes from the server, in any chunking, at the time `now`.
+    /// Takes bytes from the server, in any chunking, at the time `now`. [`next_event`](Self::next_event) processes them.
     ///
     /// # Errors
-    /// [`SessionError`] when the stream cannot go on. Later calls return the same error. Events before the error are
-    /// lost, but the state stays.
-    pub fn handle(&mut self, bytes: &[u8], now: Micros) -> Result<Vec<ClientEvent>, SessionError> {
-        self.handle_with(bytes, now, &mut |_| {})
-    }
-
-    /// Does the same as [`handle`](Self::handle), and passes every whole frame to `tap` before it is processed, for
-    /// example to a recorder.
-    ///
-    /// # Errors
-    /// As [`handle`](Self::handle).
-    pub fn handle_with(
-        &mut self,
-        bytes: &[u8],
-        now: Micros,
-        tap: &mut dyn FnMut(&WireFrame<'_>),
-    ) -> Result<Vec<ClientEvent>, SessionError> {
+    /// [`SessionError`] when the stream cannot go on. Later calls return the same error; the state stays.
+    pub fn push(&mut self, bytes: &[u8], now: Micros) -> Result<(), SessionError> {
         self.tick(now)?;
         if !bytes.is_empty() {
             self.timers.note_received();
         }
         self.stats.wire_bytes += bytes.len() as u64;
-        let mut events = Vec::new();
-        let result = Framer::drain(
-            self,
-            |session| &mut session.framer,
-            bytes,
-            |session, frame| {
-                if session.is_closed() {
-                    return Ok(());
-                }
-                tap(frame);
-                session.frame(frame, &mut events)
-            },
-        );
-        match result {
+        self.framer.push(bytes);
+        Ok(())
+    }
+
+    /// Processes frames up to the next event, and returns it; `None` when more bytes are needed, or the session is closed.
+    /// [`state`](Self::state) is then the one that the event speaks of: no later frame was applied.
+    ///
+    /// # Errors
+    /// As [`push`](Self::push).
+    pub fn next_event(&mut self) -> Result<Option<ClientEvent>, SessionError> {
+        self.next_event_with(&mut |_| {})
+    }
+
+    /// Does the same as [`next_event`](Self::next_event), and passes every whole frame to `tap` before it is processed, for
+    /// example to a recorder.
+    ///
+    /// # Errors
+    /// As [`push`](Self::push).
+    pub fn next_event_with(
+        &mut self,
+        tap: &mut dyn FnMut(&WireFrame<'_>),
+    ) -> Result<Option<ClientEvent>, SessionError> {
+        loop {
+            if let Some(event) = self.events.pop_front() {
+                return Ok(Some(event));
+            }
             // Bytes behind a CLOSE are ignored, valid or not.
-            Err(_) if matches!(self.phase, Phase::Closed(_)) => Ok(events),
-            Err(error) => Err(self.fail(error)),
-            Ok(()) => Ok(events),
+            if self.is_closed() {
+                return self.failed.clone().map_or(Ok(None), Err);
+            }
+            let one = Framer::take_one(
+                self,
+                |session| &mut session.framer,
+                |session, frame| {
+                    tap(frame);
+                    let mut events = Vec::new();
+                    let result = session.frame(frame, &mut events);
+                    session.events.extend(events);
+                    result
+                },
+            );
+            match one {
+                Ok(true) => {}
+                Ok(false) => return Ok(None),
+                Err(error) => return Err(self.fail(error)),
+            }
         }
+    }
+
+    /// Takes bytes and returns all events that they bring, when the state may be of a later frame than an event's.
+    ///
+    /// # Errors
+    /// As [`push`](Self::push); the events before the error are lost.
+    pub fn handle(&mut self, bytes: &[u8], now: Micros) -> Result<Vec<ClientEvent>, SessionError> {
+        self.push(bytes, now)?;
+        std::iter::from_fn(|| self.next_event().transpose()).collect()
     }
 
     /// Processes deadlines: ends a handshake that takes too long, sends keep-alives, and gives up a silent server. The

@@ -10,7 +10,7 @@ use crate::message::{CameraPose, CloseCode, RejectCode, Token};
 use crate::recording::{Player, PlayerEvent, Reader, Summary};
 use crate::sample::{SampleServer, recording};
 use crate::session::{Access, ClientEvent, ClientOptions, SessionError};
-use crate::{FrameType, HEADER_BYTES, Limits, StateHash};
+use crate::{FrameType, HEADER_BYTES, Limits, StateHash, WireFrame};
 
 mod peers;
 #[cfg(feature = "tls")]
@@ -57,18 +57,15 @@ async fn follow(address: Address) -> (Vec<(u32, StateHash)>, u64) {
         aspect: 1.0,
     };
     let (mut hashes, mut tapped) = (Vec::new(), 0);
-    while !connection.session().is_closed() {
-        for event in
-            connection.next_events_with(&mut |frame| tapped += frame.bytes.len() as u64).await.unwrap()
-        {
-            match event {
-                ClientEvent::Accepted(_) => connection.session().set_view(&camera).unwrap(),
-                ClientEvent::Applied(frame) => {
-                    assert_eq!(connection.session().state().unwrap().full_hash(), frame.info.hash);
-                    hashes.push((frame.info.frame.0, frame.info.hash));
-                }
-                _ => {}
+    let mut tap = |frame: &WireFrame<'_>| tapped += frame.bytes.len() as u64;
+    while let Some(event) = connection.next_event_with(&mut tap).await.unwrap() {
+        match event {
+            ClientEvent::Accepted(_) => connection.session().set_view(&camera).unwrap(),
+            ClientEvent::Applied(frame) => {
+                assert_eq!(connection.session().state().unwrap().full_hash(), frame.info.hash);
+                hashes.push((frame.info.frame.0, frame.info.hash));
             }
+            _ => {}
         }
     }
     assert_eq!(connection.session().stats().wire_bytes, tapped);
@@ -123,9 +120,7 @@ async fn a_client_in_the_same_process_needs_no_address() {
     let hub = Hub::new(source.scene().clone(), source.coder(), Access::Token(token), Limits::default());
     let mut connection = connect_in_process(&hub, Limits::default());
     let following = tokio::spawn(async move {
-        while !connection.session().is_closed() {
-            connection.next_events().await.unwrap();
-        }
+        while connection.next_event().await.unwrap().is_some() {}
         connection.session().state().unwrap().hash()
     });
     assert!(hub.wait_joined(1, PATIENCE).await);
@@ -205,7 +200,7 @@ async fn peers_that_speak_something_else_are_told_apart() {
         let _ = stream.read(&mut [0; 100]).await;
     });
     let mut connection = dial(&address).await.unwrap();
-    let error = connection.next_events().await.unwrap_err();
+    let error = connection.next_event().await.unwrap_err();
     assert!(error.to_string().contains("does not speak the psao protocol"), "{error}");
 }
 
@@ -213,7 +208,7 @@ async fn peers_that_speak_something_else_are_told_apart() {
 async fn a_full_server_turns_clients_away() {
     let (_hub, address, _) = start(Limits { max_clients: 0, ..Limits::default() }).await;
     let mut connection = dial(&address).await.unwrap();
-    let error = connection.next_events().await.unwrap_err();
+    let error = connection.next_event().await.unwrap_err();
     let NetError::Session { source: SessionError::Rejected(reject), .. } = &error else { panic!("{error}") };
     assert_eq!(reject.code, RejectCode::BUSY);
 }
@@ -228,7 +223,7 @@ async fn a_server_that_goes_away_is_noticed() {
     });
     let mut connection = dial(&address).await.unwrap();
     let error = loop {
-        if let Err(error) = connection.next_events().await {
+        if let Err(error) = connection.next_event().await {
             break error;
         }
     };
@@ -241,7 +236,7 @@ async fn a_silent_peer_runs_into_the_deadline() {
     let (_listener, address) = stranger().await;
     let mut connection = dial(&address).await.unwrap();
     let error = loop {
-        if let Err(error) = connection.next_events().await {
+        if let Err(error) = connection.next_event().await {
             break error;
         }
     };

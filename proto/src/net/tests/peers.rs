@@ -144,12 +144,10 @@ async fn good_client(address: Address, held: watch::Sender<u32>) -> Vec<u32> {
     let options = ConnectOptions::default().with_session(with_token(Some(token())));
     let mut connection = connect(&address, &options, Limits::default()).await.unwrap();
     let mut applied = Vec::new();
-    while !connection.session().is_closed() {
-        for event in connection.next_events().await.unwrap() {
-            if let ClientEvent::Applied(frame) = event {
-                applied.push(frame.info.frame.0);
-                held.send_replace(applied.len() as u32);
-            }
+    while let Some(event) = connection.next_event().await.unwrap() {
+        if let ClientEvent::Applied(frame) = event {
+            applied.push(frame.info.frame.0);
+            held.send_replace(applied.len() as u32);
         }
     }
     applied
@@ -245,9 +243,8 @@ async fn two_ends_with_nothing_to_say_stay_connected() {
     let mut connection = dial(&address).await.unwrap();
     let client = tokio::spawn(async move {
         let mut applied = 0;
-        while !connection.session().is_closed() {
-            let events = connection.next_events().await.unwrap();
-            applied += events.iter().filter(|event| matches!(event, ClientEvent::Applied(_))).count();
+        while let Some(event) = connection.next_event().await.unwrap() {
+            applied += usize::from(matches!(event, ClientEvent::Applied(_)));
         }
         applied
     });
@@ -320,13 +317,12 @@ async fn a_client_that_cannot_take_the_frames_is_told_of() {
     limits.codec.max_frame_bytes = 40;
     let mut connection = connect(&address, &ConnectOptions::default(), limits).await.unwrap();
     let following = tokio::spawn(async move {
-        loop {
-            for event in connection.next_events().await.unwrap() {
-                if let ClientEvent::Closed(close) = event {
-                    return close.code;
-                }
+        while let Some(event) = connection.next_event().await.unwrap() {
+            if let ClientEvent::Closed(close) = event {
+                return close.code;
             }
         }
+        panic!("the session is closed without a word");
     });
     assert!(hub.wait_joined(1, PATIENCE).await);
     let made = source.step().unwrap();

@@ -77,7 +77,7 @@ async fn attempt(address: &Address, tls: ClientTls) -> Result<(), NetError> {
     let options = ConnectOptions::default().with_tls(tls);
     let mut connection = connect(address, &options, Limits::default()).await?;
     while connection.session().state().is_none() {
-        connection.next_events().await?;
+        connection.next_event().await?;
     }
     connection.session().close(CloseCode::DONE, "seen enough");
     connection.flush().await
@@ -112,9 +112,8 @@ async fn frames_go_over_tls_to_clients_with_a_certificate() {
     };
     let following = async {
         let mut applied = 0;
-        while !connection.session().is_closed() {
-            let events = connection.next_events().await.unwrap();
-            applied += events.iter().filter(|event| matches!(event, ClientEvent::Applied(_))).count();
+        while let Some(event) = connection.next_event().await.unwrap() {
+            applied += usize::from(matches!(event, ClientEvent::Applied(_)));
         }
         assert_eq!(applied, 5);
     };
@@ -186,7 +185,7 @@ async fn tls_and_plain_ends_are_told_apart() {
     let (hub, address, _) = start_tls(made.server.server_tls(None)).await;
     let Address::Tls(place) = &address else { panic!("{address}") };
     let mut connection = dial(&Address::Tcp(place.clone())).await.unwrap();
-    let error = connection.next_events().await.unwrap_err();
+    let error = connection.next_event().await.unwrap_err();
     assert!(matches!(error, NetError::SpeaksTls { .. }), "{error}");
     drop(connection);
     assert_eq!(left(&hub).await, Some(PeerError::Tls(TlsError::NotTls)));

@@ -203,6 +203,38 @@ fn any_chunking_gives_the_same_events() {
 }
 
 #[test]
+fn an_event_comes_with_the_state_that_it_speaks_of() {
+    for profile in [Profile::PAPER, Profile::SURFACE] {
+        let mut pair = Pair::of(profile, Limits::default(), Limits::default());
+        let greeting = pair.client.take_output();
+        pair.server.handle(&greeting, NOW).unwrap();
+        let mut hashes = Vec::new();
+        for _ in 0..6 {
+            pair.step();
+            hashes.push(pair.source.state().hash());
+        }
+        // All frames in one go, and behind them bytes that are no frame.
+        let bytes = [pair.server.take_output(), b"garbage".to_vec()].concat();
+        pair.client.push(&bytes, NOW).unwrap();
+        let mut seen = Vec::new();
+        let error = loop {
+            match pair.client.next_event() {
+                Ok(Some(ClientEvent::Applied(frame))) => {
+                    let state = pair.client.state().unwrap();
+                    assert_eq!((state.hash(), state.full_hash()), (frame.info.hash, frame.info.hash));
+                    seen.push(frame.info.hash);
+                }
+                Ok(event) => assert!(event.is_some(), "an error comes at the end"),
+                Err(error) => break error,
+            }
+        };
+        assert_eq!(seen, hashes, "{profile:?}: one event, one state");
+        assert!(pair.client.next_event() == Err(error.clone()) && pair.client.push(&[], NOW) == Err(error));
+        assert_eq!(pair.client.state().map(|state| state.hash()), hashes.last().copied());
+    }
+}
+
+#[test]
 fn garbage_before_hello_is_told_apart() {
     let scene = SampleServer::new().unwrap().scene().clone();
     let mut server = ServerSession::new(scene.clone(), Access::Open, Limits::default());

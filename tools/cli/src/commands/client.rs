@@ -85,9 +85,9 @@ async fn follow(args: &Args) -> Outcome {
     let mut goodbye = String::new();
     let stop = stop();
     tokio::pin!(stop);
-    while !connection.session().is_closed() {
-        let events = tokio::select! {
-            events = connection.next_events() => events.map_err(peer)?,
+    loop {
+        let event = tokio::select! {
+            event = connection.next_event() => event.map_err(peer)?,
             () = &mut stop => {
                 connection.session().close(CloseCode::DONE, "the client stops");
                 // A server that is gone does not mind.
@@ -95,45 +95,44 @@ async fn follow(args: &Args) -> Outcome {
                 break;
             }
         };
+        let Some(event) = event else { break };
         let now = connection.now();
-        latencies.take(connection.session(), &events, now);
-        for event in events {
-            match event {
-                ClientEvent::SceneReady(_) => {
-                    if let Some(view) = view(args) {
-                        connection.session().set_view(&view).map_err(Failure::usage)?;
-                    }
+        latencies.take(connection.session(), &event, now);
+        match event {
+            ClientEvent::SceneReady(_) => {
+                if let Some(view) = view(args) {
+                    connection.session().set_view(&view).map_err(Failure::usage)?;
                 }
-                ClientEvent::Applied(frame) => {
-                    log.frame(&frame.info, frame.wire_bytes)?;
-                    for edit in script.take_until(frame.info.frame.0) {
-                        connection.session().edit(&edit).map_err(Failure::input)?;
-                    }
-                    if args.frames == Some(log.frames) {
-                        connection.session().close(CloseCode::DONE, "seen enough");
-                        connection.flush().await.map_err(peer)?;
-                        break;
-                    }
-                }
-                ClientEvent::HashMismatch { frame, expected, found } => {
-                    mismatches += 1;
-                    eprintln!(
-                        "psao: frame {}: the server's state hash is {:016x}, this client's would be {:016x}; \
-                         asked for a keyframe",
-                        frame.0, expected.0, found.0
-                    );
-                }
-                ClientEvent::Unusable { header, reason } => {
-                    eprintln!(
-                        "psao: {} {} not applied: {reason}; asked for a keyframe",
-                        header.kind, header.sequence.0
-                    );
-                }
-                ClientEvent::Closed(close) => goodbye = format!("; the server says: {}", close.text),
-                ClientEvent::Budget(budget) => log.budget(&budget),
-                ClientEvent::Edited(edit) => eprintln!("psao: {}", describe(&edit)),
-                ClientEvent::Accepted(_) | ClientEvent::Report(_) => {}
             }
+            ClientEvent::Applied(frame) => {
+                log.frame(&frame.info, frame.wire_bytes)?;
+                for edit in script.take_until(frame.info.frame.0) {
+                    connection.session().edit(&edit).map_err(Failure::input)?;
+                }
+                if args.frames == Some(log.frames) {
+                    connection.session().close(CloseCode::DONE, "seen enough");
+                    connection.flush().await.map_err(peer)?;
+                    break;
+                }
+            }
+            ClientEvent::HashMismatch { frame, expected, found } => {
+                mismatches += 1;
+                eprintln!(
+                    "psao: frame {}: the server's state hash is {:016x}, this client's would be {:016x}; \
+                     asked for a keyframe",
+                    frame.0, expected.0, found.0
+                );
+            }
+            ClientEvent::Unusable { header, reason } => {
+                eprintln!(
+                    "psao: {} {} not applied: {reason}; asked for a keyframe",
+                    header.kind, header.sequence.0
+                );
+            }
+            ClientEvent::Closed(close) => goodbye = format!("; the server says: {}", close.text),
+            ClientEvent::Budget(budget) => log.budget(&budget),
+            ClientEvent::Edited(edit) => eprintln!("psao: {}", describe(&edit)),
+            ClientEvent::Accepted(_) | ClientEvent::Report(_) => {}
         }
     }
     log.finish(&goodbye)?;

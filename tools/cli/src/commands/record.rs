@@ -257,21 +257,19 @@ async fn follow(
                 taken = recorder.wire(recorder.now(), frame.bytes);
             }
         };
-        let events = tokio::select! {
-            events = connection.next_events_with(&mut tap) => events.map_err(peer)?,
+        let event = tokio::select! {
+            event = connection.next_event_with(&mut tap) => event.map_err(peer)?,
             _ = tokio::signal::ctrl_c() => break,
         };
         taken?;
         taken = Ok(());
-        for event in events {
-            match event {
-                ClientEvent::Applied(_) => {
-                    counts.applied += 1;
-                    bar.inc(1);
-                }
-                ClientEvent::HashMismatch { .. } | ClientEvent::Unusable { .. } => counts.unusable += 1,
-                _ => {}
+        match event {
+            Some(ClientEvent::Applied(_)) => {
+                counts.applied += 1;
+                bar.inc(1);
             }
+            Some(ClientEvent::HashMismatch { .. } | ClientEvent::Unusable { .. }) => counts.unusable += 1,
+            _ => {}
         }
         if recorder.wants_keyframe(recorder.now()) {
             connection.session().request_keyframe(KeyframeReason::ASKED);

@@ -38,19 +38,14 @@ pub(crate) struct Summary {
 }
 
 impl Latencies {
-    /// Takes the times of the frames among `events`, which one call of the session gave; `applied` is the time after it,
-    /// by the session's clock.
-    pub(crate) fn take(&mut self, session: &ClientSession, events: &[ClientEvent], applied: Micros) {
+    /// Takes the times of a frame, if the event is of one; `applied` is the time after it, by the session's clock.
+    pub(crate) fn take(&mut self, session: &ClientSession, event: &ClientEvent, applied: Micros) {
+        let ClientEvent::Applied(AppliedFrame { received, stamp: Some(stamp), .. }) = event else { return };
         let Some(clock) = session.clock() else { return };
-        for event in events {
-            let ClientEvent::Applied(AppliedFrame { received, stamp: Some(stamp), .. }) = event else {
-                continue;
-            };
-            self.whole.push(clock.elapsed(stamp.captured, applied));
-            self.server.push(i64::try_from(stamp.sent.since(stamp.captured).0).unwrap_or(i64::MAX));
-            self.network.push(clock.elapsed(stamp.sent, *received));
-            self.apply.push(i64::try_from(applied.since(*received).0).unwrap_or(i64::MAX));
-        }
+        self.whole.push(clock.elapsed(stamp.captured, applied));
+        self.server.push(i64::try_from(stamp.sent.since(stamp.captured).0).unwrap_or(i64::MAX));
+        self.network.push(clock.elapsed(stamp.sent, *received));
+        self.apply.push(i64::try_from(applied.since(*received).0).unwrap_or(i64::MAX));
     }
 
     /// Returns the percentiles; `None` without a frame whose times are known.

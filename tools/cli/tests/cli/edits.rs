@@ -100,7 +100,7 @@ fn refusal(options: &[&str], edits: &[Edit]) -> String {
         let address = address.trim_end_matches(';').parse().unwrap();
         let mut connection = connect(&address, &ConnectOptions::default(), Limits::default()).await.unwrap();
         let applied = |event: &ClientEvent| matches!(event, ClientEvent::Applied(_));
-        while !connection.next_events().await.unwrap().iter().any(applied) {}
+        while !connection.next_event().await.unwrap().as_ref().is_some_and(applied) {}
         for edit in edits {
             connection.session().edit(edit).unwrap();
         }

@@ -22,6 +22,17 @@ pub struct CameraPose {
 }
 
 impl CameraPose {
+    /// Returns the usual up direction of a camera: +Y, and for one that looks straight up or down -Z, as on a plan.
+    #[must_use]
+    pub fn usual_up(eye: [f32; 3], target: [f32; 3]) -> [f32; 3] {
+        // Sine of the angle to Y below which the roll of the picture would be rounding noise.
+        const LEAST_SINE: f64 = 1e-6;
+        let [x, y, z] = [0, 1, 2].map(|axis| f64::from(target[axis]) - f64::from(eye[axis]));
+        let across = x * x + z * z;
+        let along_y = across <= LEAST_SINE * LEAST_SINE * (across + y * y);
+        if along_y { [0.0, 0.0, -1.0] } else { [0.0, 1.0, 0.0] }
+    }
+
     /// Returns whether the camera is valid: all values finite, eye and target apart, `up` not along the line of sight,
     /// angle and aspect within their ranges.
     #[must_use]
@@ -84,6 +95,20 @@ mod tests {
             &View { camera: POSE },
             "0000803f 00000040 00004040 00000000 0000003f 00000000 00000000 0000803f 00000000 00007042 00000040",
         );
+    }
+
+    #[test]
+    fn a_camera_straight_above_or_below_has_an_up_direction() {
+        for (eye, up) in [
+            ([0.0, 5.0, 0.0], [0.0, 0.0, -1.0]),
+            ([0.0, -1e-30, 0.0], [0.0, 0.0, -1.0]),
+            ([1e-7, 1e3, 0.0], [0.0, 0.0, -1.0]),
+            ([0.01, 5.0, 0.0], [0.0, 1.0, 0.0]),
+            ([3e38, -3e38, 3e38], [0.0, 1.0, 0.0]),
+        ] {
+            assert_eq!(CameraPose::usual_up(eye, [0.0; 3]), up, "{eye:?}");
+            assert!(CameraPose { eye, target: [0.0; 3], up, ..POSE }.is_valid(), "{eye:?}");
+        }
     }
 
     #[test]

@@ -4,6 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use glam::{DQuat, DVec3, Vec3};
+use psao_proto::message::CameraPose;
 use serde::Deserialize;
 
 use crate::scene::animation::unit_quaternion;
@@ -77,12 +78,7 @@ struct KeyTable {
     time_s: f64,
     eye: [f64; 3],
     target: [f64; 3],
-    #[serde(default = "straight_up")]
-    up: [f64; 3],
-}
-
-fn straight_up() -> [f64; 3] {
-    [0.0, 1.0, 0.0]
+    up: Option<[f64; 3]>,
 }
 
 /// Loads a scene file.
@@ -193,7 +189,10 @@ fn camera_of(check: &Checker<'_>, table: &CameraTable) -> Result<CameraPath, Sce
         let name = |field: &str| format!("camera.key[{i}].{field}");
         let vector = |field: &str, value| check.vector(&name(field), value).map(|v: DVec3| v.as_vec3());
         let (eye, target) = (vector("eye", key.eye)?, vector("target", key.target)?);
-        let up = vector("up", key.up)?;
+        let up = match key.up {
+            Some(up) => vector("up", up)?,
+            None => CameraPose::usual_up(eye.to_array(), target.to_array()).into(),
+        };
         let time_s = check.range(&name("time_s"), key.time_s, -1e6, 1e6)?;
         if keys.last().is_some_and(|last| last.time_s >= time_s) {
             return Err(check.wrong(&name("time_s"), "it is not later than the key before it"));

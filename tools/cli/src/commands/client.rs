@@ -46,6 +46,9 @@ pub(crate) struct Args {
     /// Point that the camera looks at, in metres
     #[arg(long, value_name = "X,Y,Z", requires = "eye")]
     target: Option<Triple>,
+    /// Up direction of its picture [default: 0,1,0; 0,0,-1 for a camera that looks straight up or down]
+    #[arg(long, value_name = "X,Y,Z", requires = "eye", allow_hyphen_values = true)]
+    up: Option<Triple>,
     #[command(flatten)]
     format: FormatArg,
     /// Print the totals only
@@ -59,7 +62,8 @@ pub(crate) fn run(args: &Args) -> Outcome {
 
 fn view(args: &Args) -> Option<CameraPose> {
     let (eye, target) = (args.eye?.0, args.target?.0);
-    Some(CameraPose { eye, target, up: [0.0, 1.0, 0.0], fov_y_deg: 60.0, aspect: 16.0 / 9.0 })
+    let up = args.up.map_or_else(|| CameraPose::usual_up(eye, target), |up| up.0);
+    Some(CameraPose { eye, target, up, fov_y_deg: 60.0, aspect: 16.0 / 9.0 })
 }
 
 /// What the client has of the scene: its digest, and when to change it.

@@ -11,7 +11,7 @@ use psao_proto::{Limits, SceneTable};
 use psao_server::scene::Edits;
 use serde::Serialize;
 
-use crate::args::{LpipsArgs, RecordingArg, ReportFormatArg, SizeArg};
+use crate::args::{LpipsArgs, RecordingArg, ReportFormatArg, SizeArg, Triple};
 use crate::context::{progress, say, say_json};
 use crate::error::{Failure, Outcome};
 use crate::input;
@@ -42,6 +42,9 @@ pub(crate) struct Args {
     /// scene's own camera at that time]
     #[arg(long, value_name = "X,Y,Z,X,Y,Z[,FOV]", allow_hyphen_values = true)]
     camera: Option<CameraArg>,
+    /// Up direction of the picture with --camera [default: 0,1,0; 0,0,-1 for a camera that looks straight up or down]
+    #[arg(long, value_name = "X,Y,Z", requires = "camera", allow_hyphen_values = true)]
+    up: Option<Triple>,
     /// Trace a reference picture as well, and compare
     #[arg(long)]
     reference: bool,
@@ -98,13 +101,9 @@ impl FromStr for CameraArg {
             Ok(place) if place.len() == 6 => (place, 60.0),
             _ => return Err(format!("\"{text}\" is not six or seven numbers such as 0,1.7,4,0,1,0,60")),
         };
-        let camera = CameraPose {
-            eye: [place[0], place[1], place[2]],
-            target: [place[3], place[4], place[5]],
-            up: [0.0, 1.0, 0.0],
-            fov_y_deg,
-            aspect: 1.0,
-        };
+        let (eye, target) = ([place[0], place[1], place[2]], [place[3], place[4], place[5]]);
+        let up = CameraPose::usual_up(eye, target);
+        let camera = CameraPose { eye, target, up, fov_y_deg, aspect: 1.0 };
         if camera.is_valid() {
             Ok(Self(camera))
         } else {
@@ -113,6 +112,16 @@ impl FromStr for CameraArg {
             ))
         }
     }
+}
+
+/// Returns the camera that was asked for, if any.
+fn camera(args: &Args) -> Outcome<Option<CameraPose>> {
+    let Some(CameraArg(camera)) = args.camera else { return Ok(None) };
+    let camera = CameraPose { up: args.up.map_or(camera.up, |up| up.0), ..camera };
+    if camera.is_valid() {
+        return Ok(Some(camera));
+    }
+    Err(Failure::usage("--up is zero, or along the line of sight of --camera: choose another direction"))
 }
 
 pub(crate) fn run(args: &Args) -> Outcome {
@@ -147,7 +156,7 @@ pub(crate) fn run(args: &Args) -> Outcome {
         state: &state,
         edits: playback.edits(),
         time_s: frame.info.time.0 as f64 / 1e6,
-        camera: args.camera.map(|camera| camera.0),
+        camera: camera(args)?,
         size: args.size,
         reference_rays: args.reference.then_some(args.reference_rays),
         network: network.as_ref(),

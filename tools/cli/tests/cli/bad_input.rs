@@ -102,8 +102,10 @@ fn options_that_do_not_fit_the_input() {
     refuses(&["lab", "rays", "--scene", "colonnade", "--points", "0"], 2, &["points"]);
     refuses(&["lab", "rays", "--scene", "colonnade", "--radius", "0"], 2, &["radius"]);
     refuses(&["lab", "rays", "--scene", "colonnade", "--rays", "0"], 2, &["rays"]);
-    let down = ["--camera", "0,5,0,0,0,0", "-o", text(&target)];
-    refuses(&[&["reconstruct", whole, "--frame", "0"], &down[..]].concat(), 2, &["camera"]);
+    let down = ["--camera", "0,5,0,0,0,0", "--up", "0,1,0", "-o", text(&target)];
+    refuses(&[&["reconstruct", whole, "--frame", "0"], &down[..]].concat(), 2, &["--up", "line of sight"]);
+    let nowhere = ["--camera", "0,5,0,0,5,0", "-o", text(&target)];
+    refuses(&[&["reconstruct", whole, "--frame", "0"], &nowhere[..]].concat(), 2, &["camera"]);
     refuses(&["keys", text(&folder.path().join("keys")), "--name", "\u{e9}"], 2, &["certificates"]);
 }
 

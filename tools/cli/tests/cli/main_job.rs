@@ -13,6 +13,21 @@ fn sum(parts: &serde_json::Value) -> u64 {
 }
 
 #[test]
+fn a_camera_straight_above_has_a_picture() {
+    let folder = folder();
+    let whole = text(recording(Profile::Surface));
+    let draw = |name: &str, up: &[&str]| {
+        let path = folder.path().join(name);
+        let camera = ["--frame", "0", "--size", "48x48", "--camera", "0,9,0,0,0,0", "-o", text(&path)];
+        fine(&[&["reconstruct", whole], &camera[..], up].concat());
+        std::fs::read(&path).unwrap()
+    };
+    let usual = draw("usual.png", &[]);
+    assert_eq!(usual, draw("north.png", &["--up", "0,0,-1"]), "as a plan");
+    assert_ne!(usual, draw("east.png", &["--up", "1,0,0"]));
+}
+
+#[test]
 fn every_byte_of_a_recording_is_counted_once() {
     for profile in Profile::ALL {
         let path = recording(profile);

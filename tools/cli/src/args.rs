@@ -422,8 +422,8 @@ impl RecordingOptions {
             // It names the file itself.
             RecorderNotice::Failed(_) => eprintln!("psao: {notice}"),
             RecorderNotice::Incomplete(GapTotals { gaps, frames, bytes, .. }) => eprintln!(
-                "psao: {path}: {} frames ({}) are missing from the recording, in {}",
-                number::count(frames),
+                "psao: {path}: {} ({}) missing from the recording, in {}",
+                number::counted(frames, "frame"),
                 number::bytes(bytes),
                 number::counted(gaps, "gap")
             ),

@@ -50,8 +50,8 @@ pub(crate) fn repairs(repaired: &[Repaired]) -> Option<String> {
     let first = repaired.first()?;
     let bytes: u64 = repaired.iter().map(|stretch| stretch.bytes).sum();
     Some(format!(
-        "repaired {} of damage in memory, {}, the first at offset {}; `psao recover` writes a whole copy",
-        number::counted(repaired.len() as u64, "stretch"),
+        "repaired {} in memory, {}, the first at offset {}; `psao recover` writes a whole copy",
+        number::counted(repaired.len() as u64, "damaged place"),
         number::bytes(bytes),
         first.offset
     ))

@@ -47,10 +47,10 @@ pub(crate) fn run(args: &Args) -> Outcome {
     target::note(
         target,
         format_args!(
-            "wrote {}: {} frames of {} recordings, {}",
+            "wrote {}: {} of {}, {}",
             target::name(target),
-            parts.iter().map(|(_, part)| part.frames).sum::<u64>(),
-            parts.len(),
+            number::counted(parts.iter().map(|(_, part)| part.frames).sum(), "frame"),
+            number::counted(parts.len() as u64, "recording"),
             number::bytes(length)
         ),
     )?;

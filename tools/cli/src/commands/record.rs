@@ -100,9 +100,9 @@ fn trace(args: &Args, scene: &str) -> Outcome {
     target::note(
         &args.output,
         format_args!(
-            "wrote {}: {} frames, {}",
+            "wrote {}: {}, {}",
             target::name(&args.output),
-            totals.frames,
+            number::counted(totals.frames, "frame"),
             number::bytes(bytes)
         ),
     )
@@ -216,9 +216,9 @@ async fn from_server(args: &Args, address: &Address) -> Outcome {
     target::note(
         &args.output,
         format_args!(
-            "wrote {}: {} frames, {}{note}",
+            "wrote {}: {}, {}{note}",
             target::name(&args.output),
-            counts.applied,
+            number::counted(counts.applied.into(), "frame"),
             number::bytes(bytes)
         ),
     )?;

@@ -51,7 +51,12 @@ pub(crate) fn rewrite(
     out.finish()?;
     target::note(
         output,
-        format_args!("wrote {}: {} frames, {}", target::name(output), done.frames, number::bytes(length)),
+        format_args!(
+            "wrote {}: {}, {}",
+            target::name(output),
+            number::counted(done.frames, "frame"),
+            number::bytes(length)
+        ),
     )?;
     ended(&[(path, done)])
 }

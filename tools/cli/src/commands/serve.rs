@@ -155,8 +155,9 @@ impl Counts {
     /// Prints the totals.
     fn tell(&self, late: LatePoints) {
         eprintln!(
-            "{} frames sent, {} skipped because the frame before took too long",
-            self.sent, self.skipped
+            "{} sent, {} skipped because the frame before took too long",
+            number::counted(self.sent, "frame"),
+            self.skipped
         );
         if late.frames > 0 {
             eprintln!(

@@ -351,7 +351,11 @@ fn judge(path: &std::path::Path, played: &Played, checks: &[(&str, Verdict)]) ->
     if !lost.is_empty() {
         return Err(Failure::new(
             Exit::DataLoss,
-            format_args!("{}: damaged: {lost}; {} frames can still be played", path.display(), played.frames),
+            format_args!(
+                "{}: damaged: {lost}; {} can still be played",
+                path.display(),
+                number::counted(played.frames, "frame")
+            ),
         ));
     }
     Ok(())

@@ -107,10 +107,10 @@ impl FrameLog {
         );
         let budgets = self.budgets.text().map_or_else(String::new, |text| format!("\n{text}"));
         let text = format!(
-            "{} frames applied, {} on the wire, {} points sent; last: {last}{note}{budgets}",
-            self.frames,
+            "{} applied, {} on the wire, {} sent; last: {last}{note}{budgets}",
+            number::counted(self.frames, "frame"),
             number::bytes(self.wire_bytes),
-            number::count(self.changed),
+            number::counted(self.changed, "point"),
         );
         if self.format == Format::Table {
             say(text)

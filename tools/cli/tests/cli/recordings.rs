@@ -162,7 +162,7 @@ fn one_damaged_byte_anywhere_costs_nothing() {
             let run = psao(&["verify", text(&bad)]);
             assert_eq!(run.code, Some(4), "{}", run.out);
             assert!(
-                run.out.contains("repaired 1 stretch") && run.err.contains("12 frames can still"),
+                run.out.contains("repaired 1 damaged place") && run.err.contains("12 frames can still"),
                 "{run:?}"
             );
             let run = psao(&["recover", text(&bad), "-o", text(&out)]);

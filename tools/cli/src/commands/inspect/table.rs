@@ -74,8 +74,8 @@ pub(crate) fn part_rows(analysis: &Analysis, totals: &Totals) -> Vec<[String; PA
 pub(crate) fn summary_lines(analysis: &Analysis, totals: &Totals) -> String {
     let mut lines = vec![
         format!(
-            "{} frames, {:.2} s at {} Hz; file {}, of which {} belong to no frame",
-            analysis.frames.len(),
+            "{}, {:.2} s at {} Hz; file {}, of which {} belong to no frame",
+            number::counted(analysis.frames.len() as u64, "frame"),
             analysis.duration_s(),
             analysis.fps(),
             number::bytes(analysis.file_bytes),

@@ -16,7 +16,7 @@ use crate::context::{progress, say, say_json};
 use crate::error::{Failure, Outcome};
 use crate::input;
 use crate::output::number;
-use crate::output::target::{self, is_standard};
+use crate::output::target::{self, Content, is_standard};
 use crate::pictures::{Drawn, SharedPoints, Shot, scene_of};
 
 /// Draw a recorded frame, and compare it with ray tracing
@@ -134,6 +134,7 @@ pub(crate) fn run(args: &Args) -> Outcome {
     if is_standard(&args.output) {
         target::refuse_terminal()?;
     }
+    target::check(&args.output, &Content::PNG)?;
     let bytes = input::recording(path)?;
     let network = args.lpips.load()?.map(|(network, _)| network);
     let mut playback =

@@ -1,9 +1,11 @@
 //! Where results go: a file, or standard output for `-`. Standard output then holds nothing else.
 
 use std::fmt::Display;
-use std::io::{IsTerminal as _, Write as _};
+use std::fs::File;
+use std::io::{IsTerminal as _, Read as _, Write as _};
 use std::path::{Path, PathBuf};
 
+use psao_proto::recording::FILE_MAGIC;
 use psao_proto::recording::file::AtomicFile;
 
 use crate::context::{broken_output, say};
@@ -14,7 +16,7 @@ pub(crate) const STANDARD_OUTPUT: &str = "/dev/stdout";
 
 /// Returns whether a path stands for standard input or output.
 pub(crate) fn is_standard(path: &Path) -> bool {
-    path == Path::new("-")
+    path == Path::new("-") || path == Path::new(STANDARD_OUTPUT)
 }
 
 /// Returns what a path is called in a sentence.
@@ -22,13 +24,66 @@ pub(crate) fn name(path: &Path) -> String {
     if is_standard(path) { "to standard output".to_owned() } else { path.display().to_string() }
 }
 
-/// Writes a file, or to standard output.
+/// What a file of ours holds.
+pub(crate) struct Content {
+    /// In words, with an article.
+    name: &'static str,
+    /// Its first bytes.
+    magic: &'static [u8],
+    /// Ending of its name, if a name with another one would mislead.
+    extension: Option<&'static str>,
+}
+
+impl Content {
+    pub(crate) const RECORDING: Self = Self { name: "a recording", magic: &FILE_MAGIC, extension: None };
+    pub(crate) const PNG: Self =
+        Self { name: "a PNG picture", magic: b"\x89PNG\r\n\x1a\n", extension: Some("png") };
+    pub(crate) const SVG: Self = Self { name: "an SVG plot", magic: b"<svg", extension: Some("svg") };
+}
+
+/// Checks that a name fits what is written under it, and that it is not the name of a file with something else in it, such
+/// as the scene.
+pub(crate) fn check(path: &Path, content: &Content) -> Outcome {
+    if is_standard(path) {
+        return Ok(());
+    }
+    let Content { name, magic, extension } = content;
+    if let (Some(given), Some(right)) = (path.extension(), extension)
+        && !given.eq_ignore_ascii_case(right)
+    {
+        return Err(Failure::usage(format_args!(
+            "{} would hold {name}: call it {}",
+            path.display(),
+            path.with_extension(right).display()
+        )));
+    }
+    if !path.metadata().is_ok_and(|about| about.is_file() && about.len() > 0) {
+        return Ok(());
+    }
+    let mut start = vec![0; magic.len()];
+    let is_ours =
+        File::open(path).and_then(|mut file| file.read_exact(&mut start)).is_ok() && start == *magic;
+    if is_ours {
+        return Ok(());
+    }
+    Err(Failure::input(format_args!(
+        "{} exists and is not {name}: choose another name, or remove it first",
+        path.display()
+    )))
+}
+
+/// Writes a file, whole or not at all, or to standard output.
 pub(crate) fn write(path: &Path, bytes: &[u8]) -> Outcome {
     if is_standard(path) {
         let mut out = std::io::stdout().lock();
         return out.write_all(bytes).and_then(|()| out.flush()).map_err(|error| broken_output(&error));
     }
-    std::fs::write(path, bytes).map_err(|error| Failure::writing(path, &error))
+    if path.metadata().is_ok_and(|about| !about.is_file()) {
+        return std::fs::write(path, bytes).map_err(|error| Failure::writing(path, &error));
+    }
+    let mut file = AtomicFile::create(path, &[])?;
+    file.put(bytes)?;
+    Ok(file.finish()?)
 }
 
 /// Prints a line about the result: on standard output, or on standard error when the result itself goes to the former.
@@ -43,6 +98,7 @@ pub(crate) fn note(path: &Path, text: impl Display) -> Outcome {
 /// Returns the path at which a recorder can write what `path` means.
 pub(crate) fn recording(path: &Path) -> Outcome<PathBuf> {
     if !is_standard(path) {
+        check(path, &Content::RECORDING)?;
         return Ok(path.to_owned());
     }
     refuse_terminal()?;
@@ -77,6 +133,7 @@ impl Target {
             refuse_terminal()?;
             return Ok(Self::Standard);
         }
+        check(path, &Content::RECORDING)?;
         Ok(Self::File(AtomicFile::create(path, inputs)?))
     }
 

@@ -82,7 +82,7 @@ fn options_that_make_no_sense() {
 #[test]
 fn options_that_do_not_fit_the_input() {
     let folder = folder();
-    let target = folder.path().join("out.psao");
+    let [target, picture] = ["out.psao", "out.png"].map(|name| folder.path().join(name));
     let whole = text(recording(Profile::Surface));
     // Possible for a smaller scene, another recording, another machine or another folder.
     for density in ["1e9", "1e30"] {
@@ -92,8 +92,8 @@ fn options_that_do_not_fit_the_input() {
     }
     refuses(&["lab", "rays", "--scene", "colonnade", "--points", "1e30"], 3, &["lower the density"]);
     refuses(&["lab", "rays", "--scene", "colonnade", "--instructions", "abacus"], 3, &["abacus"]);
-    refuses(&["reconstruct", whole, "--frame", "99", "-o", text(&target)], 3, &["99"]);
-    let weights = ["--lpips-weights", whole, "-o", text(&target)];
+    refuses(&["reconstruct", whole, "--frame", "99", "-o", text(&picture)], 3, &["99"]);
+    let weights = ["--lpips-weights", whole, "-o", text(&picture)];
     refuses(&[&["reconstruct", whole, "--frame", "0"], &weights[..]].concat(), 3, &["colonnade.psao"]);
     refuses(&["client", "127.0.0.1:1", "--scene", "no-such-scene"], 3, &["no-such-scene"]);
     refuses(&["replay", whole, "--from", "100s"], 3, &["--from 100s"]);
@@ -102,11 +102,41 @@ fn options_that_do_not_fit_the_input() {
     refuses(&["lab", "rays", "--scene", "colonnade", "--points", "0"], 2, &["points"]);
     refuses(&["lab", "rays", "--scene", "colonnade", "--radius", "0"], 2, &["radius"]);
     refuses(&["lab", "rays", "--scene", "colonnade", "--rays", "0"], 2, &["rays"]);
-    let down = ["--camera", "0,5,0,0,0,0", "--up", "0,1,0", "-o", text(&target)];
+    let down = ["--camera", "0,5,0,0,0,0", "--up", "0,1,0", "-o", text(&picture)];
     refuses(&[&["reconstruct", whole, "--frame", "0"], &down[..]].concat(), 2, &["--up", "line of sight"]);
-    let nowhere = ["--camera", "0,5,0,0,5,0", "-o", text(&target)];
+    let nowhere = ["--camera", "0,5,0,0,5,0", "-o", text(&picture)];
     refuses(&[&["reconstruct", whole, "--frame", "0"], &nowhere[..]].concat(), 2, &["camera"]);
     refuses(&["keys", text(&folder.path().join("keys")), "--name", "\u{e9}"], 2, &["certificates"]);
+}
+
+#[test]
+fn nothing_is_written_over_what_is_read_or_holds_something_else() {
+    let folder = folder();
+    let [scene, plot, picture] =
+        ["scene.gltf", "plot.svg", "picture.png"].map(|name| folder.path().join(name));
+    std::fs::write(&scene, "{}").unwrap();
+    std::fs::write(&plot, "not a plot").unwrap();
+    std::fs::copy(recording(Profile::Surface), &picture).unwrap();
+    let before = [&scene, &plot, &picture].map(|path| std::fs::read(path).unwrap());
+    let whole = text(recording(Profile::Surface));
+    let record = ["record", "--scene", text(&scene), "--frames", "1", "-o", text(&scene)];
+    refuses(&record, 3, &["exists and is not a recording"]);
+    let serve = ["serve", "--scene", "colonnade", "--record", text(&scene)];
+    refuses(&serve, 3, &["exists and is not a recording"]);
+    refuses(&["cut", whole, "--from", "0", "-o", text(&scene)], 3, &["exists and is not a recording"]);
+    refuses(&["inspect", whole, "--plot", text(&plot)], 3, &["exists and is not an SVG plot"]);
+    refuses(&["inspect", whole, "--plot", whole], 2, &["call it", ".svg"]);
+    let draw =
+        |file: &str, output: &str| ["reconstruct", file, "--frame", "0", "-o", output].map(str::to_owned);
+    let jpeg = folder.path().join("a.jpg");
+    for (arguments, code, says) in [
+        (draw(text(&picture), text(&picture)), 3, "exists and is not a PNG picture"),
+        (draw(whole, text(&jpeg)), 2, "a.png"),
+    ] {
+        refuses(&arguments.each_ref().map(String::as_str), code, &[says]);
+    }
+    assert_eq!([&scene, &plot, &picture].map(|path| std::fs::read(path).unwrap()), before);
+    assert!(!jpeg.exists());
 }
 
 #[test]
@@ -120,7 +150,7 @@ fn places_that_cannot_be_written() {
 #[test]
 fn recordings_that_are_none() {
     let folder = folder();
-    let path = folder.path().join("a.psao");
+    let [path, picture] = ["a.psao", "a.png"].map(|name| folder.path().join(name));
     for command in ["inspect", "verify", "replay"] {
         refuses(&[command, text(&path)], 3, &["a.psao"]);
     }
@@ -131,7 +161,7 @@ fn recordings_that_are_none() {
         }
     }
     refuses(
-        &["reconstruct", text(recording(Profile::Surface)), "--frame", "99", "-o", text(&path)],
+        &["reconstruct", text(recording(Profile::Surface)), "--frame", "99", "-o", text(&picture)],
         3,
         &["no frame 99; frames 0 to 11 can be drawn\n"],
     );
@@ -144,7 +174,7 @@ fn recordings_that_are_none() {
             "--scene",
             "asteroids",
             "-o",
-            text(&path),
+            text(&picture),
         ],
         3,
         &["asteroids", "colonnade"],

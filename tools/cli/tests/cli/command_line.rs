@@ -238,9 +238,11 @@ fn standard_input_and_output_stand_for_files() {
         command(&[&head[..], &SMALL].concat()).output().unwrap()
     };
     assert!(record(text(&file)).status.success());
-    let streamed = record("-");
-    assert!(streamed.status.success() && streamed.stdout == std::fs::read(&file).unwrap());
-    assert!(String::from_utf8_lossy(&streamed.stderr).contains("wrote to standard output: 3 frames"));
+    for output in ["-", "/dev/stdout"] {
+        let streamed = record(output);
+        assert!(streamed.status.success() && streamed.stdout == std::fs::read(&file).unwrap(), "{output}");
+        assert!(String::from_utf8_lossy(&streamed.stderr).contains("wrote to standard output: 3 frames"));
+    }
 
     let picture = place("a.png");
     let draw = ["reconstruct", text(path), "--frame", "3", "--size", "16x9", "-o"];

@@ -13,7 +13,7 @@ use crate::error::{Exit, Failure, Outcome};
 use crate::input;
 use crate::output::number;
 use crate::output::plot::{Bar, Plot};
-use crate::output::target;
+use crate::output::target::{self, Content};
 
 /// Show where the bytes of a recording went
 ///
@@ -39,17 +39,20 @@ pub(crate) struct Args {
 
 pub(crate) fn run(args: &Args) -> Outcome {
     let path = &args.recording.file;
+    if let Some(place) = &args.plot {
+        target::check(place, &Content::SVG)?;
+    }
     let analysis = Analysis::of(path, &input::recording(path)?)?;
+    if let Some(place) = &args.plot {
+        let title = format!("Bytes per frame: {}", path.file_name().unwrap_or_default().to_string_lossy());
+        target::write(place, plot(&analysis, title).svg().as_bytes())?;
+    }
     if !args.plot.as_deref().is_some_and(target::is_standard) {
         match args.format.get() {
             Format::Table => table::print(&analysis, args.per_frame)?,
             Format::Json => json::print(&analysis)?,
             Format::Csv => csv::print(&analysis)?,
         }
-    }
-    if let Some(place) = &args.plot {
-        let title = format!("Bytes per frame: {}", path.file_name().unwrap_or_default().to_string_lossy());
-        target::write(place, plot(&analysis, title).svg().as_bytes())?;
     }
     loss(&analysis)
 }

@@ -7,6 +7,7 @@
 mod access;
 mod body;
 mod client;
+mod client_event;
 mod clock;
 mod datagram;
 mod error;
@@ -22,7 +23,8 @@ mod tests;
 
 pub use access::Access;
 pub use body::SharedBody;
-pub use client::{AppliedFrame, ClientEvent, ClientOptions, ClientSession, ClientStats};
+pub use client::{ClientOptions, ClientSession};
+pub use client_event::{AppliedFrame, ClientEvent, ClientStats};
 pub use clock::ClockEstimate;
 pub use datagram::MIN_DATAGRAM_BYTES;
 pub use error::{SendError, SessionError};

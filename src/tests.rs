@@ -175,6 +175,19 @@ fn edits_reach_the_publisher_and_come_back_to_clients() {
 }
 
 #[test]
+fn a_client_with_a_scene_takes_a_stream_that_names_none() {
+    let (mut publisher, left, right) = publisher();
+    let address = publisher.listen("127.0.0.1:0").unwrap().to_string();
+    let session = psao_proto::session::ClientOptions::default().with_scene(Some([7; 32]));
+    let options = psao_proto::net::ConnectOptions::default().with_session(session);
+    let mut subscriber = Subscriber::connect_with(&address, &options, psao_proto::Limits::default()).unwrap();
+    while subscriber.state().and_then(State::frame).is_none() {
+        subscriber.poll().unwrap();
+        send(&mut publisher, left, right);
+    }
+}
+
+#[test]
 fn what_makes_no_stream_is_refused_by_name() {
     let refused = |builder: PublisherBuilder| builder.build().unwrap_err().to_string();
     let text = refused(Publisher::builder("x").fps(f32::NAN));

@@ -450,8 +450,10 @@ impl ClientSession {
         if !CODERS.has(table.info().coder) {
             return Err(SessionError::NotOffered { what: "a block coder" });
         }
+        // Zeros stand for no digest.
         let found = table.info().digest;
-        if let Some(expected) = self.options.scene.filter(|expected| *expected != found) {
+        let differs = |expected: &[u8; 32]| *expected != found && found != [0; 32];
+        if let Some(expected) = self.options.scene.filter(differs) {
             let name = table.info().name.to_string();
             return Err(SessionError::OtherScene { name, expected, found });
         }

@@ -180,7 +180,7 @@ fn a_client_with_a_scene_takes_a_stream_that_names_none() {
     let address = publisher.listen("127.0.0.1:0").unwrap().to_string();
     let session = psao_proto::session::ClientOptions::default().with_scene(Some([7; 32]));
     let options = psao_proto::net::ConnectOptions::default().with_session(session);
-    let mut subscriber = Subscriber::connect_with(&address, &options, psao_proto::Limits::default()).unwrap();
+    let mut subscriber = Subscriber::connect_with(&address, &options, Limits::default()).unwrap();
     while subscriber.state().and_then(State::frame).is_none() {
         subscriber.poll().unwrap();
         send(&mut publisher, left, right);

@@ -183,16 +183,16 @@ impl GltfDocument {
 
     /// Unpacks the views of `EXT_meshopt_compression` and `KHR_meshopt_compression`.
     fn decompress_views(&mut self) -> Result<(), SceneError> {
-        let mut total = 0;
+        let mut total = 0_u64;
         for (index, view) in self.root.buffer_views.iter().enumerate() {
             let Some(packed) = &view.extensions.meshopt else { continue };
             let place = format!("bufferViews[{index}]");
-            let data = self.decompress(view, packed, &place)?;
-            total += data.len() as u64;
+            total = view.byte_length.saturating_add(total);
             if total > limits::MAX_FILE_BYTES {
                 let (what, limit) = ("bytes of decompressed buffer views", limits::MAX_FILE_BYTES);
                 return Err(self.error(place, GltfProblem::TooMany { what, count: total, limit }));
             }
+            let data = self.decompress(view, packed, &place)?;
             self.decompressed.insert(index, data);
         }
         Ok(())
@@ -206,8 +206,10 @@ impl GltfDocument {
     ) -> Result<Vec<u8>, SceneError> {
         let fail = |problem| self.error(place, problem);
         let length = packed.count.checked_mul(packed.byte_stride as u64);
-        if length != Some(view.byte_length) || view.byte_length > limits::MAX_FILE_BYTES {
-            return Err(fail(GltfProblem::Invalid("meshopt_compression.count or byteStride")));
+        if length != Some(view.byte_length) {
+            let (what, problem) =
+                ("meshopt_compression", "count times byteStride is not byteLength".to_owned());
+            return Err(fail(GltfProblem::Compressed { what, problem }));
         }
         let bytes = self.bytes(packed.buffer, packed.byte_offset, packed.byte_length, place)?;
         let layout = meshopt::Layout { count: packed.count as usize, stride: packed.byte_stride };

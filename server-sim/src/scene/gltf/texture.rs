@@ -41,6 +41,9 @@ pub(super) fn read<const N: usize>(
         return Ok(unread_format(texture).map_or(Reading::Nothing, Reading::Unreadable));
     };
     let bytes = document.image(source, &here, hasher)?;
+    if let Some(format) = unread_format_of(&bytes) {
+        return Ok(Reading::Unreadable(format));
+    }
     let here = format!("images[{source}]");
     let (size, pixels) = decode(document, &bytes, &here)?;
     let texels: Arc<[[u8; N]]> = pixels.pixels().map(|pixel| pick(pixel.0)).collect();
@@ -54,6 +57,7 @@ fn source_of(texture: &JsonTexture) -> Option<usize> {
     texture.extensions.webp.as_ref().and_then(|webp| webp.source).or(texture.source)
 }
 
+/// Returns the format of a texture that has nothing but an image which is not decoded here.
 fn unread_format(texture: &JsonTexture) -> Option<UnreadFormat> {
     let extensions = &texture.extensions;
     if extensions.basisu.is_some() {
@@ -63,6 +67,18 @@ fn unread_format(texture: &JsonTexture) -> Option<UnreadFormat> {
         return Some("EXT_texture_avif");
     }
     extensions.dds.as_ref().map(|_| "MSFT_texture_dds")
+}
+
+/// Returns the format of an image that is not decoded here, by its first bytes. Exporters also put such images where the
+/// core has its own.
+fn unread_format_of(bytes: &[u8]) -> Option<UnreadFormat> {
+    if bytes.starts_with(b"\xabKTX 20\xbb") {
+        return Some("KHR_texture_basisu");
+    }
+    if bytes.get(4..12) == Some(b"ftypavif") {
+        return Some("EXT_texture_avif");
+    }
+    bytes.starts_with(b"DDS ").then_some("MSFT_texture_dds")
 }
 
 /// Decodes an image whose size is within the limit. Its bytes tell the format, whatever the file says about it.

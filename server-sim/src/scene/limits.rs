@@ -18,6 +18,8 @@ pub const MAX_TRIANGLES: usize = 1 << 27;
 pub const MAX_TEXTURE_PIXELS: u64 = 1 << 26;
 /// Most pixels of the textures of one glTF file. A texture counts for each of its uses.
 pub const MAX_PIXELS: u64 = 1 << 30;
+/// Most animation channels of a scene. One of a mesh's weights counts for each node that shows the mesh.
+pub const MAX_CHANNELS: usize = 1 << 22;
 /// Most parts of a scene file.
 pub const MAX_PARTS: usize = 4_096;
 /// Largest magnitude of a position, translation or scale, in metres. Its cube is still a finite `f32`.

@@ -9,6 +9,7 @@ use super::schema::{Animation, Channel as JsonChannel, Node};
 use super::{AnimationChoice, ScenePart, pointer};
 use crate::scene::animation::{Curve, Interpolation, Property};
 use crate::scene::error::{GltfProblem, SceneError};
+use crate::scene::limits;
 use crate::scene::model::{AnimationClip, Channel, Model};
 use crate::scene::report::SceneReport;
 
@@ -74,6 +75,11 @@ fn read_one(
         }
         length_s = length_s.max(curve.end_s());
         let ChannelTarget { property, first, .. } = target;
+        let count = model.channels.len() + target.nodes.len();
+        if count > limits::MAX_CHANNELS {
+            let (count, limit) = (count as u64, limits::MAX_CHANNELS as u64);
+            return Err(document.error(place, GltfProblem::TooMany { what: "channels", count, limit }));
+        }
         for node in target.nodes {
             model.channels.push(Channel { node, property, first, clip, curve: Arc::clone(&curve) });
         }
@@ -150,7 +156,7 @@ fn weights(
 ) -> Option<ChannelTarget> {
     let width = if one.is_some() { 1 } else { count };
     let first = one.unwrap_or(0);
-    if first + width > count || width == 0 || nodes.is_empty() {
+    if first >= count || nodes.is_empty() {
         report.idle_channels += 1;
         return None;
     }

@@ -204,9 +204,11 @@ fn uvs(
 ) -> Result<Option<Vec<Vec2>>, SceneError> {
     let Some(TexCoords { set, transform }) = coordinates else { return Ok(None) };
     let list = attributes.floats::<2>(&format!("TEXCOORD_{set}"), Some(count))?;
-    let place = |uv: [f32; 2]| match transform {
-        Some(transform) => transform.transform_point2(Vec2::from_array(uv)),
-        None => Vec2::from_array(uv),
+    let place = |uv: [f32; 2]| {
+        let uv = Vec2::from_array(uv);
+        let placed = transform.map_or(uv, |transform| transform.transform_point2(uv));
+        // A product may be too large for a number; such a coordinate counts as 0 wherever it is used.
+        if placed.is_finite() { placed } else { Vec2::ZERO }
     };
     Ok(list.map(|list| list.into_iter().map(place).collect()))
 }

@@ -56,7 +56,7 @@ enum Channel {
     Bytes,
     /// Zigzag differences of 16-bit words.
     Words,
-    /// Bits that differ, turned left by a number of bits.
+    /// Bits that differ. The encoder turned them left by a number of bits.
     Xor(u32),
 }
 
@@ -88,7 +88,7 @@ impl Channel {
                 [a, b, c, d]
             }
             Self::Xor(turn) => {
-                let bits = u32::from_le_bytes(step).rotate_left(turn);
+                let bits = u32::from_le_bytes(step).rotate_right(turn);
                 (u32::from_le_bytes(before) ^ bits).to_le_bytes()
             }
         }

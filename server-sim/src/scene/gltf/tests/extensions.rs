@@ -187,13 +187,14 @@ fn pointers_move_nodes_and_weights() {
             ("/meshes/0/weights", &times, both),
             ("/materials/0/emissiveFactor", &times, places),
             ("/nodes/0/weights/7", &times, one),
+            ("/meshes/0/weights/18446744073709551615", &times, one),
         ],
     );
     // Just before the loop ends the first keys still hold; the last keys are at its very end, which is its start.
     let late = 1.0 - 1e-9;
     assert_eq!(bounds(&scene, 0, late)[0], Vec3::ZERO);
     let report = scene.report();
-    assert_eq!((report.other_channels, report.idle_channels, report.overruled_channels), (1, 1, 0));
+    assert_eq!((report.other_channels, report.idle_channels, report.overruled_channels), (1, 2, 0));
     // The node with weights of its own does not follow the mesh's.
     let needs: Vec<Needs> = scene.instances().iter().map(crate::scene::Instance::needs).collect();
     assert!(needs[0].contains(Needs::MORPH | Needs::RIGID_MOTION) && needs[1] == Needs::MORPH);

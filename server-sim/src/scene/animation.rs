@@ -27,6 +27,15 @@ pub(crate) enum Property {
     Scale,
     /// One weight per morph target.
     Weights,
+    /// One number; 0 hides the node and everything below it.
+    Visibility,
+}
+
+impl Property {
+    /// Returns whether it is part of a node's transform.
+    pub(crate) fn moves(self) -> bool {
+        matches!(self, Self::Translation | Self::Rotation | Self::Scale)
+    }
 }
 
 /// Key values over time. Whoever builds a curve guarantees at least one key, finite times in ascending order and

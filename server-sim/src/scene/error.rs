@@ -50,13 +50,13 @@ pub enum SceneError {
         /// Problem with the value.
         problem: String,
     },
-    /// A file is not glTF 2.0.
+    /// The JSON text of a file is not glTF 2.0.
     #[error("{}: not a glTF 2.0 file: {source}", path.display())]
     NotGltf {
         /// The file.
         path: PathBuf,
-        /// Error of the parser.
-        source: Box<gltf::Error>,
+        /// Error of the parser, with line and column.
+        source: serde_json::Error,
     },
     /// A glTF file contradicts itself or the specification.
     #[error("{}: {place}: {problem}", path.display())]
@@ -192,9 +192,32 @@ pub enum GltfProblem {
     /// A node has two parents.
     #[error("the node has two parents")]
     TwoParents,
-    /// This reader does not support a feature.
-    #[error("{0} is not supported")]
-    Unsupported(String),
+    /// The file is of a version other than 2.0.
+    #[error(
+        "this is glTF {}, and only glTF 2.0 is read: `npx gltf-pipeline -i in.gltf -o out.glb` converts glTF 1.0",
+        .0.escape_debug()
+    )]
+    Version(String),
+    /// The text is not UTF-8.
+    #[error("the text is UTF-16: save it as UTF-8")]
+    Utf16,
+    /// The file requires an extension that is not known here.
+    #[error("{} is required and not supported: export the file without it", .0.escape_debug())]
+    Extension(String),
+    /// A mask is an image in a format that is not decoded here.
+    #[error(
+        "its mask is an image of {0}, which is not decoded: `npx @gltf-transform/cli {command} in.glb out.glb` converts it",
+        command = if *.0 == "KHR_texture_basisu" { "ktxdecompress" } else { "png" }
+    )]
+    ImageFormat(&'static str),
+    /// Compressed data cannot be unpacked.
+    #[error("cannot unpack the data of {what}: {problem}: export the file again")]
+    Compressed {
+        /// The extension.
+        what: &'static str,
+        /// Problem with the data.
+        problem: String,
+    },
     /// A URI cannot be resolved.
     #[error("cannot resolve the URI: {0}")]
     Uri(String),

@@ -5,7 +5,7 @@ use std::ops::Range;
 use glam::{DAffine3, DQuat, DVec3};
 
 use crate::scene::animation::{Property, unit_quaternion};
-use crate::scene::model::{AnimationClip, Channel, LocalTransform, Model};
+use crate::scene::model::{AnimationClip, Channel, LocalTransform, Model, Node};
 use crate::scene::report::SceneReport;
 
 /// One node, with the channels that drive it.
@@ -16,6 +16,10 @@ struct HierarchyNode {
     channels: Range<usize>,
     /// Whether its world transform can differ between two times.
     varies: bool,
+    /// Whether it is visible unless a channel or a node above says otherwise.
+    visible: bool,
+    /// Whether it, or a node above it, can be hidden.
+    hides: bool,
 }
 
 /// The node hierarchy, parents before children, reduced to the nodes and channels that affect something visible.
@@ -41,9 +45,14 @@ impl NodeHierarchy {
             let parent = model.nodes[node].parent.and_then(|p| indices[p]);
             let first = channels.partition_point(|c| c.node < index);
             let range = first..channels.partition_point(|c| c.node <= index);
-            let moves = |c: &Channel| c.property != Property::Weights && c.curve.varies();
-            let varies = parent.is_some_and(|p| nodes[p].varies) || channels[range.clone()].iter().any(moves);
-            nodes.push(HierarchyNode { parent, local: model.nodes[node].local, channels: range, varies });
+            let own = &channels[range.clone()];
+            let moves = |c: &Channel| c.property.moves() && c.curve.varies();
+            let varies = parent.is_some_and(|p| nodes[p].varies) || own.iter().any(moves);
+            let Node { local, visible, .. } = model.nodes[node];
+            let hides = parent.is_some_and(|p| nodes[p].hides)
+                || !visible
+                || own.iter().any(|c| c.property == Property::Visibility);
+            nodes.push(HierarchyNode { parent, local, channels: range, varies, visible, hides });
         }
         Self { nodes, channels, clips: model.clips.clone(), indices }
     }
@@ -68,7 +77,7 @@ impl NodeHierarchy {
         let mut at = Some(index);
         while let Some(node) = at.filter(|_| at != ancestor) {
             let own = &self.channels[self.nodes[node].channels.clone()];
-            if own.iter().any(|c| c.property != Property::Weights && c.curve.varies()) {
+            if own.iter().any(|c| c.property.moves() && c.curve.varies()) {
                 return true;
             }
             at = self.nodes[node].parent;
@@ -90,7 +99,7 @@ impl NodeHierarchy {
         let mut local = node.local;
         let LocalTransform::Trs { translation, rotation, scale } = &mut local else { return local };
         for channel in &self.channels[node.channels.clone()] {
-            if channel.property == Property::Weights {
+            if !channel.property.moves() {
                 continue;
             }
             let mut value = [0.0; 4];
@@ -99,34 +108,65 @@ impl NodeHierarchy {
             match channel.property {
                 Property::Translation => *translation = DVec3::new(x, y, z),
                 Property::Scale => *scale = DVec3::new(x, y, z),
-                Property::Rotation | Property::Weights => {
-                    *rotation = unit_quaternion(DQuat::from_xyzw(x, y, z, w));
-                }
+                Property::Rotation => *rotation = unit_quaternion(DQuat::from_xyzw(x, y, z, w)),
+                Property::Weights | Property::Visibility => {}
             }
         }
         local
     }
 
-    /// Returns the channel that drives the morph weights of a node.
-    fn weight_channel(&self, index: usize) -> Option<&Channel> {
+    /// Returns the channels of a node that drive one property.
+    fn channels_of(&self, index: usize, property: Property) -> impl Iterator<Item = &Channel> {
         let own = &self.channels[self.nodes[index].channels.clone()];
-        own.iter().find(|c| c.property == Property::Weights)
+        own.iter().filter(move |c| c.property == property)
     }
 
     /// Returns whether the morph weights at a node can differ between two times.
     pub(crate) fn weights_vary(&self, index: usize) -> bool {
-        self.weight_channel(index).is_some_and(|c| c.curve.varies())
+        self.channels_of(index, Property::Weights).any(|c| c.curve.varies())
     }
 
-    /// Writes the morph weights of a node at a given time into `out`; they are `defaults` unless a channel drives
+    /// Returns a node and the nodes above it that can hide it. Most nodes have none.
+    fn hiding(&self, index: usize) -> impl Iterator<Item = usize> {
+        std::iter::successors(Some(index), |&node| self.nodes[node].parent)
+            .take_while(|&node| self.nodes[node].hides)
+    }
+
+    /// Returns whether a node is visible at a given time.
+    pub(crate) fn visible(&self, index: usize, time_s: f64) -> bool {
+        self.hiding(index).all(|node| {
+            let channel = self.channels_of(node, Property::Visibility).last();
+            channel.map_or(self.nodes[node].visible, |channel| {
+                let mut value = [0.0];
+                channel.curve.sample(self.clips[channel.clip].local_time(time_s), &mut value);
+                value[0] != 0.0
+            })
+        })
+    }
+
+    /// Returns whether a node can be visible at one time and hidden at another.
+    pub(crate) fn visibility_varies(&self, index: usize) -> bool {
+        self.hiding(index).any(|node| self.channels_of(node, Property::Visibility).any(|c| c.curve.varies()))
+    }
+
+    /// Returns whether some node above, or the node itself, hides it at all times.
+    pub(crate) fn always_hidden(&self, index: usize) -> bool {
+        self.hiding(index).any(|node| {
+            let channel = self.channels_of(node, Property::Visibility).last();
+            channel.map_or(!self.nodes[node].visible, |c| c.curve.values.iter().all(|value| *value == 0.0))
+        })
+    }
+
+    /// Writes the morph weights of a node at a given time into `out`; they are `defaults` unless channels drive
     /// them.
     pub(crate) fn weights(&self, index: usize, defaults: &[f32], time_s: f64, out: &mut Vec<f32>) {
         out.clear();
         out.extend_from_slice(defaults);
-        if let Some(channel) = self.weight_channel(index) {
+        for channel in self.channels_of(index, Property::Weights) {
             let mut values = vec![0.0; channel.curve.width];
             channel.curve.sample(self.clips[channel.clip].local_time(time_s), &mut values);
-            out.iter_mut().zip(&values).for_each(|(slot, value)| *slot = *value as f32);
+            let driven = out.iter_mut().skip(channel.first);
+            driven.zip(&values).for_each(|(slot, value)| *slot = *value as f32);
         }
     }
 }
@@ -154,7 +194,7 @@ fn needed_in_order(model: &Model) -> Vec<usize> {
 }
 
 /// Returns the channels of the needed nodes, addressed by index in the hierarchy. Of several channels for one node
-/// and property, the last one is used.
+/// and the same numbers of a property, the last one is used.
 fn pick_channels(model: &Model, indices: &[Option<usize>], report: &mut SceneReport) -> Vec<Channel> {
     let mut taken = std::collections::BTreeSet::new();
     let mut channels = Vec::new();
@@ -163,9 +203,9 @@ fn pick_channels(model: &Model, indices: &[Option<usize>], report: &mut SceneRep
             report.idle_channels += 1;
             continue;
         };
-        if !taken.insert((index, channel.property as u8)) {
+        if !taken.insert((index, channel.property as u8, channel.first, channel.curve.width)) {
             report.overruled_channels += 1;
-        } else if channel.property != Property::Weights
+        } else if channel.property.moves()
             && matches!(model.nodes[channel.node].local, LocalTransform::Matrix(_))
         {
             report.matrix_channels += 1;

@@ -11,9 +11,9 @@ use crate::scene::rigid::RigidFrame;
 /// Motion of an instance over the clip.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Motion {
-    /// The frame has the same bits at every time, and so has the local geometry.
+    /// The frame has the same bits at every time, and so has the local geometry. An animation never hides it.
     Static,
-    /// The instance moves as a rigid body: its local geometry is its rest at every time.
+    /// The instance moves as a rigid body, or appears and disappears: its local geometry is its rest at every time.
     Rigid,
     /// The local geometry changes.
     Deforming,
@@ -146,7 +146,7 @@ impl InstancePose {
         &self.deformation
     }
 
-    /// Returns false while an animation has scaled it to nothing or an edit hides it.
+    /// Returns false while an animation has scaled it to nothing or hides it, or an edit hides it.
     #[must_use]
     pub fn visible(&self) -> bool {
         self.visible

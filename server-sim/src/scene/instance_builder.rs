@@ -48,7 +48,7 @@ pub(crate) fn build_instances(
     if triangles > limits::MAX_TRIANGLES {
         return Err(too_many("triangles", triangles, limits::MAX_TRIANGLES));
     }
-    let mut report = model.report;
+    let mut report = model.report.clone();
     let hierarchy = NodeHierarchy::new(model, &mut report);
     let times = (0..TIME_SAMPLES).map(|i| duration_s * f64::from(i) / f64::from(TIME_SAMPLES - 1));
     let samples: Vec<Vec<DAffine3>> = times
@@ -82,6 +82,10 @@ struct InstanceBuilder<'a> {
 impl InstanceBuilder<'_> {
     fn add(&mut self, mesh_node: &MeshNode, origin: &str) -> Result<(), SceneError> {
         let mesh = &self.model.meshes[mesh_node.mesh];
+        if self.hierarchy.always_hidden(self.hierarchy.index_of(mesh_node.node)) {
+            self.report.hidden_instances += 1;
+            return Ok(());
+        }
         let mut instance = Instance {
             name: mesh_node.name.clone(),
             mesh: MeshId::at(mesh_node.mesh),
@@ -103,6 +107,10 @@ impl InstanceBuilder<'_> {
             self.report.collapsed_instances += 1;
             return Ok(());
         };
+        // What comes and goes is not part of what stands still at all times.
+        if instance.motion == Motion::Static && self.hierarchy.visibility_varies(instance.node) {
+            instance.motion = Motion::Rigid;
+        }
         let far = rest
             .geometry
             .positions

@@ -21,9 +21,10 @@
 //! ```
 //!
 //! The reader supports all of glTF that affects surfaces: node hierarchies, rigid and skinned animation, morph
-//! targets, masks, double-sided materials, normal maps, strips, fans and sparse accessors. A primitive without
-//! normals is flat-shaded, as the specification requires (section 3.7.2.1). Contradictory input is a [`SceneError`].
-//! Unusual but harmless input has a defined result that [`SceneReport`] counts.
+//! targets, masks, double-sided materials, normal maps, strips, fans and sparse accessors. It applies the extensions
+//! that do so, such as quantisation, compression and instancing. A primitive without normals is flat-shaded, as the
+//! specification requires (section 3.7.2.1). Contradictory input is a [`SceneError`]. Unusual but harmless input has a
+//! defined result that [`SceneReport`] counts.
 
 mod animation;
 mod builtin;

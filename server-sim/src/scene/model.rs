@@ -55,6 +55,8 @@ impl LocalTransform {
 pub(crate) struct Node {
     pub(crate) parent: Option<usize>,
     pub(crate) local: LocalTransform,
+    /// Whether the node and everything below it is visible, unless a channel says otherwise.
+    pub(crate) visible: bool,
 }
 
 /// Joints of a skin, and for each the transform from mesh space to joint space.
@@ -101,6 +103,8 @@ impl AnimationClip {
 pub(crate) struct Channel {
     pub(crate) node: usize,
     pub(crate) property: Property,
+    /// The first of the property's numbers that the curve drives. It is 0 except for single morph weights.
+    pub(crate) first: usize,
     pub(crate) clip: usize,
     pub(crate) curve: Arc<Curve>,
 }
@@ -122,7 +126,7 @@ pub(crate) struct Model {
 impl Model {
     /// Adds a node.
     pub(crate) fn add_node(&mut self, parent: Option<usize>, local: LocalTransform) -> usize {
-        self.nodes.push(Node { parent, local });
+        self.nodes.push(Node { parent, local, visible: true });
         self.nodes.len() - 1
     }
 

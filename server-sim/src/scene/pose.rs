@@ -130,4 +130,5 @@ pub(crate) fn place(
             slot.deformation = Deformation::Skin { joints, weights };
         }
     }
+    slot.visible &= hierarchy.visible(instance.node, time_s);
 }

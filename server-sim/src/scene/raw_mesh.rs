@@ -46,6 +46,7 @@ impl RawMesh {
         }
         let mut normals = self.normals.take().unwrap_or_default();
         report.replaced_normals += repair_normals(&mut normals, &self.positions, &self.triangles);
+        report.opposed_triangles += opposed(&normals, &self.positions, &self.triangles);
         self.skin.iter_mut().for_each(|skin| report.unweighted_vertices += normalise(skin));
         if material.mask.as_ref().is_some_and(|mask| mask.texture.is_some()) && self.uvs.is_none() {
             report.missing_texcoords += 1;
@@ -171,6 +172,15 @@ pub(crate) fn repair_normals(normals: &mut [Vec3], positions: &[Vec3], triangles
         *normal = normal.as_dvec3().try_normalize().unwrap_or(DVec3::Y).as_vec3();
     }
     if all { 0 } else { replaced }
+}
+
+/// Returns the number of triangles whose vertex normals all point to the other side of their face.
+fn opposed(normals: &[Vec3], positions: &[Vec3], triangles: &[[u32; 3]]) -> usize {
+    let against = |triangle: &&[u32; 3]| {
+        let face = area_vector(positions, **triangle);
+        triangle.iter().all(|&v| normals[v as usize].as_dvec3().dot(face) < 0.0)
+    };
+    triangles.iter().filter(against).count()
 }
 
 /// Makes the weights of each vertex non-negative with a sum of 1. Returns the number of vertices without weights.

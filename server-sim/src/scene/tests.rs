@@ -232,7 +232,7 @@ fn builtin_scenes_close_and_stay_clean() {
         }
         let triangles: usize = scene.instances().iter().map(|i| scene.rest(i).triangles().len()).sum();
         assert!((20_000..100_000).contains(&triangles), "{name}: {triangles} triangles");
-        assert_eq!(scene.report().replaced_normals + scene.report().collapsed_instances, 0);
+        assert!(scene.report().lines().is_empty(), "{:?}", scene.report());
         assert!(scene.camera(3.0).is_valid());
         assert_eq!(scene.digest(), Scene::load(name).unwrap().digest());
     }

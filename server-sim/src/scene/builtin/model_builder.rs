@@ -111,7 +111,13 @@ impl ModelBuilder {
             times: (0..=keys).map(|k| time(k) as f32).collect(),
             values: (0..=keys).flat_map(|k| value(time(k))).collect(),
         };
-        self.model.channels.push(Channel { node, property, clip: self.clip, curve: Arc::new(curve) });
+        self.model.channels.push(Channel {
+            node,
+            property,
+            first: 0,
+            clip: self.clip,
+            curve: Arc::new(curve),
+        });
     }
 }
 

@@ -1,12 +1,26 @@
-//! glTF 2.0 files (`.gltf` and `.glb`). The `gltf` crate parses them without validation. Everything else is read with
-//! checks of our own, because a file may contain any index or offset.
+//! glTF 2.0 files (`.gltf` and `.glb`), with the extensions that affect surfaces and their motion.
+//!
+//! Everything is read with checks, because a file may contain any index, offset or number. What the specification says
+//! to ignore is ignored and counted; what contradicts it is an error.
 
 mod accessor;
 mod animation;
+mod attributes;
+mod container;
 mod document;
+mod draco;
+mod extensions;
+mod instancing;
 mod material;
+mod meshopt;
 mod nodes;
+mod pointer;
 mod primitive;
+mod schema;
+mod skin;
+mod texture;
+mod triangles;
+mod uri;
 
 #[cfg(test)]
 pub(crate) mod tests;
@@ -47,9 +61,12 @@ pub(crate) fn load(
     hasher: &mut blake3::Hasher,
 ) -> Result<(), SceneError> {
     let document = GltfDocument::open(&part.path, hasher)?;
-    let first_node = nodes::read(&document, &part.root, model)?;
+    let unknown = extensions::unknown_used(&document.root).map(str::to_owned);
+    model.report.unknown_extensions.extend(unknown);
+    let mut nodes = nodes::read(&document, &part.root, model)?;
+    instancing::read(&document, &mut nodes, model)?;
     let materials = material::read(&document, model, hasher)?;
-    let skins = nodes::read_skins(&document, first_node, model)?;
-    primitive::add_mesh_nodes(&document, first_node, &materials, skins, model)?;
-    animation::read(&document, part, first_node, model)
+    let skins = skin::read(&document, &nodes, model)?;
+    primitive::add_mesh_nodes(&document, &nodes, &materials, skins, model)?;
+    animation::read(&document, part, &nodes, model)
 }

@@ -1,37 +1,58 @@
-//! Nodes and skins of a glTF file.
+//! Nodes of a glTF file: their transforms, who their parents are, and which of them the scene shows.
+
+use std::collections::BTreeMap;
 
 use glam::{DAffine3, DMat4, DQuat, DVec3};
-use gltf::json;
 
 use super::document::GltfDocument;
+use super::schema::Node;
 use crate::scene::animation::unit_quaternion;
 use crate::scene::error::{GltfProblem, SceneError};
 use crate::scene::limits;
-use crate::scene::model::{LocalTransform, Model, Skin};
+use crate::scene::model::{LocalTransform, Model};
 
-/// Adds all nodes below one node for the part's placement. Returns the model's index of the file's first node.
+/// The file's nodes in the model.
+pub(super) struct FileNodes {
+    first: usize,
+    /// Whether the file's scene has a node.
+    pub(super) shown: Vec<bool>,
+    /// Nodes of the model at which the mesh of an instanced node stands.
+    pub(super) instances: BTreeMap<usize, Vec<usize>>,
+}
+
+impl FileNodes {
+    /// Returns the model's index of a node.
+    pub(super) fn model(&self, node: usize) -> usize {
+        self.first + node
+    }
+
+    /// Returns the model's nodes at which the mesh of a node stands.
+    pub(super) fn placements(&self, node: usize) -> Vec<usize> {
+        self.instances.get(&node).cloned().unwrap_or_else(|| vec![self.model(node)])
+    }
+}
+
+/// Adds all nodes below one node for the part's placement.
 pub(super) fn read(
     document: &GltfDocument,
     root: &LocalTransform,
     model: &mut Model,
-) -> Result<usize, SceneError> {
+) -> Result<FileNodes, SceneError> {
     let nodes = &document.root.nodes;
     if nodes.len() > limits::MAX_NODES {
-        let problem = GltfProblem::TooMany {
-            what: "nodes",
-            count: nodes.len() as u64,
-            limit: limits::MAX_NODES as u64,
-        };
-        return Err(document.error("nodes", problem));
+        let (count, limit) = (nodes.len() as u64, limits::MAX_NODES as u64);
+        return Err(document.error("nodes", GltfProblem::TooMany { what: "nodes", count, limit }));
     }
     let parents = parents(document)?;
     let top = model.add_node(None, *root);
     let first = top + 1;
     for (i, node) in nodes.iter().enumerate() {
         let local = local_of(node).map_err(|problem| document.error(format!("nodes[{i}]"), problem))?;
-        model.add_node(Some(parents[i].map_or(top, |parent| first + parent)), local);
+        let added = model.add_node(Some(parents[i].map_or(top, |parent| first + parent)), local);
+        let visibility = node.extensions.visibility.as_ref().and_then(|own| own.visible);
+        model.nodes[added].visible = visibility.unwrap_or(true);
     }
-    Ok(first)
+    Ok(FileNodes { first, shown: shown_nodes(document)?, instances: BTreeMap::new() })
 }
 
 /// Returns the parent of each node. A hierarchy that is not a forest is an error.
@@ -39,11 +60,10 @@ fn parents(document: &GltfDocument) -> Result<Vec<Option<usize>>, SceneError> {
     let nodes = &document.root.nodes;
     let mut parents: Vec<Option<usize>> = vec![None; nodes.len()];
     for (i, node) in nodes.iter().enumerate() {
-        for child in node.children.iter().flatten() {
-            document.get("node", *child, &format!("nodes[{i}].children"))?;
-            let slot = &mut parents[child.value()];
-            if slot.replace(i).is_some() {
-                return Err(document.error(format!("nodes[{}]", child.value()), GltfProblem::TwoParents));
+        for &child in &node.children {
+            document.get("node", nodes, child, &format!("nodes[{i}].children"))?;
+            if parents[child].replace(i).is_some() {
+                return Err(document.error(format!("nodes[{child}]"), GltfProblem::TwoParents));
             }
         }
     }
@@ -54,7 +74,7 @@ fn parents(document: &GltfDocument) -> Result<Vec<Option<usize>>, SceneError> {
     while at < order.len() {
         let node = order[at];
         reached[node] = true;
-        order.extend(nodes[node].children.iter().flatten().map(json::Index::value));
+        order.extend(&nodes[node].children);
         at += 1;
     }
     match reached.iter().position(|reached| !reached) {
@@ -63,16 +83,43 @@ fn parents(document: &GltfDocument) -> Result<Vec<Option<usize>>, SceneError> {
     }
 }
 
+/// Returns which nodes belong to the file's scene: the scene that the file names, else its first one, else all nodes.
+fn shown_nodes(document: &GltfDocument) -> Result<Vec<bool>, SceneError> {
+    let (nodes, scenes) = (&document.root.nodes, &document.root.scenes);
+    let scene = match document.root.scene {
+        Some(scene) => Some(document.get("scene", scenes, scene, "scene")?),
+        None => scenes.first(),
+    };
+    let Some(scene) = scene else { return Ok(vec![true; nodes.len()]) };
+    let mut shown = vec![false; nodes.len()];
+    let mut open = scene.nodes.clone();
+    while let Some(index) = open.pop() {
+        let node = document.get("node", nodes, index, "scenes")?;
+        if !std::mem::replace(&mut shown[index], true) {
+            open.extend(&node.children);
+        }
+    }
+    Ok(shown)
+}
+
 /// Returns a node's own transform and checks its numbers.
-fn local_of(node: &json::Node) -> Result<LocalTransform, GltfProblem> {
+fn local_of(node: &Node) -> Result<LocalTransform, GltfProblem> {
     if let Some(matrix) = &node.matrix {
         check(matrix)?;
         let m = DMat4::from_cols_array(&matrix.map(f64::from));
         return Ok(LocalTransform::Matrix(DAffine3::from_mat4(m)));
     }
     let translation = node.translation.unwrap_or([0.0; 3]);
-    let rotation = node.rotation.map_or([0.0, 0.0, 0.0, 1.0], |q| q.0);
-    let scale = node.scale.unwrap_or([1.0; 3]);
+    let rotation = node.rotation.unwrap_or([0.0, 0.0, 0.0, 1.0]);
+    trs(translation, rotation, node.scale.unwrap_or([1.0; 3]))
+}
+
+/// Returns the transform of a translation, a rotation and a scale, and checks their numbers.
+pub(super) fn trs(
+    translation: [f32; 3],
+    rotation: [f32; 4],
+    scale: [f32; 3],
+) -> Result<LocalTransform, GltfProblem> {
     check(&translation)?;
     check(&rotation)?;
     check(&scale)?;
@@ -94,49 +141,4 @@ pub(super) fn check(values: &[f32]) -> Result<(), GltfProblem> {
         }
     }
     Ok(())
-}
-
-/// Adds the file's skins to the model. Returns the model's index of the first one.
-pub(super) fn read_skins(
-    document: &GltfDocument,
-    first_node: usize,
-    model: &mut Model,
-) -> Result<usize, SceneError> {
-    let first = model.skins.len();
-    for (i, skin) in document.root.skins.iter().enumerate() {
-        let place = format!("skins[{i}]");
-        let count = skin.joints.len();
-        if count == 0 {
-            return Err(document.error(place, GltfProblem::Missing("a joint")));
-        }
-        if count > limits::MAX_JOINTS {
-            let problem = GltfProblem::TooMany {
-                what: "joints",
-                count: count as u64,
-                limit: limits::MAX_JOINTS as u64,
-            };
-            return Err(document.error(place, problem));
-        }
-        let mut joints = Vec::with_capacity(count);
-        for joint in &skin.joints {
-            document.get("node", *joint, &place)?;
-            joints.push(first_node + joint.value());
-        }
-        let inverse_bind = match skin.inverse_bind_matrices {
-            None => vec![DAffine3::IDENTITY; count],
-            Some(accessor) => {
-                let matrices = document.floats::<16>(accessor, &place)?;
-                if matrices.len() < count {
-                    let (what, found) = ("inverse bind matrices", matrices.len());
-                    return Err(
-                        document.error(place, GltfProblem::CountMismatch { what, expected: count, found })
-                    );
-                }
-                let affine = |m: &[f32; 16]| DAffine3::from_mat4(DMat4::from_cols_array(&m.map(f64::from)));
-                matrices[..count].iter().map(affine).collect()
-            }
-        };
-        model.skins.push(Skin { joints, inverse_bind });
-    }
-    Ok(first)
 }

@@ -65,6 +65,57 @@ fn leaving_less_out_gives_the_same_bytes_when_the_scene_is_edited() {
     assert!(motions.iter().all(|&count| count > 0), "{motions:?}");
 }
 
+/// A floor, and a lid over it that an animation shows from 0.5 s to 1 s of each second and a half.
+fn blinking() -> Arc<Scene> {
+    let mut doc = crate::scene::tests::Doc::default();
+    let square = |y: f32, half: f32| {
+        [[-1.0, -1.0], [-1.0, 1.0], [1.0, 1.0], [1.0, -1.0]].map(|[x, z]| [x * half, y, z * half])
+    };
+    let (floor, lid) = (doc.vectors(&square(0.0, 2.0)), doc.vectors(&square(0.2, 0.5)));
+    let corners = doc.indices(&[0, 1, 2, 0, 2, 3]);
+    let (times, shown) = (doc.scalars(&[0.0, 0.5, 1.0, 1.5]), doc.scalars(&[0.0, 1.0, 0.0, 0.0]));
+    let primitive = |positions| {
+        format!(r#"{{"primitives":[{{"attributes":{{"POSITION":{positions}}},"indices":{corners}}}]}}"#)
+    };
+    let scene = doc.load(&format!(
+        r#""nodes":[{{"mesh":0}},{{"mesh":1}}],"meshes":[{},{}],"animations":[{{"samplers":[{{"input":{times},"output":{shown}}}],
+        "channels":[{{"sampler":0,"target":{{"path":"pointer","extensions":{{"KHR_animation_pointer":{{
+        "pointer":"/nodes/1/extensions/KHR_node_visibility/visible"}}}}}}}}]}}]"#,
+        primitive(floor),
+        primitive(lid),
+    ));
+    Arc::new(scene.unwrap())
+}
+
+#[test]
+fn leaving_less_out_gives_the_same_bytes_while_a_thing_comes_and_goes() {
+    let scene = blinking();
+    for profile in PROFILES {
+        let of = settings(profile, 40.0);
+        let lazy = ServerSettings { threshold: 1, ao: AoSettings { rays: 32, ..of.ao }, ..of };
+        let mut darkest = Vec::new();
+        let run = |shortcuts| {
+            let mut run = Default::default();
+            clip(&scene, ServerSettings { shortcuts, ..lazy }, 24, |_, output| note(&mut run, output));
+            run
+        };
+        compare(&format!("a thing that comes and goes, {profile}"), &run, fewer());
+        let mut everywhere = server(&scene, lazy);
+        for frame in 0..24 {
+            everywhere.step(FrameIndex(frame), time(frame), &[], &NoClock).unwrap();
+            let field = &everywhere.trace.state.field;
+            let floor = field.chunks().iter().filter(|chunk| chunk.instance == 0);
+            darkest.extend(floor.flat_map(|chunk| field.visible(chunk)).map(|point| point.ao).min());
+        }
+        assert_eq!(darkest.len(), 24);
+        // The floor is bright without the lid, at the start as well as after it, and dark below it.
+        let [bright, dark] = [darkest.iter().max().unwrap(), darkest.iter().min().unwrap()];
+        assert!(*bright == 255 && *dark < 200, "{profile}: {darkest:?}");
+        assert_eq!(darkest[0], 255, "{profile}: {darkest:?}");
+        assert!(darkest.windows(2).any(|pair| pair[0] < 200 && pair[1] == 255), "{profile}: {darkest:?}");
+    }
+}
+
 /// The clip as a whole, in a few steps, along the camera path, all around and nowhere in turns.
 fn whole_clip(scene: &Arc<Scene>) {
     const STEPS: u32 = 18;

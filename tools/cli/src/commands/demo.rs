@@ -66,6 +66,7 @@ pub(crate) fn run(args: &Args) -> Outcome {
     std::fs::create_dir_all(folder).map_err(|error| Failure::writing(folder, &error))?;
     let recording = folder.join("demo.psao");
     let (mut server, timetable) = open(&args.scene, &args.tuning, args.frames)?;
+    timetable.scene().report().lines().iter().try_for_each(say)?;
     let mut recorder = Recorder::create(&recording, RecorderOptions::default().with_backpressure())?;
     let totals =
         record_frames((&mut server, &timetable), &mut recorder, args.frames, &EditScript::default(), false)?;

@@ -89,6 +89,9 @@ fn trace(args: &Args, scene: &str) -> Outcome {
     let output = target::recording(&args.output)?;
     Recorder::check_place(&output)?;
     let (mut server, timetable) = open(scene, &args.tuning, frames)?;
+    for line in timetable.scene().report().lines() {
+        target::note(&args.output, line)?;
+    }
     let edits = match &args.edits {
         Some(path) => EditScript::load(path, timetable.scene(), Some(frames))?,
         None => EditScript::default(),

@@ -15,6 +15,8 @@ use crate::output::table::Figures;
 ///
 /// Lists the size of each scene, and the features that it needs from a stream: skinning, rigid motion and so on. A stream
 /// leaves out what its scene does not need.
+///
+/// Below the table it says what was left out of a file or read in another way, such as lines, or materials with BLEND.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:
   psao scenes
@@ -43,6 +45,8 @@ struct Line {
     rigid_movers: usize,
     deforming: usize,
     needs: Vec<&'static str>,
+    /// What was left out of the file or read in another way, one entry for each kind.
+    report: Vec<String>,
 }
 
 #[derive(Serialize)]
@@ -95,6 +99,7 @@ fn line(scene: &Scene) -> Line {
         rigid_movers: moving(Motion::Rigid),
         deforming: moving(Motion::Deforming),
         needs: scene.needs().all().names().collect(),
+        report: scene.report().lines(),
     }
 }
 
@@ -198,11 +203,15 @@ fn table(lines: &[Line]) -> Outcome {
             needs(line),
         ]);
     }
-    say(table)
+    say(table)?;
+    for line in lines {
+        line.report.iter().try_for_each(|change| say(format_args!("{}: {change}", line.name)))?;
+    }
+    Ok(())
 }
 
 fn csv(lines: &[Line]) -> Outcome {
-    let heads = "scene,seconds,radius_m,triangles,surface_m2,instances,rigid,deforming,needs";
+    let heads = "scene,seconds,radius_m,triangles,surface_m2,instances,rigid,deforming,needs,report";
     let mut csv = Csv::new(heads.split(','))?;
     for line in lines {
         csv.row([
@@ -215,6 +224,7 @@ fn csv(lines: &[Line]) -> Outcome {
             line.rigid_movers.to_string(),
             line.deforming.to_string(),
             line.needs.join("+"),
+            line.report.join("; "),
         ])?;
     }
     csv.finish()

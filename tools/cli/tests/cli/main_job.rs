@@ -158,6 +158,29 @@ fn scenes_are_listed_with_what_they_need() {
     assert!(listed[0]["deforming"].as_u64().unwrap() >= 20, "at least 20 skinned walkers");
 }
 
+/// A triangle of 1 m, once as a surface and once as three points.
+const WITH_POINTS: &str = r#"{"asset":{"version":"2.0"},"nodes":[{"mesh":0}],"extensionsUsed":["VENDOR_\u001b"],
+"meshes":[{"primitives":[{"attributes":{"POSITION":0}},{"attributes":{"POSITION":0},"mode":0}]}],
+"accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"}],"bufferViews":[{"buffer":0,"byteLength":36}],
+"buffers":[{"byteLength":36,"uri":"data:;base64,AAAAAAAAAAAAAAAAAAAAAAAAAAAAAIA/AACAPwAAAAAAAAAA"}]}"#;
+
+#[test]
+fn what_is_left_out_of_a_scene_file_is_printed() {
+    let folder = folder();
+    let (scene, recording) = (folder.path().join("points.gltf"), folder.path().join("points.psao"));
+    std::fs::write(&scene, WITH_POINTS).unwrap();
+    let mut record = vec!["record", "--scene", text(&scene), "--frames", "1", "-o", text(&recording)];
+    record.extend(SMALL);
+    for arguments in [&["scenes", text(&scene)][..], &record] {
+        let printed = fine(arguments);
+        assert!(printed.contains("left out: 1 primitive of points\n"), "{printed}");
+        assert!(printed.contains(r"not known: VENDOR_\u{1b}"), "{printed}");
+    }
+    let listed = json(&["scenes", text(&scene), "--format", "json"]);
+    assert_eq!(listed[0]["report"][0], "left out: 1 primitive of points");
+    assert!(fine(&["scenes", text(&scene), "--format", "csv"]).contains("left out: 1 primitive of points; "));
+}
+
 #[test]
 fn inspect_draws_a_plot() {
     let folder = folder();

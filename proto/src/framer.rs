@@ -57,12 +57,12 @@ wire_enum! {
         STAMP = 16 => "STAMP",
         /// Server to client: [`Budget`](crate::message::Budget).
         BUDGET = 17 => "BUDGET",
-        /// In files only: parity of the bytes before it, by which a reader repairs damage.
-        PARITY = 0x42 => "PARITY",
         /// In files only: the index of a recording.
         INDEX = 0x40 => "INDEX",
         /// In files only: [`Gap`](crate::message::Gap), frames that were not recorded.
         GAP = 0x41 => "GAP",
+        /// In files only: parity of the bytes before it, by which a reader repairs damage.
+        PARITY = 0x42 => "PARITY",
     }
 }
 
@@ -301,22 +301,9 @@ impl Framer {
         bytes: &[u8],
         mut use_frame: impl FnMut(&mut O, &WireFrame<'_>) -> Result<(), E>,
     ) -> Result<(), E> {
-        let limits = framer(owner).limits;
-        let mut lent = std::mem::replace(framer(owner), Self::new(limits));
-        lent.push(bytes);
-        let result = loop {
-            match lent.next_frame() {
-                Ok(None) => break Ok(()),
-                Err(error) => break Err(error.into()),
-                Ok(Some(frame)) => {
-                    if let Err(error) = use_frame(owner, &frame) {
-                        break Err(error);
-                    }
-                }
-            }
-        };
-        *framer(owner) = lent;
-        result
+        framer(owner).push(bytes);
+        while Self::take_one(owner, framer, &mut use_frame)? {}
+        Ok(())
     }
 
     /// Passes the next whole frame of `owner`'s framer to `use_frame`, which may use the owner. Returns whether there was

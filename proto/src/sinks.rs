@@ -126,7 +126,7 @@ impl Sinks {
         #[cfg(feature = "fs")]
         if let Some(recorder) = &mut self.recorder {
             let now = recorder.now();
-            if recorder.wants_keyframe(now) {
+            if info.kind == FrameKind::Delta && recorder.wants_keyframe(now) {
                 recorder.body(now, FrameKind::Key, &keyframe()?)?;
             } else {
                 recorder.body(now, info.kind, &body)?;

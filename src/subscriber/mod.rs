@@ -11,7 +11,7 @@ use std::sync::Arc;
 use psao_codec::envelope::{FrameIndex, FrameInfo};
 use psao_codec::{ChangeLog, State, StateHash};
 use psao_proto::message::{Budget, Close, Edit, Gap, Report};
-use psao_proto::recording::{Damage, PlayerError};
+use psao_proto::recording::{Damage, PlayerError, Repaired};
 use psao_proto::{FollowError, SceneTable};
 
 pub use self::error::SubscribeError;
@@ -44,6 +44,8 @@ pub enum Event {
     Budget(Budget),
     /// The recorder did not write some frames.
     Gap(Gap),
+    /// A stretch of the recording was damaged, and repaired in memory. Such events come before all others.
+    Repaired(Repaired),
     /// A stretch of the recording could not be read.
     Damage(Damage),
     /// A message of the recording makes no sense: a faulty program wrote it.
@@ -80,7 +82,7 @@ enum Source {
 }
 
 impl Subscriber {
-    /// Opens a recording and plays nothing yet.
+    /// Opens a recording and plays nothing yet. Damage is repaired in memory as far as the recording can.
     ///
     /// # Errors
     /// [`SubscribeError::Read`], [`SubscribeError::Recording`].

@@ -172,8 +172,8 @@ impl Connection {
         Self { address, stream, session, started, limits, buffer: vec![0; CHUNK_BYTES] }
     }
 
-    /// Returns the next event; waits for bytes from the server, and sends waiting bytes meanwhile. [`state`](Self::state) is
-    /// then the one that the event speaks of. Returns `None` after [`ClientEvent::Closed`], or when the session was closed
+    /// Returns the next event; waits for bytes from the server, and sends waiting bytes meanwhile. Until the next
+    /// call, [`state`](Self::state) is that after the event's frame. Returns `None` after [`ClientEvent::Closed`], or when the session was closed
     /// here.
     ///
     /// This method is cancel-safe, for example in `select!`.

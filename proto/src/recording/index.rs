@@ -64,7 +64,7 @@ pub enum IndexKind {
 }
 
 impl IndexEntry {
-    /// Returns the entry of the record at `offset`, if it belongs into the index. `info` is the header of its body, which
+    /// Returns the entry of the record at `offset`, if it belongs in the index. `info` is the header of its body, which
     /// keyframes and updates have.
     pub(super) fn of(offset: u64, kind: FrameType, payload: &[u8], info: Option<&FrameInfo>) -> Option<Self> {
         let kind = match (kind, info) {
@@ -118,7 +118,8 @@ pub(crate) fn read_index(payload: &[u8]) -> Option<Vec<IndexEntry>> {
     if !rest.is_empty() {
         return None;
     }
-    entries.iter().map(IndexEntry::from_bytes).collect()
+    let entries: Vec<IndexEntry> = entries.iter().map(IndexEntry::from_bytes).collect::<Option<_>>()?;
+    entries.is_sorted_by(|entry, next| entry.offset < next.offset).then_some(entries)
 }
 
 #[cfg(test)]
@@ -132,15 +133,15 @@ mod tests {
         let entries = [
             IndexEntry { offset: 16, kind: IndexKind::Scene },
             IndexEntry { offset: 64, kind: IndexKind::Edit },
-            IndexEntry { offset: 1, kind: keyframe },
+            IndexEntry { offset: 100, kind: keyframe },
         ];
         let bytes = write_index(&entries);
         assert_eq!(hex(&bytes[..24]), "100000000000000000000000000000000000000004000000");
-        assert_eq!(hex(&bytes[48..]), "010000000000000002000000000000000300000007000000");
+        assert_eq!(hex(&bytes[48..]), "640000000000000002000000000000000300000007000000");
         assert_eq!(read_index(&bytes), Some(entries.to_vec()));
         assert_eq!(read_index(&bytes[..40]), None);
-        // Another type, a byte that is not zero, a time of a scene table.
-        for (place, byte) in [(20, 8), (21, 1), (8, 1)] {
+        // Another type, a byte that is not zero, a time of a scene table, an offset that does not ascend.
+        for (place, byte) in [(20, 8), (21, 1), (8, 1), (24, 16)] {
             let mut bad = bytes.clone();
             bad[place] = byte;
             assert_eq!(read_index(&bad), None, "byte {place}");

@@ -221,7 +221,7 @@ impl<'a> Player<'a> {
         self.playback.step(&mut self.reader)
     }
 
-    /// Moves to the last keyframe that is not after entry `entry` of the summary's index, and loads the scene table and
+    /// Moves to the last keyframe that is not after entry `entry` of [`Summary::frames`], and loads the scene table and
     /// the edits in force there. Other earlier records are skipped; the frames up to `entry` come next. Without such a
     /// keyframe it moves to the start of the file.
     ///
@@ -251,7 +251,7 @@ impl<'a> Player<'a> {
         }
     }
 
-    /// Moves to a keyframe of an index, which is the next frame to be applied. The scene table must have been played
+    /// Moves to a keyframe of [`Summary::frames`], which is the next frame to be applied. The scene table must have been played
     /// before, or the keyframe fails with [`FollowError::NoScene`]; [`jump`](Self::jump) takes care of that.
     pub fn seek(&mut self, keyframe: &FrameEntry) {
         self.reader.seek(keyframe.offset);

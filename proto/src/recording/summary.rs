@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use psao_codec::envelope::FrameBody;
 
 use super::index::read_index;
-use super::parity::covered_bytes;
+use super::parity::Parity;
 use super::{Damage, FOOTER_BYTES, FrameEntry, IndexEntry, IndexKind, Reader, ReaderError, parse_footer};
 use crate::message::{Close, Gap, Message};
 use crate::{FrameIndex, FrameType, Limits, Micros};
@@ -48,7 +48,7 @@ pub struct Summary {
     close: Option<Close>,
     damages: Vec<Damage>,
     gaps: Vec<Gap>,
-    parity_bytes: u64,
+    parity_end: u64,
 }
 
 impl Summary {
@@ -69,7 +69,7 @@ impl Summary {
             close: None,
             damages: Vec::new(),
             gaps: Vec::new(),
-            parity_bytes: 0,
+            parity_end: 0,
         };
         let mut stored = None;
         let mut group = None;
@@ -92,7 +92,10 @@ impl Summary {
                     continue;
                 }
                 FrameType::PARITY => {
-                    summary.parity_bytes += covered_bytes(payload, bytes.len());
+                    let stretch = Parity::parse(payload, record.offset()).map(|parity| parity.stretch());
+                    if let Some(stretch) = stretch.filter(|stretch| stretch.start == summary.parity_end) {
+                        summary.parity_end = stretch.end;
+                    }
                     continue;
                 }
                 _ => {}
@@ -187,10 +190,10 @@ impl Summary {
         &self.gaps
     }
 
-    /// Returns the number of bytes that parity records cover.
+    /// Returns up to which offset parity records cover the file without a gap.
     #[must_use]
-    pub const fn parity_bytes(&self) -> u64 {
-        self.parity_bytes
+    pub const fn parity_end(&self) -> u64 {
+        self.parity_end
     }
 
     /// Returns where the scene table and the edits begin that must be played before the record at `offset`, in order.

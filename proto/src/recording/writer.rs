@@ -82,8 +82,7 @@ impl Writer {
     pub fn new(limits: Limits) -> (Self, Vec<u8>) {
         let head = file_header().to_vec();
         let length = head.len() as u64;
-        let mut parity = ParityWriter::default();
-        parity.push(0, Micros(0), &head);
+        let parity = ParityWriter::new(&head);
         let writer = Self {
             limits,
             length,
@@ -135,7 +134,7 @@ impl Writer {
     /// [`WriterError::Poisoned`] and [`WriterError::Finished`].
     pub fn finish(&mut self) -> Result<Vec<u8>, WriterError> {
         self.check_open()?;
-        let mut out = self.parity.cover(self.last_arrival);
+        let mut out = self.parity.finish(self.last_arrival);
         let offset = self.length + out.len() as u64;
         record_head(self.last_arrival, &mut out);
         let payload = write_index(&self.index);
@@ -147,7 +146,7 @@ impl Writer {
         Ok(out)
     }
 
-    /// Removes the last record from the index after a write that failed. The caller must truncate the file to the end
+    /// Takes back the last record after a write that failed, with its entry in the index and the parity behind it. The caller must truncate the file to the end
     /// of the record before it. A second call, or one after [`finish`](Self::finish), has no effect.
     pub fn take_back(&mut self) {
         if self.state == Status::Open {
@@ -198,7 +197,8 @@ impl Writer {
         let mut out = Vec::with_capacity(super::RECORD_HEAD_BYTES + frame.len());
         record_head(arrival, &mut out);
         out.extend_from_slice(frame);
-        out.extend(self.parity.push(self.length, arrival, &out));
+        let parity = self.parity.push(arrival, &out);
+        out.extend(parity);
         self.before = self.length;
         self.length += out.len() as u64;
         self.last_arrival = arrival;

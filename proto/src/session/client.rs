@@ -138,12 +138,17 @@ impl ClientSession {
         session
     }
 
-    /// Takes bytes from the server, in any chunking, at the time `now`. [`next_event`](Self::next_event) processes them.
+    /// Takes bytes from the server, in any chunking, at the time `now`. [`next_event`](Self::next_event) processes them. Take
+    /// all events before the next call: the session then holds at most one unfinished frame. Bytes after the end of the
+    /// session are ignored.
     ///
     /// # Errors
     /// [`SessionError`] when the stream cannot go on. Later calls return the same error; the state stays.
     pub fn push(&mut self, bytes: &[u8], now: Micros) -> Result<(), SessionError> {
         self.tick(now)?;
+        if self.is_closed() {
+            return Ok(());
+        }
         if !bytes.is_empty() {
             self.timers.note_received();
         }
@@ -153,7 +158,7 @@ impl ClientSession {
     }
 
     /// Processes frames up to the next event, and returns it; `None` when more bytes are needed, or the session is closed.
-    /// [`state`](Self::state) is then the one that the event speaks of: no later frame was applied.
+    /// Until the next call, [`state`](Self::state) is that after the event's frame.
     ///
     /// # Errors
     /// As [`push`](Self::push).
@@ -197,7 +202,7 @@ impl ClientSession {
         }
     }
 
-    /// Takes bytes and returns all events that they bring, when the state may be of a later frame than an event's.
+    /// Takes bytes and returns all events that they bring. The state is then that of the last event.
     ///
     /// # Errors
     /// As [`push`](Self::push); the events before the error are lost.

@@ -216,7 +216,7 @@ fn parity() -> Vec<File> {
     };
     let long = SampleRecording::of(&vec![wire(FrameType(99), (1, 0), &[0x5a; 45_000]); 4], false);
     let mut two = long.file.clone();
-    for at in [60, 150_000] {
+    for at in [60, 100_001] {
         two[at] ^= 0xff;
     }
     let mut burst = long.file.clone();
@@ -227,12 +227,14 @@ fn parity() -> Vec<File> {
         ("parity-of-too-much", parity_with(10, 3)),
         ("parity-chunk-of-65", parity_with(12, 65)),
         ("parity-chunk-of-32", parity_with(12, 32)),
+        ("parity-chunk-of-128", parity_with(12, 128)),
         ("parity-of-another-length", parity_with(8, 1)),
         ("parity-that-does-not-fit", parity_with(16 + 4 * (damaged / 64), 1)),
         ("parity-with-two-in-one", chunks(2)),
         ("parity-with-one-in-each", chunks(1)),
         ("parity-twice", two),
         ("parity-burst", burst),
+        ("parity-of-another-file", [&sample.file[..], &sample.file].concat()),
     ]
 }
 

@@ -9,7 +9,7 @@ MAGIC = b"\x89PSAO\r\n\x1a"
 FOOTER_MAGIC = (0x1D0AA05E).to_bytes(4, "little")
 SIXTEEN, HEAD, ENTRY = 16, 12, 24
 SCENE, EDIT, PARITY = 4, 6, 66
-COVERED = 131_072
+COVERED, PASSES = 131_072, 3
 # How often the file's length may be checked in vain.
 PATIENCE = 16
 
@@ -111,12 +111,16 @@ class Recording:
 
     def repaired(self):
         """What parity makes whole again, in the order of the file."""
-        if not self.damages:
-            return []
         data, repaired = bytearray(self.data), []
-        for _, _, frame in self.records:
-            if frame.type == PARITY:
-                repair(data, frame.payload, repaired)
+        for _ in range(PASSES):
+            file, seen, before = Recording(bytes(data)), set(), len(repaired)
+            for offset, _, frame in file.records if file.damages else []:
+                stretch = parity_stretch(frame.payload, offset) if frame.type == PARITY else None
+                if stretch and stretch[0] not in seen:
+                    seen.add(stretch[0])
+                    repair(data, frame.payload, repaired, *stretch)
+            if len(repaired) == before:
+                break
         return sorted(repaired, key=lambda stretch: stretch["offset"])
 
     def report(self):
@@ -136,21 +140,34 @@ class Recording:
         return parts | {"entries": told, "index": index, "close": close}
 
 
-def repair(data, payload, repaired):
-    """Repairs what a parity payload covers, one chunk with an even number and one with an odd."""
+def chunk_bytes(length):
+    """The chunk of a stretch: 1/128 of it, rounded up to a power of two, 64 to 1,024."""
+    chunk = 64
+    while chunk < 1024 and chunk * 128 < length:
+        chunk *= 2
+    return chunk
+
+
+def parity_stretch(payload, offset):
+    """Start, length and chunk of what the parity record at `offset` covers; None when it is no parity."""
     if len(payload) < SIXTEEN:
-        return
+        return None
     start, length, chunk = number(payload, 0, 8), number(payload, 8, 4), number(payload, 12, 4)
-    possible = chunk in (64, 128, 256, 512, 1024) and length <= COVERED and start + length <= len(data)
-    count = -(-length // chunk) if possible else 0
-    if not possible or len(payload) != SIXTEEN + 4 * count + 2 * chunk:
-        return
+    if start % COVERED or not 1 <= length <= COVERED or start + length > offset:
+        return None
+    size = SIXTEEN + 4 * -(-length // chunk_bytes(length)) + 2 * chunk_bytes(length)
+    return (start, length, chunk) if chunk == chunk_bytes(length) and len(payload) == size else None
+
+
+def repair(data, payload, repaired, start, length, chunk):
+    """Repairs what a parity payload covers, one chunk with an even number and one with an odd."""
+    count = -(-length // chunk)
     chunks = [data[start + chunk * n : start + min(chunk * n + chunk, length)] for n in range(count)]
     sums = [number(payload, SIXTEEN + 4 * n, 4) for n in range(count)]
     bad = [n for n in range(count) if crc32c(bytes(chunks[n])) != sums[n]]
     for parity in range(2):
         wrong = [n for n in bad if n % 2 == parity]
-        if len(wrong) != 1:
+        if len(wrong) != 1 or count < parity + 3:
             continue
         n, at = wrong[0], SIXTEEN + 4 * count + chunk * parity
         whole = bytearray(byte ^ 0xFF for byte in payload[at : at + chunk])

@@ -379,9 +379,9 @@ pub(crate) struct OutputArg {
 
 /// How recordings are written.
 #[derive(Args, Clone, Debug)]
-pub(crate) struct RecordingOptions {
+pub(crate) struct RecorderArgs {
     /// Time between keyframes, from which a player can start, and with which the loss by damage ends; off writes only the
-    /// stream's own. auto is 5 s or more: keyframes are at most a fifth of the recording
+    /// stream's own. auto is 5 s or more, so that keyframes are about a fifth of the recording at most
     #[arg(long, value_name = "auto|off|TIME", default_value = "auto", value_parser = keyframe_interval)]
     keyframe_every: KeyframeInterval,
     /// Memory for frames of a live recording that wait for the disk, 1MiB to 64GiB
@@ -407,7 +407,7 @@ fn keyframe_interval(text: &str) -> Result<KeyframeInterval, String> {
     }
 }
 
-impl RecordingOptions {
+impl RecorderArgs {
     /// Returns how to record a stream that can wait for the disk.
     pub(crate) fn waiting(&self) -> RecorderOptions {
         RecorderOptions::default().with_keyframes(self.keyframe_every).with_backpressure()

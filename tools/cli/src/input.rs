@@ -4,17 +4,21 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-use psao_proto::recording::{Repaired, repair};
-use psao_proto::{FRAME_MAGIC, Limits};
+use psao_proto::Limits;
+use psao_proto::recording::{Reader, Repaired, repair};
 
 use crate::error::{Exit, Failure, Outcome};
 use crate::output::number;
-use crate::output::target::is_standard;
 
 /// Largest number of bytes that are read of what is not a regular file, which may have no end.
 const MAX_STREAM_BYTES: u64 = 4 << 30;
-/// Bytes after which a stream without the magic of a frame is none of ours.
+/// Bytes after which a stream must have shown that it is a recording.
 const PROBE_BYTES: u64 = 16 << 20;
+
+/// Returns whether a path stands for standard input.
+fn is_standard(path: &Path) -> bool {
+    path == Path::new("-")
+}
 
 /// Reads a whole file into memory, or standard input for `-`.
 pub(crate) fn load(path: &Path) -> Outcome<Vec<u8>> {
@@ -64,9 +68,10 @@ fn stream(from: &mut dyn Read, path: &Path, most: u64) -> Outcome<Vec<u8>> {
         |error: std::io::Error| Failure::new(Exit::System, format_args!("cannot read {name}: {error}"));
     let mut bytes = Vec::new();
     from.take(PROBE_BYTES).read_to_end(&mut bytes).map_err(failed)?;
-    let magic = FRAME_MAGIC.to_le_bytes();
-    if bytes.len() as u64 == PROBE_BYTES && !bytes.windows(magic.len()).any(|window| window == magic) {
-        return Err(Failure::input(format_args!("{name} goes on and on, but is not a psao recording")));
+    if bytes.len() as u64 == PROBE_BYTES && Reader::new(&bytes).is_err() {
+        return Err(Failure::input(format_args!(
+            "{name} goes on and on, and is not a psao recording: save it to a file first"
+        )));
     }
     let rest = most - bytes.len() as u64;
     from.take(rest).read_to_end(&mut bytes).map_err(failed)?;
@@ -88,9 +93,9 @@ mod tests {
         let read = |mut from: &mut dyn Read, most| stream(&mut from, Path::new("x"), most);
         let zeros = read(&mut std::io::repeat(0), MAX_STREAM_BYTES).unwrap_err().to_string();
         assert!(zeros.contains("not a psao recording"), "{zeros}");
-        let head = &mut [0x50, 0xa0, 0, 0][..];
-        let long = read(&mut (&*head).chain(std::io::repeat(7)), PROBE_BYTES + 5).unwrap_err().to_string();
-        assert!(long.contains("save it to a file"), "{long}");
+        let (_, head) = psao_proto::recording::Writer::new(Limits::default());
+        let long = read(&mut (&head[..]).chain(std::io::repeat(7)), PROBE_BYTES + 5).unwrap_err().to_string();
+        assert!(long.contains("too much for a stream"), "{long}");
         assert_eq!(read(&mut &b"short"[..], MAX_STREAM_BYTES).unwrap(), b"short");
     }
 }

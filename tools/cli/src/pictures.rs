@@ -192,6 +192,9 @@ impl Shot<'_> {
     }
 }
 
+/// Endings of the files that a reference adds: by rays, where the two differ, and all three side by side.
+pub(crate) const BESIDE: [&str; 3] = ["reference.png", "difference.png", "side-by-side.png"];
+
 impl Drawn {
     /// Writes `path`, and beside it the reference, the difference and both side by side where there is a reference.
     /// Returns the paths.
@@ -204,9 +207,8 @@ impl Drawn {
             let difference = Picture::difference(&by_rays.image, &self.image, GAIN).map_err(drawing)?;
             let beside = Picture::side_by_side(&[files[0].1.clone(), truth.clone(), difference.clone()])
                 .map_err(drawing)?;
-            files.push((path.with_extension("reference.png"), truth));
-            files.push((path.with_extension("difference.png"), difference));
-            files.push((path.with_extension("side-by-side.png"), beside));
+            let beside = BESIDE.iter().zip([truth, difference, beside]);
+            files.extend(beside.map(|(extension, picture)| (path.with_extension(extension), picture)));
         }
         for (path, picture) in &files {
             let png = picture.to_png().map_err(|error| Failure::new(Exit::System, error))?;

@@ -61,10 +61,9 @@ impl BackgroundRecorder {
         }
     }
 
-    /// Returns whether a keyframe would end a gap, or `is_due` and has room.
-    pub(super) fn wants_keyframe(&self, now: Micros, is_due: bool) -> bool {
-        let backlog = self.shared.lock();
-        backlog.wants_keyframe(now) || is_due && backlog.has_room()
+    /// Returns whether a keyframe is wanted, see [`Backlog::wants_keyframe`].
+    pub(super) fn wants_keyframe(&self, now: Micros, due: Option<u64>) -> bool {
+        self.shared.lock().wants_keyframe(now, due)
     }
 
     /// Returns the frames that are missing so far.

@@ -99,14 +99,13 @@ impl Backlog {
         true
     }
 
-    /// Returns whether a keyframe would end a gap now, because there is room for one.
-    pub(super) fn wants_keyframe(&self, now: Micros) -> bool {
-        self.gap.is_some() && self.may_retry(now) && self.has_room()
-    }
-
-    /// Returns whether half of the room is free, as a keyframe needs.
-    pub(super) fn has_room(&self) -> bool {
-        self.bytes <= self.limit / 2
+    /// Returns whether a keyframe would end a gap now, because half of the room is free. Without a gap, returns whether
+    /// there is room for one of `due` bytes and a quarter more.
+    pub(super) fn wants_keyframe(&self, now: Micros, due: Option<u64>) -> bool {
+        if self.gap.is_some() {
+            return self.may_retry(now) && self.bytes <= self.limit / 2;
+        }
+        due.is_some_and(|due| self.bytes as u64 + due + due / 4 <= self.limit as u64)
     }
 
     /// Returns the next frame to write; `None` during the pause after a failed write.
@@ -282,17 +281,18 @@ mod tests {
         assert!(backlog.offer(Micros(0), &first));
         // The frame is being written, so it still takes room.
         let item = backlog.pop().unwrap();
+        assert!(backlog.wants_keyframe(Micros(1), Some(4)) && !backlog.wants_keyframe(Micros(1), Some(9)));
         assert!(!backlog.offer(Micros(1), &stream.next(false)));
-        assert!(!backlog.wants_keyframe(Micros(1)), "there is no room for one");
+        assert!(!backlog.wants_keyframe(Micros(1), Some(1)), "there is no room for one");
         assert!(!backlog.offer(Micros(2), &stream.next(true)), "nor is it taken");
         backlog.wrote(&item);
-        assert!(backlog.wants_keyframe(Micros(3)));
+        assert!(backlog.wants_keyframe(Micros(3), None));
         assert!(!backlog.offer(Micros(3), &stream.next(false)), "an update has nothing to build on");
         let close = crate::message::Close::new(crate::message::CloseCode::DONE, "");
         assert!(backlog.offer(Micros(3), &stream.numbering.message(&close).unwrap()), "messages stay");
         assert_eq!(drain(&mut backlog).len(), 1);
         assert!(backlog.offer(Micros(4), &stream.next(true)));
-        assert!(!backlog.wants_keyframe(Micros(4)));
+        assert!(!backlog.wants_keyframe(Micros(4), None));
         let items = drain(&mut backlog);
         assert_eq!(
             items.iter().map(BacklogItem::kind).collect::<Vec<_>>(),
@@ -318,9 +318,9 @@ mod tests {
         backlog.failed(Some(failing), Micros(5), false);
         assert_eq!(backlog.pop(), None, "the disk is left alone");
         let almost = Micros(5).plus(RETRY_DELAY).since(Micros(1));
-        assert!(!backlog.wants_keyframe(almost) && !backlog.offer(almost, &stream.next(true)));
+        assert!(!backlog.wants_keyframe(almost, None) && !backlog.offer(almost, &stream.next(true)));
         let then = Micros(5).plus(RETRY_DELAY);
-        assert!(backlog.wants_keyframe(then) && backlog.offer(then, &stream.next(true)));
+        assert!(backlog.wants_keyframe(then, None) && backlog.offer(then, &stream.next(true)));
         // The disk fails again: the GAP message is merged back, and losses add up.
         let failing = backlog.pop();
         backlog.failed(failing, then, false);
@@ -348,7 +348,7 @@ mod tests {
         backlog.failed(None, Micros(1), true);
         for second in 0..100 {
             let now = Micros::from_secs(second * 1000);
-            assert!(!backlog.wants_keyframe(now) && !backlog.offer(now, &stream.next(true)));
+            assert!(!backlog.wants_keyframe(now, None) && !backlog.offer(now, &stream.next(true)));
         }
         assert_eq!(backlog.missing().frames, 101);
     }
@@ -366,7 +366,7 @@ mod tests {
                 match turn {
                     0..5 => {
                         offered += 1;
-                        let key = key || backlog.wants_keyframe(now);
+                        let key = key || backlog.wants_keyframe(now, None);
                         let frame = stream.next(key);
                         let before = backlog.bytes;
                         if backlog.offer(now, &frame) {

@@ -13,7 +13,7 @@ pub enum KeyframeInterval {
     /// When this much time has passed since the last one.
     Every(Micros),
     /// When this much time has passed, and the frames since the last one take four times its bytes. So keyframes are at
-    /// most a fifth of the recording, besides the first.
+    /// about a fifth of the recording at most, besides the first.
     Cheap(Micros),
 }
 
@@ -23,7 +23,7 @@ impl Default for KeyframeInterval {
     }
 }
 
-/// Bytes of frames for each byte of a keyframe, in [`KeyframeInterval::Cheap`].
+/// Bytes of frames for each byte of a keyframe in [`KeyframeInterval::Cheap`].
 const CHEAP_RATIO: u64 = 4;
 
 /// The keyframes of a recording so far.
@@ -50,15 +50,16 @@ impl KeyframeTimer {
         }
     }
 
-    /// Returns whether a frame that arrives now should be a keyframe.
-    pub(super) fn is_due(&self, arrival: Micros) -> bool {
-        let Some((last, bytes)) = self.last else { return false };
+    /// Returns the bytes of the last keyframe, if a frame that arrives now should be another one.
+    pub(super) fn due(&self, arrival: Micros) -> Option<u64> {
+        let (last, bytes) = self.last?;
         let passed = |interval| arrival.since(last) >= interval;
-        match self.interval {
+        let is_due = match self.interval {
             KeyframeInterval::Never => false,
             KeyframeInterval::Every(interval) => passed(interval),
             KeyframeInterval::Cheap(interval) => passed(interval) && self.since / CHEAP_RATIO >= bytes,
-        }
+        };
+        is_due.then_some(bytes)
     }
 }
 
@@ -69,12 +70,12 @@ mod tests {
     /// Returns the turns at which a keyframe of 100 bytes is due, among updates of 10 bytes a second apart.
     fn due(interval: KeyframeInterval) -> Vec<u64> {
         let mut timer = KeyframeTimer::new(interval);
-        assert!(!timer.is_due(Micros::from_secs(1000)), "a recording begins with the stream's own");
+        assert!(!timer.due(Micros::from_secs(1000)).is_some(), "a recording begins with the stream's own");
         timer.took(Micros(0), FrameType::KEYFRAME, 100);
         let mut found = Vec::new();
         for second in 1..100 {
             let now = Micros::from_secs(second);
-            if timer.is_due(now) {
+            if timer.due(now).is_some() {
                 timer.took(now, FrameType::KEYFRAME, 100);
                 found.push(second);
             } else {

@@ -104,10 +104,10 @@ impl Recorder {
     /// update that arrives now; a client should request one.
     #[must_use]
     pub fn wants_keyframe(&self, now: Micros) -> bool {
-        let is_due = self.keyframes.is_due(now);
+        let due = self.keyframes.due(now);
         match &self.output {
-            Output::Direct(_) => is_due,
-            Output::Background(background) => background.wants_keyframe(now, is_due),
+            Output::Direct(_) => due.is_some(),
+            Output::Background(background) => background.wants_keyframe(now, due),
         }
     }
 

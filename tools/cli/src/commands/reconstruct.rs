@@ -135,6 +135,9 @@ pub(crate) fn run(args: &Args) -> Outcome {
         target::refuse_terminal()?;
     }
     target::check(&args.output, &Content::PNG)?;
+    for beside in crate::pictures::BESIDE.iter().filter(|_| args.reference) {
+        target::check(&args.output.with_extension(beside), &Content::PNG)?;
+    }
     let bytes = input::recording(path)?;
     let network = args.lpips.load()?.map(|(network, _)| network);
     let mut playback =

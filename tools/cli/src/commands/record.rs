@@ -11,7 +11,7 @@ use psao_proto::session::{ClientEvent, ClientOptions};
 use psao_proto::{FrameIndex, FrameType, Micros, WireFrame};
 use psao_server::server::{FrameStats, FrameTotals, Server};
 
-use crate::args::{RecordingOptions, TuningArgs};
+use crate::args::{RecorderArgs, TuningArgs};
 use crate::context::{Stopwatch, progress, runtime};
 use crate::edit_script::EditScript;
 use crate::error::{Failure, Outcome};
@@ -21,9 +21,9 @@ use crate::producer::{Timetable, open, refused};
 
 /// Trace a scene into a recording, or record a running server
 ///
-/// The recording holds the frames as they go over the wire, each with its time. The same options give the same bytes on any
-/// machine, except with --timings. The file is valid after every frame: whatever stops the recorder, at most the frame
-/// being written is lost.
+/// The recording holds the stream's frames, each with its time; --keyframe-every puts keyframes in place of updates. The
+/// same options give the same bytes on any machine, except with --timings. The file is valid after every frame: whatever
+/// stops the recorder, at most the frame being written is lost.
 ///
 /// With --from, frames wait in memory for a slow disk. Frames that do not fit are left out up to the next keyframe. The gap
 /// is marked in the recording and counted at the end. Exit code 1 means that the disk failed; what was written before can
@@ -67,7 +67,7 @@ pub(crate) struct Args {
     #[arg(long)]
     timings: bool,
     #[command(flatten)]
-    recording: RecordingOptions,
+    recording: RecorderArgs,
     /// The recording to write; - for standard output
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
@@ -199,8 +199,8 @@ pub(crate) fn summary(info: &SceneHeader, totals: &Totals) -> String {
 }
 
 async fn from_server(args: &Args, address: &Address) -> Outcome {
-    let mut connection = args.network.connect(address, ClientOptions::default()).await?;
     let output = target::recording(&args.output)?;
+    let mut connection = args.network.connect(address, ClientOptions::default()).await?;
     let mut recorder = Recorder::create(&output, args.recording.options(&output))?;
     let mut counts = Counts::default();
     let bar = progress("recording", u64::from(args.frames.unwrap_or(0)));

@@ -13,7 +13,7 @@ use psao_proto::{FrameIndex, Limits, Micros};
 use psao_server::server::Server;
 use psao_server::server::live::{LatePoints, Pipeline, PipelineSettings};
 
-use crate::args::{EditsArg, RecordingOptions, StreamArgs};
+use crate::args::{EditsArg, RecorderArgs, StreamArgs};
 use crate::context::runtime;
 use crate::error::Outcome;
 use crate::network::{self, ListenArgs};
@@ -57,7 +57,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
     #[command(flatten)]
-    recording: RecordingOptions,
+    recording: RecorderArgs,
 }
 
 /// `--frame-time`.

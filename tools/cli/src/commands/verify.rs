@@ -17,7 +17,7 @@ use crate::output::table::Figures;
 
 /// Check a recording: checksums, order, state hashes, index
 ///
-/// Exit code 0: whole and correct. 3: not a recording. 4: damaged, but the rest is correct. 6: a state hash is wrong. A gap
+/// Exit code 0: whole and correct. 3: not a recording. 4: damaged, also where parity repairs it, but the rest is correct. 6: a state hash is wrong. A gap
 /// that the recorder marked, because it could not keep up, is a note and no damage.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Example:
@@ -248,14 +248,16 @@ fn bodies(played: &Played) -> Verdict {
 /// Returns what one damaged byte would cost, in words.
 fn cost(summary: &Summary) -> String {
     let frames = summary.frames();
+    let covered = frames.iter().take_while(|frame| frame.offset < summary.parity_end()).count();
     let group = frames.chunk_by(|_, next| !next.keyframe).map(<[_]>::len).max().unwrap_or(0) as u64;
-    let group = format!("up to {}", number::counted(group, "frame"));
-    match summary.parity_bytes() {
-        0 => format!("{group}: to the next keyframe"),
-        covered => {
-            let share = covered as f64 / summary.file_bytes().max(1) as f64;
-            format!("nothing in {:.1} % of the file, by parity; elsewhere {group}", share * 100.0)
-        }
+    let group = format!("up to {}, to the next keyframe", number::counted(group, "frame"));
+    match covered {
+        0 => format!("{group}; all in the scene table"),
+        covered if covered == frames.len() => "nothing: parity covers every frame".to_owned(),
+        covered => format!(
+            "nothing in the first {}, by parity; then {group}",
+            number::counted(covered as u64, "frame")
+        ),
     }
 }
 

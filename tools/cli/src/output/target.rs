@@ -14,7 +14,7 @@ use crate::error::{Failure, Outcome};
 /// The file that is standard output, for what writes to files only.
 pub(crate) const STANDARD_OUTPUT: &str = "/dev/stdout";
 
-/// Returns whether a path stands for standard input or output.
+/// Returns whether a path stands for standard output.
 pub(crate) fn is_standard(path: &Path) -> bool {
     path == Path::new("-") || path == Path::new(STANDARD_OUTPUT)
 }

@@ -192,7 +192,7 @@ fn keyframes_come_as_often_as_asked_and_change_no_frame() {
         let bad = hurt(folder.path(), &often, 4);
         let run = psao(&["verify", text(&bad)]);
         assert!(run.err.contains("10 frames can still be played"), "{}{}", run.out, run.err);
-        assert!(run.out.contains("up to 3 frames: to the next keyframe"), "{}", run.out);
+        assert!(run.out.contains("up to 3 frames, to the next keyframe"), "{}", run.out);
         record("colonnade", profile, &["--keyframe-every", "off"], &often);
         assert_eq!(std::fs::read(&often).unwrap(), std::fs::read(recording(profile)).unwrap());
     }

@@ -11,7 +11,8 @@ use super::run::{frame_at, frames};
 use super::video::FrameWork;
 use super::{Bench, Clip, MemoryFigures, Record, RecordKind, Sample, Spread, StageTime, SweepError, View};
 use crate::texture::{
-    Atlas, BlockMap, PatchLookup, Patches, TextureServer, TextureSettings, TextureStats, patch_lookup,
+    Atlas, BlockMap, EMPTY_TEXEL, PatchLookup, Patches, TextureServer, TextureSettings, TextureStats,
+    patch_lookup,
 };
 use crate::video::VideoCoder;
 
@@ -71,7 +72,7 @@ impl Bench<'_> {
             }
         }
         let size = Size::new(Atlas::WIDTH, server.rows().max(1)).map_err(crate::screen::ScreenError::from)?;
-        atlases.iter_mut().for_each(|atlas| atlas.resize(server.texels().len(), u8::MAX));
+        atlases.iter_mut().for_each(|atlas| atlas.resize(server.texels().len(), EMPTY_TEXEL));
         Ok(AtlasClip { settings: *settings, atlases, work, size, seconds: clip.seconds, pictures })
     }
 

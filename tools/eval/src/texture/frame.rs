@@ -24,7 +24,7 @@ const VIEW_MARGIN: f64 = 1.1;
 /// Seconds for which a patch out of view keeps its block.
 const BLOCK_LIFETIME_S: f32 = 1.0;
 /// Value of texels without a patch: open.
-const EMPTY_TEXEL: u8 = 255;
+pub(crate) const EMPTY_TEXEL: u8 = 255;
 
 /// The server of a texture-space stream. It shades the patches in view.
 pub struct TextureServer {

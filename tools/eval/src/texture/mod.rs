@@ -20,6 +20,7 @@ mod tests;
 mod visible;
 
 pub use self::atlas::{Atlas, AtlasFullError, Block, Extent};
+pub(crate) use self::frame::EMPTY_TEXEL;
 pub use self::frame::{BlockMap, TextureServer, TextureStats};
 pub use self::patches::{Patch, PatchPoint, Patches};
 pub use self::settings::{TextureError, TextureSettings};

@@ -282,6 +282,8 @@ impl Traced {
         clip: &Clip<'_>,
         settings: &CloudSettings,
     ) -> Result<&CloudClip, SweepError> {
+        // The atlases of a clip take as much room as all else.
+        self.atlases = None;
         let kept = match self.pictures.take().filter(|kept| kept.settings() == settings) {
             Some(kept) => kept,
             None => bench.cloud_pictures(clip, settings)?,

@@ -152,7 +152,11 @@ fn video_servers(grid: &SettingGrid, every: bool) -> Vec<CloudSettings> {
     let Setting { rays, fps, camera_lag_ms, .. } = grid.centre();
     let rates = if every { grid.fps.clone() } else { vec![fps] };
     let mut lags = vec![camera_lag_ms];
-    lags.extend(grid.camera_lag_ms.iter().copied().filter(|&lag| lag != camera_lag_ms));
+    for &lag in &grid.camera_lag_ms {
+        if !lags.contains(&lag) {
+            lags.push(lag);
+        }
+    }
     let of_rate =
         |&fps: &f32| lags.iter().map(move |&camera_lag_ms| CloudSettings { rays, fps, camera_lag_ms });
     rates.iter().flat_map(of_rate).collect()
@@ -176,24 +180,19 @@ impl VideoRivals {
             return Ok(Self::default());
         }
         let textures = if texture { args.video.textures(servers)? } else { Vec::new() };
-        let wanted = if texture { TEXTURE_SPACE } else { CLOUD_VIDEO };
-        let by_name = args.methods.iter().any(|name| name == wanted);
         let ffmpeg = Ffmpeg::find();
         let mut rivals = Self { program: ffmpeg.as_ref().map(ToString::to_string), ..Self::default() };
         let mut found = Vec::new();
         for (encoder, crf) in videos {
             match ffmpeg.as_ref().and_then(|ffmpeg| ffmpeg.video(encoder, crf)) {
                 Some(video) => found.push(video),
-                None if by_name => {
-                    return Err(Failure::new(Exit::System, format_args!("{wanted}: {}", missing(encoder))));
-                }
-                None => rivals.left_out.push(format!("{wanted} is left out: {}", missing(encoder))),
+                None => rivals.leave_out(args, encoder, [(texture, TEXTURE_SPACE), (cloud, CLOUD_VIDEO)])?,
             }
         }
-        rivals.left_out.dedup();
         // With another camera, only the first of the other settings is measured.
         let first_lag = servers.first().map_or(0, |server| server.camera_lag_ms);
-        let of = |lag: u32, number: usize| args.full || lag == first_lag || number == 0;
+        let every = args.full || args.table.is_some();
+        let of = |lag: u32, number: usize| every || lag == first_lag || number == 0;
         for (number, settings) in &textures {
             let videos =
                 found.iter().enumerate().filter(|&(video, _)| of(settings.camera_lag_ms, *number + video));
@@ -205,13 +204,32 @@ impl VideoRivals {
         }
         Ok(rivals)
     }
+
+    /// Notes the wanted methods that lack an encoder, or fails for one that was asked for by name.
+    fn leave_out(&mut self, args: &Args, encoder: Encoder, methods: [(bool, &str); 2]) -> Outcome {
+        for (_, name) in methods.into_iter().filter(|(wanted, _)| *wanted) {
+            if args.methods.iter().any(|asked| asked == name) {
+                return Err(Failure::new(Exit::System, format_args!("{name}: {}", missing(encoder))));
+            }
+            let note = format!("{name} is left out: {}", missing(encoder));
+            if !self.left_out.contains(&note) {
+                self.left_out.push(note);
+            }
+        }
+        Ok(())
+    }
 }
 
 impl VideoArgs {
     /// Returns every encoder at every rate factor.
     fn videos(&self) -> Outcome<Vec<(Encoder, u8)>> {
-        let all = self.video.iter().flat_map(|&encoder| self.crf.iter().map(move |&crf| (encoder, crf)));
-        let all: Vec<(Encoder, u8)> = all.collect();
+        let pairs = self.video.iter().flat_map(|&encoder| self.crf.iter().map(move |&crf| (encoder, crf)));
+        let mut all: Vec<(Encoder, u8)> = Vec::new();
+        for pair in pairs {
+            if !all.contains(&pair) {
+                all.push(pair);
+            }
+        }
         match all.iter().find(|(encoder, crf)| *crf > encoder.most()) {
             Some((encoder, crf)) => Err(Failure::usage(format_args!(
                 "--crf {crf}: {} takes 0 to {}",

@@ -70,7 +70,7 @@ mod tests {
     /// Returns the turns at which a keyframe of 100 bytes is due, among updates of 10 bytes a second apart.
     fn due(interval: KeyframeInterval) -> Vec<u64> {
         let mut timer = KeyframeTimer::new(interval);
-        assert!(!timer.due(Micros::from_secs(1000)).is_some(), "a recording begins with the stream's own");
+        assert!(timer.due(Micros::from_secs(1000)).is_none(), "a recording begins with the stream's own");
         timer.took(Micros(0), FrameType::KEYFRAME, 100);
         let mut found = Vec::new();
         for second in 1..100 {

@@ -230,7 +230,7 @@ fn an_event_comes_with_the_state_that_it_speaks_of() {
         };
         assert_eq!(seen, hashes, "{profile:?}: one event, one state");
         assert!(pair.client.next_event() == Err(error.clone()) && pair.client.push(&[], NOW) == Err(error));
-        assert_eq!(pair.client.state().map(|state| state.hash()), hashes.last().copied());
+        assert_eq!(pair.client.state().map(psao_codec::State::hash), hashes.last().copied());
     }
 }
 

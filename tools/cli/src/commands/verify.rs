@@ -114,8 +114,9 @@ pub(crate) fn run(args: &Args) -> Outcome {
     let summary = Summary::scan(&bytes, Limits::default()).map_err(refused)?;
     let mut player = Player::new(&bytes, Limits::default()).map_err(refused)?;
     let played = play(&mut player, summary.frames().len() as u64);
+    let repairs = input::repairs(&repaired);
     let checks = [
-        ("checksums of all records", checksums(&played.damages, input::repairs(&repaired))),
+        ("checksums of all records", checksums(&played.damages, repairs.as_deref())),
         (
             "scene table",
             if played.has_scene {
@@ -223,8 +224,8 @@ impl Played {
     }
 }
 
-fn checksums(damages: &[String], repairs: Option<String>) -> Verdict {
-    let places: Vec<&str> = damages.iter().map(String::as_str).chain(repairs.as_deref()).collect();
+fn checksums(damages: &[String], repairs: Option<&str>) -> Verdict {
+    let places: Vec<&str> = damages.iter().map(String::as_str).chain(repairs).collect();
     if places.is_empty() {
         Verdict::Pass("every byte is accounted for".to_owned())
     } else {

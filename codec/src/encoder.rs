@@ -46,9 +46,9 @@ impl Encoder {
         }
     }
 
-    /// Sets a point. Its place counts only if [`Encoder::needs_places`] returns true. `threshold` is the least difference that
-    /// is sent, see [`surface::Encoder::set_ao_within`]; profile `paper` has one threshold for all points. Returns whether the
-    /// next frame is to send the point.
+    /// Sets a point. Its place counts only if [`Encoder::needs_places`] returns true. `threshold` is the least
+    /// difference that is sent, see [`surface::Encoder::set_ao_within`]; profile `paper` has one threshold for all
+    /// points. Returns whether the next frame is to send the point.
     ///
     /// # Errors
     /// [`PointError`] if the point does not exist or its place is not finite.
@@ -63,7 +63,8 @@ impl Encoder {
         }
     }
 
-    /// Says that the AO of a point is no longer known, see [`surface::Encoder::release`]. It has no effect in profile `paper`.
+    /// Says that the AO of a point is no longer known, see [`surface::Encoder::release`]. It has no effect in profile
+    /// `paper`.
     pub fn release(&mut self, point: u32) {
         if let Encoder::Surface(encoder) = self {
             encoder.release(point);

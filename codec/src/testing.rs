@@ -21,7 +21,8 @@ pub(crate) fn layout_of(format: PointFormat) -> Arc<Layout> {
     Arc::new(Layout::new(format, vec![instance(0), instance(8)], 64, &Limits::default()).unwrap())
 }
 
-/// Returns the layout of a set of `surface` on a lattice of 256 nodes a metre and axis. Rounding adds number, levels and digest.
+/// Returns the layout of a set of `surface` on a lattice of 256 nodes a metre and axis. Rounding adds number, levels
+/// and digest.
 pub(crate) fn lattice(charts: u32, kernel_radius: f32) -> SetLayout {
     SetLayout {
         origin: [0.0; 3],

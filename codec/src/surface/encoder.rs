@@ -166,10 +166,10 @@ impl Encoder {
             + queue
     }
 
-    /// Sets the AO of a point: 1 closed to 255 open, or [`NO_VALUE`](super::NO_VALUE) for a point that clients leave out.
-    /// Returns whether it differs from the clients' value by its threshold, or `None` if there is no such point. Then the next
-    /// frame sends it, unless its parents tell enough; it also differs if its block was never sent, or if it gets or loses its
-    /// value. With a [`Budget`] it may have to wait.
+    /// Sets the AO of a point: 1 closed to 255 open, or [`NO_VALUE`](super::NO_VALUE) for a point that clients leave
+    /// out. Returns whether it differs from the clients' value by its threshold, or `None` if there is no such point.
+    /// Then the next frame sends it, unless its parents tell enough; it also differs if its block was never sent, or
+    /// if it gets or loses its value. With a [`Budget`] it may have to wait.
     ///
     /// All points of a block are sent together the first time, blocks in the order in which they were first set.
     /// Points of it that were not set are sent as their parents predict them, or as the points before.

@@ -106,9 +106,9 @@ impl Targets {
         (latest == NO_VALUE) != (held == NO_VALUE) || latest.abs_diff(held) >= self.threshold(index)
     }
 
-    /// Returns the byte and the threshold of each padded index for blocks that arrive, and their quantum. A point that
-    /// pictures need less exactly arrives within the threshold of the settings, and one that was not set as predicted. An open
-    /// one arrives exactly: what is open everywhere costs next to nothing, and should look so.
+    /// Returns the byte and the threshold of each padded index for blocks that arrive, and their quantum. A point
+    /// that pictures need less exactly arrives within the threshold of the settings, and one that was not set as
+    /// predicted. An open one arrives exactly: what is open everywhere costs next to nothing, and should look so.
     pub(super) fn arrivals(&self) -> (impl Fn(usize) -> (u8, u8), u8) {
         let EncoderSettings { threshold, arrival_threshold, .. } = self.settings;
         let target = move |index: usize| match self.given[index] {

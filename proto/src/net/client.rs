@@ -173,8 +173,8 @@ impl Connection {
     }
 
     /// Returns the next event; waits for bytes from the server, and sends waiting bytes meanwhile. Until the next
-    /// call, [`state`](Self::state) is that after the event's frame. Returns `None` after [`ClientEvent::Closed`], or when the session was closed
-    /// here.
+    /// call, [`state`](Self::state) is that after the event's frame. Returns `None` after [`ClientEvent::Closed`], or
+    /// when the session was closed here.
     ///
     /// This method is cancel-safe, for example in `select!`.
     ///

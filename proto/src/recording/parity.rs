@@ -1,6 +1,7 @@
 //! Parity records: a damaged stretch of a recording is made whole again from the bytes around it.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 use super::{RECORD_HEAD_BYTES, Reader, record_head};
 use crate::{FrameType, Group, HEADER_BYTES, Limits, Micros, Sequence, write_frame};
@@ -79,7 +80,7 @@ impl ParityWriter {
     }
 }
 
-/// Returns the bytes of a chunk of a stretch of so many bytes.
+/// Returns the size of the chunks of a stretch, in bytes.
 fn chunk_bytes(stretch: usize) -> usize {
     let [least, most] = CHUNK_BYTES;
     stretch.div_ceil(CHUNKS).next_power_of_two().clamp(least, most)
@@ -128,7 +129,8 @@ pub(super) struct Parity<'a> {
 }
 
 impl<'a> Parity<'a> {
-    /// Parses the payload of a record at `offset`. Returns `None` if it is none, or covers bytes that are not before it.
+    /// Parses the payload of a record at `offset`. Returns `None` for other payloads, and for a stretch that does not end
+    /// before the record.
     pub(super) fn parse(payload: &'a [u8], offset: u64) -> Option<Self> {
         let (&[f0, f1, f2, f3, f4, f5, f6, f7, l0, l1, l2, l3, c0, c1, c2, c3], rest) =
             payload.split_first_chunk::<PARITY_HEAD_BYTES>()?;
@@ -153,49 +155,54 @@ impl<'a> Parity<'a> {
     }
 
     /// Returns the covered bytes of the file.
-    pub(super) fn stretch(&self) -> std::ops::Range<u64> {
+    pub(super) fn stretch(&self) -> Range<u64> {
         self.from as u64..(self.from + self.length) as u64
     }
 
     /// Makes chunks whole again: of those with even numbers one, and of the others one. Adds what was changed.
     fn repair(&self, file: &mut [u8], repaired: &mut Vec<Repaired>) {
-        let Some(covered) = file.get_mut(self.from..self.from + self.length) else { return };
-        for (parity, sum) in self.sums.iter().enumerate() {
-            let is_bad = |&(number, chunk): &(usize, &[u8])| {
-                number % 2 == parity
-                    && self.checksums.get(number) != Some(&crc32c::crc32c(chunk).to_le_bytes())
-            };
-            let mut bad = covered.chunks(self.chunk).enumerate().filter(is_bad).map(|(number, _)| number);
-            let (Some(number), None) = (bad.next(), bad.next()) else { continue };
-            // Without a second chunk that is right, the record may be of another file.
-            if covered.len() <= (parity + 2) * self.chunk {
-                continue;
-            }
-            let mut whole: Vec<u8> = sum.iter().map(|byte| !byte).collect();
-            let others = covered.chunks(self.chunk).enumerate();
-            for (_, chunk) in others.filter(|&(other, _)| other % 2 == parity && other != number) {
-                whole.iter_mut().zip(chunk).for_each(|(sum, byte)| *sum ^= byte);
-            }
+        let Some(stretch) = file.get_mut(self.from..self.from + self.length) else { return };
+        for kind in 0..2 {
+            let Some((number, whole)) = self.rebuilt(stretch, kind) else { continue };
             let start = number * self.chunk;
-            let end = (start + self.chunk).min(self.length);
-            whole.truncate(end - start);
-            if self.checksums.get(number) == Some(&crc32c::crc32c(&whole).to_le_bytes()) {
-                let bad = &mut covered[start..end];
-                let differ: Vec<usize> = (0..bad.len()).filter(|&at| bad[at] != whole[at]).collect();
-                if let (Some(first), Some(last)) = (differ.first(), differ.last()) {
-                    let offset = (self.from + start + first) as u64;
-                    repaired.push(Repaired { offset, bytes: (last - first + 1) as u64 });
-                }
-                bad.copy_from_slice(&whole);
-            }
+            let bad = &mut stretch[start..start + whole.len()];
+            let differ = |at: &usize| bad[*at] != whole[*at];
+            let first = (0..whole.len()).find(differ).unwrap_or_default();
+            let last = (0..whole.len()).rfind(differ).unwrap_or_default();
+            repaired.push(Repaired {
+                offset: (self.from + start + first) as u64,
+                bytes: (last - first + 1) as u64,
+            });
+            bad.copy_from_slice(&whole);
         }
+    }
+
+    /// Returns the number of the only bad chunk among those with even (0) or odd (1) numbers, and its written bytes.
+    fn rebuilt(&self, stretch: &[u8], kind: usize) -> Option<(usize, Vec<u8>)> {
+        let is_right = |number: usize, bytes: &[u8]| {
+            self.checksums.get(number) == Some(&crc32c::crc32c(bytes).to_le_bytes())
+        };
+        let chunks = || stretch.chunks(self.chunk).enumerate().skip(kind).step_by(2);
+        let mut bad = chunks().filter(|&(number, chunk)| !is_right(number, chunk));
+        let ((number, chunk), None) = (bad.next()?, bad.next()) else { return None };
+        // Without a second chunk, which is right, the record may be of another file.
+        if chunks().count() < 2 {
+            return None;
+        }
+        let mut whole: Vec<u8> = self.sums[kind].iter().map(|byte| !byte).collect();
+        for (_, other) in chunks().filter(|&(other, _)| other != number) {
+            whole.iter_mut().zip(other).for_each(|(sum, byte)| *sum ^= byte);
+        }
+        whole.truncate(chunk.len());
+        is_right(number, &whole).then_some((number, whole))
     }
 }
 
 /// Makes damaged stretches of a recording whole again, as far as its parity records can. Returns what was changed, in
 /// the order of the file.
 ///
-/// A whole file is read once and not changed; the time is linear in its length, whatever its content. In every 128 KiB, up
+/// A whole file is read once and not changed, a damaged one up to three times. The time is linear in its length, whatever
+/// its content. In every 128 KiB, up
 /// to 1 KiB in a row can be repaired. In a shorter last part it is 1/128 of it, and at least 64 bytes. What is repaired has
 /// the checksum that was written.
 ///
@@ -213,7 +220,9 @@ pub fn repair(file: &mut [u8], limits: Limits) -> Vec<Repaired> {
     let mut repaired = Vec::new();
     for _ in 0..PASSES {
         let before = repaired.len();
-        for (offset, payload) in parity_payloads(file, limits) {
+        for (offset, payload) in parity_records(file, limits).into_values() {
+            // A copy, since the record may lie in what it helps to repair.
+            let payload = file.get(payload).map(<[u8]>::to_vec).unwrap_or_default();
             if let Some(parity) = Parity::parse(&payload, offset) {
                 parity.repair(file, &mut repaired);
             }
@@ -227,23 +236,25 @@ pub fn repair(file: &mut [u8], limits: Limits) -> Vec<Repaired> {
 }
 
 /// Returns offsets and payloads of the parity records, the first of each stretch; none if nothing is damaged.
-fn parity_payloads(file: &[u8], limits: Limits) -> Vec<(u64, Vec<u8>)> {
-    let Ok(reader) = Reader::with_limits(file, limits) else { return Vec::new() };
+fn parity_records(file: &[u8], limits: Limits) -> BTreeMap<usize, (u64, Range<usize>)> {
+    let mut records = BTreeMap::new();
+    let Ok(reader) = Reader::with_limits(file, limits) else { return records };
     let mut damaged = false;
-    let mut payloads = BTreeMap::new();
     for item in reader {
-        match item {
-            Ok(record) if record.frame.header.kind == FrameType::PARITY => {
-                let (offset, payload) = (record.offset(), record.frame.payload());
-                if let Some(parity) = Parity::parse(payload, offset) {
-                    payloads.entry(parity.from).or_insert_with(|| (offset, payload.to_vec()));
-                }
-            }
-            Ok(_) => {}
-            Err(_) => damaged = true,
+        let Ok(record) = item else {
+            damaged = true;
+            continue;
+        };
+        if record.frame.header.kind != FrameType::PARITY {
+            continue;
+        }
+        let (offset, payload) = (record.offset(), record.frame.payload());
+        if let Some(parity) = Parity::parse(payload, offset) {
+            let end = (offset + record.record_bytes()) as usize;
+            records.entry(parity.from).or_insert((offset, end - payload.len()..end));
         }
     }
-    if damaged { payloads.into_values().collect() } else { Vec::new() }
+    if damaged { records } else { BTreeMap::new() }
 }
 
 #[cfg(test)]
@@ -275,7 +286,7 @@ mod tests {
     }
 
     /// Returns the stretches of a file that parity covers.
-    fn covered(file: &[u8]) -> Vec<std::ops::Range<usize>> {
+    fn covered(file: &[u8]) -> Vec<Range<usize>> {
         let records = Reader::new(file).unwrap().map(Result::unwrap);
         let parities = records.filter(|record| record.frame.header.kind == FrameType::PARITY);
         let stretch = |record: crate::recording::Record<'_>| {
@@ -398,7 +409,7 @@ mod tests {
                 bad[start..end].iter_mut().for_each(|byte| *byte ^= flip);
                 hit[part] += 1;
             }
-            let wrong = |file: &[u8], part: &std::ops::Range<usize>, with: &[u8]| {
+            let wrong = |file: &[u8], part: &Range<usize>, with: &[u8]| {
                 part.clone().filter(|&at| file[at] != with[at]).count()
             };
             let before: Vec<usize> = parts.iter().map(|part| wrong(&bad, part, &file)).collect();

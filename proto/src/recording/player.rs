@@ -251,8 +251,9 @@ impl<'a> Player<'a> {
         }
     }
 
-    /// Moves to a keyframe of [`Summary::frames`], which is the next frame to be applied. The scene table must have been played
-    /// before, or the keyframe fails with [`FollowError::NoScene`]; [`jump`](Self::jump) takes care of that.
+    /// Moves to a keyframe of [`Summary::frames`], which is the next frame to be applied. The scene table must have
+    /// been played before, or the keyframe fails with [`FollowError::NoScene`]; [`jump`](Self::jump) takes care of
+    /// that.
     pub fn seek(&mut self, keyframe: &FrameEntry) {
         self.reader.seek(keyframe.offset);
         self.playback.lose_position();

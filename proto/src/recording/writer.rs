@@ -95,8 +95,8 @@ impl Writer {
         (writer, head)
     }
 
-    /// Returns the record of one wire frame, to append to the file; parity records follow it when it is time. `arrival` is the time since the start of the
-    /// recording.
+    /// Returns the record of one wire frame, to append to the file; parity records follow it when it is time.
+    /// `arrival` is the time since the start of the recording.
     ///
     /// # Errors
     /// [`WriterError`]; the recording is unchanged.
@@ -146,8 +146,9 @@ impl Writer {
         Ok(out)
     }
 
-    /// Takes back the last record after a write that failed, with its entry in the index and the parity behind it. The caller must truncate the file to the end
-    /// of the record before it. A second call, or one after [`finish`](Self::finish), has no effect.
+    /// Takes back the last record after a write that failed, with its entry in the index and the parity behind it.
+    /// The caller must truncate the file to the end of the record before it. A second call, or one after
+    /// [`finish`](Self::finish), has no effect.
     pub fn take_back(&mut self) {
         if self.state == Status::Open {
             self.length = self.before;

@@ -2,7 +2,6 @@
 
 mod datagrams;
 
-use std::collections::VecDeque;
 use std::sync::Arc;
 
 use psao_codec::envelope::{FrameBody, FrameError};
@@ -73,8 +72,8 @@ enum Phase {
 
 /// A client session: handshake, scene table, and a state that follows the server's.
 ///
-/// Pass received bytes to [`push`](Self::push), take events until there are none, send the bytes of [`take_output`](Self::take_output), and call
-/// [`tick`](Self::tick) at the time of [`next_deadline`](Self::next_deadline).
+/// Pass received bytes to [`push`](Self::push), and take events until there are none. Send the bytes of
+/// [`take_output`](Self::take_output), and call [`tick`](Self::tick) at the time of [`next_deadline`](Self::next_deadline).
 #[derive(Debug)]
 pub struct ClientSession {
     limits: Limits,
@@ -91,8 +90,6 @@ pub struct ClientSession {
     datagrams: Vec<Vec<u8>>,
     /// Whether a keyframe was requested and did not arrive yet.
     keyframe_requested: bool,
-    /// Events of the last frame that were not returned yet.
-    events: VecDeque<ClientEvent>,
     stats: ClientStats,
 }
 
@@ -128,7 +125,6 @@ impl ClientSession {
             reassembler: Reassembler::default(),
             datagrams: Vec::new(),
             keyframe_requested: false,
-            events: VecDeque::new(),
             stats: ClientStats::default(),
         };
         if let Some(auth) = auth {
@@ -175,31 +171,25 @@ impl ClientSession {
         &mut self,
         tap: &mut dyn FnMut(&WireFrame<'_>),
     ) -> Result<Option<ClientEvent>, SessionError> {
-        loop {
-            if let Some(event) = self.events.pop_front() {
-                return Ok(Some(event));
-            }
-            // Bytes behind a CLOSE are ignored, valid or not.
-            if self.is_closed() {
-                return self.failed.clone().map_or(Ok(None), Err);
-            }
+        // Bytes behind a CLOSE are ignored, valid or not.
+        while !self.is_closed() {
+            let mut event = None;
             let one = Framer::take_one(
                 self,
                 |session| &mut session.framer,
                 |session, frame| {
                     tap(frame);
-                    let mut events = Vec::new();
-                    let result = session.frame(frame, &mut events);
-                    session.events.extend(events);
-                    result
+                    event = session.frame(frame)?;
+                    Ok(())
                 },
             );
             match one {
-                Ok(true) => {}
-                Ok(false) => return Ok(None),
+                Ok(true) if event.is_none() => {}
+                Ok(_) => return Ok(event),
                 Err(error) => return Err(self.fail(error)),
             }
         }
+        self.failed.clone().map_or(Ok(None), Err)
     }
 
     /// Takes bytes and returns all events that they bring. The state is then that of the last event.
@@ -388,10 +378,11 @@ impl ClientSession {
         };
     }
 
-    fn frame(&mut self, frame: &WireFrame<'_>, events: &mut Vec<ClientEvent>) -> Result<(), SessionError> {
+    /// Processes a frame. Returns its event, if it has one.
+    fn frame(&mut self, frame: &WireFrame<'_>) -> Result<Option<ClientEvent>, SessionError> {
         let (kind, payload) = (frame.header.kind, frame.payload());
         match (kind, &mut self.phase) {
-            (FrameType::ACCEPT, Phase::Greeting) => events.push(self.accept(read(payload)?)?),
+            (FrameType::ACCEPT, Phase::Greeting) => return self.accept(read(payload)?).map(Some),
             (FrameType::REJECT, Phase::Greeting) => {
                 return Err(SessionError::Rejected(read::<Reject>(payload)?));
             }
@@ -399,13 +390,15 @@ impl ClientSession {
                 let accepted = *profile;
                 let scene: Scene = read(payload)?;
                 if let Some(table) = assembler.push(scene, &self.limits)? {
-                    events.push(self.scene_ready(table, accepted)?);
+                    return self.scene_ready(table, accepted).map(Some);
                 }
             }
-            (FrameType::KEYFRAME | FrameType::UPDATE, Phase::Running(_)) => self.state_frame(frame, events),
-            (FrameType::REPORT, Phase::Running(_)) => events.push(ClientEvent::Report(read(payload)?)),
-            (FrameType::BUDGET, Phase::Running(_)) => events.push(ClientEvent::Budget(read(payload)?)),
-            (FrameType::EDIT, Phase::Running(_)) => events.push(ClientEvent::Edited(read(payload)?)),
+            (FrameType::KEYFRAME | FrameType::UPDATE, Phase::Running(_)) => {
+                return Ok(self.state_frame(frame));
+            }
+            (FrameType::REPORT, Phase::Running(_)) => return Ok(Some(ClientEvent::Report(read(payload)?))),
+            (FrameType::BUDGET, Phase::Running(_)) => return Ok(Some(ClientEvent::Budget(read(payload)?))),
+            (FrameType::EDIT, Phase::Running(_)) => return Ok(Some(ClientEvent::Edited(read(payload)?))),
             (FrameType::STAMP, Phase::Running(_)) => self.stamp = Some(read(payload)?),
             (FrameType::PING, Phase::Loading(..) | Phase::Running(_)) => {
                 let Ping { sent } = read(payload)?;
@@ -416,8 +409,9 @@ impl ClientSession {
                 self.clock.take(&read(payload)?, self.timers.now());
             }
             (FrameType::CLOSE, _) => {
-                events.push(ClientEvent::Closed(read(payload)?));
+                let close = read(payload)?;
                 self.enter_closed();
+                return Ok(Some(ClientEvent::Closed(close)));
             }
             (kind, phase) if kind.name().is_some() => {
                 return Err(SessionError::Unexpected { kind, state: describe(phase) });
@@ -425,7 +419,7 @@ impl ClientSession {
             // Frames of unknown types are skipped.
             _ => self.stats.unknown += 1,
         }
-        Ok(())
+        Ok(None)
     }
 
     fn accept(&mut self, accept: Accept) -> Result<ClientEvent, SessionError> {
@@ -466,8 +460,8 @@ impl ClientSession {
         Ok(ClientEvent::SceneReady(Arc::new(table)))
     }
 
-    fn state_frame(&mut self, frame: &WireFrame<'_>, events: &mut Vec<ClientEvent>) {
-        let Phase::Running(follower) = &mut self.phase else { return };
+    fn state_frame(&mut self, frame: &WireFrame<'_>) -> Option<ClientEvent> {
+        let Phase::Running(follower) = &mut self.phase else { return None };
         let header = frame.header;
         if header.kind == FrameType::KEYFRAME {
             self.keyframe_requested = false;
@@ -477,7 +471,7 @@ impl ClientSession {
         let superseded = |body: &FrameBody<'_>| follower.skip_superseded(header, body);
         if self.options.datagrams.is_some() && body.as_ref().is_ok_and(superseded) {
             self.stats.late_datagram_frames += 1;
-            return;
+            return None;
         }
         let number = body.as_ref().map_or_else(|_| FrameIndex::default(), |body| body.info().frame);
         let reason = match follower.follow(header, body, &self.limits) {
@@ -488,34 +482,27 @@ impl ClientSession {
                 let stamp = self.stamp.take().filter(|stamp| stamp.frame == info.frame);
                 let received = self.timers.now();
                 let frame = AppliedFrame { info, group, sequence, wire_bytes, received, stamp };
-                events.push(ClientEvent::Applied(frame));
-                return;
+                return Some(ClientEvent::Applied(frame));
             }
             Err(reason) => reason,
         };
         if let FollowError::Body(FrameError::Hash { stored, computed, .. }) = reason {
-            return self.mismatch(number, stored, computed, events);
+            return Some(self.mismatch(number, stored, computed));
         }
         self.stats.unusable += 1;
         self.request_keyframe(match &reason {
             FollowError::Gap { .. } | FollowError::Waiting | FollowError::NoScene => KeyframeReason::GAP,
             FollowError::Body(_) | FollowError::Kind { .. } => KeyframeReason::BODY,
         });
-        events.push(ClientEvent::Unusable { header, reason });
+        Some(ClientEvent::Unusable { header, reason })
     }
 
     /// Reports a frame whose state hash differs from the server's.
-    fn mismatch(
-        &mut self,
-        frame: FrameIndex,
-        expected: StateHash,
-        found: StateHash,
-        events: &mut Vec<ClientEvent>,
-    ) {
+    fn mismatch(&mut self, frame: FrameIndex, expected: StateHash, found: StateHash) -> ClientEvent {
         self.stats.unusable += 1;
         self.stats.hash_mismatches += 1;
         self.request_keyframe(KeyframeReason::HASH);
-        events.push(ClientEvent::HashMismatch { frame, expected, found });
+        ClientEvent::HashMismatch { frame, expected, found }
     }
 }
 

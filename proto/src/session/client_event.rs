@@ -21,7 +21,8 @@ pub struct AppliedFrame {
     pub wire_bytes: u64,
     /// Time at which its last byte was given to the session.
     pub received: Micros,
-    /// Times of capture and sending by the server's clock ([`ClientSession::clock`](super::ClientSession::clock)), if the client asked for stamps.
+    /// Times of capture and sending, if the client asked for stamps, by the server's clock
+    /// ([`ClientSession::clock`](super::ClientSession::clock)).
     pub stamp: Option<Stamp>,
 }
 

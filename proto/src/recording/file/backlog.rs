@@ -25,7 +25,7 @@ impl BacklogItem {
 }
 
 /// Returns the type of a wire frame.
-fn kind(frame: &[u8]) -> FrameType {
+pub(super) fn kind(frame: &[u8]) -> FrameType {
     FrameType(frame.get(2).copied().unwrap_or_default())
 }
 

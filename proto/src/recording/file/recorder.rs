@@ -8,11 +8,12 @@ use std::time::Instant;
 use psao_codec::envelope::FrameKind;
 
 use super::background::BackgroundRecorder;
+use super::backlog::kind;
 use super::disk::{Disk, RecordingFile};
 use super::keyframes::KeyframeTimer;
 use super::{FileError, GapTotals, RecorderOptions};
 use crate::message::Message;
-use crate::{FrameType, Micros, Numbering, SceneTable};
+use crate::{Micros, Numbering, SceneTable};
 
 /// Records a stream into a file.
 ///
@@ -163,8 +164,7 @@ impl Recorder {
             Output::Direct(disk) => disk.append(arrival, frame).map_err(|error| disk.describe(error))?,
             Output::Background(background) => background.take(arrival, frame),
         }
-        let kind = frame.get(2).map_or(FrameType(0), |&kind| FrameType(kind));
-        self.keyframes.took(arrival, kind, frame.len() as u64);
+        self.keyframes.took(arrival, kind(frame), frame.len() as u64);
         Ok(())
     }
 

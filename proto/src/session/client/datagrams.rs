@@ -39,7 +39,7 @@ impl ClientSession {
                         events.push(ClientEvent::Applied(frame));
                     }
                     Err(FollowError::Body(FrameError::Hash { stored, computed, .. })) => {
-                        self.mismatch(frame, stored, computed, &mut events);
+                        events.push(self.mismatch(frame, stored, computed));
                     }
                     Err(_) => self.stats.late_datagram_frames += 1,
                 }

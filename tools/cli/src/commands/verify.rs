@@ -17,8 +17,9 @@ use crate::output::table::Figures;
 
 /// Check a recording: checksums, order, state hashes, index
 ///
-/// Exit code 0: whole and correct. 3: not a recording. 4: damaged, also where parity repairs it, but the rest is correct. 6: a state hash is wrong. A gap
-/// that the recorder marked, because it could not keep up, is a note and no damage.
+/// Exit code 0: whole and correct. 3: not a recording. 4: damaged, also where parity repairs it, but the rest is
+/// correct. 6: a state hash is wrong. A gap that the recorder marked, because it could not keep up, is a note and no
+/// damage.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Example:
   psao verify a.psao")]

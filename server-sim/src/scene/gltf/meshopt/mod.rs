@@ -20,9 +20,9 @@ pub(super) struct Layout {
 /// Reason why compressed bytes cannot be unpacked.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub(super) enum MeshoptError {
-    #[error("the mode is none of ATTRIBUTES, TRIANGLES and INDICES")]
+    #[error("the mode must be ATTRIBUTES, TRIANGLES or INDICES")]
     Mode,
-    #[error("the filter is none of NONE, OCTAHEDRAL, QUATERNION, EXPONENTIAL and COLOR")]
+    #[error("the filter must be NONE, OCTAHEDRAL, QUATERNION, EXPONENTIAL or COLOR")]
     Filter,
     #[error("mode and filter do not allow this count or byteStride")]
     Layout,

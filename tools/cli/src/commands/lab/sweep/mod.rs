@@ -64,7 +64,8 @@ pub(crate) struct Args {
     full: bool,
     #[command(flatten)]
     video: VideoArgs,
-    /// Other methods to compare, screen-space, texture-space and cloud-video: all, none, or names [default: all, or those of --table]
+    /// Other methods to compare, screen-space, texture-space and cloud-video: all, none, or names [default: all, or
+    /// those of --table]
     #[arg(long, value_name = "NAME,..", value_delimiter = ',')]
     methods: Vec<String>,
     /// Leave the streams of points out: compare other methods only
@@ -176,6 +177,13 @@ struct AxisArgs {
     /// Milliseconds by which the server's camera is behind the client's [default: 0]
     #[arg(long, value_name = "MS,..", value_delimiter = ',', help_heading = AXES)]
     camera_lag: Vec<u32>,
+}
+
+impl Args {
+    /// Returns whether all values are combined, instead of one axis varied at a time.
+    fn sweeps_every_combination(&self) -> bool {
+        self.full || self.table.is_some()
+    }
 }
 
 pub(crate) fn run(args: &Args) -> Outcome {

@@ -190,7 +190,7 @@ fn page<'a>(
         let pictures = thumbnails(args.thumbnails, plan, &records, store);
         SceneSection { scene: plan.title(), records, pictures }
     });
-    let grid = if args.full || args.table.is_some() {
+    let grid = if args.sweeps_every_combination() {
         "Every combination of the settings was measured."
     } else {
         "One axis of the settings was swept at a time, the others kept at the first line's."

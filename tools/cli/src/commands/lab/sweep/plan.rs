@@ -79,7 +79,7 @@ impl<'a> Sweep<'a> {
     pub(super) fn new(args: &'a Args, size: Size, weights: Option<&[u8]>) -> Outcome<Self> {
         let grid = args.axes.or(args.table.map_or_else(AxisArgs::usual, TableArg::axes)).grid();
         let streams = !args.no_streams && args.table.is_none_or(TableArg::has_streams);
-        let settings = match (streams, args.full || args.table.is_some()) {
+        let settings = match (streams, args.sweeps_every_combination()) {
             (false, _) => Vec::new(),
             (true, true) => grid.full(),
             (true, false) => grid.one_at_a_time(),
@@ -89,7 +89,7 @@ impl<'a> Sweep<'a> {
             [] => own.map(|names| names.iter().map(|&name| name.to_owned()).collect()),
             asked => names(asked)?,
         };
-        let servers = video_servers(&grid, args.full || args.table.is_some());
+        let servers = video_servers(&grid, args.sweeps_every_combination());
         let rivals = VideoRivals::new(args, &mut methods, &servers)?;
         let machine = Machine { video: rivals.program.clone(), ..Machine::here() };
         let rate = f64::from(grid.fastest());
@@ -191,7 +191,7 @@ impl VideoRivals {
         }
         // With another camera, only the first of the other settings is measured.
         let first_lag = servers.first().map_or(0, |server| server.camera_lag_ms);
-        let every = args.full || args.table.is_some();
+        let every = args.sweeps_every_combination();
         let of = |lag: u32, number: usize| every || lag == first_lag || number == 0;
         for (number, settings) in &textures {
             let videos =

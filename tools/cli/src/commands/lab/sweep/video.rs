@@ -84,39 +84,18 @@ impl Encoder {
     }
 
     /// Returns the arguments for a real-time stream. One thread: more would make other bytes.
-    fn arguments(self) -> [&'static str; 8] {
-        match self {
-            Self::X264 => [
-                "-preset",
-                "veryfast",
-                "-tune",
-                "zerolatency",
-                "-threads",
-                "1",
-                "-x264-params",
-                "aud=1:scenecut=0",
-            ],
-            Self::X265 => [
-                "-preset",
-                "veryfast",
-                "-tune",
-                "zerolatency",
-                "-threads",
-                "1",
-                "-x265-params",
-                "aud=1:scenecut=0:pools=none:frame-threads=1:log-level=error",
-            ],
-            Self::SvtAv1 => [
-                "-preset",
-                "8",
-                "-svtav1-params",
-                "pred-struct=1:lookahead=0:lp=1",
-                "-threads",
-                "1",
-                "-bf",
-                "0",
-            ],
-        }
+    fn arguments(self) -> Vec<&'static str> {
+        const X26X: &[&str] = &["-preset", "veryfast", "-tune", "zerolatency"];
+        let (speed, parameters) = match self {
+            Self::X264 => (X26X, ["-x264-params", "aud=1:scenecut=0"]),
+            Self::X265 => {
+                (X26X, ["-x265-params", "aud=1:scenecut=0:pools=none:frame-threads=1:log-level=error"])
+            }
+            Self::SvtAv1 => {
+                (&["-preset", "8", "-bf", "0"][..], ["-svtav1-params", "pred-struct=1:lookahead=0:lp=1"])
+            }
+        };
+        [speed, &["-threads", "1"], &parameters].concat()
     }
 
     /// Returns the bytes of the colour planes of a frame, each half as wide and high.

@@ -6,8 +6,6 @@
 use std::sync::Arc;
 
 use psao_codec::StateRef;
-#[cfg(feature = "fs")]
-use psao_codec::envelope::FrameKind;
 use psao_codec::envelope::{EncodeError, FrameInfo};
 
 use crate::Micros;
@@ -125,12 +123,9 @@ impl Sinks {
         }
         #[cfg(feature = "fs")]
         if let Some(recorder) = &mut self.recorder {
-            let now = recorder.now();
-            if info.kind == FrameKind::Delta && recorder.wants_keyframe(now) {
-                recorder.body(now, FrameKind::Key, &keyframe()?)?;
-            } else {
-                recorder.body(now, info.kind, &body)?;
-            }
+            recorder.body_or_keyframe(recorder.now(), info.kind, &body, || {
+                keyframe().map_err(SinkError::Encode)
+            })?;
         }
         Ok(())
     }

@@ -9,7 +9,6 @@
 //! works again. The failure is reported at the end.
 //!
 //! ```
-//! use psao_codec::envelope::FrameKind;
 //! use psao_proto::recording::file::{Recorder, RecorderOptions};
 //! use psao_proto::sample::SampleServer;
 //!
@@ -21,13 +20,9 @@
 //! recorder.scene(source.scene())?;
 //! for _ in 0..10 {
 //!     let frame = source.step()?;
+//!     // The keyframe is made if the last one is long ago, or if frames are missing.
 //!     let now = recorder.now();
-//!     if recorder.wants_keyframe(now) {
-//!         // The last one is long ago, or frames are missing.
-//!         recorder.body(now, FrameKind::Key, &source.keyframe()?)?;
-//!     } else {
-//!         recorder.body(now, frame.info.kind, &frame.body)?;
-//!     }
+//!     recorder.body_or_keyframe(now, frame.info.kind, &frame.body, || source.keyframe())?;
 //! }
 //! let recorded = recorder.finish()?;
 //! assert_eq!(recorded.missing.frames, 0);

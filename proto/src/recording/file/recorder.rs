@@ -144,6 +144,24 @@ impl Recorder {
         self.wire(arrival, &frame.map_err(FileError::Body)?)
     }
 
+    /// Records a frame body as [`body`](Self::body) does, or what `keyframe` makes of the state after it, where the recording
+    /// [wants](Self::wants_keyframe) a keyframe.
+    ///
+    /// # Errors
+    /// Those of `keyframe` and of [`body`](Self::body).
+    pub fn body_or_keyframe<E: From<FileError>>(
+        &mut self,
+        arrival: Micros,
+        kind: FrameKind,
+        body: &[u8],
+        keyframe: impl FnOnce() -> Result<Vec<u8>, E>,
+    ) -> Result<(), E> {
+        if kind == FrameKind::Delta && self.wants_keyframe(arrival) {
+            return Ok(self.body(arrival, FrameKind::Key, &keyframe()?)?);
+        }
+        Ok(self.body(arrival, kind, body)?)
+    }
+
     /// Records a message of a server's stream.
     ///
     /// # Errors

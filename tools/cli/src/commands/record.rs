@@ -3,7 +3,6 @@
 use std::path::PathBuf;
 
 use indicatif::ProgressBar;
-use psao_codec::envelope::FrameKind;
 use psao_proto::message::{CloseCode, KeyframeReason, SceneHeader};
 use psao_proto::net::{Address, Connection};
 use psao_proto::recording::file::Recorder;
@@ -147,12 +146,9 @@ pub(crate) fn record_frames(
         for edit in changes {
             recorder.message(arrival, edit)?;
         }
-        if output.info.kind == FrameKind::Delta && recorder.wants_keyframe(arrival) {
-            let keyframe = server.keyframe(FrameIndex(number), time, server.coder()).map_err(refused)?;
-            recorder.body(arrival, FrameKind::Key, &keyframe)?;
-        } else {
-            recorder.body(arrival, output.info.kind, &output.body)?;
-        }
+        recorder.body_or_keyframe(arrival, output.info.kind, &output.body, || {
+            server.keyframe(FrameIndex(number), time, server.coder()).map_err(refused)
+        })?;
         if let Some(budget) = &output.budget {
             recorder.message(arrival, budget)?;
         }
